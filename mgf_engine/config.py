@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every option of a job, written once.
+
+:class:`Config` feeds the command line, the job file, the panel in Blender (through ``mgf options``, a JSON
+schema made from it) and the presets. Each field carries its section, one sentence of help and its limits.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.errors import BadInput
+
+SECTIONS = ("run", "scene", "masks", "field", "mesh", "deliver")
+
+
+def option(
+    default: Any,
+    section: str,
+    help: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] | None = None,
+    unit: str = "",
+    advanced: bool = True,
+) -> Any:
+    """A dataclass field with its section, help sentence and limits as metadata."""
+    return field(
+        default=default,
+        metadata={
+            "section": section, "help": help, "low": low, "high": high, "choices": choices, "unit": unit,
+            "advanced": advanced,
+        },
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Config:
+    """All options of one job; see each field's help. Build with :func:`make_config`, which validates."""
+
+    # fmt: off
+    # run
+    preset: str = option("standard", "run", "How much time to spend", choices=("draft", "standard", "fine"), advanced=False)
+    device: str = option("auto", "run", "Where the field is trained", choices=("auto", "cpu", "cuda"), advanced=False)
+    threads: int = option(0, "run", "Worker threads of the kernels; 0 takes every core", low=0, high=256)
+    seed: int = option(0, "run", "Seed of everything random; the same seed and thread count give the same mesh", low=0, high=2**31 - 1)
+    checkpoint_seconds: float = option(60.0, "run", "Time between two checkpoints of the field", low=1, high=86400, unit="s")
+
+    # scene
+    resolution: int = option(750, "scene", "Longest side of the photos while working", low=64, high=8192, unit="px", advanced=False)
+    holdout_every: int = option(8, "scene", "Every n-th photo is kept out of training to measure the result; 0 trains on all", low=0, high=1000)
+    matching: str = option("auto", "scene", "How photos without a COLMAP model are matched", choices=("auto", "exhaustive", "sequential"))
+
+    # masks
+    use_masks: bool = option(True, "masks", "Train inside the building masks only; off models the whole picture (ablation a)")
+    masked_points: bool = option(True, "masks", "Start from the points on the building only (ablation b)")
+    segmenter: str = option("auto", "masks", "What draws the masks", choices=("auto", "grabcut", "efficientsam"))
+    weights: str = option("", "masks", "Folder with the EfficientSAM weights; empty takes the user's cache folder")
+    second_level: bool = option(True, "masks", "Find elements inside the building (windows, doors, wall fields)")
+    strict_vote: bool = option(False, "masks", "Eq. 3 read literally: a point must lie in every root mask")
+    vote_tolerance: float = option(0.1, "masks", "Share of root images that may vote against a point", low=0, high=1)
+    vote_dilation: int = option(3, "masks", "Masks grow by this much before points are tested against them", low=0, high=100, unit="px")
+
+    # field
+    iterations: int = option(7000, "field", "Training iterations", low=1, high=1_000_000)
+    max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
+    sh_degree: int = option(2, "field", "Degree of the spherical harmonics that make colour depend on the view", low=0, high=3)
+    coarse_to_fine: bool = option(True, "field", "Start on small pictures and end at the full working resolution")
+    multilevel_loss: bool = option(True, "field", "Multi-level perceptual mask loss, eq. 18-19; off uses the plain RGB loss, eq. 16 (ablation c)")
+    boundary_loss: bool = option(True, "field", "Boundary loss, eq. 17; off gives its share to the other colour term (ablation c)")
+    l1_weight: float = option(0.8, "field", "Weight of the L1 term in eq. 16-18", low=0, high=1)
+    ssim_weight: float = option(0.2, "field", "Weight of the SSIM term in eq. 16-18", low=0, high=1)
+    boundary_weight: float = option(10.0, "field", "w_edge of eq. 12: weight of pixels on mask boundaries", low=1, high=1000)
+    multilevel_lambda: float = option(0.5, "field", "Lambda 1 of eq. 20, multi-level perceptual mask loss", low=0, high=1000)
+    boundary_lambda: float = option(0.5, "field", "Lambda 2 of eq. 20, boundary loss", low=0, high=1000)
+    distortion_lambda: float = option(100.0, "field", "Lambda 3 of eq. 20, depth distortion", low=0, high=100000)
+    normal_lambda: float = option(0.05, "field", "Lambda 4 of eq. 20, normal consistency", low=0, high=1000)
+    geometry_from: float = option(0.4, "field", "Share of the run after which distortion and normal terms act", low=0, high=1)
+    background_lambda: float = option(0.5, "field", "Weight that empties certain background around the building", low=0, high=1000)
+    densify_from: float = option(0.05, "field", "Share of the run after which Gaussians are added", low=0, high=1)
+    densify_until: float = option(0.6, "field", "Share of the run after which no Gaussian is added", low=0, high=1)
+    densify_every: int = option(100, "field", "Iterations between two rounds of adding and pruning", low=1, high=100000)
+    prune_opacity: float = option(0.02, "field", "Gaussians fainter than this are dropped", low=0, high=1)
+    exposure: bool = option(False, "field", "Fit one gain and offset per photo and channel")
+
+    # mesh
+    screening: bool = option(True, "mesh", "Drop Gaussians that the root masks vote against, eq. 21-22 (ablation d)")
+    opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26", low=0.01, high=0.99)
+    level_steps: int = option(8, "mesh", "Bisection steps on each crossing edge", low=0, high=16)
+    max_faces: int = option(0, "mesh", "Reduce the mesh to this many faces; 0 keeps all", low=0, high=100_000_000, advanced=False)
+    min_component: float = option(0.01, "mesh", "Parts with a smaller share of the largest part's area are dropped", low=0, high=1)
+    close_bottom: bool = option(False, "mesh", "Close the hole where the building meets the ground")
+
+    # deliver
+    export_obj: bool = option(False, "deliver", "Write mesh.obj beside mesh.ply")
+    export_glb: bool = option(False, "deliver", "Write mesh.glb beside mesh.ply")
+    render_all: bool = option(False, "deliver", "Render every photo's view, not only the held-out ones")
+    # fmt: on
+
+
+#: What each preset changes from the defaults; options the user gives win over both.
+PRESETS: dict[str, dict[str, Any]] = {
+    "draft": {"iterations": 1500, "max_gaussians": 40_000, "resolution": 500, "sh_degree": 1},
+    "standard": {},
+    "fine": {"iterations": 15000, "max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3},
+}
+
+
+def make_config(given: dict[str, Any] | None = None) -> Config:
+    """A validated config: defaults, then the preset, then what the user gave.
+
+    Args:
+        given: option name -> value; text is converted to the option's type.
+
+    Raises:
+        BadInput: an unknown option, a value of the wrong type or outside its limits.
+    """
+    given = {k: v for k, v in (given or {}).items() if v is not None}
+    known = {f.name: f for f in fields(Config)}
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise BadInput(f"Unknown option '{unknown[0]}'; 'mgf options' lists every option.")
+    values = {name: _convert(known[name], value) for name, value in given.items()}
+    preset = values.get("preset", Config.preset)
+    config = replace(Config(), **{**PRESETS[preset], **values})
+    if config.densify_from > config.densify_until:
+        raise BadInput("densify_from must not be larger than densify_until; swap the two shares.")
+    return config
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    """Options from a JSON file (an object of option names and values).
+
+    Raises:
+        BadInput: the file cannot be read or is not a JSON object.
+    """
+    try:
+        given = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadInput(f"Cannot read the config '{path}' ({error}); give a JSON file of option names and values.") from error
+    if not isinstance(given, dict):
+        raise BadInput(f"The config '{path}' must be a JSON object of option names and values.")
+    return given
+
+
+def options_schema() -> dict[str, Any]:
+    """Every option as plain data, for panels and other front ends: sections, presets, one entry per option."""
+    entries = [
+        {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in fields(Config)
+    ]
+    return {"sections": list(SECTIONS), "presets": PRESETS, "options": entries}
+
+
+def as_dict(config: Config) -> dict[str, Any]:
+    """The config as plain data for the job file and the report."""
+    return asdict(config)
+
+
+def _convert(spec: Any, value: Any) -> Any:
+    """``value`` in the option's own type, checked against its limits."""
+    kind, meta = type(spec.default), spec.metadata
+    try:
+        result = _parse(kind, value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BadInput(f"Option {spec.name} takes {_kind_name(kind)}, not '{value}'.") from error
+    if meta["choices"] and result not in meta["choices"]:
+        raise BadInput(f"Option {spec.name} is one of {', '.join(meta['choices'])}, not '{value}'.")
+    for limit, wrong in ((meta["low"], "at least"), (meta["high"], "at most")):
+        if limit is not None and (result < limit if wrong == "at least" else result > limit):
+            raise BadInput(f"Option {spec.name} must be {wrong} {limit:g}, not {value}.")
+    return result
+
+
+def _parse(kind: type, value: Any) -> Any:
+    if kind is bool:
+        table = {"true": True, "false": False, "1": True, "0": False, "on": True, "off": False, "yes": True, "no": False}
+        key = str(value).strip().lower()
+        if key not in table:
+            raise ValueError(value)
+        return table[key]
+    if isinstance(value, bool):
+        raise TypeError(value)
+    if kind is int:
+        if isinstance(value, float) and not value.is_integer():
+            raise ValueError(value)
+        return int(value)
+    if kind is float:
+        number = float(value)
+        if not math.isfinite(number):
+            raise ValueError(value)
+        return number
+    if not isinstance(value, str):
+        raise TypeError(value)
+    return value
+
+
+def _kind_name(kind: type) -> str:
+    return {bool: "true or false", int: "a whole number", float: "a number", str: "text"}[kind]

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the masks stage hands on: one label map per photo, a verdict on each, and the masked points P'."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+BACKGROUND = 0
+BUILDING = 1
+FIRST_ELEMENT = 2  # 2..254: second-level elements, ids local to the image
+UNKNOWN = 255  # an occluder in front of the building: neither building nor empty space
+
+
+@dataclass(frozen=True)
+class MaskSet:
+    """Masks of all views of a scene.
+
+    Attributes:
+        labels: per view uint8 [height, width] at working resolution: ``M_ms`` of the paper, with UNKNOWN.
+        used: bool [V]; false for masks too weak to train on.
+        scores: float32 [V]; agreement with the sparse points, 0..1.
+        point_mask: bool [P]; true for the masked points P' (eq. 3).
+    """
+
+    labels: tuple[NDArray[np.uint8], ...]
+    used: NDArray[np.bool_]
+    scores: NDArray[np.float32]
+    point_mask: NDArray[np.bool_]
+
+
+def building(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Pixels of the building at level one, whatever element they belong to."""
+    return (labels != BACKGROUND) & (labels != UNKNOWN)

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The triangle mesh that the mesh stage hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles with outward orientation (counter-clockwise seen from outside).
+
+    Attributes:
+        vertices: float64 [N, 3].
+        faces: int32 [F, 3].
+        colors: uint8 [N, 3].
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    colors: NDArray[np.uint8]

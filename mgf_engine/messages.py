@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a running job says: one message schema for the terminal, the panel, the log and the tests.
+
+A message is one JSON object on one line. Every message has ``v`` (schema version), ``type`` and ``time``
+(seconds since the epoch). Types and their further keys:
+
+===========  ==========================================================================================
+started      ``job`` (folder), ``pid``, ``version``, ``stages`` (names in order)
+stage        ``stage`` (name), ``index``, ``count``, ``cached`` (true: an earlier result is used)
+progress     ``stage``, ``fraction`` (0..1 of the stage), ``overall`` (0..1 of the job), ``seconds_left`` (of the
+             stage, null while unknown), ``figures`` (name -> number or text)
+preview      ``stage``, ``path`` (a picture worth showing now), ``title``
+warning      ``text`` (one sentence: cause and cure)
+result       ``path`` (job folder), ``files`` (name -> path), ``figures``
+failed       ``code`` (exit code), ``text`` (one sentence), ``log`` (path of the log, or null)
+===========  ==========================================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from mgf_engine.errors import Cancelled
+
+SCHEMA_VERSION = 1
+STAGES = ("scene", "masks", "field", "mesh", "deliver")
+#: Rough share of a whole job each stage takes; only used to draw one overall bar.
+STAGE_SHARE = {"scene": 0.03, "masks": 0.07, "field": 0.75, "mesh": 0.12, "deliver": 0.03}
+
+Message = dict[str, Any]
+Sink = Callable[[Message], None]
+
+log = logging.getLogger("mgf")
+
+
+def encode(message: Message) -> str:
+    """One message as one line of JSON, without the line end."""
+    return json.dumps(message, ensure_ascii=False, separators=(",", ":"))
+
+
+class Reporter:
+    """Where stages report; hands every message to its sinks and carries the request to cancel.
+
+    Args:
+        sinks: callables that take a message; called on the thread that reports.
+        min_interval: seconds between two ``progress`` messages (the first and last of a stage always pass).
+    """
+
+    def __init__(self, *sinks: Sink, min_interval: float = 0.2) -> None:
+        self.sinks = list(sinks)
+        self.stage_name = ""
+        self.stages: tuple[str, ...] = STAGES
+        self._min_interval = min_interval
+        self._last = 0.0
+        self._stage_started = time.monotonic()
+        self._cancel = threading.Event()
+
+    def send(self, type: str, **fields: Any) -> None:
+        """Send one message of the given type."""
+        message: Message = {"v": SCHEMA_VERSION, "type": type, "time": round(time.time(), 3), **fields}
+        for sink in self.sinks:
+            sink(message)
+
+    def stage(self, name: str, cached: bool = False) -> None:
+        """Announce that a stage begins (or that its earlier result is used)."""
+        self.stage_name, self._stage_started, self._last = name, time.monotonic(), 0.0
+        self.send("stage", stage=name, index=self.stages.index(name), count=len(self.stages), cached=cached)
+
+    def progress(self, fraction: float, seconds_left: float | None = None, **figures: float | int | str) -> None:
+        """Report how far the current stage is; raises :class:`Cancelled` if that was asked for.
+
+        Args:
+            fraction: 0..1 of the stage.
+            seconds_left: of the stage; estimated from the pace so far when not given.
+            figures: what is worth reading beside the bar, name -> value.
+        """
+        self.check()
+        now = time.monotonic()
+        if now - self._last < self._min_interval and 0.0 < fraction < 1.0:
+            return
+        self._last = now
+        elapsed = now - self._stage_started
+        if seconds_left is None and fraction > 0.02 and elapsed > 2.0:
+            seconds_left = elapsed * (1.0 - fraction) / fraction
+        self.send(
+            "progress",
+            stage=self.stage_name,
+            fraction=round(fraction, 4),
+            overall=round(self._overall(fraction), 4),
+            seconds_left=None if seconds_left is None else round(seconds_left, 1),
+            figures=figures,
+        )
+
+    def preview(self, path: str, title: str) -> None:
+        """Point at a picture that shows how the stage is doing."""
+        self.send("preview", stage=self.stage_name, path=path, title=title)
+
+    def warning(self, text: str) -> None:
+        """Say one sentence the user should read: the cause and the cure."""
+        log.warning(text)
+        self.send("warning", text=text)
+
+    def cancel(self) -> None:
+        """Ask the job to stop at the next :meth:`check` (safe from signal handlers and other threads)."""
+        self._cancel.set()
+
+    def check(self) -> None:
+        """Raise :class:`Cancelled` if a stop was asked for."""
+        if self._cancel.is_set():
+            raise Cancelled("Cancelled; run again with --resume to continue.")
+
+    def _overall(self, fraction: float) -> float:
+        total = sum(STAGE_SHARE[s] for s in self.stages)
+        done = 0.0
+        for name in self.stages:
+            if name == self.stage_name:
+                return (done + STAGE_SHARE[name] * fraction) / total
+            done += STAGE_SHARE[name]
+        return fraction

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the scene stage hands on: cameras, photos, sparse points and their tracks, in one normalised frame.
+
+Frames. *Scene frame*: the coordinates of the COLMAP model the user gave. *Normalised frame*: the building
+near the origin at a scale where the median camera is 5 units away; everything after the scene stage works in
+it, and exports go back through the exact inverse. Cameras look along +z, x right, y down (COLMAP); the centre
+of the top-left pixel is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """``normalised = scale * (rotation @ scene) + translation`` for column vectors, float64."""
+
+    scale: float
+    rotation: NDArray[np.float64]  # [3, 3]
+    translation: NDArray[np.float64]  # [3]
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Scene frame -> normalised frame; points [..., 3]."""
+        return self.scale * (points @ self.rotation.T) + self.translation
+
+    def invert(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Normalised frame -> scene frame; points [..., 3]."""
+        return ((points - self.translation) / self.scale) @ self.rotation
+
+
+@dataclass(frozen=True)
+class View:
+    """One undistorted photo at working resolution with its pinhole camera.
+
+    Attributes:
+        name: as in the COLMAP model (POSIX path, may hold folders); prompts use it.
+        file: the working photo, relative to the job's ``scene`` folder.
+        width, height: pixels of the working photo.
+        fx, fy, cx, cy: intrinsics in pixels; the top-left pixel's centre is (0.5, 0.5).
+        rotation, translation: ``camera = rotation @ normalised + translation``, float64 [3, 3], [3].
+    """
+
+    name: str
+    file: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    original_width: int  # of the user's photo (after EXIF rotation), the frame prompts are given in
+    original_height: int
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Camera centre in the normalised frame, [3]."""
+        return -self.rotation.T @ self.translation
+
+    def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Eq. 2 with its division by depth: points [N, 3] (normalised) -> pixels [N, 2], depth [N]."""
+        local = points @ self.rotation.T + self.translation
+        depth = local[:, 2]
+        safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
+        uv = local[:, :2] / safe[:, None] * (self.fx, self.fy) + (self.cx, self.cy)
+        return uv, depth
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Cameras, sparse points and tracks; ``P`` points, ``T`` observations, ``V`` views.
+
+    Attributes:
+        views: the registered photos, in the order of their names.
+        points: float64 [P, 3], normalised frame.
+        colors: uint8 [P, 3].
+        errors: float32 [P], mean reprojection error in pixels of the original photos.
+        track_start: int64 [P + 1]; observations of point i are ``track_start[i]:track_start[i + 1]``.
+        track_view: int32 [T], index into ``views``.
+        track_uv: float32 [T, 2], observed keypoint in working pixels (undistorted).
+        to_normalised: scene frame -> normalised frame.
+        roots: indices of the views the user is asked to click on (a fifth, spread out).
+        held_out: indices of the views kept out of training.
+        folder: the job's ``scene`` folder (working photos lie under it).
+    """
+
+    views: tuple[View, ...]
+    points: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+    errors: NDArray[np.float32]
+    track_start: NDArray[np.int64]
+    track_view: NDArray[np.int32]
+    track_uv: NDArray[np.float32]
+    to_normalised: Similarity
+    roots: tuple[int, ...]
+    held_out: tuple[int, ...]
+    folder: Path
+
+    def photo(self, index: int) -> NDArray[np.uint8]:
+        """The working photo of a view, RGB uint8 [height, width, 3]."""
+        from mgf_engine.scene.images import read_rgb
+
+        return read_rgb(self.folder / self.views[index].file)
