@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ``mgf`` command: thin, every option comes from :class:`mgf_engine.config.Config`."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import errno
+import json
+import logging
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from mgf_engine import __version__
+from mgf_engine.config import SECTIONS, Config, options_schema, read_config
+from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, Cancelled
+from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.terminal import make_sink
+
+_STAGE_HELP = {
+    "scene": "read cameras and photos, undistort and resize them",
+    "masks": "find the building in every photo",
+    "field": "train the masked Gaussian field",
+    "mesh": "extract the mesh from the field",
+    "deliver": "render novel views and write the report",
+}
+_FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
+_NO_ACCESS = (errno.EACCES, errno.EPERM, errno.EROFS)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code (0 done, 1 fault, 2 bad input, 3 cancelled)."""
+    args = sys.argv[1:] if argv is None else list(argv)
+    if args[:1] == ["bench"]:
+        from mgf_engine.bench.run import bench_main
+
+        return bench_main(args[1:])
+    parsed = _parser().parse_args(args)
+    if parsed.command in ("reconstruct", *STAGES):
+        return _job_command(parsed)
+    try:
+        return int(_OTHER_COMMANDS[parsed.command](parsed))
+    except BadInput as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="mgf", description="Photos of a building in, a mesh of the building out.")
+    parser.add_argument("--version", action="version", version=f"mgf {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_job_command(commands, "reconstruct", "run every stage: photos in, mesh and report out")
+    for stage, help in _STAGE_HELP.items():
+        _add_job_command(commands, stage, f"run the stages up to this one: {help}")
+    commands.add_parser("doctor", help="show versions, kernel variant, device and memory")
+    options = commands.add_parser("options", help="list every option with its default and meaning")
+    options.add_argument("--json", action="store_true", help="as data for other programs")
+    weights = commands.add_parser("weights", help="download the EfficientSAM weights and check them")
+    weights.add_argument("--model", choices=("vitt", "vits"), default="vitt", help="size of the model")
+    weights.add_argument("--folder", type=Path, help="where to put them (default: the user's cache folder)")
+    evaluate = commands.add_parser("evaluate", help="compare a mesh with a true mesh: accuracy, completeness, F1")
+    _add_evaluate_arguments(evaluate)
+    commands.add_parser("bench", help="run a suite of measurements; 'mgf bench --help' tells more", add_help=False)
+    return parser
+
+
+def _add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
+    from mgf_engine.evaluate.command import add_arguments
+
+    add_arguments(parser)
+
+
+def _add_job_command(commands: Any, name: str, help: str) -> None:
+    parser = commands.add_parser(name, help=help, description=help, argument_default=argparse.SUPPRESS)
+    parser.add_argument("scene", nargs="?", type=Path, default=None, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder")
+    parser.add_argument("--prompts", type=Path, default=None, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("--masks", type=Path, default=None, metavar="FOLDER", help="use these masks (PNG per photo)")
+    parser.add_argument("--config", type=Path, default=None, metavar="FILE", help="options from a JSON file")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set any option by name")
+    parser.add_argument("--resume", action="store_true", default=False, help="continue the job in the folder")
+    styles = ("auto", "bar", "plain", "json", "none")
+    parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
+    parser.add_argument(
+        "--cancel-on-eof", action="store_true", default=False, help="stop (resumable) when standard input closes"
+    )
+    for section in SECTIONS:
+        group = parser.add_argument_group(f"{section} options")
+        for spec in (f for f in fields(Config) if f.metadata["section"] == section):
+            _add_option(group, spec)
+
+
+def _add_option(group: Any, spec: Any) -> None:
+    flag, meta = "--" + spec.name.replace("_", "-"), spec.metadata
+    help = f"{meta['help']} (default {spec.default}{' ' + meta['unit'] if meta['unit'] else ''})".replace("%", "%%")
+    if isinstance(spec.default, bool):
+        group.add_argument(flag, action=argparse.BooleanOptionalAction, help=help)
+    else:
+        metavar = "{" + ",".join(meta["choices"]) + "}" if meta["choices"] else type(spec.default).__name__.upper()
+        group.add_argument(flag, metavar=metavar, help=help)
+
+
+def _given_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Options from --config, then --set, then flags; the later wins."""
+    given = read_config(args.config) if args.config else {}
+    for text in args.set:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise BadInput(f"--set takes NAME=VALUE, not '{text}'.")
+        given[name.strip().replace("-", "_")] = value.strip()
+    names = {f.name for f in fields(Config)}
+    given.update({name: value for name, value in vars(args).items() if name in names})
+    return given
+
+
+def _job_command(args: argparse.Namespace) -> int:
+    reporter = Reporter(make_sink(args.progress))
+    log_path: Path | None = None
+    try:
+        job = _open_job(args)
+        with job:
+            log_path = _log_to(job.path("log.txt"))
+            _watch_for_cancel(reporter, args.cancel_on_eof)
+            from mgf_engine.pipeline import run_job
+
+            run_job(job, reporter, until="deliver" if args.command == "reconstruct" else args.command)
+        return EXIT_DONE
+    except (Exception, KeyboardInterrupt) as error:
+        return _fail(reporter, error, log_path)
+
+
+def _open_job(args: argparse.Namespace) -> Any:
+    from mgf_engine.job import Job
+
+    resume = args.resume or args.command in STAGES
+    return Job.start(args.out, args.scene, args.prompts, args.masks, _given_options(args), resume)
+
+
+def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> int:
+    """Say in one sentence why the job ends early; the traceback of a fault goes to the log."""
+    code, text = _explain(error)
+    log = logging.getLogger("mgf")
+    if code == EXIT_FAULT:
+        details = "".join(traceback.format_exception(error))
+        with contextlib.suppress(OSError):
+            log.error("%s", details)
+        if log_path is None:
+            print(details, file=sys.stderr)
+    shown = str(log_path) if log_path and code == EXIT_FAULT else None
+    reporter.send("failed", code=code, text=text, log=shown)
+    return code
+
+
+def _explain(error: BaseException) -> tuple[int, str]:
+    if isinstance(error, BadInput):
+        return EXIT_BAD_INPUT, str(error)
+    if isinstance(error, Cancelled | KeyboardInterrupt):
+        return EXIT_CANCELLED, str(error) or "Cancelled; run again with --resume to continue."
+    if isinstance(error, OSError) and error.errno in _FULL_DISK:
+        return EXIT_BAD_INPUT, "The disk is full; free some space and run again with --resume."
+    if isinstance(error, OSError) and error.errno in _NO_ACCESS:
+        return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
+    if isinstance(error, MemoryError):
+        return EXIT_BAD_INPUT, "Out of memory; lower --resolution or --max-gaussians and run again with --resume."
+    return EXIT_FAULT, f"Unexpected fault: {type(error).__name__}: {error}"
+
+
+def _log_to(path: Path) -> Path:
+    log = logging.getLogger("mgf")
+    log.setLevel(logging.INFO)
+    log.propagate = False
+    for old in list(log.handlers):
+        log.removeHandler(old)
+        old.close()
+    handler = logging.FileHandler(path, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    log.addHandler(handler)
+    return path
+
+
+def _watch_for_cancel(reporter: Reporter, on_eof: bool) -> None:
+    """Ctrl-C and SIGTERM ask the job to stop at its next step; a second Ctrl-C stops it at once."""
+
+    def ask(number: int, frame: object) -> None:
+        reporter.cancel()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, ask)
+        signal.signal(signal.SIGTERM, ask)
+    if on_eof:
+        threading.Thread(target=_cancel_on_eof, args=(reporter,), daemon=True).start()
+
+
+def _cancel_on_eof(reporter: Reporter) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        while sys.stdin.readline():
+            pass
+    reporter.cancel()
+
+
+def _options_command(args: argparse.Namespace) -> int:
+    schema = options_schema()
+    if args.json:
+        print(json.dumps(schema, indent=1, ensure_ascii=False))
+        return EXIT_DONE
+    for section in schema["sections"]:
+        print(f"\n{section}")
+        for entry in (o for o in schema["options"] if o["section"] == section):
+            print(f"  {entry['name']:<20} {entry['default']!s:<10} {entry['help']}")
+    return EXIT_DONE
+
+
+def _doctor_command(args: argparse.Namespace) -> int:
+    from mgf_engine.doctor import report
+
+    return report()
+
+
+def _weights_command(args: argparse.Namespace) -> int:
+    from mgf_engine.masks.segmenters.download import download_weights
+
+    reporter = Reporter(make_sink("auto"))
+    reporter.stages = ("masks",)
+    reporter.stage("masks")
+    folder = download_weights(args.model, args.folder, reporter)
+    print(f"Weights are in {folder}")
+    return EXIT_DONE
+
+
+def _evaluate_command(args: argparse.Namespace) -> int:
+    from mgf_engine.evaluate.command import evaluate_command
+
+    return evaluate_command(args)
+
+
+_OTHER_COMMANDS = {
+    "doctor": _doctor_command,
+    "options": _options_command,
+    "weights": _weights_command,
+    "evaluate": _evaluate_command,
+}

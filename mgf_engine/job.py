@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The job folder: what was asked for, which stages are done, and the lock that keeps two processes apart.
+
+A stage is done when ``job.json`` holds its *key*: a hash of everything that decides its result (the inputs, the
+options of its section, the key of the stage before). Changing an option redoes that stage and the later ones.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from mgf_engine import __version__
+from mgf_engine.config import Config, as_dict, make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.messages import STAGES
+from mgf_engine.system import write_json
+
+FORMAT = 1
+#: Files and folders each stage writes; removed before the stage runs anew.
+OUTPUTS: dict[str, tuple[str, ...]] = {
+    "scene": ("scene",),
+    "masks": ("masks",),
+    "field": ("checkpoints", "field.ply"),
+    "mesh": ("mesh.ply", "mesh.obj", "mesh.glb"),
+    "deliver": ("renders", "report", "deliver.json", "report.json", "report.html", "points.ply"),
+}
+#: Options outside a stage's own section that decide its result.
+_CONTENT_KINDS = {".bin", ".txt", ".json"}
+_INPUT_KINDS = _CONTENT_KINDS | {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"}
+_EXTRA_OPTIONS = {"field": ("seed", "device"), "mesh": ("device",), "deliver": ("device",)}
+
+
+class Job:
+    """One job folder, open and locked by this process; use as a context manager.
+
+    Attributes:
+        folder: the job folder.
+        source: the user's COLMAP scene or photo folder.
+        prompts: the user's prompts file, or None.
+        masks: the user's folder of masks, or None.
+        given: the options the user gave, name -> value.
+        config: the validated options.
+        stages: stage name -> {"key", "seconds", "peak_memory", "figures"} for the stages that are done.
+    """
+
+    def __init__(
+        self, folder: Path, source: Path, prompts: Path | None, masks: Path | None, given: dict[str, Any]
+    ) -> None:
+        self.folder, self.source, self.prompts, self.masks = folder, source, prompts, masks
+        self.given, self.config = given, make_config(given)
+        self.stages: dict[str, dict[str, Any]] = {}
+        self._lock = FileLock(str(folder / ".lock"))
+
+    @classmethod
+    def start(
+        cls,
+        folder: Path,
+        source: Path | None = None,
+        prompts: Path | None = None,
+        masks: Path | None = None,
+        given: dict[str, Any] | None = None,
+        resume: bool = False,
+    ) -> Job:
+        """Make a job folder, or take up the one that is there when ``resume`` is set.
+
+        A resumed job keeps the inputs and options it was started with where no new ones are given.
+
+        Raises:
+            BadInput: an option or input is wrong, the folder cannot be written, holds something else or another
+                job, or is in use.
+        """
+        earlier = read_job(folder) if resume and (source is None or (folder / "job.json").exists()) else None
+        if earlier is not None:
+            source = source or Path(earlier["source"])
+            prompts = prompts or _path(earlier["prompts"])
+            masks = masks or _path(earlier["masks"])
+            given = {**earlier["given"], **(given or {})}
+        if source is None:
+            raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
+        for path, what in ((source, "scene"), (prompts, "prompts file"), (masks, "mask folder")):
+            if path is not None and not path.exists():
+                raise BadInput(f"The {what} '{path}' does not exist; check the path.")
+        job = cls(folder, source.resolve(), _resolved(prompts), _resolved(masks), given or {})
+        _check_folder(folder, source, resume)
+        job._acquire()
+        try:
+            if earlier is not None:
+                job.stages = earlier["stages"]
+            job.save()
+        except BaseException:
+            job.close()
+            raise
+        return job
+
+    def __enter__(self) -> Job:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let other processes use the folder."""
+        self._lock.release()
+
+    def path(self, *parts: str) -> Path:
+        """A path inside the job folder."""
+        return self.folder.joinpath(*parts)
+
+    def keys(self) -> dict[str, str]:
+        """The key each stage would have with the present inputs and options."""
+        result: dict[str, str] = {}
+        before = f"format {FORMAT}"
+        for stage in STAGES:
+            before = result[stage] = _hash([before, self._options_of(stage), self._inputs_of(stage)])
+        return result
+
+    def done(self, stage: str) -> bool:
+        """Whether the stage's outputs are there and belong to the present inputs and options."""
+        return self.stages.get(stage, {}).get("key") == self.keys()[stage]
+
+    def begin(self, stage: str) -> str:
+        """Forget the stage and the later ones; remove outputs of other options. Returns the stage's key.
+
+        The checkpoints of an unfinished field stay when they belong to the same key (the trainer resumes from them).
+        """
+        key = self.keys()[stage]
+        for name in STAGES[STAGES.index(stage) :]:
+            self.stages.pop(name, None)
+        self.save()
+        started = self.path(".started-" + stage)
+        same = started.exists() and started.read_text() == key
+        if not same:
+            for name in OUTPUTS[stage]:
+                _remove(self.path(name))
+            started.write_text(key)
+        return key
+
+    def finish(self, stage: str, key: str, seconds: float, peak: int, figures: dict[str, Any]) -> None:
+        """Record the stage as done."""
+        self.stages[stage] = {"key": key, "seconds": round(seconds, 2), "peak_memory": peak, "figures": figures}
+        self.save()
+
+    def save(self) -> None:
+        """Write ``job.json``."""
+        write_json(
+            self.path("job.json"),
+            {
+                "format": FORMAT,
+                "version": __version__,
+                "source": str(self.source),
+                "prompts": None if self.prompts is None else str(self.prompts),
+                "masks": None if self.masks is None else str(self.masks),
+                "given": self.given,
+                "config": as_dict(self.config),
+                "stages": self.stages,
+            },
+        )
+
+    def _acquire(self) -> None:
+        try:
+            self._lock.acquire(timeout=0)
+        except Timeout as error:
+            raise BadInput(f"The job folder '{self.folder}' is in use by another process; wait or stop it.") from error
+
+    def _options_of(self, stage: str) -> dict[str, Any]:
+        names = [f.name for f in fields(Config) if f.metadata["section"] == stage and f.name != "weights"]
+        return {name: getattr(self.config, name) for name in [*names, *_EXTRA_OPTIONS.get(stage, ())]}
+
+    def _inputs_of(self, stage: str) -> Any:
+        if stage == "scene":
+            return _fingerprint(self.source, self.folder)
+        if stage == "masks":
+            return [p and _fingerprint(p, self.folder) for p in (self.prompts, self.masks)]
+        return None
+
+
+def read_job(folder: Path) -> dict[str, Any]:
+    """The contents of a job's ``job.json``.
+
+    Raises:
+        BadInput: there is no job, it cannot be read, or it was written by a newer version.
+    """
+    path = folder / "job.json"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if not all(isinstance(data[key], dict) for key in ("stages", "given")):
+            raise TypeError("stages or given")
+        if not all(isinstance(data[key], str | None) for key in ("source", "prompts", "masks")):
+            raise TypeError("source, prompts or masks")
+        data["format"]
+    except FileNotFoundError as error:
+        raise BadInput(f"'{folder}' holds no job; give the scene to start one.") from error
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise BadInput(f"The job file '{path}' cannot be read ({error}); start in a new folder.") from error
+    if data["format"] != FORMAT:
+        raise BadInput(f"The job in '{folder}' was written by another version of MGF; start in a new folder.")
+    return data
+
+
+def _check_folder(folder: Path, source: Path, resume: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise BadInput(f"The output '{folder}' is a file; give a folder.")
+    if folder.resolve() == source.resolve():
+        raise BadInput("The output folder is the scene itself; give another folder.")
+    if (folder / "job.json").exists():
+        other = Path(read_job(folder)["source"])
+        if other != source.resolve():
+            raise BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
+        if not resume:
+            raise BadInput(f"'{folder}' already holds a job; add --resume to continue it, or give another folder.")
+    elif folder.exists() and any(p.name != ".lock" for p in folder.iterdir()):
+        raise BadInput(f"The output folder '{folder}' is not empty and holds no job; give an empty or new folder.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".lock"
+        with probe.open("ab"):
+            pass
+    except OSError as error:
+        raise BadInput(f"Cannot write to '{folder}' ({error.strerror}); give a folder you may write to.") from error
+
+
+def _path(text: str | None) -> Path | None:
+    return None if text is None else Path(text)
+
+
+def _resolved(path: Path | None) -> Path | None:
+    return None if path is None else path.resolve()
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:20]
+
+
+def _fingerprint(path: Path, exclude: Path) -> list[Any]:
+    """Names of the input files below ``path`` with a hash of small contents, else size and time.
+
+    Files below the job folder (``exclude``) are left out: a job may lie inside the scene's folder.
+    """
+    files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix.lower() in _INPUT_KINDS)
+    result: list[Any] = []
+    for file in files:
+        if exclude in file.parents or not file.is_file():
+            continue
+        status = file.stat()
+        name = file.name if path.is_file() else file.relative_to(path).as_posix()
+        if status.st_size < 16 << 20 and file.suffix.lower() in _CONTENT_KINDS:
+            result.append([name, hashlib.sha256(file.read_bytes()).hexdigest()])
+        else:
+            result.append([name, status.st_size, status.st_mtime_ns])
+    return result
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    elif path.exists() or path.is_symlink():
+        os.unlink(path)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The stages in order, each reading what the one before left in the job folder."""
+
+from __future__ import annotations
+
+import logging
+import random
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mgf_engine import __version__
+from mgf_engine.job import Job
+from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.system import cores, peak_memory
+
+if TYPE_CHECKING:
+    from mgf_engine.masks.model import MaskSet
+    from mgf_engine.scene.model import Scene
+
+log = logging.getLogger("mgf")
+Figures = dict[str, Any]
+
+
+def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
+    """Run the stages up to and including ``until``, using those that are done already.
+
+    Raises:
+        BadInput, Cancelled: see :mod:`mgf_engine.errors`.
+    """
+    import os
+
+    stages = STAGES[: STAGES.index(until) + 1]
+    reporter.stages = stages
+    reporter.send("started", job=str(job.folder), pid=os.getpid(), version=__version__, stages=list(stages))
+    _prepare(job)
+    for name in stages:
+        reporter.check()
+        cached = job.done(name)
+        reporter.stage(name, cached=cached)
+        if not cached:
+            _run_stage(job, name, reporter)
+    reporter.send("result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"])
+
+
+def result_files(job: Job) -> dict[str, str]:
+    """What a finished job offers, name -> path, for the files that exist."""
+    names = {
+        "mesh": "mesh.ply", "obj": "mesh.obj", "glb": "mesh.glb", "field": "field.ply", "report": "report.html",
+        "figures": "report.json", "renders": "renders", "masks": "masks/contact_sheet.jpg",
+    }  # fmt: skip
+    return {name: str(job.path(file)) for name, file in names.items() if job.path(file).exists()}
+
+
+def load_inputs(job: Job) -> tuple[Scene, MaskSet]:
+    """The scene and masks of a job whose first two stages are done."""
+    from mgf_engine.masks.store import read_masks
+    from mgf_engine.scene.store import read_scene
+
+    scene = read_scene(job.path("scene"))
+    return scene, read_masks(job.path("masks"), scene)
+
+
+def _prepare(job: Job) -> None:
+    """Seed and thread counts; one place, so that a job repeats itself."""
+    import cv2
+    import torch
+
+    from mgf_engine.raster.library import set_threads
+
+    threads = job.config.threads or cores()
+    torch.set_num_threads(threads)
+    cv2.setNumThreads(threads)
+    set_threads(threads)
+    random.seed(job.config.seed)
+    np.random.seed(job.config.seed)
+    torch.manual_seed(job.config.seed)
+    cv2.setRNGSeed(job.config.seed)
+
+
+def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
+    key = job.begin(name)
+    log.info("stage %s begins", name)
+    started = time.perf_counter()
+    figures = _RUNNERS[name](job, reporter)
+    seconds = time.perf_counter() - started
+    reporter.progress(1.0, 0.0, **{k: v for k, v in figures.items() if isinstance(v, int | float | str)})
+    job.finish(name, key, seconds, peak_memory(), figures)
+    log.info("stage %s took %.1f s: %s", name, seconds, figures)
+
+
+def _run_scene(job: Job, reporter: Reporter) -> Figures:
+    from mgf_engine.scene.load import load_scene
+
+    scene = load_scene(job.source, job.path("scene"), job.config, reporter)
+    return {"photos": len(scene.views), "points": len(scene.points)}
+
+
+def _run_masks(job: Job, reporter: Reporter) -> Figures:
+    from mgf_engine.masks.build import build_masks
+    from mgf_engine.scene.store import read_scene
+
+    scene = read_scene(job.path("scene"))
+    masks = build_masks(scene, job.prompts, job.masks, job.path("masks"), job.config, reporter)
+    return {"used": int(masks.used.sum()), "masked_points": int(masks.point_mask.sum())}
+
+
+def _run_field(job: Job, reporter: Reporter) -> Figures:
+    from mgf_engine.field.export import write_splats
+    from mgf_engine.field.trainer import train
+
+    scene, masks = load_inputs(job)
+    field, figures = train(scene, masks, job.config, job.path("checkpoints"), reporter)
+    write_splats(field, scene.to_normalised, job.path("field.ply"))
+    return figures
+
+
+def _run_mesh(job: Job, reporter: Reporter) -> Figures:
+    from mgf_engine.field.checkpoint import read_field
+    from mgf_engine.mesh.export import write_meshes
+    from mgf_engine.mesh.extract import extract_mesh
+
+    scene, masks = load_inputs(job)
+    field = read_field(job.path("checkpoints", "field.npz"))
+    mesh = extract_mesh(field, scene, masks, job.config, reporter)
+    write_meshes(mesh, scene.to_normalised, job.folder, job.config)
+    return {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+
+
+def _run_deliver(job: Job, reporter: Reporter) -> Figures:
+    from mgf_engine.deliver import deliver
+
+    return deliver(job, reporter)
+
+
+_RUNNERS: dict[str, Callable[[Job, Reporter], Figures]] = {
+    "scene": _run_scene,
+    "masks": _run_masks,
+    "field": _run_field,
+    "mesh": _run_mesh,
+    "deliver": _run_deliver,
+}

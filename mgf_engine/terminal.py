@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How messages reach people and programs: a progress bar, plain lines, or JSON lines."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+
+from mgf_engine.messages import Message, Sink, encode
+
+
+def make_sink(style: str) -> Sink:
+    """The sink for ``--progress``: ``auto`` (a bar on a terminal, else plain), ``bar``, ``plain``, ``json`` or ``none``."""
+    if style == "auto":
+        style = "bar" if sys.stderr.isatty() else "plain"
+    makers: dict[str, Callable[[], Sink]] = {
+        "bar": _Bar, "plain": _Plain, "json": lambda: _print_json, "none": lambda: lambda message: None,
+    }  # fmt: skip
+    return makers[style]()
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds as people say them: ``42 s``, ``3 min 20 s``, ``1 h 5 min``; ``?`` for None."""
+    if seconds is None:
+        return "?"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+_print_lock = threading.Lock()
+
+
+def _print_json(message: Message) -> None:
+    with _print_lock:
+        sys.stdout.write(encode(message) + "\n")
+        sys.stdout.flush()
+
+
+def _sentence(message: Message) -> str | None:
+    """What a plain log line says about a message; None for messages nobody needs to read."""
+    kind = message["type"]
+    if kind == "started":
+        return f"Job folder: {message['job']}"
+    if kind == "stage":
+        state = " (done earlier)" if message["cached"] else ""
+        return f"[{message['index'] + 1}/{message['count']}] {message['stage']}{state}"
+    if kind == "warning":
+        return f"Warning: {message['text']}"
+    if kind == "failed":
+        where = f" (log: {message['log']})" if message["log"] else ""
+        return f"Error: {message['text']}{where}"
+    if kind == "result":
+        figures = ", ".join(f"{k} {v}" for k, v in message["figures"].items())
+        files = "\n".join(f"  {name}: {path}" for name, path in message["files"].items())
+        return f"Done. {figures}\n{files}"
+    return None
+
+
+class _Plain:
+    """One line per event and one per tenth of a stage, for logs and pipes."""
+
+    def __init__(self) -> None:
+        self._tenth = -1
+
+    def __call__(self, message: Message) -> None:
+        if message["type"] == "stage":
+            self._tenth = -1
+        text = _sentence(message)
+        if message["type"] == "progress":
+            tenth = int(message["fraction"] * 10)
+            if tenth > self._tenth:
+                self._tenth = tenth
+                text = f"  {message['fraction']:4.0%}  {duration(message['seconds_left'])} left  {_figures(message)}"
+        if text is not None:
+            print(text, file=sys.stderr, flush=True)
+
+
+class _Bar:
+    """A live bar with stage, share done, time left and the stage's figures."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+        self._console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description:<9}"), BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[left]}"),
+            TextColumn("{task.fields[figures]}", style="dim"), console=self._console,
+        )  # fmt: skip
+        self._task = None
+
+    def __call__(self, message: Message) -> None:
+        kind = message["type"]
+        if kind == "stage":
+            self._progress.start()
+            self._task = self._progress.add_task(message["stage"], total=1.0, left="", figures="")
+            if message["cached"]:
+                self._progress.update(self._task, completed=1.0, left="done earlier")
+        elif kind == "progress" and self._task is not None:
+            left = "" if message["fraction"] >= 1 else f"{duration(message['seconds_left'])} left"
+            self._progress.update(self._task, completed=message["fraction"], left=left, figures=_figures(message))
+        elif kind in ("result", "failed"):
+            self._progress.stop()
+        text = None if kind == "stage" else _sentence(message)
+        if text is not None:
+            self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _figures(message: Message) -> str:
+    return "  ".join(f"{name} {value}" for name, value in message["figures"].items())
