@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Loads the best kernel library for this processor and runs its work loops on several threads.
+
+The kernels are plain C behind ctypes, which releases Python's global lock during a call: threads are Python
+threads that all call the same work loop and share one counter of pieces done (``kernels/export.h``).
+
+Environment: ``MGF_KERNEL_VARIANT`` names the variant to load instead of the best one (``x86-64-v3``).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+
+from mgf_engine.raster.build import TARGETS, VARIANTS, host_target, library_path
+
+_HINT = "run 'python -m mgf_engine.raster.build' to compile the kernels"
+
+_threads = 0
+_pool: ThreadPoolExecutor | None = None
+_current: ctypes.CDLL | None = None
+_current_variant = ""
+
+
+def runnable_variants() -> list[str]:
+    """Variants of this processor's family that it can run, best last, whether built or not."""
+    family = TARGETS[host_target()].family
+    names = list(VARIANTS[family])
+    if family != "x86_64":
+        return names
+    level = _open(names[0]).mgf_cpu_level()
+    return [name for name, needed in zip(names, (1, 3, 4), strict=True) if level >= needed]
+
+
+def variant() -> str:
+    """Name of the loaded variant (loads one if none is)."""
+    library()
+    return _current_variant
+
+
+def use_variant(name: str) -> None:
+    """Load the named variant and use it from now on; "" goes back to the environment's or the best one.
+
+    Raises:
+        RuntimeError: unknown name, a processor that cannot run it, or a library that is not built.
+    """
+    global _current, _current_variant
+    runnable = runnable_variants()
+    name = name or os.environ.get("MGF_KERNEL_VARIANT", "") or runnable[-1]
+    if name not in runnable:
+        raise RuntimeError(f"Kernel variant '{name}' does not run on this processor; choose {', '.join(runnable)}.")
+    _current, _current_variant = _open(name), name
+
+
+def library() -> ctypes.CDLL:
+    """The loaded library; loads the best variant on first use.
+
+    Raises:
+        RuntimeError: the library is not built; the message says how to build it.
+    """
+    if _current is None:
+        use_variant("")
+    assert _current is not None
+    return _current
+
+
+@cache
+def _open(name: str) -> ctypes.CDLL:
+    path = library_path(host_target(), name)
+    if not path.is_file():
+        raise RuntimeError(f"The kernel library {path.name} is missing; {_HINT}.")
+    try:
+        loaded = ctypes.CDLL(str(path))
+        loaded.mgf_cpu_level.restype = ctypes.c_int64
+    except (OSError, AttributeError) as error:
+        raise RuntimeError(f"The kernel library {path} cannot be loaded ({error}); {_HINT}.") from error
+    return loaded
+
+
+def set_threads(count: int) -> None:
+    """Number of threads that work loops run on; 0 takes every core this process may use."""
+    global _threads, _pool
+    count = count or _cores()
+    if count == _threads:
+        return
+    if _pool is not None:
+        _pool.shutdown()
+    _threads, _pool = count, (ThreadPoolExecutor(count - 1, "mgf-kernel") if count > 1 else None)
+
+
+def threads() -> int:
+    """Number of threads that work loops run on."""
+    if not _threads:
+        set_threads(0)
+    return _threads
+
+
+def call(name: str, *arguments: Any) -> int:
+    """Call one kernel on this thread; returns its result (kernels return nothing or an int64).
+
+    Args:
+        name: of the C function.
+        arguments: contiguous numpy arrays or torch tensors, ints, floats or None (a null pointer).
+    """
+    function = getattr(library(), name)
+    function.restype = ctypes.c_int64
+    return function(*map(_to_c, arguments))
+
+
+def parallel(name: str, *arguments: Any) -> None:
+    """Run a work loop on :func:`threads` threads with a shared counter of pieces, and wait for all of them.
+
+    Args:
+        name: of a C function whose first parameter is ``int32_t *next``.
+        arguments: its further arguments, see :func:`call`.
+    """
+    function = getattr(library(), name)
+    function.restype = None
+    counter = ctypes.c_int32(0)
+    converted = [ctypes.byref(counter), *map(_to_c, arguments)]
+    workers: list[Future[None]] = []
+    if threads() > 1 and _pool is not None:
+        workers = [_pool.submit(function, *converted) for _ in range(_threads - 1)]
+    function(*converted)
+    for worker in workers:
+        worker.result()
+
+
+def _to_c(value: Any) -> Any:
+    """The argument as ctypes wants it; see the convention in ``kernels/export.h``."""
+    if value is None:
+        return ctypes.c_void_p(None)
+    if isinstance(value, torch.Tensor):
+        assert value.is_contiguous() and value.device.type == "cpu"
+        return ctypes.c_void_p(value.data_ptr())
+    if isinstance(value, np.ndarray):
+        assert value.flags.c_contiguous
+        return ctypes.c_void_p(value.ctypes.data)
+    if isinstance(value, int):
+        return ctypes.c_int64(value)
+    if isinstance(value, float):
+        return ctypes.c_float(value)
+    return value
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
