@@ -109,6 +109,11 @@ class Reporter:
         """Ask the job to stop at the next :meth:`check` (safe from signal handlers and other threads)."""
         self._cancel.set()
 
+    @property
+    def cancelled(self) -> bool:
+        """Whether a stop was asked for."""
+        return self._cancel.is_set()
+
     def check(self) -> None:
         """Raise :class:`Cancelled` if a stop was asked for."""
         if self._cancel.is_set():

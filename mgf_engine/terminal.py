@@ -11,7 +11,7 @@ from mgf_engine.messages import Message, Sink, encode
 
 
 def make_sink(style: str) -> Sink:
-    """The sink for ``--progress``: ``auto`` (a bar on a terminal, else plain), ``bar``, ``plain``, ``json`` or ``none``."""
+    """The sink for ``--progress``: ``auto`` (bar on a terminal, else plain), ``bar``, ``plain``, ``json``, ``none``."""
     if style == "auto":
         style = "bar" if sys.stderr.isatty() else "plain"
     makers: dict[str, Callable[[], Sink]] = {

@@ -1,0 +1,41 @@
+# Two commands on a fresh machine: `make test` and `make demo`. Both make the environments they need.
+PYTHON ?= $(shell for p in python3.11 python3.13 python3.12 python3; do command -v $$p >/dev/null && $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' && echo $$p && break; done)
+VENV := .venv
+BPY := .venv-bpy
+RUN := $(VENV)/bin/python
+DEMO ?= demo
+
+.PHONY: env env-blender test lint demo extension clean
+
+env: $(VENV)/.ready
+env-blender: $(BPY)/.ready
+
+$(VENV)/.ready: constraints.txt pyproject.toml
+	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is needed; install it and try again."; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(RUN) -m pip install -q -c constraints.txt torch==2.13.0 setuptools wheel ziglang
+	$(RUN) -m pip install -q -c constraints.txt --no-build-isolation -e ".[dev]"
+	@touch $@
+
+$(BPY)/.ready: constraints-blender.txt
+	$(PYTHON) -m venv $(BPY)
+	$(BPY)/bin/python -m pip install -q -r constraints-blender.txt
+	@touch $@
+
+kernels: $(VENV)/.ready
+	$(RUN) -m mgf_engine.raster.build
+
+lint: $(VENV)/.ready
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m mypy
+
+test: $(VENV)/.ready $(BPY)/.ready kernels lint
+	$(RUN) -m pytest tests
+	$(BPY)/bin/python -m pytest tests/blender
+
+demo: $(VENV)/.ready $(BPY)/.ready kernels
+	$(RUN) tools/demo.py --blender-python $(BPY)/bin/python --out $(DEMO) $(if $(SCENE),--scene "$(SCENE)") $(if $(PROMPTS),--prompts "$(PROMPTS)") $(ARGS)
+
+clean:
+	rm -rf $(VENV) $(BPY) build dist demo

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Last stage: novel views, ``deliver.json`` for Blender and scripts, and the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mgf_engine.field.checkpoint import read_field
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.job import Job
+from mgf_engine.messages import Reporter
+from mgf_engine.raster.api import Camera, Rendering, render
+from mgf_engine.scene.model import Scene, View
+from mgf_engine.system import atomic_path, write_json
+
+
+def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
+    """Render, measure and write everything people look at; returns the headline figures."""
+    from mgf_engine.evaluate.job_report import report_job
+    from mgf_engine.pipeline import load_inputs
+
+    scene, masks = load_inputs(job)
+    field = read_field(job.path("checkpoints", "field.npz"))
+    chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
+    renders: dict[int, str] = {}
+    for number, index in enumerate(chosen):
+        reporter.progress(0.5 * number / len(chosen))
+        name = f"renders/{Path(scene.views[index].file).stem}.png"
+        _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
+        renders[index] = name
+    figures = report_job(job, scene, masks, field, reporter)
+    write_json(job.path("deliver.json"), _manifest(scene, renders, figures))
+    return figures
+
+
+def render_view(field: Gaussians, view: View, sh_degree: int) -> Rendering:
+    """A view of the whole field at working resolution, without gradients."""
+    with torch.no_grad():
+        return render(field, Camera.from_view(view), sh_degree=sh_degree)
+
+
+def straight_rgba(rendering: Rendering) -> NDArray[np.uint8]:
+    """The render as RGBA uint8 [H, W, 4] with straight (not premultiplied) alpha."""
+    alpha = rendering.alpha.clamp(0, 1)
+    colour = (rendering.colour / alpha.clamp_min(1e-4)).clamp(0, 1)
+    rgba = torch.cat([colour, alpha[None]]).permute(1, 2, 0)
+    return (rgba * 255).round().to(torch.uint8).numpy()
+
+
+def camera_to_scene(view: View, scene: Scene) -> NDArray[np.float64]:
+    """[4, 4] COLMAP camera axes -> scene frame, in the scene's own units."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = scene.to_normalised.rotation.T @ view.rotation.T
+    matrix[:3, 3] = scene.to_normalised.invert(view.centre)
+    return matrix
+
+
+def _write_render(rendering: Rendering, path: Path) -> None:
+    ok, data = cv2.imencode(".png", cv2.cvtColor(straight_rgba(rendering), cv2.COLOR_RGBA2BGRA))
+    if not ok:
+        raise RuntimeError(f"could not encode {path.name}")
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+
+
+def _manifest(scene: Scene, renders: dict[int, str], figures: dict[str, Any]) -> dict[str, Any]:
+    held_out = set(scene.held_out)
+    views = [
+        {
+            "name": view.name, "file": "scene/" + view.file, "width": view.width, "height": view.height,
+            "fx": view.fx, "fy": view.fy, "cx": view.cx, "cy": view.cy,
+            "camera_to_world": camera_to_scene(view, scene).tolist(),
+            "render": renders.get(index), "held_out": index in held_out,
+        }
+        for index, view in enumerate(scene.views)
+    ]  # fmt: skip
+    return {"views": views, "mesh": "mesh.ply", "field": "field.ply", "report": "report.html", "figures": figures}

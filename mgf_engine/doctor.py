@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf doctor``: what this machine offers the engine, and what is missing, one line each."""
+
+from __future__ import annotations
+
+from mgf_engine import __version__
+from mgf_engine.errors import EXIT_DONE, EXIT_FAULT
+from mgf_engine.system import cores, cpu_name, total_memory, versions
+
+
+def report() -> int:
+    """Print the findings; returns 0 when a job can run here, 1 when something it needs is missing."""
+    print(f"mgf {__version__}")
+    found = versions()
+    for name, version in found.items():
+        print(f"  {name:<32} {version}")
+    memory = total_memory()
+    print(f"  {'processor':<32} {cpu_name()}, {cores()} cores")
+    print(f"  {'memory':<32} {'unknown' if memory is None else f'{memory / 2**30:.1f} GiB'}")
+    problems = [f"{name} is missing; run 'pip install {name}'." for name, v in found.items() if v == "missing"]
+    try:
+        from mgf_engine.raster.library import variant_name
+
+        print(f"  {'kernel variant':<32} {variant_name()}")
+    except (ImportError, OSError, RuntimeError) as error:
+        problems.append(f"The CPU kernels cannot be loaded: {error}")
+    print(f"  {'CUDA':<32} {_cuda()}")
+    for problem in problems:
+        print(f"Problem: {problem}")
+    if not problems:
+        print("Everything a job needs is here.")
+    return EXIT_FAULT if problems else EXIT_DONE
+
+
+def _cuda() -> str:
+    try:
+        import torch
+    except ImportError:
+        return "torch is missing"
+    if not torch.cuda.is_available():
+        return "no card that torch can use"
+    properties = torch.cuda.get_device_properties(0)
+    return f"{properties.name}, {properties.total_memory / 2**30:.1f} GiB (training on it is not built yet)"

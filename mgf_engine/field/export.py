@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The field as a standard 3D Gaussian splatting PLY, in the scene's own coordinates, 3D filter fused in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mgf_engine.field.density import rotation_matrices
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.raster.reference import sh_basis
+from mgf_engine.scene.model import Similarity
+from mgf_engine.system import atomic_path
+
+_OPACITY_LIMIT = 1e-6
+
+
+def write_splats(field: Gaussians, to_normalised: Similarity, path: Path) -> None:
+    """Write ``field`` (normalised frame) as a 3DGS PLY in the scene frame.
+
+    Properties per Gaussian: x y z, nx ny nz (zero), f_dc_0..2, f_rest_0..44 (channel by channel), opacity
+    (logit), scale_0..2 (log), rot_0..3 (w x y z).
+    """
+    with torch.no_grad():
+        opacity = field.opacities.double().clamp(_OPACITY_LIMIT, 1 - _OPACITY_LIMIT).numpy()
+        scales = field.scales.double().clamp_min(1e-12).numpy()
+        rotations = rotation_matrices(field.rotations.double()).numpy()
+    positions = to_normalised.invert(field.positions.detach().double().numpy())
+    rotations = to_normalised.rotation.T @ rotations
+    sh = np.einsum("ab,nbc->nac", rotate_sh(to_normalised.rotation), field.sh.detach().double().numpy())
+    columns = [
+        positions,
+        np.zeros((len(field), 3)),
+        sh[:, 0],
+        sh[:, 1:].transpose(0, 2, 1).reshape(len(field), 45),
+        np.log(opacity / (1 - opacity))[:, None],
+        np.log(scales / to_normalised.scale),
+        _quaternions(rotations),
+    ]
+    names = [
+        *"xyz", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(45)), "opacity",
+        *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4)),
+    ]  # fmt: skip
+    header = "ply\nformat binary_little_endian 1.0\ncomment MGF field, scene coordinates\n"
+    header += f"element vertex {len(field)}\n" + "".join(f"property float {name}\n" for name in names) + "end_header\n"
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(header.encode() + np.concatenate(columns, 1).astype("<f4").tobytes())
+
+
+def rotate_sh(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[16, 16] matrix M with ``Y(d) @ (M c) = Y(rotation @ d) @ c`` for every direction d.
+
+    Found by least squares over more directions than coefficients, which is exact because rotations keep each
+    degree's space.
+    """
+    directions = np.random.default_rng(0).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    here = sh_basis(torch.from_numpy(directions), 3).numpy()
+    there = sh_basis(torch.from_numpy(directions @ rotation.T), 3).numpy()
+    return np.linalg.lstsq(here, there, rcond=None)[0]
+
+
+def _quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.spatial.transform import Rotation
+
+    return np.roll(Rotation.from_matrix(rotations).as_quat(), 1, axis=1)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The first Gaussians: one flat disc per starting point, lying in the surface its neighbours suggest."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.errors import BadInput
+from mgf_engine.field.gaussians import Gaussians
+
+SH_CONSTANT = 0.28209479177387814  # Y_0^0
+_NEIGHBOURS = 9
+_FLATNESS = 0.25  # thickness of a disc as a share of its radius
+_OPACITY = 0.3
+
+
+def initial_field(
+    points: NDArray[np.float64], colors: NDArray[np.uint8], towards: NDArray[np.float64]
+) -> Gaussians:
+    """One Gaussian per point.
+
+    Args:
+        points: [N, 3] in the normalised frame.
+        colors: uint8 [N, 3].
+        towards: [N, 3] a place that sees each point (a camera centre); orients the discs.
+
+    Raises:
+        BadInput: fewer than four points, too few to know distances from.
+    """
+    if len(points) < 4:
+        raise BadInput(
+            f"Only {len(points)} points lie on the building, too few to start from; add clicks on the building, "
+            "or photos that overlap more."
+        )
+    distance, index = cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))
+    normals = _normals(points, index, towards)
+    spacing = distance[:, 1:4].mean(1)
+    # A lone point far from all others must not become a disc that covers the building.
+    spacing = np.clip(spacing, 1e-4, max(3.0 * float(np.median(spacing)), 1e-4))
+    scales = spacing[:, None] * np.array([1.0, 1.0, _FLATNESS])
+    sh = np.zeros((len(points), 16, 3))
+    sh[:, 0] = (colors / 255.0 - 0.5) / SH_CONSTANT
+    return Gaussians(
+        positions=_tensor(points),
+        log_scales=_tensor(np.log(scales)),
+        rotations=_tensor(_quaternion_to(normals)),
+        opacity_logits=torch.full((len(points),), float(np.log(_OPACITY / (1 - _OPACITY)))),
+        sh=_tensor(sh),
+        filter_3d=torch.zeros(len(points)),
+    )
+
+
+def _tensor(array: NDArray[np.float64]) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
+
+
+def _normals(
+    points: NDArray[np.float64], index: NDArray[np.int64], towards: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Direction of least spread among each point's neighbours, facing ``towards``; [N, 3] unit vectors."""
+    local = points[index] - points[index].mean(1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", local, local))
+    normals = vectors[:, :, 0]
+    flip = np.einsum("ni,ni->n", normals, towards - points) < 0
+    normals[flip] *= -1
+    return normals
+
+
+def _quaternion_to(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit quaternions (w, x, y, z) that turn the z axis onto each normal; [N, 4]."""
+    half = np.array([0.0, 0.0, 1.0]) + normals
+    length = np.linalg.norm(half, axis=1, keepdims=True)
+    opposite = length[:, 0] < 1e-6
+    half = np.where(opposite[:, None], [1.0, 0.0, 0.0], half / np.maximum(length, 1e-12))
+    # Turning z onto n is two reflections: q = (z . h, z x h) with h half-way between them.
+    return np.stack([half[:, 2], -half[:, 1], half[:, 0], np.zeros(len(half))], axis=1)

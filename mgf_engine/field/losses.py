@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The training losses, eq. 16-20.
+
+Pixels are pooled over the mask only: a mean over the whole frame would count the outside as perfect. The
+boundary weight of eq. 12 acts once, as a weighted mean, which is what eq. 13, 15 and 17 say together when both
+sides are weighted: ``|w C - w I| = w |C - I|``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from mgf_engine.config import Config
+from mgf_engine.field.targets import Target
+from mgf_engine.raster.api import Rendering
+from mgf_engine.raster.geometry import normal_consistency
+from mgf_engine.raster.ssim import ssim_maps
+
+#: Exponents of multi-scale SSIM (Wang, Simoncelli and Bovik 2003), finest scale first.
+MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
+_WINDOW = 11
+_FLOOR = 0.01  # pooled similarity is kept positive so that its powers have a slope
+
+
+@dataclass
+class LossTerms:
+    """The total (eq. 20) and its parts, each already weighted; scalars."""
+
+    total: Tensor
+    color: Tensor
+    geometry: Tensor
+    background: Tensor
+    error: Tensor  # float32 [h, w] absolute colour error inside the box, no gradient
+
+
+def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: Tensor, geometry: bool) -> LossTerms:
+    """Eq. 20, plus the term that keeps certain background empty.
+
+    Args:
+        rendering: maps of the whole frame.
+        backdrop: [3] colour behind the field for this iteration.
+        geometry: whether the distortion and normal terms act yet.
+    """
+    alpha = target.crop(rendering.alpha)
+    color = target.crop(rendering.colour) + (1.0 - alpha) * backdrop[:, None, None]
+    photo, inside = target.photo, target.inside
+    # Outside the mask the photo stands in for the render, so that no window reaches over the edge.
+    color = torch.where(inside > 0, color, photo)
+    l1 = (color - photo).abs().mean(0)
+    color_loss = _color_loss(color, photo, l1, target, config)
+    geometry_loss = _geometry_loss(rendering, target, alpha, config) if geometry else alpha.new_zeros(())
+    ring_area = target.ring.sum().clamp_min(1.0)
+    background = config.background_lambda * (alpha * target.ring).sum() / ring_area
+    total = color_loss + geometry_loss + background
+    error = l1.detach() + alpha.detach() * target.ring
+    return LossTerms(total, color_loss.detach(), geometry_loss.detach(), background.detach(), error)
+
+
+def _color_loss(color: Tensor, photo: Tensor, l1: Tensor, target: Target, config: Config) -> Tensor:
+    """lambda_1 Loss_mlpm + lambda_2 Loss_boundary; a term switched off hands its weight to the plain eq. 16."""
+    multilevel = config.multilevel_lambda if config.multilevel_loss else 0.0
+    boundary = config.boundary_lambda if config.boundary_loss else 0.0
+    plain = config.multilevel_lambda + config.boundary_lambda - multilevel - boundary
+    uniform = target.inside / target.inside.sum()
+    edge = target.edge_weight / target.edge_weight.sum()
+    per_pixel = plain * uniform + boundary * edge
+    ssim, contrast = ssim_maps(color, photo)
+    weight = per_pixel
+    loss = config.ssim_weight * (per_pixel * (1.0 - ssim)).sum()
+    if multilevel > 0:
+        share = target.label_weight[target.labels] / _areas(target.labels, target)[target.labels].clamp_min(1.0)
+        weight = per_pixel + multilevel * share
+        similarity = ms_ssim_per_label(color, photo, target, ssim, contrast)
+        loss = loss + multilevel * config.ssim_weight * (target.label_weight * (1.0 - similarity)).sum()
+    return loss + config.l1_weight * (weight * l1).sum()
+
+
+def _areas(labels: Tensor, target: Target) -> Tensor:
+    return torch.bincount(labels.flatten(), minlength=len(target.label_weight)).float()
+
+
+def ms_ssim_per_label(color: Tensor, photo: Tensor, target: Target, ssim: Tensor, contrast: Tensor) -> Tensor:
+    """Multi-scale SSIM pooled per label, [count + 1]; entry 0 (outside) and labels below 11 px are 1 (no loss).
+
+    A label takes part at a scale while a square of its area is at least one window wide there; exponents of
+    the scales it takes part in are scaled to sum to one.
+    """
+    labels, count = target.labels, len(target.label_weight)
+    area = _areas(labels, target)
+    scales = max(1, min(len(MS_SSIM_WEIGHTS), int(torch.log2(area[1:].max().sqrt() / _WINDOW).floor()) + 1))
+    exponents = color.new_tensor(MS_SSIM_WEIGHTS[:scales])
+    side = area.sqrt()
+    takes_part = side[None, :] >= _WINDOW * 2.0 ** torch.arange(scales)[:, None]  # [scales, count + 1]
+    takes_part[:, 0] = False
+    share = exponents[:, None] * takes_part
+    share = share / share.sum(0).clamp_min(1e-9)
+    last = takes_part.sum(0) - 1
+    log_similarity = color.new_zeros(count)
+    for scale in range(scales):
+        if scale > 0:
+            color, photo = F.avg_pool2d(color[None], 2)[0], F.avg_pool2d(photo[None], 2)[0]
+            labels = labels[: labels.shape[0] // 2 * 2 : 2, : labels.shape[1] // 2 * 2 : 2]
+            ssim, contrast = ssim_maps(color, photo)
+        pooled_ssim, pooled_contrast = _pool(ssim, labels, count), _pool(contrast, labels, count)
+        value = torch.where(last == scale, pooled_ssim, pooled_contrast).clamp_min(_FLOOR)
+        log_similarity = log_similarity + share[scale] * torch.log(value)
+    return torch.exp(log_similarity)
+
+
+def _pool(map: Tensor, labels: Tensor, count: int) -> Tensor:
+    """Mean of a map over each label, [count]; 1 for labels without a pixel."""
+    flat = labels.flatten()
+    total = map.new_zeros(count).index_add(0, flat, map.flatten())
+    area = torch.bincount(flat, minlength=count)
+    return torch.where(area > 0, total / area.clamp_min(1), 1.0)
+
+
+def _geometry_loss(rendering: Rendering, target: Target, alpha: Tensor, config: Config) -> Tensor:
+    """lambda_3 Loss_depth + lambda_4 Loss_normal (both from 2DGS), means over the mask."""
+    inside = target.inside
+    area = inside.sum()
+    distortion = (target.crop(rendering.distortion) * inside).sum() / area
+    loss = config.distortion_lambda * distortion
+    if config.normal_lambda > 0:
+        depth = target.crop(rendering.depth) / alpha.clamp_min(1e-4)
+        weight = inside * (alpha.detach() > 0.5) / area
+        camera = target.camera.cropped(*target.box)
+        loss = loss + config.normal_lambda * normal_consistency(depth, target.crop(rendering.normal), weight, camera)
+    return loss

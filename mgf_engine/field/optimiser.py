@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Adam over a field whose Gaussians come and go; rows that no pixel saw are left alone."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import torch
+from torch import Tensor
+
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.raster.adam import adam_step
+
+TRAINED = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
+
+
+class Optimiser:
+    """Holds the field and Adam's two moments per trained parameter.
+
+    Attributes:
+        field: the parameters; replaced, not changed in size, by :meth:`replace_rows`.
+        moments: name -> (first, second), each shaped like the parameter.
+        step_count: steps taken so far, for the bias correction.
+    """
+
+    def __init__(self, field: Gaussians) -> None:
+        self.field = field
+        self.moments = {n: (torch.zeros_like(getattr(field, n)), torch.zeros_like(getattr(field, n))) for n in TRAINED}
+        self.step_count = 0
+
+    def leaves(self) -> Gaussians:
+        """The field with gradients switched on, to render and differentiate."""
+        for name in TRAINED:
+            getattr(self.field, name).requires_grad_(True).grad = None
+        return self.field
+
+    def step(self, rates: dict[str, float], visible: Tensor, sh_rest_share: float) -> None:
+        """One Adam step from the gradients on the leaves.
+
+        Args:
+            rates: learning rate per parameter name.
+            visible: uint8 [N]; rows with 0 keep their values and moments.
+            sh_rest_share: learning rate of the view-dependent colour as a share of the constant one's.
+        """
+        self.step_count += 1
+        for name in TRAINED:
+            parameter = getattr(self.field, name)
+            gradient = parameter.grad
+            parameter.grad = None
+            parameter.requires_grad_(False)
+            if gradient is None:
+                continue
+            first, second = self.moments[name]
+            columns = parameter[0].numel()
+            scale = torch.full((columns,), rates[name])
+            if name == "sh":
+                scale[3:] *= sh_rest_share
+            adam_step(parameter, gradient, first, second, scale, self.step_count, visible)
+
+    def keep(self, index: Tensor) -> None:
+        """Drop every row not in ``index`` (bool mask or int64 indices)."""
+        for name in TRAINED:
+            getattr(self.field, name).requires_grad_(False)
+        self.field = self.field.select(index)
+        self.moments = {n: (a[index].contiguous(), b[index].contiguous()) for n, (a, b) in self.moments.items()}
+
+    def append(self, new: Gaussians) -> None:
+        """Add rows with empty moments."""
+        joined = {f.name: torch.cat([getattr(self.field, f.name), getattr(new, f.name)]) for f in fields(Gaussians)}
+        self.field = Gaussians(**joined)
+        for name, (first, second) in self.moments.items():
+            zeros = torch.zeros_like(getattr(new, name))
+            self.moments[name] = (torch.cat([first, zeros]), torch.cat([second, zeros]))

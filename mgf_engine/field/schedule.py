@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""When things happen during training, always as a share of the run, and how learning rates fall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from mgf_engine.config import Config
+
+#: Reduction of resolution and the share of the run until which it holds.
+_LEVELS = ((4, 0.15), (2, 0.45), (1, 1.0))
+_SMALLEST_SIDE = 160  # px; no level makes the longest side shorter than this
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Adam's step per parameter kind, in units of the normalised frame; positions fall exponentially."""
+
+    positions: float = 1.0e-3
+    positions_final: float = 1.0e-5
+    log_scales: float = 7.0e-3
+    rotations: float = 2.0e-3
+    opacity_logits: float = 5.0e-2
+    sh_constant: float = 4.0e-3
+    sh_rest: float = 2.0e-4
+
+
+RATES = LearningRates()
+
+
+def rates_at(share: float) -> dict[str, float]:
+    """Learning rate per parameter name at a share of the run (0..1)."""
+    positions = RATES.positions * (RATES.positions_final / RATES.positions) ** share
+    calm = 1.0 if share < 0.6 else 1.0 - 0.8 * (share - 0.6) / 0.4
+    return {
+        "positions": positions,
+        "log_scales": RATES.log_scales * calm,
+        "rotations": RATES.rotations * calm,
+        "opacity_logits": RATES.opacity_logits * calm,
+        "sh": RATES.sh_constant * calm,
+    }
+
+
+def reduction_at(share: float, longest_side: int, config: Config) -> int:
+    """By how much photos are reduced at a share of the run: 4, 2 or 1."""
+    if not config.coarse_to_fine:
+        return 1
+    for factor, until in _LEVELS:
+        if share < until and longest_side / factor >= _SMALLEST_SIDE:
+            return factor
+    return 1
+
+
+def sh_degree_at(share: float, config: Config) -> int:
+    """Degree of the spherical harmonics: constant colour first, one more every tenth of the run."""
+    return min(config.sh_degree, int(share * 10))
+
+
+def view_order(count: int, epoch: int, seed: int) -> list[int]:
+    """A fixed shuffle of the training views for one pass over them."""
+    generator = torch.Generator().manual_seed(seed * 1_000_003 + epoch)
+    return torch.randperm(count, generator=generator).tolist()

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What one training view is compared with: photo, labels and pixel weights, cut to the box that matters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mgf_engine.config import Config
+from mgf_engine.masks.boundaries import weights as boundary_weights
+from mgf_engine.masks.model import BACKGROUND, building
+from mgf_engine.raster.api import Camera
+from mgf_engine.scene.model import View
+
+_RING = 24  # px of certain background around the building that is kept empty
+_GRADIENT_LIMITS = (0.25, 4.0)
+_TILE = 16
+
+
+@dataclass
+class Target:
+    """One view at one resolution. Maps are cut to ``box`` (y0, y1, x0, x1), which is aligned to tiles.
+
+    Attributes:
+        camera: of the whole frame at this resolution.
+        tile_mask: uint8 [tiles_y, tiles_x]; tiles of the whole frame that hold a pixel that counts.
+        image: uint8 [3, h, w].
+        labels: int64 [h, w]; 0 where nothing is compared, else 1..count (ids made consecutive).
+        label_weight: float32 [count + 1]; area share times delta of eq. 19, summing to one.
+        edge_weight: float32 [h, w]; w of eq. 12, zero outside.
+        ring: float32 [h, w]; 1 on certain background near the building.
+    """
+
+    camera: Camera
+    tile_mask: Tensor
+    box: tuple[int, int, int, int]
+    image: Tensor
+    labels: Tensor
+    label_weight: Tensor
+    edge_weight: Tensor
+    ring: Tensor
+
+    def crop(self, plane: Tensor) -> Tensor:
+        """A rendered map [..., H, W] cut to the box."""
+        y0, y1, x0, x1 = self.box
+        return plane[..., y0:y1, x0:x1]
+
+    @cached_property
+    def inside(self) -> Tensor:
+        """float32 [h, w]; 1 on the building."""
+        return (self.labels > 0).float()
+
+    @cached_property
+    def photo(self) -> Tensor:
+        """float32 [3, h, w] in 0..1."""
+        return self.image.float() / 255.0
+
+
+def make_target(
+    photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, factor: int, config: Config
+) -> Target | None:
+    """The target of one view reduced by ``factor``; None when no building pixel is left.
+
+    Args:
+        photo: RGB uint8 [H, W, 3] at working resolution.
+        labels: uint8 [H, W], see :mod:`mgf_engine.masks.model`.
+    """
+    camera = Camera.from_view(view, 1.0 / factor)
+    size = (camera.width, camera.height)
+    if factor > 1:
+        photo = cv2.resize(photo, size, interpolation=cv2.INTER_AREA)
+        labels = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
+    inside = building(labels)
+    if not inside.any():
+        return None
+    ring = _ring(inside, labels, max(2, _RING // factor))
+    box = _tile_box(inside | ring)
+    y0, y1, x0, x1 = box
+    photo, labels, inside, ring = (a[y0:y1, x0:x1] for a in (photo, labels, inside, ring))
+    compact, label_weight = _label_weights(photo, labels, inside)
+    return Target(
+        camera=camera,
+        tile_mask=_tile_mask(inside | ring, box, camera),
+        box=box,
+        image=torch.from_numpy(np.ascontiguousarray(photo.transpose(2, 0, 1))),
+        labels=torch.from_numpy(compact),
+        label_weight=torch.from_numpy(label_weight),
+        edge_weight=torch.from_numpy(boundary_weights(labels, config.boundary_weight).astype(np.float32)),
+        ring=torch.from_numpy(ring.astype(np.float32)),
+    )
+
+
+def _ring(inside: NDArray[np.bool_], labels: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:
+    """Certain background at most ``width`` px from the building, and two px clear of its edge."""
+    outside = (~inside).astype(np.uint8)
+    distance = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
+    return (labels == BACKGROUND) & (distance > 2.0) & (distance <= width)
+
+
+def _tile_box(counts: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    height, width = counts.shape
+    rows, columns = np.flatnonzero(counts.any(1)), np.flatnonzero(counts.any(0))
+    y0, y1 = rows[0] // _TILE * _TILE, min(height, -(-(rows[-1] + 1) // _TILE) * _TILE)
+    x0, x1 = columns[0] // _TILE * _TILE, min(width, -(-(columns[-1] + 1) // _TILE) * _TILE)
+    return int(y0), int(y1), int(x0), int(x1)
+
+
+def _tile_mask(counts: NDArray[np.bool_], box: tuple[int, int, int, int], camera: Camera) -> Tensor:
+    tiles_y, tiles_x = -(-camera.height // _TILE), -(-camera.width // _TILE)
+    full = np.zeros((tiles_y * _TILE, tiles_x * _TILE), bool)
+    full[box[0] : box[1], box[2] : box[3]] = counts
+    tiles = full.reshape(tiles_y, _TILE, tiles_x, _TILE).any((1, 3))
+    return torch.from_numpy(tiles.astype(np.uint8))
+
+
+def _label_weights(
+    photo: NDArray[np.uint8], labels: NDArray[np.uint8], inside: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Consecutive labels and, per label, its area share times delta_k (eq. 19).
+
+    delta_k is the inverse of the mean gradient inside the eroded mask (so that the mask's own outline does not
+    count), clipped, and scaled so that the shares sum to one.
+    """
+    ids, compact = np.unique(np.where(inside, labels, 0), return_inverse=True)
+    compact = compact.reshape(labels.shape) + (0 if ids[0] == 0 else 1)
+    count = int(compact.max())
+    grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255.0
+    magnitude = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
+    flat = compact.astype(np.float32)
+    kernel = np.ones((3, 3), np.uint8)
+    core = (cv2.erode(flat, kernel) == flat) & (cv2.dilate(flat, kernel) == flat) & (compact > 0)
+    area = np.bincount(compact.ravel(), minlength=count + 1).astype(np.float64)
+    core_area = np.bincount(compact[core], minlength=count + 1)
+    gradient = np.bincount(compact[core], weights=magnitude[core], minlength=count + 1) / np.maximum(core_area, 1)
+    typical = (gradient * core_area).sum() / max(core_area.sum(), 1)
+    delta = np.clip((typical + 1e-6) / (gradient + 1e-6), *_GRADIENT_LIMITS)
+    delta[core_area == 0] = 1.0
+    weight = delta * area
+    weight[0] = 0.0
+    return compact.astype(np.int64), (weight / weight.sum()).astype(np.float32)

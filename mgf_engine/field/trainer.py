@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The training loop: one view an iteration, render, compare (eq. 20), step; grow and prune in between."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
+from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
+from mgf_engine.field.density import budget_at, refine
+from mgf_engine.field.filter3d import update_filter
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.initialise import initial_field
+from mgf_engine.field.losses import LossTerms, total_loss
+from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.field.schedule import RATES, rates_at, reduction_at, sh_degree_at, view_order
+from mgf_engine.field.targets import Target, make_target
+from mgf_engine.masks.model import MaskSet
+from mgf_engine.masks.points import vote
+from mgf_engine.messages import Reporter
+from mgf_engine.raster.api import RenderStats, Rendering, render
+from mgf_engine.scene.model import Scene
+
+_PREVIEW_SECONDS = 15.0
+_CURVE_POINTS = 200
+_VOTE_ROUNDS = 5  # the masks vote on the Gaussians at every n-th round
+
+
+def train(
+    scene: Scene, masks: MaskSet, config: Config, folder: Path, reporter: Reporter
+) -> tuple[Gaussians, dict[str, Any]]:
+    """Train the field of a building.
+
+    Args:
+        folder: where checkpoints go; training resumes from the one it finds.
+
+    Returns:
+        The field in the normalised frame and the figures for the report.
+
+    Raises:
+        BadInput: no photo is left to train on, or too few points lie on the building.
+        Cancelled: asked to stop; a checkpoint was written first.
+    """
+    return _Trainer(scene, masks, config, folder, reporter).run()
+
+
+class _Trainer:
+    def __init__(self, scene: Scene, masks: MaskSet, config: Config, folder: Path, reporter: Reporter) -> None:
+        self.scene, self.masks, self.config, self.folder, self.reporter = scene, masks, config, folder, reporter
+        self.views = training_views(scene, masks)
+        self.longest_side = max(max(v.width, v.height) for v in scene.views)
+        self.targets: dict[int, Target | None] = {}
+        self.factor = 0
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.checkpoint_path = folder / "training.npz"
+        found = read_checkpoint(self.checkpoint_path)
+        if found is None:
+            field = start_field(scene, masks, config)
+            found = Checkpoint(Optimiser(field), 0, {"start_gaussians": len(field), "curve": [], "seconds": {}})
+        self.optimiser, self.iteration, self.figures = found.optimiser, found.iteration, found.figures
+        self.seconds.update(self.figures["seconds"])
+        self.stats = RenderStats(len(self.optimiser.field))
+
+    def run(self) -> tuple[Gaussians, dict[str, Any]]:
+        config, total = self.config, self.config.iterations
+        saved = shown = time.monotonic()
+        update_filter(self.optimiser.field, [self.scene.views[i] for i in self.views])
+        order: list[int] = []
+        while self.iteration < total:
+            share = self.iteration / total
+            self._set_level(reduction_at(share, self.longest_side, config))
+            epoch, place = divmod(self.iteration, len(self.views))
+            if place == 0 or not order:
+                order = view_order(len(self.views), epoch, config.seed)
+            target = self._target(self.views[order[place]])
+            if target is not None:
+                rendering, terms = self._step(target, share)
+                self._record(target, rendering, terms)
+            self.iteration += 1
+            if self.iteration % config.densify_every == 0:
+                self._refine(share)
+            now = time.monotonic()
+            # A checkpoint is taken right after a round of growth, when no statistics are half gathered.
+            if self.iteration % config.densify_every == 0 and (
+                now - saved > config.checkpoint_seconds or self.reporter.cancelled
+            ):
+                self._save()
+                saved = now
+            if target is not None and now - shown > _PREVIEW_SECONDS:
+                self._preview(target, rendering)
+                shown = now
+            self._report(share)
+        field = self.optimiser.field
+        write_field(field, self.folder / "field.npz")
+        self.checkpoint_path.unlink(missing_ok=True)
+        return field, self._final_figures()
+
+    @contextmanager
+    def _timed(self, part: str) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self.seconds[part] += time.perf_counter() - started
+
+    def _set_level(self, factor: int) -> None:
+        if factor != self.factor:
+            self.factor, self.targets = factor, {}
+
+    def _target(self, view: int) -> Target | None:
+        if view not in self.targets:
+            with self._timed("targets"):
+                photo, labels = self.scene.photo(view), self.masks.labels[view]
+                self.targets[view] = make_target(photo, labels, self.scene.views[view], self.factor, self.config)
+        return self.targets[view]
+
+    def _step(self, target: Target, share: float) -> tuple[Rendering, LossTerms]:
+        config = self.config
+        geometry = share >= config.geometry_from
+        generator = torch.Generator().manual_seed(config.seed * 7_919 + self.iteration)
+        backdrop = torch.rand(3, generator=generator)
+        error_map = torch.zeros(target.camera.height, target.camera.width)
+        with self._timed("render"):
+            rendering = render(
+                self.optimiser.leaves(), target.camera, sh_degree=sh_degree_at(share, config),
+                tile_mask=target.tile_mask, stats=self.stats, error_map=error_map, geometry=geometry,
+            )  # fmt: skip
+        with self._timed("losses"):
+            terms = total_loss(rendering, target, config, backdrop, geometry)
+            target.crop(error_map).copy_(terms.error)
+        with self._timed("backward"):
+            terms.total.backward()
+        with self._timed("optimiser"):
+            self.optimiser.step(rates_at(share), self.stats.visible, RATES.sh_rest / RATES.sh_constant)
+        return rendering, terms
+
+    def _refine(self, share: float) -> None:
+        config, field = self.config, self.optimiser.field
+        with self._timed("density"):
+            keep = torch.ones(len(field), dtype=torch.bool)
+            if config.use_masks and self.iteration // config.densify_every % _VOTE_ROUNDS == 0:
+                keep = self._mask_vote(field)
+            budget = budget_at(share, self.figures["start_gaussians"], config)
+            grow = config.densify_from <= share < config.densify_until
+            refine(self.optimiser, self.stats, keep, budget, config, grow)
+            if len(self.optimiser.field) == 0:
+                raise BadInput("The field has died out: no Gaussian explains the masks; check the masks and cameras.")
+            update_filter(self.optimiser.field, [self.scene.views[i] for i in self.views])
+            self.stats = RenderStats(len(self.optimiser.field))
+
+    def _mask_vote(self, field: Gaussians) -> torch.Tensor:
+        points = field.positions.detach().double().numpy()
+        return torch.from_numpy(vote(points, self.scene, self.masks, self.views, self.config))
+
+    def _record(self, target: Target, rendering: Rendering, terms: LossTerms) -> None:
+        interval = max(1, self.config.iterations // _CURVE_POINTS)
+        if self.iteration % interval:
+            return
+        with torch.no_grad():
+            difference = (target.crop(rendering.colour) - target.photo) * target.inside
+            mse = float((difference**2).sum() / (3 * target.inside.sum()))
+        self.figures["curve"].append({
+            "iteration": self.iteration,
+            "psnr": round(-10 * math.log10(max(mse, 1e-10)), 3),
+            "loss": round(float(terms.total.detach()), 5),
+            "gaussians": len(self.optimiser.field),
+            "seconds": round(sum(self.seconds.values()), 2),
+        })  # fmt: skip
+
+    def _report(self, share: float) -> None:
+        curve = self.figures["curve"][-5:]
+        psnr = float(np.mean([p["psnr"] for p in curve])) if curve else 0.0
+        elapsed = sum(self.seconds.values())
+        left = elapsed / max(self.iteration, 1) * (self.config.iterations - self.iteration) if share > 0.01 else None
+        if self.reporter.cancelled and self.iteration % self.config.densify_every:
+            return  # finish the round first, so that the checkpoint repeats nothing
+        self.reporter.progress(
+            self.iteration / self.config.iterations, left, iteration=self.iteration,
+            gaussians=len(self.optimiser.field), psnr=round(psnr, 2),
+        )  # fmt: skip
+
+    def _save(self) -> None:
+        self.figures["seconds"] = dict(self.seconds)
+        write_checkpoint(Checkpoint(self.optimiser, self.iteration, self.figures), self.checkpoint_path)
+
+    def _preview(self, target: Target, rendering: Rendering) -> None:
+        path = self.folder / "preview.jpg"
+        colour = target.crop(rendering.colour).detach().clamp(0, 1).numpy().transpose(1, 2, 0)
+        side_by_side = np.concatenate([target.photo.numpy().transpose(1, 2, 0), colour], 1)
+        picture = (side_by_side[:, :, ::-1] * 255).astype(np.uint8)
+        path.write_bytes(cv2.imencode(".jpg", picture)[1].tobytes())
+        self.reporter.preview(str(path), f"Iteration {self.iteration}: photo and render")
+
+    def _final_figures(self) -> dict[str, Any]:
+        seconds = {name: round(value, 2) for name, value in self.seconds.items()}
+        return {
+            "gaussians": len(self.optimiser.field),
+            "iterations": self.iteration,
+            "start_gaussians": self.figures["start_gaussians"],
+            "curve": self.figures["curve"],
+            "seconds_per_part": seconds,
+        }
+
+
+def training_views(scene: Scene, masks: MaskSet) -> list[int]:
+    """Views with a mask worth training on that are not held out.
+
+    Raises:
+        BadInput: none is left.
+    """
+    held_out = set(scene.held_out)
+    views = [i for i in range(len(scene.views)) if masks.used[i] and i not in held_out]
+    if not views:
+        raise BadInput("No photo has a usable mask; add clicks on the building or give masks with --masks.")
+    return views
+
+
+def start_field(scene: Scene, masks: MaskSet, config: Config) -> Gaussians:
+    """The first Gaussians, from the masked points P' (or from all points, ablation b)."""
+    chosen = masks.point_mask if config.masked_points else np.ones(len(scene.points), bool)
+    index = np.flatnonzero(chosen)
+    if len(index) > config.max_gaussians:
+        generator = np.random.default_rng(config.seed)
+        index = np.sort(generator.choice(index, config.max_gaussians, replace=False))
+    return initial_field(scene.points[index], scene.colors[index], _seen_from(scene, index))
+
+
+def _seen_from(scene: Scene, index: NDArray[np.int64]) -> NDArray[np.float64]:
+    """A camera centre that observed each point, [N, 3]."""
+    centres = np.stack([view.centre for view in scene.views])
+    first = np.minimum(scene.track_start[index], max(len(scene.track_view) - 1, 0))
+    return centres[scene.track_view[first]]
