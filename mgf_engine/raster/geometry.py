@@ -28,15 +28,17 @@ class Intrinsics(Protocol):
     cy: float
 
 
-def normal_consistency(depth: Tensor, normal: Tensor, alpha: Tensor, weight: Tensor, camera: Intrinsics) -> Tensor:
+def normal_consistency(
+    depth: Tensor, normal: Tensor, weight: Tensor, camera: Intrinsics, alpha: Tensor | None = None
+) -> Tensor:
     """Weighted mean of ``alpha - <normal, normal of the depth>``, differentiable in depth, normal and alpha.
 
     Args:
         depth: [H, W], depth along the optical axis (expected depth divided by alpha, or median); <= 0 is no surface.
         normal: [3, H, W], rendered normals in the camera's frame, premultiplied, facing the camera.
-        alpha: [H, W], accumulated opacity.
         weight: [H, W], >= 0, weight of each pixel; not differentiated.
         camera: the intrinsics of the view.
+        alpha: [H, W], accumulated opacity; None takes 1, so that pixels not fully covered cost something too.
 
     Returns:
         a scalar; 0 where no pixel counts. A pixel counts when it and its four neighbours have a positive weight
@@ -45,6 +47,7 @@ def normal_consistency(depth: Tensor, normal: Tensor, alpha: Tensor, weight: Ten
     Raises:
         ValueError: sizes do not fit.
     """
+    alpha = torch.ones_like(depth) if alpha is None else alpha
     height, width = depth.shape
     if normal.shape != (3, height, width) or alpha.shape != depth.shape or weight.shape != depth.shape:
         raise ValueError("depth, alpha and weight must be [H, W] and normal [3, H, W] of one size")

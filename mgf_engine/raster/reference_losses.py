@@ -37,8 +37,11 @@ def depth_normals(depth: Tensor, camera: Intrinsics) -> Tensor:
     return torch.nn.functional.normalize(torch.linalg.cross(down, across, dim=0), dim=0, eps=1e-15)
 
 
-def normal_consistency(depth: Tensor, normal: Tensor, alpha: Tensor, weight: Tensor, camera: Intrinsics) -> Tensor:
+def normal_consistency(
+    depth: Tensor, normal: Tensor, weight: Tensor, camera: Intrinsics, alpha: Tensor | None = None
+) -> Tensor:
     """Twin of :func:`mgf_engine.raster.geometry.normal_consistency`."""
+    alpha = torch.ones_like(depth) if alpha is None else alpha
     good = (weight > 0) & (depth > 0)
     valid = good[1:-1, 1:-1] & good[1:-1, 2:] & good[1:-1, :-2] & good[2:, 1:-1] & good[:-2, 1:-1]
     inner = weight[1:-1, 1:-1] * valid

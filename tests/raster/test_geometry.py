@@ -35,10 +35,10 @@ def maps(height: int, width: int, seed: int = 0, holes: float = 0.03) -> list[to
 def test_value_and_gradients_match_the_twin(size):
     depth, normal, alpha, weight = maps(*size, holes=0.0 if size == (3, 3) else 0.03)
     ours = [m.clone().requires_grad_() for m in (depth, normal, alpha)]
-    loss = normal_consistency(*ours, weight, Pinhole())
+    loss = normal_consistency(ours[0], ours[1], weight, Pinhole(), ours[2])
     (3 * loss).backward()
     twin = [m.double().requires_grad_() for m in (depth, normal, alpha)]
-    expected = reference_losses.normal_consistency(*twin, weight.double(), Pinhole())
+    expected = reference_losses.normal_consistency(twin[0], twin[1], weight.double(), Pinhole(), twin[2])
     (3 * expected).backward()
     assert abs(loss.item() - expected.item()) < 1e-6
     for a, b in zip(ours, twin, strict=True):
@@ -50,7 +50,7 @@ def test_gradient_by_finite_differences():
     depth, normal, alpha, weight = (m.double() for m in maps(6, 7, holes=0.0))
     depth.requires_grad_()
     torch.autograd.gradcheck(
-        lambda d: reference_losses.normal_consistency(d, normal, alpha, weight, Pinhole()), (depth,), eps=1e-6
+        lambda d: reference_losses.normal_consistency(d, normal, weight, Pinhole(), alpha), (depth,), eps=1e-6
     )
 
 
@@ -62,9 +62,9 @@ def test_plane_with_its_own_normal_costs_nothing():
     depth = -2.0 / (direction[0] * u[None] + direction[1] * v[:, None] + direction[2])
     ones = torch.ones(height, width)
     normal = direction[:, None, None].expand(3, height, width)
-    assert normal_consistency(depth, normal, ones, ones, camera) < 1e-5
-    assert normal_consistency(depth, -normal, ones, ones, camera) > 1.99
-    assert normal_consistency(depth, 0.4 * normal, 0.4 * ones, ones, camera) < 1e-5  # premultiplied
+    assert normal_consistency(depth, normal, ones, camera) < 1e-5
+    assert normal_consistency(depth, -normal, ones, camera) > 1.99
+    assert normal_consistency(depth, 0.4 * normal, ones, camera, 0.4 * ones) < 1e-5
 
 
 def test_pixels_without_neighbours_do_not_count():
@@ -72,10 +72,10 @@ def test_pixels_without_neighbours_do_not_count():
     weight[:, 10:] = 0
     changed = depth.clone()
     changed[:, 11:] = 50.0
-    a = normal_consistency(depth, normal, alpha, weight, Pinhole())
-    assert a == normal_consistency(changed, normal, alpha, weight, Pinhole())
+    a = normal_consistency(depth, normal, weight, Pinhole(), alpha)
+    assert a == normal_consistency(changed, normal, weight, Pinhole(), alpha)
     depth.requires_grad_()
-    normal_consistency(depth, normal, alpha, weight, Pinhole()).backward()
+    normal_consistency(depth, normal, weight, Pinhole(), alpha).backward()
     assert depth.grad[:, 10:].abs().max() == 0
 
 
@@ -83,7 +83,7 @@ def test_pixels_without_neighbours_do_not_count():
 def test_nothing_valid_gives_zero_and_no_nan(size):
     depth, normal, alpha, weight = maps(*size)
     depth = torch.zeros_like(depth).requires_grad_()
-    loss = normal_consistency(depth, normal, alpha, weight, Pinhole())
+    loss = normal_consistency(depth, normal, weight, Pinhole(), alpha)
     loss.backward()
     assert loss == 0 and depth.grad.abs().max() == 0
 
@@ -91,9 +91,9 @@ def test_nothing_valid_gives_zero_and_no_nan(size):
 def test_same_sum_for_any_number_of_threads():
     data = maps(70, 50)
     library.set_threads(1)
-    alone = normal_consistency(*data, Pinhole())
+    alone = normal_consistency(data[0], data[1], data[3], Pinhole(), data[2])
     library.set_threads(3)
-    together = normal_consistency(*data, Pinhole())
+    together = normal_consistency(data[0], data[1], data[3], Pinhole(), data[2])
     library.set_threads(0)
     assert alone == together
 
@@ -101,4 +101,4 @@ def test_same_sum_for_any_number_of_threads():
 def test_wrong_sizes_are_refused():
     depth, normal, alpha, weight = maps(8, 8)
     with pytest.raises(ValueError, match="one size"):
-        normal_consistency(depth, normal, alpha[1:], weight, Pinhole())
+        normal_consistency(depth, normal, weight, Pinhole(), alpha[1:])
