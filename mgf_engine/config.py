@@ -142,7 +142,9 @@ def read_config(path: Path) -> dict[str, Any]:
     try:
         given = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise BadInput(f"Cannot read the config '{path}' ({error}); give a JSON file of option names and values.") from error
+        raise BadInput(
+            f"Cannot read the config '{path}' ({error}); give a JSON file of option names and values."
+        ) from error
     if not isinstance(given, dict):
         raise BadInput(f"The config '{path}' must be a JSON object of option names and values.")
     return given
@@ -178,7 +180,16 @@ def _convert(spec: Any, value: Any) -> Any:
 
 def _parse(kind: type, value: Any) -> Any:
     if kind is bool:
-        table = {"true": True, "false": False, "1": True, "0": False, "on": True, "off": False, "yes": True, "no": False}
+        table = {
+            "true": True,
+            "false": False,
+            "1": True,
+            "0": False,
+            "on": True,
+            "off": False,
+            "yes": True,
+            "no": False,
+        }
         key = str(value).strip().lower()
         if key not in table:
             raise ValueError(value)

@@ -17,9 +17,7 @@ _FLATNESS = 0.25  # thickness of a disc as a share of its radius
 _OPACITY = 0.3
 
 
-def initial_field(
-    points: NDArray[np.float64], colors: NDArray[np.uint8], towards: NDArray[np.float64]
-) -> Gaussians:
+def initial_field(points: NDArray[np.float64], colors: NDArray[np.uint8], towards: NDArray[np.float64]) -> Gaussians:
     """One Gaussian per point.
 
     Args:

@@ -30,7 +30,7 @@ from mgf_engine.field.targets import Target, make_target
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import vote
 from mgf_engine.messages import Reporter
-from mgf_engine.raster.api import RenderStats, Rendering, render
+from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.scene.model import Scene
 
 _PREVIEW_SECONDS = 15.0

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import json
+from dataclasses import fields
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mgf_engine.config import PRESETS, SECTIONS, Config, as_dict, make_config, options_schema, read_config
+from mgf_engine.errors import BadInput
+
+
+def test_defaults_are_valid() -> None:
+    config = make_config()
+    assert make_config(as_dict(config)) == config
+
+
+@pytest.mark.parametrize("preset", list(PRESETS))
+def test_presets_are_valid_and_options_win_over_them(preset: str) -> None:
+    assert make_config({"preset": preset}).preset == preset
+    assert make_config({"preset": preset, "iterations": 77}).iterations == 77
+
+
+@pytest.mark.parametrize(
+    ("given_options", "part"),
+    [
+        ({"iterationz": 3}, "Unknown option 'iterationz'"),
+        ({"iterations": 0}, "at least 1"),
+        ({"iterations": "many"}, "a whole number"),
+        ({"iterations": 1.5}, "a whole number"),
+        ({"iterations": True}, "a whole number"),
+        ({"opacity_level": "nan"}, "a number"),
+        ({"opacity_level": 2}, "at most 0.99"),
+        ({"use_masks": "perhaps"}, "true or false"),
+        ({"preset": "fast"}, "one of draft, standard, fine"),
+        ({"weights": 3}, "text"),
+        ({"densify_from": 0.9, "densify_until": 0.1}, "densify_from"),
+        ({"iterations": "9" * 5000}, "iterations"),
+    ],
+)
+def test_impossible_options_are_refused_in_one_sentence(given_options: dict, part: str) -> None:
+    with pytest.raises(BadInput, match=part) as caught:
+        make_config(given_options)
+    assert "\n" not in str(caught.value)
+
+
+def test_text_values_are_converted() -> None:
+    config = make_config({"iterations": "12", "use_masks": "off", "opacity_level": "0.4"})
+    assert (config.iterations, config.use_masks, config.opacity_level) == (12, False, 0.4)
+
+
+def test_schema_lists_every_option_once_with_help() -> None:
+    schema = options_schema()
+    assert [o["name"] for o in schema["options"]] == [f.name for f in fields(Config)]
+    for entry in schema["options"]:
+        assert entry["section"] in SECTIONS
+        assert entry["help"]
+        assert not entry["help"].endswith(".")
+    json.dumps(schema)
+
+
+@pytest.mark.parametrize("content", [b"", b"[1]", b"{", b"\xff\xfe", b"[" * 100_000])
+def test_unreadable_config_files_are_refused(tmp_path, content: bytes) -> None:
+    path = tmp_path / "c.json"
+    path.write_bytes(content)
+    with pytest.raises(BadInput):
+        read_config(path)
+
+
+@given(st.dictionaries(st.sampled_from([f.name for f in fields(Config)]), st.one_of(st.text(), st.floats(), st.integers(), st.booleans())))  # fmt: skip  # noqa: E501
+def test_any_values_give_a_config_or_one_sentence(options: dict) -> None:
+    try:
+        make_config(options)
+    except BadInput as error:
+        assert str(error)

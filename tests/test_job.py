@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mgf_engine.errors import BadInput
+from mgf_engine.job import Job, read_job
+from mgf_engine.messages import STAGES
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    folder = tmp_path / "scene Ω"
+    (folder / "images").mkdir(parents=True)
+    (folder / "images" / "a.jpg").write_bytes(b"x")
+    (folder / "cameras.bin").write_bytes(b"y")
+    return folder
+
+
+def finish_all(job: Job) -> None:
+    for stage in STAGES:
+        job.finish(stage, job.keys()[stage], 1.0, 1, {})
+
+
+def test_a_finished_job_is_done_after_reopening(tmp_path: Path, source: Path) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        assert not any(job.done(stage) for stage in STAGES)
+        finish_all(job)
+    with Job.start(tmp_path / "job", resume=True) as job:
+        assert all(job.done(stage) for stage in STAGES)
+
+
+@pytest.mark.parametrize(
+    ("options", "first_redone"),
+    [({"resolution": 100}, "scene"), ({"vote_dilation": 1}, "masks"), ({"seed": 5}, "field"),
+     ({"level_steps": 3}, "mesh"), ({"render_all": True}, "deliver")],
+)  # fmt: skip
+def test_a_changed_option_redoes_its_stage_and_the_later_ones(tmp_path, source, options, first_redone) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        finish_all(job)
+    with Job.start(tmp_path / "job", source, given=options, resume=True) as job:
+        assert [s for s in STAGES if not job.done(s)] == list(STAGES[STAGES.index(first_redone) :])
+
+
+def test_options_given_once_stay_for_the_resumed_job(tmp_path: Path, source: Path) -> None:
+    Job.start(tmp_path / "job", source, given={"iterations": 11}).close()
+    with Job.start(tmp_path / "job", source, given={"seed": 2}, resume=True) as job:
+        assert (job.config.iterations, job.config.seed) == (11, 2)
+
+
+def test_changed_photos_and_models_redo_the_scene(tmp_path: Path, source: Path) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        finish_all(job)
+        (source / "cameras.bin").write_bytes(b"z")
+        assert not job.done("scene")
+
+
+def test_a_job_folder_inside_the_scene_does_not_change_the_scene(source: Path) -> None:
+    with Job.start(source / "out", source) as job:
+        before = job.keys()["scene"]
+        (source / "out" / "picture.png").write_bytes(b"1")
+        assert job.keys()["scene"] == before
+
+
+def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path, source: Path) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        job.begin("field")
+        checkpoint = job.path("checkpoints", "training.npz")
+        checkpoint.parent.mkdir()
+        checkpoint.write_bytes(b"1")
+        job.begin("field")
+        assert checkpoint.exists()
+    with Job.start(tmp_path / "job", given={"seed": 3}, resume=True) as job:
+        job.begin("field")
+        assert not checkpoint.exists()
+
+
+@pytest.mark.parametrize("what", ["file", "foreign", "other scene", "no resume", "same as scene", "missing scene"])
+def test_wrong_folders_are_refused_and_left_alone(tmp_path: Path, source: Path, what: str) -> None:
+    out = tmp_path / "out"
+    scene = source
+    if what == "file":
+        out.write_text("mine")
+    elif what == "foreign":
+        out.mkdir()
+        (out / "thesis.txt").write_text("mine")
+    elif what in ("other scene", "no resume"):
+        Job.start(out, source).close()
+        if what == "other scene":
+            scene = tmp_path
+    elif what == "same as scene":
+        out = source
+    else:
+        scene = tmp_path / "nowhere"
+    before = sorted(str(p) for p in tmp_path.rglob("*"))
+    with pytest.raises(BadInput):
+        Job.start(out, scene, resume=what == "other scene")
+    assert sorted(str(p) for p in tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"format": 1}', '{"format": 99, "stages": {}, "given": {}, '
+                                     '"source": "a", "prompts": null, "masks": null}', "[" * 50_000])  # fmt: skip
+def test_damaged_job_files_are_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / "job.json").write_text(content)
+    with pytest.raises(BadInput):
+        read_job(tmp_path)
+
+
+def test_a_folder_in_use_is_refused_and_free_again_after_a_kill(tmp_path: Path, source: Path) -> None:
+    code = (
+        "import sys,time; from pathlib import Path; from mgf_engine.job import Job;"
+        "job = Job.start(Path(sys.argv[1]), Path(sys.argv[2])); print('open', flush=True); time.sleep(60)"
+    )
+    other = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path / "job"), str(source)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "open\n"
+        with pytest.raises(BadInput, match="in use"):
+            Job.start(tmp_path / "job", source, resume=True)
+    finally:
+        other.kill()
+        other.wait()
+    Job.start(tmp_path / "job", source, resume=True).close()
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="rights do not bind the superuser or Windows folders")
+def test_a_folder_without_write_permission_is_refused(tmp_path: Path, source: Path) -> None:
+    tmp_path.chmod(0o500)
+    try:
+        with pytest.raises(BadInput, match="Cannot write"):
+            Job.start(tmp_path / "job", source)
+    finally:
+        tmp_path.chmod(0o700)
+
+
+def test_an_unwritable_place_is_refused(source: Path) -> None:
+    with pytest.raises(BadInput, match="Cannot write"):
+        Job.start(Path("/proc/mgf-job"), source)
+
+
+def test_job_file_holds_inputs_and_options(tmp_path: Path, source: Path) -> None:
+    Job.start(tmp_path / "job", source, given={"seed": 4}).close()
+    data = json.loads((tmp_path / "job" / "job.json").read_text())
+    assert data["given"] == {"seed": 4}
+    assert data["config"]["seed"] == 4
+    assert data["source"] == str(source.resolve())

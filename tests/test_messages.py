@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import json
+
+import pytest
+
+from mgf_engine.errors import Cancelled
+from mgf_engine.messages import STAGE_SHARE, STAGES, Reporter, encode
+from mgf_engine.terminal import duration, make_sink
+
+
+def test_every_message_is_one_line_of_json_with_its_schema() -> None:
+    seen: list[dict] = []
+    reporter = Reporter(seen.append)
+    reporter.stage("scene")
+    reporter.progress(0.5, 3.0, photos=3)
+    reporter.warning("línea\nrota")
+    reporter.preview("a.jpg", "A")
+    for message in seen:
+        line = encode(message)
+        assert "\n" not in line
+        assert json.loads(line) == message
+        assert {"v", "type", "time"} <= set(message)
+
+
+def test_overall_grows_over_the_stages() -> None:
+    seen: list[dict] = []
+    reporter = Reporter(seen.append, min_interval=0)
+    for name in STAGES:
+        reporter.stage(name)
+        reporter.progress(0.0)
+        reporter.progress(1.0)
+    overall = [m["overall"] for m in seen if m["type"] == "progress"]
+    assert overall == sorted(overall)
+    assert overall[0] == 0
+    assert overall[-1] == 1
+    assert sum(STAGE_SHARE.values()) == pytest.approx(1)
+
+
+def test_progress_is_not_sent_more_often_than_asked_but_ends_always_pass() -> None:
+    seen: list[dict] = []
+    reporter = Reporter(seen.append, min_interval=60)
+    reporter.stage("field")
+    for step in range(101):
+        reporter.progress(step / 100)
+    fractions = [m["fraction"] for m in seen if m["type"] == "progress"]
+    assert fractions[0] == 0
+    assert fractions[-1] == 1
+    assert len(fractions) <= 4
+
+
+def test_cancel_raises_at_the_next_report() -> None:
+    reporter = Reporter()
+    reporter.cancel()
+    assert reporter.cancelled
+    with pytest.raises(Cancelled):
+        reporter.progress(0.1)
+
+
+@pytest.mark.parametrize("style", ["plain", "bar", "json", "none"])
+def test_every_style_shows_every_message(style: str, capsys) -> None:
+    reporter = Reporter(make_sink(style), min_interval=0)
+    reporter.stages = STAGES
+    reporter.send("started", job="j", pid=1, version="0", stages=list(STAGES))
+    reporter.stage("scene", cached=True)
+    reporter.stage("masks")
+    reporter.progress(0.5, None, photos=1)
+    reporter.warning("Something [odd] happened")
+    reporter.send("result", path="j", files={"mesh": "m"}, figures={"psnr": 1})
+    reporter.send("failed", code=2, text="Why", log=None)
+    out = capsys.readouterr()
+    if style == "json":
+        assert all(json.loads(line) for line in out.out.splitlines())
+    elif style == "none":
+        assert out.out == out.err == ""
+    else:
+        assert "Something [odd] happened" in out.err
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(None, "?"), (3.2, "3 s"), (75, "1 min 15 s"), (3900, "1 h 5 min")])
+def test_durations_read_well(seconds: float | None, text: str) -> None:
+    assert duration(seconds) == text
