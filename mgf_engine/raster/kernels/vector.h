@@ -19,7 +19,7 @@ typedef int32_t i16 __attribute__((vector_size(64), aligned(64)));
 static inline v16 splat(float x) { return (v16){x, x, x, x, x, x, x, x, x, x, x, x, x, x, x, x}; }
 
 // Lanes of a where m is true, else of b.
-static inline v16 select(i16 m, v16 a, v16 b) { return (v16)((m & (i16)a) | (~m & (i16)b)); }
+static inline v16 choose(i16 m, v16 a, v16 b) { return (v16)((m & (i16)a) | (~m & (i16)b)); }
 
 // Lanes of a where m is true, else 0 (whatever a holds there, NaN included).
 static inline v16 keep(i16 m, v16 a) { return (v16)(m & (i16)a); }
@@ -49,8 +49,8 @@ static inline int any(i16 m) {
 static inline v16 vmin(v16 a, v16 b) { return (v16)_mm512_min_ps((__m512)a, (__m512)b); }
 static inline v16 vmax(v16 a, v16 b) { return (v16)_mm512_max_ps((__m512)a, (__m512)b); }
 #else
-static inline v16 vmin(v16 a, v16 b) { return select(a < b, a, b); }
-static inline v16 vmax(v16 a, v16 b) { return select(a > b, a, b); }
+static inline v16 vmin(v16 a, v16 b) { return choose(a < b, a, b); }
+static inline v16 vmax(v16 a, v16 b) { return choose(a > b, a, b); }
 #endif
 
 static inline v16 vsqrt(v16 x) {
