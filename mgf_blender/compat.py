@@ -1,0 +1,11 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What differs between the Blender versions the add-on runs in (4.2 LTS to 5.x)."""
+
+from __future__ import annotations
+
+import bpy
+
+#: Render engine id of EEVEE.
+EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+#: The physical sky model.
+SKY_TYPE = "MULTIPLE_SCATTERING" if bpy.app.version >= (5, 0, 0) else "NISHITA"

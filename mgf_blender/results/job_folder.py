@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a finished job folder offers: ``deliver.json`` read and checked, before anything in Blender changes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..common.errors import UserError
+from ..scene_import.cameras import CameraSpec
+
+
+@dataclass(frozen=True)
+class ResultView:
+    """A view of the job: its camera, the photo it worked on and, where one was made, its rendering."""
+
+    camera: CameraSpec
+    render: Path | None
+    error: Path | None
+    held_out: bool
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """The results of a job; files are absolute and exist, or None."""
+
+    folder: Path
+    views: tuple[ResultView, ...]
+    mesh: Path | None
+    points: Path | None
+    field: Path | None
+    report: Path | None
+    figures: dict[str, Any]
+
+
+def read_delivery(folder: Path) -> Delivery:
+    """Read ``deliver.json`` of a job folder.
+
+    Raises:
+        UserError: the job has not finished, or the file cannot be used.
+    """
+    path = folder / "deliver.json"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise UserError(f"'{folder}' holds no finished job (deliver.json is missing); resume the job first.") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise UserError(f"Cannot read '{path}' ({error}); run the job again with Resume.") from error
+    try:
+        views = tuple(_view(folder, entry) for entry in content["views"])
+        figures = dict(content.get("figures") or {})
+        files = {key: _file(folder, content.get(key)) for key in ("mesh", "points", "field", "report")}
+    except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+        raise UserError(f"'{path}' is not what this version reads ({error!r}); run the job again.") from error
+    return Delivery(folder, views, figures=figures, **files)
+
+
+def _view(folder: Path, entry: dict[str, Any]) -> ResultView:
+    to_world = np.array(entry["camera_to_world"], np.float64)
+    if to_world.shape != (4, 4) or not np.isfinite(to_world).all():
+        raise ValueError(f"camera_to_world of {entry.get('name')}")
+    rotation = to_world[:3, :3].T
+    camera = CameraSpec(
+        str(entry["name"]), int(entry["width"]), int(entry["height"]),
+        float(entry["fx"]), float(entry["fy"]), float(entry["cx"]), float(entry["cy"]),
+        rotation, -rotation @ to_world[:3, 3], _file(folder, entry.get("file")),
+    )  # fmt: skip
+    return ResultView(
+        camera, _file(folder, entry.get("render")), _file(folder, entry.get("error")), bool(entry.get("held_out"))
+    )
+
+
+def _file(folder: Path, name: object) -> Path | None:
+    """An existing file of the job folder; names that lead out of it are refused."""
+    if not isinstance(name, str) or not name:
+        return None
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise ValueError(f"'{name}' lies outside the job folder")
+    return path if path.is_file() else None

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A picture of the building in sun and sky, seen from three quarters where the photographers stood."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from ..compat import EEVEE, SKY_TYPE
+from ..scene_import.tree import Tree
+
+Size = tuple[int, int]  # width, height in pixels
+
+_RIG = "MGF Picture"
+_LENS = 45.0  # mm on a 36 mm sensor
+
+
+def render_picture(
+    scene: bpy.types.Scene,
+    tree: Tree,
+    path: Path,
+    size: tuple[int, int] = (1280, 800),
+    samples: int = 48,
+    engine: str = "CYCLES",
+    turn: float = 30.0,
+) -> None:
+    """Render the mesh to a PNG; the scene keeps its own camera, world and settings.
+
+    Args:
+        path: where the PNG goes.
+        size: width and height in pixels.
+        samples: per pixel, for Cycles and EEVEE.
+        engine: CYCLES, WORKBENCH or EEVEE.
+        turn: degrees around the building from where most cameras stand.
+    """
+    meshes = tree.objects("Mesh")
+    if not meshes:
+        raise ValueError("no mesh to render")
+    stage = bpy.data.scenes.new(_RIG)
+    made: list[bpy.types.ID] = []
+    try:
+        for obj in meshes:
+            stage.collection.objects.link(obj)
+        stage.view_layers[0].update()
+        corners = _world_vertices(meshes)
+        made += [_camera(stage, tree, corners, turn, size), *_light(stage, corners), _ground(stage, corners)]
+        _settings(stage, path, size, samples, engine)
+        bpy.ops.render.render(write_still=True, scene=stage.name)
+    finally:
+        bpy.data.scenes.remove(stage, do_unlink=True)
+        bpy.data.batch_remove([i for i in made if i is not None])
+
+
+def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
+    """A sample of the vertices in world coordinates [N, 3]; 1st to 99th percentile boxes ignore floaters."""
+    clouds = []
+    for obj in meshes:
+        flat = np.empty(3 * len(obj.data.vertices), np.float32)
+        obj.data.vertices.foreach_get("co", flat)
+        matrix = np.array(obj.matrix_world)
+        xyz = flat.reshape(-1, 3)[:: max(1, len(flat) // 600_000)]
+        clouds.append(xyz @ matrix[:3, :3].T + matrix[:3, 3])
+    return np.concatenate(clouds)
+
+
+def _camera(
+    stage: bpy.types.Scene, tree: Tree, xyz: np.ndarray, turn: float, size: tuple[int, int]
+) -> bpy.types.Object:
+    """A camera that frames the building from the cameras' side, a little above them."""
+    low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
+    middle = (low + high) / 2
+    stands = np.array([np.array(o.matrix_world)[:3, 3] for o in tree.objects("Cameras")]).reshape(-1, 3)
+    view = stands.mean(axis=0) - middle if len(stands) else np.array([0.0, -1.0, 0.0])
+    around = stands - middle
+    if len(stands) and np.linalg.norm(view[:2]) < 0.3 * np.linalg.norm(around[:, :2], axis=1).mean():
+        view = around[0]  # photos all around: any of them is as good a side
+    angle = math.atan2(view[1], view[0]) + math.radians(turn)
+    up = math.radians(22)
+    direction = np.array([math.cos(angle) * math.cos(up), math.sin(angle) * math.cos(up), math.sin(up)])
+    data = bpy.data.cameras.new(_RIG)
+    data.lens = _LENS
+    obj = bpy.data.objects.new(_RIG, data)
+    stage.collection.objects.link(obj)
+    stage.camera = obj
+    rotation = Vector(direction.tolist()).to_track_quat("Z", "Y").to_matrix()
+    distance, shift = _frame(xyz, middle, np.array(rotation), size)
+    eye = middle + np.array(rotation) @ np.array([*shift, distance])
+    obj.matrix_world = Matrix.Translation(eye.tolist()) @ rotation.to_4x4()
+    reach = float(np.linalg.norm(high - low))
+    data.clip_start, data.clip_end = 1e-3 * reach, 1e3 * reach
+    return obj
+
+
+def _frame(
+    xyz: np.ndarray, middle: np.ndarray, rotation: np.ndarray, size: tuple[int, int]
+) -> tuple[float, np.ndarray]:
+    """Distance and sideways shift [2] at which all but a few points fit, with a margin."""
+    local = (xyz - middle) @ rotation  # camera axes: x right, y up, z towards the camera
+    low, high = np.percentile(local, [0.5, 99.5], axis=0)
+    tangent = 36.0 / (2 * _LENS)
+    aspect = size[1] / size[0]
+    half = (high - low) / 2
+    distance = max(half[0] / tangent, half[1] / (tangent * aspect)) * 1.12 + half[2]
+    return float(distance), (low + high)[:2] / 2
+
+
+def _light(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
+    """A sky for the world and a warm sun from behind the camera's left shoulder."""
+    world = bpy.data.worlds.new(_RIG)
+    stage.world = world
+    if not world.node_tree:
+        world.use_nodes = True
+    nodes, links = world.node_tree.nodes, world.node_tree.links
+    background = next(n for n in nodes if n.type == "BACKGROUND")
+    sky = nodes.new("ShaderNodeTexSky")
+    sky.sky_type = SKY_TYPE
+    sky.sun_disc = False
+    sky.sun_elevation = math.radians(38)
+    background.inputs["Strength"].default_value = 0.16
+    links.new(sky.outputs[0], background.inputs["Color"])
+    sun = bpy.data.lights.new(_RIG, "SUN")
+    sun.energy, sun.angle, sun.color = 3.2, math.radians(2.0), (1.0, 0.94, 0.85)
+    obj = bpy.data.objects.new(_RIG, sun)
+    stage.collection.objects.link(obj)
+    eye = Vector(stage.camera.matrix_world.translation) - Vector(xyz.mean(axis=0).tolist())
+    azimuth = math.atan2(eye.y, eye.x) + math.radians(40)
+    high = math.radians(42)
+    direction = Vector((math.cos(azimuth) * math.cos(high), math.sin(azimuth) * math.cos(high), math.sin(high)))
+    obj.rotation_euler = direction.to_track_quat("Z", "Y").to_euler()
+    return [world, obj, sun]
+
+
+def _ground(stage: bpy.types.Scene, xyz: np.ndarray) -> bpy.types.Object:
+    """A wide pale disc under the building, so that it stands on something and casts a shadow."""
+    low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
+    reach = float(np.linalg.norm(high - low)) * 20
+    angles = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    middle = (low + high) / 2
+    ring = [(middle[0] + reach * math.cos(a), middle[1] + reach * math.sin(a), low[2]) for a in angles]
+    mesh = bpy.data.meshes.new(_RIG)
+    mesh.from_pydata(ring, [], [tuple(range(64))])
+    material = bpy.data.materials.get(_RIG) or bpy.data.materials.new(_RIG)
+    if not material.node_tree:
+        material.use_nodes = True
+    shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    shader.inputs["Base Color"].default_value = (0.42, 0.43, 0.42, 1)
+    shader.inputs["Roughness"].default_value = 1.0
+    mesh.materials.append(material)
+    obj = bpy.data.objects.new(_RIG, mesh)
+    stage.collection.objects.link(obj)
+    return obj
+
+
+def _settings(stage: bpy.types.Scene, path: Path, size: tuple[int, int], samples: int, engine: str) -> None:
+    render = stage.render
+    render.engine = {"CYCLES": "CYCLES", "WORKBENCH": "BLENDER_WORKBENCH", "EEVEE": EEVEE}[engine]
+    render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+    render.filepath = str(path)
+    render.image_settings.file_format = "PNG"
+    stage.view_settings.view_transform = "AgX"
+    stage.view_settings.look = "AgX - Medium High Contrast"
+    if engine == "CYCLES":
+        stage.cycles.samples = samples
+        stage.cycles.use_denoising = True
+        stage.cycles.max_bounces = 4
+    elif engine == "EEVEE":
+        stage.eevee.taa_render_samples = samples
+    else:
+        stage.display.shading.light = "STUDIO"
+        stage.display.shading.color_type = "VERTEX"
+        stage.display.shading.show_cavity = True
+        stage.display.shading.show_shadows = True
+        stage.display.shading.background_type = "VIEWPORT"

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Read a COLMAP model (.bin or .txt) with numpy alone, because Blender's Python has no pycolmap.
+
+Only what Blender shows is read: cameras, poses and sparse points with colour, error and track length. COLMAP's
+conventions hold: ``camera = R @ world + t``, x right, y down, z forward; the centre of the top-left pixel is
+(0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..common.errors import UserError
+
+#: Model number in .bin files -> (name in .txt files, number of parameters). The COLMAP 4 list.
+CAMERA_MODELS = {
+    0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4), 2: ("SIMPLE_RADIAL", 4), 3: ("RADIAL", 5), 4: ("OPENCV", 8),
+    5: ("OPENCV_FISHEYE", 8), 6: ("FULL_OPENCV", 12), 7: ("FOV", 5), 8: ("SIMPLE_RADIAL_FISHEYE", 4),
+    9: ("RADIAL_FISHEYE", 5), 10: ("THIN_PRISM_FISHEYE", 12), 11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    12: ("SIMPLE_DIVISION", 4), 13: ("DIVISION", 5), 14: ("SIMPLE_FISHEYE", 3), 15: ("FISHEYE", 4), 16: ("EUCM", 6),
+}  # fmt: skip
+_COUNTS = dict(CAMERA_MODELS.values())
+_ONE_FOCAL = {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
+_ONE_FOCAL |= {"SIMPLE_DIVISION", "SIMPLE_FISHEYE"}
+_NEVER_STRAIGHT = {"FISHEYE", "EUCM", "FOV"}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics in pixels; ``distorted`` says that a pinhole camera only comes close."""
+
+    model: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distorted: bool
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A registered photo: ``camera = rotation @ world + translation`` (float64 [3, 3] and [3])."""
+
+    id: int
+    name: str
+    camera: Camera
+    rotation: np.ndarray
+    translation: np.ndarray
+
+    @property
+    def centre(self) -> np.ndarray:
+        """Camera centre in the model's frame, [3]."""
+        return -self.rotation.T @ self.translation
+
+
+@dataclass(frozen=True)
+class Points:
+    """Sparse points: xyz float64 [P, 3], rgb uint8 [P, 3], error float32 [P] in pixels, track_length int32 [P]."""
+
+    xyz: np.ndarray
+    rgb: np.ndarray
+    error: np.ndarray
+    track_length: np.ndarray
+
+
+@dataclass(frozen=True)
+class Model:
+    """A COLMAP model; photos in the order of their names."""
+
+    folder: Path
+    photos: tuple[Photo, ...]
+    points: Points
+
+
+def read_model(folder: Path) -> Model:
+    """Read the model whose files lie in ``folder`` (see :func:`.locate.find_model` for other folders).
+
+    Raises:
+        UserError: a file is missing, cut short, or holds values that cannot be used.
+    """
+    suffix = ".bin" if (folder / "images.bin").is_file() else ".txt"
+    readers = (_cameras_bin, _photos_bin, _points_bin) if suffix == ".bin" else (_cameras_txt, _photos_txt, _points_txt)
+    tables = []
+    for name, reader in zip(("cameras", "images", "points3D"), readers, strict=True):
+        path = folder / (name + suffix)
+        if name == "points3D" and not path.exists():
+            tables.append(_points([], [], [], []))
+            continue
+        try:
+            tables.append(reader(path.read_bytes()))
+        except OSError as error:
+            raise UserError(f"Cannot read '{path}' ({error.strerror or error}); the model needs this file.") from error
+        except UserError as error:
+            raise UserError(f"'{path}': {error}") from error
+        except (struct.error, ValueError, IndexError, OverflowError, MemoryError) as error:
+            raise UserError(f"'{path}' is damaged or ends too early; export the model from COLMAP again.") from error
+    cameras, rows, points = tables
+    if not rows:
+        raise UserError(f"The model in '{folder}' has no registered photos; run COLMAP's mapper again.")
+    photos = [_photo(row, cameras, folder) for row in rows]
+    return Model(folder, tuple(sorted(photos, key=lambda p: p.name)), points)
+
+
+def quaternion_to_matrix(q: np.ndarray) -> np.ndarray:
+    """Rotation [3, 3] of the quaternion (w, x, y, z), which need not have length one."""
+    w, x, y, z = np.asarray(q, np.float64) / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def make_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Camera:
+    """The pinhole part of a COLMAP camera.
+
+    Raises:
+        UserError: the model is unknown or a number is unusable.
+    """
+    if model not in _COUNTS:
+        raise UserError(f"the camera model '{model}' is not supported; undistort the photos with COLMAP first.")
+    if len(params) != _COUNTS[model]:
+        raise UserError(f"a {model} camera has {len(params)} parameters instead of {_COUNTS[model]}.")
+    if model in _ONE_FOCAL:
+        fx, fy, cx, cy, rest = params[0], params[0], params[1], params[2], params[3:]
+    else:
+        fx, fy, cx, cy, rest = *params[:4], params[4:]
+    if not (np.isfinite(params).all() and fx > 0 and fy > 0 and 0 < width < 1 << 20 and 0 < height < 1 << 20):
+        raise UserError("a camera has an impossible size or focal length; export the model from COLMAP again.")
+    never = model.endswith("FISHEYE") or model in _NEVER_STRAIGHT
+    return Camera(model, int(width), int(height), fx, fy, cx, cy, never or any(abs(k) > 1e-12 for k in rest))
+
+
+def _photo(row: tuple[int, str, int, np.ndarray, np.ndarray], cameras: dict[int, Camera], folder: Path) -> Photo:
+    number, name, camera_id, q, t = row
+    if camera_id not in cameras:
+        raise UserError(f"The photo '{name}' in '{folder}' uses camera {camera_id}, which the model does not hold.")
+    if not (np.isfinite(q).all() and np.isfinite(t).all() and np.linalg.norm(q) > 1e-6):
+        raise UserError(f"The pose of the photo '{name}' in '{folder}' is not a number; export the model again.")
+    return Photo(number, name, cameras[camera_id], quaternion_to_matrix(q), np.asarray(t, np.float64))
+
+
+def _points(xyz: list, rgb: list, error: list, length: list) -> Points:
+    points = Points(
+        np.array(xyz, np.float64).reshape(-1, 3),
+        np.array(rgb, np.uint8).reshape(-1, 3),
+        np.array(error, np.float32),
+        np.array(length, np.int32),
+    )
+    good = np.isfinite(points.xyz).all(axis=1)
+    if good.all():
+        return points
+    return Points(points.xyz[good], points.rgb[good], points.error[good], points.track_length[good])
+
+
+class _Cursor:
+    """Walks through a binary file; every read past the end raises ``struct.error``."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def take(self, layout: struct.Struct) -> tuple:
+        values = layout.unpack_from(self.data, self.at)
+        self.at += layout.size
+        return values
+
+    def count(self, smallest: int) -> int:
+        """A record count, refused when the file cannot hold that many records of ``smallest`` bytes."""
+        (n,) = self.take(_U64)
+        if n * smallest > len(self.data) - self.at:
+            raise ValueError("count beyond the end of the file")
+        return n
+
+    def skip(self, size: int) -> None:
+        if self.at + size > len(self.data):
+            raise ValueError("record beyond the end of the file")
+        self.at += size
+
+    def text(self) -> str:
+        end = self.data.index(b"\0", self.at)
+        value = self.data[self.at : end].decode("utf-8", "surrogateescape")
+        self.at = end + 1
+        return value
+
+
+_U64 = struct.Struct("<Q")
+_CAMERA_HEAD = struct.Struct("<IiQQ")
+_PHOTO_HEAD = struct.Struct("<I7dI")
+_POINT = struct.Struct("<Q3d3BdQ")
+
+
+def _cameras_bin(data: bytes) -> dict[int, Camera]:
+    cursor, cameras = _Cursor(data), {}
+    for _ in range(cursor.count(_CAMERA_HEAD.size + 8)):
+        number, kind, width, height = cursor.take(_CAMERA_HEAD)
+        if kind not in CAMERA_MODELS:
+            raise UserError(f"camera model number {kind} is not supported; undistort the photos with COLMAP first.")
+        name, n = CAMERA_MODELS[kind]
+        cameras[number] = make_camera(name, width, height, cursor.take(struct.Struct(f"<{n}d")))
+    return cameras
+
+
+def _photos_bin(data: bytes) -> list[tuple]:
+    cursor, rows = _Cursor(data), []
+    for _ in range(cursor.count(_PHOTO_HEAD.size + 9)):
+        number, qw, qx, qy, qz, tx, ty, tz, camera_id = cursor.take(_PHOTO_HEAD)
+        name = cursor.text()
+        (n,) = cursor.take(_U64)
+        cursor.skip(n * 24)
+        rows.append((number, name, camera_id, np.array([qw, qx, qy, qz]), np.array([tx, ty, tz])))
+    return rows
+
+
+def _points_bin(data: bytes) -> Points:
+    cursor = _Cursor(data)
+    xyz, rgb, error, length = [], [], [], []
+    for _ in range(cursor.count(_POINT.size)):
+        _, x, y, z, r, g, b, e, n = cursor.take(_POINT)
+        cursor.skip(n * 8)
+        xyz.append((x, y, z))
+        rgb.append((r, g, b))
+        error.append(e)
+        length.append(n)
+    return _points(xyz, rgb, error, length)
+
+
+def _lines(data: bytes) -> Iterator[str]:
+    for line in data.decode("utf-8", "surrogateescape").splitlines():
+        if not line.lstrip().startswith("#"):
+            yield line
+
+
+def _cameras_txt(data: bytes) -> dict[int, Camera]:
+    cameras = {}
+    for line in _lines(data):
+        words = line.split()
+        if words:
+            params = tuple(float(w) for w in words[4:])
+            cameras[int(words[0])] = make_camera(words[1], int(words[2]), int(words[3]), params)
+    return cameras
+
+
+def _photos_txt(data: bytes) -> list[tuple]:
+    # Two lines per photo; the second (its keypoints) may be empty, so blank lines count inside a pair.
+    rows, lines = [], _lines(data)
+    for line in lines:
+        words = line.split(maxsplit=9)
+        if not words:
+            continue
+        q, t = np.array([float(w) for w in words[1:5]]), np.array([float(w) for w in words[5:8]])
+        rows.append((int(words[0]), words[9].rstrip(), int(words[8]), q, t))
+        next(lines, "")
+    return rows
+
+
+def _points_txt(data: bytes) -> Points:
+    xyz, rgb, error, length = [], [], [], []
+    for line in _lines(data):
+        words = line.split()
+        if words:
+            xyz.append([float(w) for w in words[1:4]])
+            rgb.append([int(w) for w in words[4:7]])
+            error.append(float(words[7]))
+            length.append((len(words) - 8) // 2)
+    return _points(xyz, rgb, error, length)

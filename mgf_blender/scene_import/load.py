@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bring a COLMAP scene into a Blender scene: what the operator, the drop handler and batch runs all call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from .cameras import CameraSpec, add_cameras, fit_render
+from .colmap import Model, Photo, read_model
+from .frame import make_frame
+from .locate import find_model, find_photo_folder
+from .points import add_points
+from .tree import Tree
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import brought, for the line the user reads.
+
+    Attributes:
+        tree: the collections.
+        cameras, points: how many were made.
+        photo_folder: where the photos lie, or None.
+        warnings: sentences worth showing.
+    """
+
+    tree: Tree
+    cameras: int
+    points: int
+    photo_folder: Path | None
+    warnings: tuple[str, ...]
+
+
+def import_scene(
+    scene: bpy.types.Scene,
+    path: Path,
+    photo_folder: Path | None = None,
+    upright: bool = True,
+    tree: Tree | None = None,
+) -> Imported:
+    """Import cameras with photos and sparse points.
+
+    Args:
+        path: a model file, a model folder or the project folder around it.
+        photo_folder: where the photos lie; searched when None.
+        upright: turn the scene so that the photos' up is z; False keeps the model's axes.
+        tree: an earlier import to replace; its empty (and so its pose and scale) is kept.
+
+    Raises:
+        UserError: nothing usable there; the scene is then unchanged.
+    """
+    path = path.absolute()
+    model = read_model(find_model(path))
+    names = [p.name for p in model.photos]
+    photo_folder = photo_folder or find_photo_folder(path, model.folder, names)
+    specs = [_spec(p, photo_folder) for p in model.photos]
+    if tree is None:
+        rotations = np.array([p.rotation for p in model.photos])
+        centres = np.array([p.centre for p in model.photos])
+        frame = make_frame(model.points.xyz, rotations, centres, upright)
+        tree = Tree.make(scene, _scene_name(path, model), frame)
+    for kind in ("Cameras", "Points"):
+        tree.clear(kind)
+    cameras = add_cameras(tree, specs)
+    add_points(tree, model.points)
+    scene.camera = cameras[0]
+    fit_render(scene, cameras[0])
+    return Imported(tree, len(cameras), len(model.points.xyz), photo_folder, tuple(_warnings(specs)))
+
+
+def _spec(photo: Photo, folder: Path | None) -> CameraSpec:
+    camera = photo.camera
+    picture = folder / photo.name if folder is not None else None
+    return CameraSpec(
+        photo.name, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
+        photo.rotation, photo.translation, picture if picture is not None and picture.is_file() else None,
+        camera.distorted,
+    )  # fmt: skip
+
+
+def _scene_name(path: Path, model: Model) -> str:
+    """The folder people would call the scene by: not 'sparse' or '0'."""
+    folder = path if path.is_dir() else model.folder
+    while folder.name in {"0", "1", "sparse", "colmap", "dense"} and folder != folder.parent:
+        folder = folder.parent
+    return folder.name or "Building"
+
+
+def _warnings(specs: list[CameraSpec]) -> list[str]:
+    lines = []
+    missing = sum(s.picture is None for s in specs)
+    if missing:
+        lines.append(f"{missing} of {len(specs)} photos were not found; set the photo folder and import again")
+    if any(s.distorted for s in specs):
+        lines.append("The photos have lens distortion, so they match the cameras only after a reconstruction")
+    return lines

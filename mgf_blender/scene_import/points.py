@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sparse points as one object with colour, track length and error per point."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..common.materials import show_points
+from ..common.meshes import make_mesh, set_attribute
+from .colmap import Points
+from .tree import Tree
+
+#: Radius of a drawn point, as a share of the scene's size.
+_RADIUS = 0.0015
+
+
+def add_points(tree: Tree, points: Points, name: str = "Sparse Points") -> bpy.types.Object | None:
+    """One mesh of loose vertices, drawn as round points; None when the model has no points."""
+    if len(points.xyz) == 0:
+        return None
+    mesh = make_mesh(name, points.xyz - tree.offset, np.zeros((0, 3), np.int32), points.rgb)
+    set_attribute(mesh, "track_length", points.track_length)
+    set_attribute(mesh, "reprojection_error", points.error)
+    obj = bpy.data.objects.new(name, mesh)
+    tree.add("Points", obj)
+    show_points(obj, _RADIUS * tree.radius)
+    return obj

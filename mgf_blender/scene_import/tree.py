@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The collection of an imported scene: Cameras, Points, Mesh and Renders under one empty.
+
+What the add-on made carries the property ``mgf_kind``; importing again replaces those objects and nothing else.
+The empty is kept, with whatever scale and orientation the user gave it.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from .frame import Frame
+
+KINDS = ("Cameras", "Points", "Mesh", "Renders")
+KIND_KEY, OFFSET_KEY, RADIUS_KEY, ROLE_KEY = "mgf_kind", "mgf_offset", "mgf_radius", "mgf_role"
+
+
+class Tree:
+    """The collections of one imported scene.
+
+    Args:
+        collection: the top collection, as made by :meth:`make` or found by :meth:`find`.
+    """
+
+    def __init__(self, collection: bpy.types.Collection) -> None:
+        self.collection = collection
+
+    @classmethod
+    def make(cls, scene: bpy.types.Scene, name: str, frame: Frame) -> Tree:
+        """Add an empty tree to a scene; the empty gets the frame's pose."""
+        top = bpy.data.collections.new(name)
+        top[ROLE_KEY] = "tree"
+        scene.collection.children.link(top)
+        root = bpy.data.objects.new(name, None)
+        root.empty_display_type = "ARROWS"
+        root.empty_display_size = 0.25 * frame.radius
+        root[ROLE_KEY] = "root"
+        root[OFFSET_KEY] = [float(v) for v in frame.offset]
+        root[RADIUS_KEY] = frame.radius
+        root.matrix_world = Matrix(frame.matrix().tolist())
+        top.objects.link(root)
+        tree = cls(top)
+        for kind in KINDS:
+            tree.child(kind)
+        return tree
+
+    @classmethod
+    def find(cls, scene: bpy.types.Scene) -> Tree | None:
+        """The newest tree of the scene whose empty still exists, or None."""
+        for collection in reversed(scene.collection.children_recursive):
+            if collection.get(ROLE_KEY) == "tree" and cls(collection).root is not None:
+                return cls(collection)
+        return None
+
+    @property
+    def root(self) -> bpy.types.Object | None:
+        """The empty above all objects; None when the user deleted it."""
+        return next((o for o in self.collection.objects if o.get(ROLE_KEY) == "root"), None)
+
+    @property
+    def offset(self) -> np.ndarray:
+        """float64 [3], taken off all scene coordinates."""
+        root = self.root
+        return np.array(root[OFFSET_KEY], np.float64) if root is not None else np.zeros(3)
+
+    @property
+    def radius(self) -> float:
+        """Size of the scene in its own units."""
+        root = self.root
+        return float(root[RADIUS_KEY]) if root is not None else 1.0
+
+    def child(self, kind: str) -> bpy.types.Collection:
+        """The sub-collection of a kind, made when missing."""
+        found = next((c for c in self.collection.children if c.get(KIND_KEY) == kind), None)
+        if found is None:
+            found = bpy.data.collections.new(kind)
+            found[KIND_KEY] = kind
+            self.collection.children.link(found)
+        return found
+
+    def add(self, kind: str, obj: bpy.types.Object, matrix: np.ndarray | None = None) -> None:
+        """Put an object of ours under the empty; ``matrix`` [4, 4] is in offset scene coordinates."""
+        obj[KIND_KEY] = kind
+        self.child(kind).objects.link(obj)
+        obj.parent = self.root
+        obj.matrix_parent_inverse = Matrix.Identity(4)
+        if matrix is not None:
+            obj.matrix_basis = Matrix(matrix.tolist())
+
+    def objects(self, kind: str) -> list[bpy.types.Object]:
+        """The objects of a kind that the add-on made, wherever in the tree they are now."""
+        return [o for o in self.collection.all_objects if o.get(KIND_KEY) == kind]
+
+    def clear(self, kind: str) -> None:
+        """Remove our objects of a kind with the data only they used."""
+        for obj in self.objects(kind):
+            data = obj.data
+            bpy.data.objects.remove(obj, do_unlink=True)
+            _remove_unused(data)
+
+
+def _remove_unused(data: bpy.types.ID | None) -> None:
+    if data is None or data.users > 0:
+        return
+    for kind, store in (("Camera", "cameras"), ("Mesh", "meshes"), ("Image", "images")):
+        if isinstance(data, getattr(bpy.types, kind)):
+            getattr(bpy.data, store).remove(data)
+            return

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tests that run inside Blender's Python module: ``.venv-bpy/bin/python -m pytest tests/blender``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+REPO = Path(__file__).resolve().parents[2]
+try:
+    import bpy
+except ImportError:
+    bpy = None
+else:
+    for entry in (str(REPO), str(Path(__file__).parent)):
+        if entry not in sys.path:
+            sys.path.insert(0, entry)
+
+
+def pytest_ignore_collect(collection_path):
+    # Without bpy only test_environment.py is collected; it skips and says why.
+    if bpy is None and collection_path.name.startswith("test_") and collection_path.name != "test_environment.py":
+        return True
+    return None
+
+
+def pytest_sessionfinish(session, exitstatus):
+    session.config._mgf_status = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config):
+    # Some versions of the bpy module crash or hang while the interpreter ends; leave at once with the right status.
+    status = getattr(config, "_mgf_status", None)
+    if status is not None and "bpy" in sys.modules:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+@pytest.fixture
+def scene():
+    """The scene of an empty file."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.context.preferences.edit.use_global_undo = True
+    return bpy.context.scene
+
+
+@pytest.fixture
+def house(tmp_path):
+    """A small synthetic scene on disk, see :mod:`synthetic`."""
+    import synthetic
+
+    return synthetic.write_house(tmp_path / "Häuser am Fluß")

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Results of a job arrive in the scene, in place and complete."""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+import synthetic
+
+from mgf_blender.common.errors import UserError
+from mgf_blender.common.ply import read_ply
+from mgf_blender.results.load import import_result
+from mgf_blender.scene_import.load import import_scene
+
+
+def vertices(obj: bpy.types.Object) -> np.ndarray:
+    flat = np.empty(3 * len(obj.data.vertices), np.float32)
+    obj.data.vertices.foreach_get("co", flat)
+    return flat.reshape(-1, 3)
+
+
+def test_mesh_lies_in_the_scene(scene, house):
+    tree = import_scene(scene, house.folder).tree
+    result = import_result(scene, house.job, tree)
+    truth, faces, rgb = synthetic.house_mesh()
+    np.testing.assert_allclose(vertices(result.mesh), truth @ synthetic._turn(0.7, -0.4).T, atol=1e-5)
+    assert len(result.mesh.data.polygons) == len(faces)
+    color = np.empty(4 * len(truth), np.float32)
+    result.mesh.data.attributes["Color"].data.foreach_get("color_srgb", color)
+    assert np.abs(color.reshape(-1, 4)[:, :3] * 255 - rgb).max() < 0.51
+    assert result.mesh.parent == tree.root and result.mesh.name in tree.child("Mesh").objects
+    assert result.mesh.data.materials[0].name == "MGF Vertex Colors"
+
+
+def test_far_mesh_keeps_its_precision(scene, tmp_path):
+    house = synthetic.write_house(tmp_path / "utm", shift=(389_123.25, 5_712_345.75, 120.0), tilt=False)
+    result = import_result(scene, house.job, import_scene(scene, house.folder).tree)
+    truth, _, _ = synthetic.house_mesh()
+    sides = np.ptp(vertices(result.mesh), axis=0)
+    np.testing.assert_allclose(sides, np.ptp(truth, axis=0), atol=1e-4)
+
+
+def test_edges_turn_sharp_and_faces_smooth(scene, house):
+    mesh = import_result(scene, house.job).mesh.data
+    sharp = [e.use_edge_sharp for e in mesh.edges]
+    assert all(p.use_smooth for p in mesh.polygons)
+    assert 0 < sum(sharp) < len(sharp)  # the diagonals of flat walls stay smooth
+
+
+def test_renders_fill_their_frustums(scene, house):
+    tree = import_scene(scene, house.folder).tree
+    result = import_result(scene, house.job, tree)
+    assert result.renders == 4
+    bpy.context.view_layer.update()
+    for obj in tree.objects("Renders"):
+        camera = obj.parent
+        kinds = [s.image["mgf_image"] for s in camera.data.background_images]
+        assert kinds == ["photo", "render"]
+        width, height = camera["mgf_size"]
+        number, *_ = house.poses[obj["mgf_photo"]]
+        model, _, _, params = synthetic.CAMERAS[number]
+        fx, fy, cx, cy = (params[0], *params[:3]) if "SIMPLE" in model else params[:4]
+        size, (sx, sy, _) = obj.empty_display_size, obj.scale
+        half = np.array([width, height]) / max(width, height) * size * (sx, sy) / 2
+        for u, v, x, y in ((0, 0, -1, 1), (width, height, 1, -1)):
+            corner = np.array(obj.location[:2]) + half * (x, y)
+            pixel = (corner[0] / -obj.location.z * fx + cx, -corner[1] / -obj.location.z * fy + cy)
+            np.testing.assert_allclose(pixel, (u, v), atol=0.02 * max(width, height) / 100 + 0.5)
+
+
+def test_job_alone_makes_its_own_cameras(scene, house):
+    result = import_result(scene, house.job)
+    assert len(result.tree.objects("Cameras")) == 12
+    assert result.mesh is not None and scene.camera is not None
+
+
+def test_import_again_leaves_no_copies(scene, house):
+    tree = import_scene(scene, house.folder).tree
+    import_result(scene, house.job, tree)
+    kinds = ("objects", "meshes", "images", "cameras", "materials", "node_groups", "collections")
+    before = [len(getattr(bpy.data, k)) for k in kinds]
+    import_result(scene, house.job, tree)
+    assert before == [len(getattr(bpy.data, k)) for k in kinds]
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda job: (job / "deliver.json").unlink(), "no finished job"),
+        (lambda job: (job / "deliver.json").write_text("{"), "Cannot read"),
+        (lambda job: (job / "deliver.json").write_text('{"views": [{}]}'), "not what this version reads"),
+        (lambda job: (job / "mesh.ply").write_bytes((job / "mesh.ply").read_bytes()[:-7]), "damaged or ends too early"),
+        (lambda job: (job / "mesh.ply").write_bytes(b"solid"), "not a PLY file"),
+        (lambda job: _edit(job, mesh="../../secret.ply"), "outside the job folder"),
+    ],
+)
+def test_damaged_results_change_nothing(scene, house, damage, words):
+    tree = import_scene(scene, house.folder).tree
+    (house.folder / "secret.ply").write_text("ply")
+    damage(house.job)
+    before = sorted(o.name for o in bpy.data.objects)
+    with pytest.raises(UserError, match=words):
+        import_result(scene, house.job, tree)
+    assert sorted(o.name for o in bpy.data.objects) == before
+
+
+def _edit(job, **changes):
+    content = json.loads((job / "deliver.json").read_text())
+    (job / "deliver.json").write_text(json.dumps({**content, **changes}))
+
+
+def test_ply_forms(tmp_path):
+    xyz, faces, rgb = synthetic.house_mesh()
+    synthetic.write_mesh(tmp_path / "a.ply", xyz, faces, rgb)
+    binary = read_ply(tmp_path / "a.ply")
+    lines = ["ply", "format ascii 1.0", "comment by hand", f"element vertex {len(xyz)}"]
+    lines += [f"property float {a}" for a in "xyz"]
+    lines += ["element face 2", "property list uchar int vertex_indices", "end_header"]
+    lines += [" ".join(map(str, p)) for p in xyz] + ["4 0 1 5 4", "3 5 6 9"]
+    (tmp_path / "b.ply").write_text("\n".join(lines) + "\n")
+    text = read_ply(tmp_path / "b.ply")
+    np.testing.assert_allclose(binary.positions, text.positions, atol=1e-6)
+    np.testing.assert_array_equal(text.triangles, [(0, 1, 5), (0, 5, 4), (5, 6, 9)])
+    np.testing.assert_array_equal(binary.colors(), rgb)
+    assert text.colors() is None
+    (tmp_path / "c.ply").write_bytes((tmp_path / "b.ply").read_bytes().replace(b"3 5 6 9", b"3 5 6 99"))
+    with pytest.raises(UserError, match="vertices it does not hold"):
+        read_ply(tmp_path / "c.ply")

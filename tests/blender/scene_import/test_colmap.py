@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The numpy reader of COLMAP models: right numbers from good files, one sentence from bad ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import synthetic
+
+from mgf_blender.common.errors import UserError
+from mgf_blender.scene_import.colmap import make_camera, quaternion_to_matrix, read_model
+from mgf_blender.scene_import.locate import find_model, find_photo_folder
+
+
+def assert_sentence(error: UserError) -> None:
+    text = str(error)
+    assert text[0].isupper() or text[0] == "'"
+    assert text.endswith(".") and "\n" not in text and "Traceback" not in text
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["bin", "txt"])
+def test_reads_what_was_written(tmp_path, text):
+    house = synthetic.write_house(tmp_path / "house", text=text)
+    model = read_model(find_model(house.folder))
+    assert [p.name for p in model.photos] == sorted(house.poses)
+    for photo in model.photos:
+        _, rotation, translation = house.poses[photo.name]
+        np.testing.assert_allclose(photo.rotation, rotation, atol=1e-12)
+        np.testing.assert_allclose(photo.translation, translation, atol=1e-12)
+    np.testing.assert_array_equal(model.points.xyz, house.xyz)
+    np.testing.assert_array_equal(model.points.rgb, house.rgb)
+    assert set(model.points.track_length) == {2} and set(model.points.error) == {0.25}
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["bin", "txt"])
+@pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
+def test_cut_files_say_so(tmp_path, name, text):
+    house = synthetic.write_house(tmp_path / "house", text=text)
+    path = house.model / (name + (".txt" if text else ".bin"))
+    whole = path.read_bytes()
+    refused = 0
+    cuts = range(0, len(whole), 1 if name == "cameras" else 61)
+    for cut in cuts:
+        path.write_bytes(whole[:cut])
+        try:
+            read_model(house.model)
+        except UserError as error:
+            assert_sentence(error)
+            refused += 1
+    # A text file may be cut at the end of a line and is then simply shorter; a binary file is always refused.
+    assert refused == len(cuts) if not text else refused > 0
+
+
+def test_noise_never_escapes_as_another_error(tmp_path):
+    house = synthetic.write_house(tmp_path / "house")
+    random = np.random.default_rng(3)
+    for name in ("cameras.bin", "images.bin", "points3D.bin"):
+        whole = (house.model / name).read_bytes()
+        for _ in range(150):
+            data = bytearray(whole)
+            for at in random.integers(0, len(data), 3):
+                data[at] = random.integers(0, 256)
+            (house.model / name).write_bytes(data)
+            try:
+                read_model(house.model)
+            except UserError as error:
+                assert_sentence(error)
+        (house.model / name).write_bytes(whole)
+
+
+def test_missing_pieces(tmp_path):
+    with pytest.raises(UserError, match="does not exist"):
+        find_model(tmp_path / "nowhere")
+    with pytest.raises(UserError, match="holds no COLMAP model"):
+        find_model(tmp_path)
+    house = synthetic.write_house(tmp_path / "house")
+    (house.model / "images.bin").write_bytes(b"\0" * 8)
+    with pytest.raises(UserError, match="no registered photos"):
+        read_model(house.model)
+
+
+def test_nan_pose_and_unknown_model(tmp_path):
+    house = synthetic.write_house(tmp_path / "house", text=True)
+    path = house.model / "images.txt"
+    lines = path.read_text().splitlines()
+    words = lines[1].split()
+    lines[1] = " ".join([words[0], "nan", *words[2:]])
+    path.write_text("\n".join(lines))
+    with pytest.raises(UserError, match="pose of the photo"):
+        read_model(house.model)
+    with pytest.raises(UserError, match="not supported"):
+        make_camera("PANORAMA", 10, 10, (1.0,))
+
+
+@pytest.mark.parametrize(
+    ("model", "params", "distorted"),
+    [
+        ("SIMPLE_RADIAL", (500, 320, 240, 0.0), False),
+        ("RADIAL", (500, 320, 240, 0.01, 0.0), True),
+        ("OPENCV", (500, 510, 320, 240, 0, 0, 0, 1e-4), True),
+        ("OPENCV_FISHEYE", (500, 510, 320, 240, 0, 0, 0, 0), True),
+        ("FOV", (500, 510, 320, 240, 0.0), True),
+        ("FULL_OPENCV", (500, 510, 320, 240, *([0] * 8)), False),
+    ],
+)
+def test_distortion_is_noticed(model, params, distorted):
+    camera = make_camera(model, 640, 480, params)
+    assert camera.distorted is distorted
+    assert (camera.cx, camera.cy) == (320, 240)
+
+
+def test_layouts(tmp_path):
+    house = synthetic.write_house(tmp_path / "house")
+    for path in (house.folder, house.folder / "sparse", house.model, house.model / "images.bin"):
+        assert find_model(path) == house.model
+        assert find_photo_folder(path, house.model, list(house.poses)) == house.folder / "images"
+    bigger = house.folder / "sparse" / "1"
+    bigger.mkdir()
+    for name in ("cameras.bin", "points3D.bin"):
+        (bigger / name).write_bytes((house.model / name).read_bytes())
+    (bigger / "images.bin").write_bytes((house.model / "images.bin").read_bytes() + b"\0" * 100)
+    assert find_model(house.folder) == bigger
+
+
+def test_quaternions_of_any_length():
+    half = quaternion_to_matrix(np.array([2.0, 0, 0, 2.0]))
+    np.testing.assert_allclose(half @ (1, 0, 0), (0, 1, 0), atol=1e-15)

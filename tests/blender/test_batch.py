@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The headless script, run as people run it: a process of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+import synthetic
+from conftest import REPO
+
+BATCH = REPO / "mgf_blender" / "batch.py"
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, str(BATCH), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+
+def test_scene_and_job_become_a_blend(house, tmp_path):
+    out = tmp_path / "a folder" / "démo.blend"
+    picture = tmp_path / "picture.png"
+    done = run("--scene", house.folder, "--job", house.job, "--out", out, "--picture", picture,
+               "--picture-engine", "cycles", "--picture-samples", 1, "--picture-size", 64, 48)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    scene = bpy.context.scene
+    top = next(c for c in scene.collection.children if c.name == house.folder.name)
+    assert {c.name for c in top.children} == {"Cameras", "Points", "Mesh", "Renders"}
+    assert [len(top.children[k].objects) for k in ("Cameras", "Points", "Mesh", "Renders")] == [12, 1, 1, 4]
+    assert all(o.parent is not None for c in top.children for o in c.objects)
+    assert [s.name for s in bpy.data.scenes] == ["Scene"]  # the stage of the picture is gone
+    image = bpy.data.images.load(str(picture))
+    assert tuple(image.size) == (64, 48)
+    pixels = list(image.pixels)
+    assert max(pixels[0::4]) - min(pixels[0::4]) > 0.1
+    assert sorted(p.name for p in out.parent.iterdir()) == ["démo.blend"]
+
+
+def test_scene_alone(house, tmp_path):
+    assert run("--scene", house.model, "--out", tmp_path / "a.blend").returncode == 0
+    assert (tmp_path / "a.blend").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--scene", "{nowhere}"], "does not exist"),
+        (["--job", "{nowhere}"], "no finished job"),
+        ([], "Nothing to import"),
+        (["--scene", "{house}", "--picture", "{nowhere}/p.png"], "no mesh"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_code_2(tmp_path, arguments, words):
+    house = synthetic.write_house(tmp_path / "house")
+    places = {"nowhere": tmp_path / "nowhere", "house": house.folder}
+    out = tmp_path / "out" / "a.blend"
+    done = run(*[a.format(**places) for a in arguments], "--out", out)
+    assert done.returncode == 2
+    assert words in done.stderr and "Traceback" not in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    assert not out.exists()
+
+
+def test_unwritable_place(house):
+    done = run("--scene", house.folder, "--out", Path("/proc/nowhere/a.blend"))
+    assert done.returncode == 2 and "Cannot save" in done.stderr and "Traceback" not in done.stderr
