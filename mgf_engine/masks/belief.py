@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What all clicks say about all photos at once.
+
+One graph spans the scene: its nodes are the regions of every photo and the sparse points. Regions are tied to
+their neighbours where no edge runs between them, points to the regions where photos observed them and to the
+points around them. The share of "building" that flows from the clicks through these ties (the harmonic function
+of a random walk with absorbing clicks) is the belief. Colour, texture and shape of what is already believed then
+pull regions and points that no tie reaches, and the two steps are repeated.
+
+Because a point is one node for all photos that see it, photos cannot disagree about it: consistency between
+views is built in, not repaired afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+from scipy.sparse.linalg import cg
+
+from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio
+from mgf_engine.masks.points import track_owner
+from mgf_engine.masks.prompts import Prompts
+from mgf_engine.masks.regions import Regions
+from mgf_engine.masks.shape import Shape
+from mgf_engine.scene.model import Scene
+
+Array = NDArray[np.float64]
+
+TRACK_TIE = 1.0  # point to the region it was observed in
+SPACE_TIE = 0.3  # point to a neighbouring point
+CLICK_WEIGHT = 2.0  # each click counts five times: at its place and 5 px to four sides
+LOOKS_WEIGHT = 0.5  # pull of colour, texture and shape
+LEAK = 0.02  # how quickly a click's influence fades in the first round
+ROUNDS = 4
+#: Features of points: those of the regions that saw them, how upright their surface is, and how flat.
+POINT_SCALE = np.concatenate([FEATURE_SCALE, [1.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Probability of "building", 0..1: per photo for its regions, and for the sparse points."""
+
+    regions: tuple[NDArray[np.float32], ...]  # V arrays [S_v]
+    points: NDArray[np.float32]  # [P]
+    looks: tuple[NDArray[np.float32], ...]  # V arrays [S_v], the part of colour and texture alone
+
+
+class SceneGraph:
+    """The graph of a scene and the solver on it; built once, asked with different clicks."""
+
+    def __init__(self, scene: Scene, regions: Sequence[Regions], shape: Shape) -> None:
+        self.scene, self.regions = scene, regions
+        self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
+        self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
+        self.features = np.concatenate([r.features for r in regions])
+        self.area = np.concatenate([r.area for r in regions]).astype(np.float64)
+        self.observed = self._observed_regions()
+        self.laplacian, self.degree = self._laplacian(shape)
+        self.point_features = self._point_features(shape)
+
+    def solve(self, prompts: Prompts, seed: int = 0) -> Belief:
+        """The belief that follows from the clicks."""
+        pull, target = self.click_pull(prompts)
+        belief, trust = self._first_guess(pull, target)
+        looks = np.full(self.region_count, 0.5)
+        for round_ in range(ROUNDS):
+            weight = trust if round_ == 0 else 1.0
+            looks, point_looks = self._looks(belief, weight, seed)
+            wanted = np.concatenate([looks, point_looks])
+            strength = LOOKS_WEIGHT * np.abs(2 * wanted - 1)
+            stiffness = pull + strength + 1e-4
+            belief = self._flow(stiffness, pull * target + strength * wanted + 0.5e-4, belief)
+        return self._split(belief, looks)
+
+    def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
+        """Strength and wanted value of the clicks, [N] each."""
+        count = self.region_count + self.point_count
+        pull, wanted = np.zeros(count), np.zeros(count)
+        around = np.array([[0, 0], [5, 0], [-5, 0], [0, 5], [0, -5]])
+        for index, clicks in prompts.items():
+            for points, value in ((clicks.positive, 1.0), (clicks.negative, 0.0)):
+                for click in points:
+                    nodes = self.regions[index].at(click + around) + self.start[index]
+                    np.add.at(pull, nodes, CLICK_WEIGHT)
+                    np.add.at(wanted, nodes, CLICK_WEIGHT * value)
+        return pull, wanted / np.maximum(pull, 1e-12)
+
+    def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
+        """Which kind of click is nearer (random walks that fade), and how far that can be trusted."""
+        stiffness = pull + LEAK * np.maximum(self.degree, 0.1)
+        near = [
+            np.maximum(self._flow(stiffness, pull * value, None), 1e-9) for value in (target, 1.0 - target)
+        ]
+        trust = np.clip(np.log(np.maximum(near[0], near[1]) / 1e-4) / np.log(1e4), 0, 1)
+        return near[0] / (near[0] + near[1]), trust
+
+    def _flow(self, stiffness: Array, source: Array, start: Array | None) -> Array:
+        """Solve (L + diag(stiffness)) x = source."""
+        matrix = self.laplacian + sparse.diags(stiffness)
+        inverse = sparse.diags(1.0 / matrix.diagonal())
+        result, _ = cg(matrix, source, x0=start, rtol=1e-4, maxiter=400, M=inverse)
+        return np.clip(result, 0.0, 1.0)
+
+    def _looks(self, belief: Array, trust: Array | float, seed: int) -> tuple[Array, Array]:
+        """Probability of "building" from appearance alone: regions [R], points [P]."""
+        inside, outside = np.clip(2 * belief - 1.1, 0, 1) * trust, np.clip(0.9 - 2 * belief, 0, 1) * trust
+        r = self.region_count
+        answers = []
+        for features, area, part, scale in (
+            (self.features, self.area, slice(0, r), FEATURE_SCALE),
+            (self.point_features, np.ones(self.point_count), slice(r, None), POINT_SCALE),
+        ):
+            models = []
+            for weight, components in ((inside[part] * area, 8), (outside[part] * area, 10)):
+                peak = weight.max(initial=0.0)
+                models.append(fit_mixture(features, weight / max(peak, 1e-12), components, seed, scale))
+            ratio = log_ratio(features, models[0], models[1], scale)
+            answers.append(1.0 / (1.0 + np.exp(-np.clip(ratio, -6, 6) / 2)))
+        return answers[0], answers[1]
+
+    def _observed_regions(self) -> NDArray[np.int64]:
+        """The region node of each observation, [T]."""
+        result = np.empty(len(self.scene.track_view), np.int64)
+        for index, regions in enumerate(self.regions):
+            here = self.scene.track_view == index
+            result[here] = regions.at(self.scene.track_uv[here]) + self.start[index]
+        return result
+
+    def _laplacian(self, shape: Shape) -> tuple[sparse.csr_matrix, Array]:
+        first, second, weight = [], [], []
+        for index, regions in enumerate(self.regions):
+            mean_square = (regions.contrast**2 * regions.border).sum() / max(regions.border.sum(), 1e-9)
+            alike = np.exp(-(regions.contrast**2) / max(mean_square, 1e-9))
+            first.append(regions.pairs[:, 0] + self.start[index])
+            second.append(regions.pairs[:, 1] + self.start[index])
+            weight.append(regions.border / 8 * alike + 0.002)
+        first += [self.observed, shape.pairs[:, 0] + self.region_count]
+        second += [track_owner(self.scene) + self.region_count, shape.pairs[:, 1] + self.region_count]
+        weight += [np.full(len(self.observed), TRACK_TIE), SPACE_TIE * shape.closeness]
+        count = self.region_count + self.point_count
+        ties = sparse.coo_matrix(
+            (np.concatenate(weight), (np.concatenate(first), np.concatenate(second))), shape=(count, count)
+        ).tocsr()
+        ties = ties + ties.T
+        degree = np.asarray(ties.sum(1)).ravel()
+        return (sparse.diags(degree) - ties).tocsr(), degree
+
+    def _point_features(self, shape: Shape) -> Array:
+        owner = track_owner(self.scene)
+        mean = np.zeros((self.point_count, self.features.shape[1]))
+        np.add.at(mean, owner, self.features[self.observed])
+        mean /= np.maximum(np.diff(self.scene.track_start), 1)[:, None]
+        upright = np.abs(shape.normals @ shape.up)
+        return np.column_stack([mean, 6 * shape.flatness * upright, 4 * shape.flatness])
+
+    def _split(self, belief: Array, looks: Array) -> Belief:
+        cut = [slice(self.start[k], self.start[k + 1]) for k in range(len(self.regions))]
+        return Belief(
+            tuple(belief[c].astype(np.float32) for c in cut),
+            belief[self.region_count :].astype(np.float32),
+            tuple(looks[c].astype(np.float32) for c in cut),
+        )

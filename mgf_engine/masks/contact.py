@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The contact sheet: every photo small, its mask outlined, its score and flag beneath."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.model import UNKNOWN, MaskSet, building
+from mgf_engine.masks.store import write_png
+from mgf_engine.scene.model import Scene
+
+TILE = 320  # px, width of one photo on the sheet
+CAPTION = 34
+OUTSIDE, OCCLUDER, OUTLINE = (110, 30, 110), (30, 130, 200), (0, 255, 255)  # BGR
+GOOD, BAD = (210, 255, 210), (80, 80, 255)
+
+
+def write_contact_sheet(scene: Scene, masks: MaskSet, reasons: list[str], clicked: set[int], path: Path) -> None:
+    """Write the sheet as an image; photos with clicks carry a star."""
+    tiles = []
+    for index, view in enumerate(scene.views):
+        title = f"{'* ' if index in clicked else ''}{view.name}"
+        note = reasons[index] or f"score {masks.scores[index]:.2f}"
+        tiles.append(_tile(scene.photo(index), masks.labels[index], title, note, bool(masks.used[index])))
+    columns = min(len(tiles), max(1, round((len(tiles) * 1.2) ** 0.5)))
+    height = max(t.shape[0] for t in tiles)
+    tiles = [cv2.copyMakeBorder(t, 0, height - t.shape[0], 0, 0, cv2.BORDER_CONSTANT) for t in tiles]
+    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
+    rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
+    write_png(path, np.vstack(rows))
+
+
+def _tile(
+    photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note: str, used: bool
+) -> NDArray[np.uint8]:
+    picture = cv2.resize(overlay(photo, labels), (TILE, max(1, round(TILE * photo.shape[0] / photo.shape[1]))))
+    caption = np.zeros((CAPTION, TILE, 3), np.uint8)
+    for line, text in enumerate((title, note)):
+        # The built-in font has no letters beyond ASCII; the names in scores.json are whole.
+        text = text.encode("ascii", "replace").decode()
+        colour = GOOD if used else BAD
+        cv2.putText(caption, text, (4, 13 + 15 * line), cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)
+    return np.vstack([picture, caption])
+
+
+def overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The photo (RGB) with everything outside dimmed and the outline drawn; BGR uint8 [H, W, 3]."""
+    picture = np.ascontiguousarray(photo[..., ::-1]).astype(np.float32)
+    inside = building(labels)
+    for where, colour in ((~inside & (labels != UNKNOWN), OUTSIDE), (labels == UNKNOWN, OCCLUDER)):
+        picture[where] = 0.35 * picture[where] + 0.5 * np.array(colour, np.float32)
+    result = picture.clip(0, 255).astype(np.uint8)
+    outlines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(result, outlines, -1, OUTLINE, max(1, round(max(photo.shape[:2]) / 400)))
+    return result

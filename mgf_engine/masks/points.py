@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which 3D points are the building: the vote of the masks (eq. 3, and eq. 22 for Gaussians).
+
+Read literally, "inside the mask of every root image" empties the set: no point lies inside the frame of every
+root image. Here a photo votes on a point that lies in front of it, inside its frame and not on an unknown
+pixel. Where a COLMAP track says in which photos a point was seen, only those photos vote, at the observed
+keypoint: no other photo is known to see the point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config
+from mgf_engine.masks.model import UNKNOWN, MaskSet, building
+from mgf_engine.scene.model import Scene
+
+LabelMaps = Sequence[NDArray[np.uint8]]
+#: Few votes cannot speak with one voice: half of them may be wrong, up to this many.
+SMALL_TOLERANCE = 4
+
+
+@dataclass(frozen=True)
+class Votes:
+    """Votes for and against each of N points, int32 [N] each."""
+
+    inside: NDArray[np.int32]
+    outside: NDArray[np.int32]
+
+
+def vote(
+    points: NDArray[np.float64],
+    scene: Scene,
+    masks: MaskSet | LabelMaps,
+    views: Sequence[int],
+    config: Config,
+    tracks: NDArray[np.int64] | None = None,
+) -> NDArray[np.bool_]:
+    """Eq. 3 / eq. 22: the points that the masks of ``views`` call building.
+
+    Args:
+        points: [N, 3], normalised frame.
+        masks: label maps of all views of the scene, or the set that holds them.
+        views: indices of the photos that may vote (the roots, or all with a usable mask).
+        config: ``strict_vote``, ``vote_tolerance`` and ``vote_dilation`` act here.
+        tracks: [N] rows of ``scene.points`` when the points are sparse points; their tracks then say who votes.
+
+    Returns:
+        bool [N].
+    """
+    labels = masks.labels if isinstance(masks, MaskSet) else masks
+    cast = project_votes(points, scene, labels, views, config.vote_dilation)
+    if config.strict_vote:
+        return (cast.inside == len(views)) & (cast.outside == 0)
+    if tracks is not None:
+        seen = track_votes(scene, labels, views, config.vote_dilation)
+        inside, outside = seen.inside[tracks], seen.outside[tracks]
+        certain = inside + outside > 0
+        cast = Votes(np.where(certain, inside, cast.inside), np.where(certain, outside, cast.outside))
+    return decide(cast, config.vote_tolerance)
+
+
+def decide(votes: Votes, tolerance: float) -> NDArray[np.bool_]:
+    """At least one vote for, and few enough against: a share of the votes, or half of a handful."""
+    total = votes.inside + votes.outside
+    allowed = np.maximum(tolerance * total, np.minimum(SMALL_TOLERANCE, votes.inside * 0.5))
+    return (votes.inside > 0) & (votes.outside <= allowed)
+
+
+def project_votes(
+    points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int
+) -> Votes:
+    """Votes by projection (eq. 2): every view with the point in front of it and inside its frame."""
+    inside, outside = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
+    for index in views:
+        view = scene.views[index]
+        uv, depth = view.project(points)
+        valid = (depth > 0) & np.isfinite(uv).all(1)
+        valid &= (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+        rows = np.flatnonzero(valid)
+        _count(labels[index], uv[rows], rows, dilation, inside, outside)
+    return Votes(inside, outside)
+
+
+def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int) -> Votes:
+    """Votes of the photos that observed each sparse point of the scene, at the observed keypoint."""
+    count = len(scene.points)
+    inside, outside = np.zeros(count, np.int32), np.zeros(count, np.int32)
+    owner = track_owner(scene)
+    for index in views:
+        here = np.flatnonzero(scene.track_view == index)
+        _count(labels[index], scene.track_uv[here], owner[here], dilation, inside, outside)
+    return Votes(inside, outside)
+
+
+def track_owner(scene: Scene) -> NDArray[np.int64]:
+    """The sparse point of each observation, int64 [T]."""
+    return np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+
+
+def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the pixels under uv [N, 2], clamped to the frame."""
+    x = np.clip(np.floor(uv[:, 0]).astype(np.int64), 0, shape[1] - 1)
+    y = np.clip(np.floor(uv[:, 1]).astype(np.int64), 0, shape[0] - 1)
+    return y, x
+
+
+def _count(
+    labels: NDArray[np.uint8],
+    uv: NDArray[np.floating],
+    rows: NDArray[np.int64],
+    dilation: int,
+    inside: NDArray[np.int32],
+    outside: NDArray[np.int32],
+) -> None:
+    """Add one view's votes; unknown pixels abstain unless the grown mask covers them."""
+    if not len(rows):
+        return
+    mask = building(labels)
+    if dilation > 0:
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * dilation + 1, 2 * dilation + 1))
+        mask = cv2.dilate(mask.astype(np.uint8), kernel).astype(bool)
+    y, x = pixel_at(labels.shape, uv)
+    hit = mask[y, x]
+    np.add.at(inside, rows[hit], 1)
+    np.add.at(outside, rows[~hit & (labels[y, x] != UNKNOWN)], 1)

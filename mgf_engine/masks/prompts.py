@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The user's clicks: ``prompts.json``, checked and brought to working pixels.
+
+The file holds ``{"photo": {"positive": [[u, v], …], "negative": [[u, v], …], "parts": {"window": [[u, v], …]}}}``;
+u, v are pixels of the user's own photo, (0, 0) its top-left corner.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.scene.model import Scene, View
+
+Points = NDArray[np.float64]
+_SHAPE = '{"photo": {"positive": [[u, v], ...], "negative": [[u, v], ...], "parts": {"window": [[u, v], ...]}}}'
+
+
+def _none() -> Points:
+    return np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class Clicks:
+    """Clicks on one photo, float64 [N, 2] each, in working pixels."""
+
+    positive: Points = field(default_factory=_none)
+    negative: Points = field(default_factory=_none)
+    parts: dict[str, Points] = field(default_factory=dict)
+
+
+Prompts = dict[int, Clicks]  # index of the view -> clicks
+
+
+def read_prompts(path: Path, scene: Scene) -> Prompts:
+    """Read and check a prompts file.
+
+    Raises:
+        BadInput: it cannot be read, is malformed, names unknown photos, has clicks outside the frame, or has no
+            click on the building at all.
+    """
+    data = _read_json(path)
+    prompts: Prompts = {}
+    for name, entry in data.items():
+        index = _find_view(name, scene, path)
+        if index in prompts:
+            raise BadInput(f"'{path}' has two entries for the photo '{scene.views[index].name}'; merge them into one.")
+        prompts[index] = _read_clicks(entry, scene.views[index], scene, path)
+    if not any(len(c.positive) for c in prompts.values()):
+        raise BadInput(f"'{path}' has no click on the building; click at least one point on it in one photo.")
+    return prompts
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_unique_keys)
+    except OSError as error:
+        raise BadInput(f"Cannot read the prompts file '{path}' ({error.strerror or error}).") from error
+    except _DuplicateKey as error:
+        raise BadInput(f"'{path}' holds '{error}' twice; merge the two entries into one.") from error
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"'{path}' is not valid JSON ({error}); it should look like {_SHAPE}.") from error
+    if not isinstance(data, dict):
+        raise BadInput(f"'{path}' should hold one entry per photo, like {_SHAPE}.")
+    return data
+
+
+class _DuplicateKey(Exception):
+    pass
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in result:
+            raise _DuplicateKey(key)
+        result[key] = value
+    return result
+
+
+def _find_view(name: str, scene: Scene, path: Path) -> int:
+    """A photo by its exact name, its file name, or either without regard to case or extension."""
+    wanted = name.replace("\\", "/")
+    keys = (
+        lambda n: n,
+        lambda n: PurePosixPath(n).name,
+        lambda n: n.casefold(),
+        lambda n: PurePosixPath(n).name.casefold(),
+        lambda n: PurePosixPath(n).stem.casefold(),
+    )
+    for key in keys:
+        found = [i for i, v in enumerate(scene.views) if key(v.name) == key(wanted)]
+        if len(found) == 1:
+            return found[0]
+        if len(found) > 1:
+            names = ", ".join(scene.views[i].name for i in found[:3])
+            raise BadInput(f"The photo '{name}' in '{path}' could be any of {names}; give its full name.")
+    some = ", ".join(v.name for v in scene.views[:3])
+    raise BadInput(f"'{path}' names the photo '{name}', which the scene does not have (it has {some}, ...).")
+
+
+def _read_clicks(entry: Any, view: View, scene: Scene, path: Path) -> Clicks:
+    where = f"'{view.name}' in '{path}'"
+    if not isinstance(entry, dict):
+        raise BadInput(f"The entry of {where} should be an object with 'positive' and 'negative', not {_short(entry)}.")
+    unknown = sorted(set(entry) - {"positive", "negative", "parts"})
+    if unknown:
+        raise BadInput(f"The entry of {where} has '{unknown[0]}'; known are 'positive', 'negative' and 'parts'.")
+    parts = entry.get("parts", {})
+    if not isinstance(parts, dict):
+        raise BadInput(f"'parts' of {where} should map names to clicks, not be {_short(parts)}.")
+    return Clicks(
+        _read_points(entry.get("positive", []), view, f"'positive' of {where}"),
+        _read_points(entry.get("negative", []), view, f"'negative' of {where}"),
+        {str(k): _read_points(v, view, f"the part '{k}' of {where}") for k, v in parts.items()},
+    )
+
+
+def _read_points(values: Any, view: View, where: str) -> Points:
+    if not isinstance(values, list):
+        raise BadInput(f"{_upper(where)} should be a list of [u, v] pairs, not {_short(values)}.")
+    for value in values:
+        pair = isinstance(value, list) and len(value) == 2
+        if not pair or not all(isinstance(c, int | float) and not isinstance(c, bool) for c in value):
+            raise BadInput(f"{_upper(where)} holds {_short(value)}, which is not a pair of numbers [u, v].")
+        u, v = (float(c) if abs(c) < 1e9 else math.inf for c in value)
+        if not (0 <= u <= view.original_width and 0 <= v <= view.original_height):
+            raise BadInput(
+                f"{_upper(where)} holds the click ({_short(value[0])}, {_short(value[1])}) outside the photo, which has "
+                f"{view.original_width} x {view.original_height} pixels; click inside it."
+            )
+    points = np.array(values, np.float64).reshape(-1, 2)
+    return to_working(points, view)
+
+
+def to_working(points: Points, view: View) -> Points:
+    """Pixels of the user's photo -> working pixels [N, 2], kept inside the frame."""
+    scaled = points * (view.width / view.original_width, view.height / view.original_height)
+    return np.clip(scaled, 0, (view.width - 1e-3, view.height - 1e-3))
+
+
+def _upper(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 40 else text[:37] + "..."

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The segmenter that needs no weights: the belief of the whole scene, cut along this photo's edges.
+
+The belief (``belief.py``) already knows clicks, points and the looks of the building in every photo, on small
+regions of a reduced photo. Here it is brought to working resolution, drawn to the photo's edges by a guided
+filter and by GrabCut in a narrow band, and cleaned: holes without evidence are filled (dark windows, white walls),
+specks without a point are dropped.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.segmenters.base import Hints, Segment, agreement, inside
+
+#: Pieces and holes below this share of the photo are noise unless points say otherwise.
+SPECK = 0.002
+HOLE = 0.02
+
+
+class GrabCut:
+    """Belief to mask; stateless."""
+
+    name = "grabcut"
+
+    def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints) -> Segment:
+        """See :class:`mgf_engine.masks.segmenters.base.Segmenter`."""
+        mask = clean(to_edges(photo, hints.belief) > 0.5, hints)
+        return Segment(mask, agreement(mask, hints))
+
+
+def to_edges(photo: NDArray[np.uint8], belief: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The belief drawn to the photo's edges, float32 [H, W]."""
+    radius = max(4, round(max(photo.shape[:2]) / 100))
+    guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
+    return cv2.ximgproc.guidedFilter(guide, belief, radius, (0.03 * 255) ** 2)
+
+
+def clean(mask: NDArray[np.bool_], hints: Hints) -> NDArray[np.bool_]:
+    """Drop specks, fill holes; points and clicks that say otherwise win."""
+    mask = _fill(mask, hints.accepted, hints.positive, SPECK, value=False)
+    return _fill(mask, hints.rejected, hints.negative, HOLE, value=True)
+
+
+def _fill(
+    mask: NDArray[np.bool_], points: NDArray, clicks: NDArray, share: float, value: bool
+) -> NDArray[np.bool_]:
+    """Turn small pieces that are not ``value`` into it, unless a click or enough points lie on them."""
+    pieces = (mask != value).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(pieces, connectivity=4)
+    evidence = np.zeros(count, np.int64)
+    for found, weight in ((points, 1), (clicks, 100)):
+        rows = found[inside(pieces.astype(bool), found)]
+        x, y = np.floor(rows).astype(np.int64).T if len(rows) else (np.zeros(0, int), np.zeros(0, int))
+        np.add.at(evidence, labels[np.clip(y, 0, mask.shape[0] - 1), np.clip(x, 0, mask.shape[1] - 1)], weight)
+    small = (stats[:, cv2.CC_STAT_AREA] < share * mask.size) & (evidence < 3)
+    small[0] = False
+    result = mask.copy()
+    result[small[labels]] = value
+    return result

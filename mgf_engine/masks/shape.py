@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the sparse points tell about the shape of the scene: up, local normals, neighbours, height over ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.scene.model import Scene
+
+NEIGHBOURS = 10
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Local shape around each of ``P`` sparse points.
+
+    Attributes:
+        up: unit vector [3], normalised frame.
+        spacing: float64 [P], distance to the neighbours (their median).
+        normals: float64 [P, 3], unit, sign arbitrary.
+        flatness: float64 [P], 0 (scattered) .. 1 (planar).
+        height: float64 [P], over the lowest surface around, in normalised units.
+        pairs: int64 [E, 2] neighbours in space.
+        closeness: float64 [E], 0..1.
+    """
+
+    up: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    flatness: NDArray[np.float64]
+    height: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+    closeness: NDArray[np.float64]
+
+
+def up_direction(scene: Scene) -> NDArray[np.float64]:
+    """The direction against gravity, from how people hold cameras: upright, with a level horizon."""
+    right = np.stack([v.rotation[0] for v in scene.views])
+    mean_up = -np.stack([v.rotation[1] for v in scene.views]).mean(0)
+    length = np.linalg.norm(mean_up)
+    mean_up = mean_up / length if length > 1e-9 else np.array([0.0, -1.0, 0.0])
+    # Up is perpendicular to every camera's x axis; the mean settles what few directions leave open.
+    matrix = right.T @ right / len(right) - 0.05 * np.outer(mean_up, mean_up)
+    up = np.linalg.eigh(matrix)[1][:, 0]
+    up = up * np.sign(up @ mean_up or 1.0)
+    return up if up @ mean_up > 0.7 else mean_up
+
+
+def measure_shape(scene: Scene) -> Shape:
+    """Neighbours, normals and heights of the sparse points of a scene."""
+    points = scene.points
+    count = len(points)
+    up = up_direction(scene)
+    k = min(NEIGHBOURS, count - 1)
+    if k < 1:
+        zero = np.zeros(count)
+        return Shape(up, zero + 1, np.tile(up, (count, 1)), zero, zero, np.zeros((0, 2), np.int64), np.zeros(0))
+    tree = cKDTree(points)
+    distance, index = tree.query(points, k + 1)
+    distance, index = distance[:, 1:], index[:, 1:]
+    spacing = np.maximum(np.median(distance, 1), 1e-9)
+    offsets = points[index] - points[:, None]
+    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets) / k)
+    normals = vectors[:, :, 0]
+    flatness = 1 - np.sqrt(np.maximum(values[:, 0], 0) / np.maximum(values[:, 1], 1e-18))
+    pairs, closeness = _links(distance, index, spacing, normals, flatness)
+    return Shape(up, spacing, normals, flatness, _heights(points @ up, points, up), pairs, closeness)
+
+
+def _links(
+    distance: NDArray, index: NDArray, spacing: NDArray, normals: NDArray, flatness: NDArray
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Self-tuning closeness: near, and where both sides are planar, facing the same way."""
+    count, k = index.shape
+    first, second = np.repeat(np.arange(count), k), index.ravel()
+    near = np.exp(-(distance.ravel() ** 2) / (2 * spacing[first] * spacing[second]))
+    turn = 1 - np.abs((normals[first] * normals[second]).sum(1))
+    planar = np.clip(np.minimum(flatness[first], flatness[second]), 0, 1)
+    return np.stack([first, second], 1), near * np.exp(-4 * planar * turn)
+
+
+def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64]:
+    """Height over the lowest points (5th percentile) of a square around, on a grid of the ground plan."""
+    side = np.linalg.svd(up[None])[2][1:]
+    plan = points @ side.T
+    low, high = np.percentile(plan, [2, 98], axis=0)
+    cell = max(float((high - low).max()) / 12, 1e-9)
+    cells = np.clip(np.floor((plan - low) / cell), -3, 15).astype(np.int64) + 3
+    floor = np.full((19, 19), np.inf)
+    for key in np.unique(cells, axis=0):
+        inside = (cells == key).all(1)
+        if inside.sum() >= 3:
+            floor[key[0], key[1]] = np.percentile(level[inside], 5)
+    padded = np.pad(floor, 1, constant_values=np.inf)
+    lowest = np.min([padded[i : i + 19, j : j + 19] for i in range(3) for j in range(3)], axis=0)
+    lowest[~np.isfinite(lowest)] = np.percentile(level, 5)
+    return np.maximum(level - lowest[cells[:, 0], cells[:, 1]], 0)

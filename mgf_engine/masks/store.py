@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The masks on disk: ``labels/<photo>.png``, ``scores.json``, ``points.bin``.
+
+Label maps are 8-bit grey PNGs whose values are the labels. ``points.bin`` is one byte per sparse point, 1 for
+the masked points P'. Everything is written beside and moved into place; ``scores.json`` comes last and says
+that the rest is whole.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.scene.model import Scene
+from mgf_engine.system import atomic_path, write_json
+
+VERSION = 1
+
+
+def label_files(scene: Scene) -> list[str]:
+    """The label map's path of each view, relative to the masks folder; unique even where file stems are not."""
+    stems = [PurePosixPath(v.name).stem for v in scene.views]
+    if len({s.casefold() for s in stems}) < len(stems):
+        stems = [v.name.replace("/", "__") for v in scene.views]
+    return [f"labels/{stem}.png" for stem in stems]
+
+
+def save_masks(
+    masks: MaskSet, scene: Scene, folder: Path, reasons: list[str], figures: dict[str, Any] | None = None
+) -> None:
+    """Write a mask set.
+
+    Args:
+        reasons: per view, why it is flagged (empty where it is fine).
+        figures: whatever else is worth keeping in ``scores.json``.
+    """
+    files = label_files(scene)
+    (folder / "labels").mkdir(parents=True, exist_ok=True)
+    for path in (folder / "labels").glob("*.png"):
+        if f"labels/{path.name}" not in files:
+            path.unlink()
+    for labels, file in zip(masks.labels, files, strict=True):
+        write_png(folder / file, labels)
+    with atomic_path(folder / "points.bin") as temporary:
+        temporary.write_bytes(masks.point_mask.astype(np.uint8).tobytes())
+    views = [
+        {
+            "name": view.name,
+            "labels": file,
+            "score": round(float(masks.scores[k]), 4),
+            "used": bool(masks.used[k]),
+            "flag": reasons[k],
+            "building": round(float(building(masks.labels[k]).mean()), 4),
+        }
+        for k, (view, file) in enumerate(zip(scene.views, files, strict=True))
+    ]
+    write_json(folder / "scores.json", {"version": VERSION, **(figures or {}), "views": views})
+
+
+def read_masks(folder: Path, scene: Scene) -> MaskSet:
+    """Read what :func:`save_masks` wrote for this scene.
+
+    Raises:
+        BadInput: files are missing, damaged, or belong to another scene.
+    """
+    again = "run the masks stage again"
+    try:
+        data = json.loads((folder / "scores.json").read_text(encoding="utf-8"))
+        views = data["views"]
+        names = [v["name"] for v in views]
+        scores = np.array([v["score"] for v in views], np.float32)
+        used = np.array([v["used"] for v in views], bool)
+        files = [str(v["labels"]) for v in views]
+        points = np.frombuffer((folder / "points.bin").read_bytes(), np.uint8).astype(bool)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"Cannot read the masks in '{folder}' ({error}); {again}.") from error
+    if names != [v.name for v in scene.views] or len(points) != len(scene.points):
+        raise BadInput(f"The masks in '{folder}' belong to another scene; {again}.")
+    labels = []
+    for view, file in zip(scene.views, files, strict=True):
+        image = read_png(folder / file)
+        if image is None or image.dtype != np.uint8 or image.shape != (view.height, view.width):
+            raise BadInput(f"The mask '{folder / file}' is missing, damaged or of another size; {again}.")
+        labels.append(image)
+    return MaskSet(tuple(labels), used, scores, points)
+
+
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write an image through memory, so that any path works on any system."""
+    ok, data = cv2.imencode(path.suffix, image)
+    if not ok:
+        raise OSError(f"cannot encode '{path}'")
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+
+
+def read_png(path: Path) -> NDArray[Any] | None:
+    """The image as stored (any depth and channels, BGR order), or None where it cannot be read."""
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError:
+        return None
+    if not data.size:
+        return None
+    return cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
