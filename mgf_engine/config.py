@@ -69,6 +69,7 @@ class Config:
     # field
     iterations: int = option(7000, "field", "Training iterations", low=1, high=1_000_000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
+    dense_start: bool = option(True, "field", "Start from dense points by stereo between neighbouring photos, not from sparse points alone")
     sh_degree: int = option(2, "field", "Degree of the spherical harmonics that make colour depend on the view", low=0, high=3)
     coarse_to_fine: bool = option(True, "field", "Start on small pictures and end at the full working resolution")
     multilevel_loss: bool = option(True, "field", "Multi-level perceptual mask loss, eq. 18-19; off uses the plain RGB loss, eq. 16 (ablation c)")

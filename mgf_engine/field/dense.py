@@ -24,7 +24,7 @@ _NEIGHBOURS = 3
 _ANGLES = (2.0, 10.0, 35.0)  # degrees between rays: least, best, most
 _TOLERANCE = 0.008  # relative difference of depth at which two views agree
 _LEAST_SHARED = 20  # sparse points two views must share
-_LONGEST_SIDE = 640  # px; more costs time and adds points that are thinned out anyway
+_LONGEST_SIDE = 500  # px; more costs time and adds points that are thinned out anyway
 
 
 def dense_points(
@@ -116,8 +116,9 @@ def _merge(depths: list[NDArray[np.float32]]) -> NDArray[np.float32]:
     known = stack > 0
     if len(stack) == 1:
         return stack[0]
-    middle = np.nanmedian(np.where(known, stack, np.nan), axis=0) if known.any() else np.zeros(stack.shape[1:])
-    middle = np.nan_to_num(middle)
+    rank = np.maximum(known.sum(0) - 1, 0) // 2
+    middle = np.take_along_axis(np.sort(np.where(known, stack, np.inf), axis=0), rank[None], axis=0)[0]
+    middle = np.where(known.any(0), middle, 0)
     near = known & (np.abs(stack - middle) < 2 * _TOLERANCE * middle)
     votes = near.sum(0)
     mean = (stack * near).sum(0) / np.maximum(votes, 1)
@@ -164,15 +165,15 @@ def _thin(
     points: NDArray[np.float64], colors: NDArray[np.uint8], towards: NDArray[np.float64], limit: int
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
     """Means over cubes of the size that leaves about ``limit`` points; averaging also calms the noise."""
-    low = points.min(0)
-    small, large = 1e-4, float((points.max(0) - low).max()) + 1e-3
-    cubes = _cubes(points - low, small)
-    if cubes.max() + 1 > limit:
-        for _ in range(24):
-            size = float(np.sqrt(small * large))
-            cubes = _cubes(points - low, size)
-            small, large = (size, large) if cubes.max() + 1 > limit else (small, size)
-        cubes = _cubes(points - low, large)
+    local = points - points.min(0)
+    size = float(local.max()) / np.sqrt(limit) + 1e-4
+    for _ in range(8):
+        cubes = _cubes(local, size)
+        found = int(cubes.max()) + 1
+        if found <= limit and (found > 0.85 * limit or found > 0.99 * len(points)):
+            break
+        # Points lie on surfaces, so the number of cubes goes with the inverse square of their size.
+        size *= float(np.sqrt(found / (0.93 * limit)))
     count = np.bincount(cubes).astype(np.float64)
     mean = lambda a: np.stack([np.bincount(cubes, weights=a[:, k]) / count for k in range(3)], 1)  # noqa: E731
     first = np.zeros(len(count), np.int64)

@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from mgf_engine.config import Config
-from mgf_engine.field.targets import Target
+from mgf_engine.field.targets import Pixels, Target
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.geometry import normal_consistency
 from mgf_engine.raster.ssim import ssim_maps
@@ -45,56 +45,53 @@ def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: T
         backdrop: [3] colour behind the field for this iteration.
         geometry: whether the distortion and normal terms act yet.
     """
+    pixels = target.pixels()
     alpha = target.crop(rendering.alpha)
     color = target.crop(rendering.colour) + (1.0 - alpha) * backdrop[:, None, None]
-    photo, inside = target.photo, target.inside
     # Outside the mask the photo stands in for the render, so that no window reaches over the edge.
-    color = torch.where(inside > 0, color, photo)
-    l1 = (color - photo).abs().mean(0)
-    color_loss = _color_loss(color, photo, l1, target, config)
-    geometry_loss = _geometry_loss(rendering, target, alpha, config) if geometry else alpha.new_zeros(())
-    ring_area = target.ring.sum().clamp_min(1.0)
-    background = config.background_lambda * (alpha * target.ring).sum() / ring_area
+    color = torch.where(pixels.inside > 0, color, pixels.photo)
+    l1 = (color - pixels.photo).abs().mean(0)
+    color_loss = _color_loss(color, l1, pixels, target.label_weight, config)
+    geometry_loss = _geometry_loss(rendering, target, pixels, alpha, config) if geometry else alpha.new_zeros(())
+    background = config.background_lambda * (alpha * pixels.ring).sum() / pixels.ring.sum().clamp_min(1.0)
+    error = l1.detach() + alpha.detach() * pixels.ring
     total = color_loss + geometry_loss + background
-    error = l1.detach() + alpha.detach() * target.ring
     return LossTerms(total, color_loss.detach(), geometry_loss.detach(), background.detach(), error)
 
 
-def _color_loss(color: Tensor, photo: Tensor, l1: Tensor, target: Target, config: Config) -> Tensor:
+def _color_loss(color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor, config: Config) -> Tensor:
     """lambda_1 Loss_mlpm + lambda_2 Loss_boundary; a term switched off hands its weight to the plain eq. 16."""
     multilevel = config.multilevel_lambda if config.multilevel_loss else 0.0
     boundary = config.boundary_lambda if config.boundary_loss else 0.0
     plain = config.multilevel_lambda + config.boundary_lambda - multilevel - boundary
-    uniform = target.inside / target.inside.sum()
-    edge = target.edge_weight / target.edge_weight.sum()
-    per_pixel = plain * uniform + boundary * edge
-    ssim, contrast = ssim_maps(color, photo)
-    weight = per_pixel
+    per_pixel = plain * pixels.inside / pixels.inside.sum() + boundary * pixels.edge_weight / pixels.edge_weight.sum()
+    ssim, contrast = ssim_maps(color, pixels.photo)
+    l1_weight = per_pixel
     loss = config.ssim_weight * (per_pixel * (1.0 - ssim)).sum()
     if multilevel > 0:
-        share = target.label_weight[target.labels] / _areas(target.labels, target)[target.labels].clamp_min(1.0)
-        weight = per_pixel + multilevel * share
-        similarity = ms_ssim_per_label(color, photo, target, ssim, contrast)
-        loss = loss + multilevel * config.ssim_weight * (target.label_weight * (1.0 - similarity)).sum()
-    return loss + config.l1_weight * (weight * l1).sum()
+        area = _areas(pixels.labels, len(label_weight)).clamp_min(1)
+        l1_weight = per_pixel + multilevel * (label_weight / area)[pixels.labels]
+        similarity = ms_ssim_per_label(color, pixels, len(label_weight), ssim, contrast)
+        loss = loss + multilevel * config.ssim_weight * (label_weight * (1.0 - similarity)).sum()
+    return loss + config.l1_weight * (l1_weight * l1).sum()
 
 
-def _areas(labels: Tensor, target: Target) -> Tensor:
-    return torch.bincount(labels.flatten(), minlength=len(target.label_weight)).float()
+def _areas(labels: Tensor, count: int) -> Tensor:
+    return torch.bincount(labels.flatten(), minlength=count)
 
 
-def ms_ssim_per_label(color: Tensor, photo: Tensor, target: Target, ssim: Tensor, contrast: Tensor) -> Tensor:
-    """Multi-scale SSIM pooled per label, [count + 1]; entry 0 (outside) and labels below 11 px are 1 (no loss).
+def ms_ssim_per_label(color: Tensor, pixels: Pixels, count: int, ssim: Tensor, contrast: Tensor) -> Tensor:
+    """Multi-scale SSIM pooled per label, [count]; entry 0 (outside) and labels below 11 px are 1 (no loss).
 
     A label takes part at a scale while a square of its area is at least one window wide there; exponents of
     the scales it takes part in are scaled to sum to one.
     """
-    labels, count = target.labels, len(target.label_weight)
-    area = _areas(labels, target)
+    labels, photo = pixels.labels, pixels.photo
+    area = _areas(labels, count).float()
     scales = max(1, min(len(MS_SSIM_WEIGHTS), int(torch.log2(area[1:].max().sqrt() / _WINDOW).floor()) + 1))
     exponents = color.new_tensor(MS_SSIM_WEIGHTS[:scales])
     side = area.sqrt()
-    takes_part = side[None, :] >= _WINDOW * 2.0 ** torch.arange(scales)[:, None]  # [scales, count + 1]
+    takes_part = side[None, :] >= _WINDOW * 2.0 ** torch.arange(scales)[:, None]  # [scales, count]
     takes_part[:, 0] = False
     share = exponents[:, None] * takes_part
     share = share / share.sum(0).clamp_min(1e-9)
@@ -119,15 +116,24 @@ def _pool(map: Tensor, labels: Tensor, count: int) -> Tensor:
     return torch.where(area > 0, total / area.clamp_min(1), 1.0)
 
 
-def _geometry_loss(rendering: Rendering, target: Target, alpha: Tensor, config: Config) -> Tensor:
+@dataclass(frozen=True)
+class _Intrinsics:
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+def _geometry_loss(rendering: Rendering, target: Target, pixels: Pixels, alpha: Tensor, config: Config) -> Tensor:
     """lambda_3 Loss_depth + lambda_4 Loss_normal (both from 2DGS), means over the mask."""
-    inside = target.inside
-    area = inside.sum()
-    distortion = (target.crop(rendering.distortion) * inside).sum() / area
+    distortion = (target.crop(rendering.distortion) * pixels.inside).sum() / pixels.inside.sum()
     loss = config.distortion_lambda * distortion
     if config.normal_lambda > 0:
         depth = target.crop(rendering.depth) / alpha.clamp_min(1e-4)
-        weight = inside * (alpha.detach() > 0.5) / area
-        camera = target.camera.cropped(*target.box)
-        loss = loss + config.normal_lambda * normal_consistency(depth, target.crop(rendering.normal), weight, camera)
+        weight = pixels.inside * (alpha.detach() > 0.5)
+        camera, (y0, _, x0, _) = target.camera, target.box
+        cut = _Intrinsics(camera.fx, camera.fy, camera.cx - x0, camera.cy - y0)
+        loss = loss + config.normal_lambda * normal_consistency(
+            depth, target.crop(rendering.normal), weight, cut, alpha
+        )
     return loss

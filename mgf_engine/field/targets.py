@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mgf_engine.config import Config
-from mgf_engine.masks.boundaries import weights as boundary_weights
+from mgf_engine.masks.boundaries import boundaries
 from mgf_engine.masks.model import BACKGROUND, building
 from mgf_engine.raster.api import Camera
 from mgf_engine.scene.model import View
@@ -23,18 +22,38 @@ _GRADIENT_LIMITS = (0.25, 4.0)
 _TILE = 16
 
 
-@dataclass
+@dataclass(frozen=True)
+class Pixels:
+    """A target's maps as the losses want them, cut to its box.
+
+    Attributes:
+        photo: float32 [3, h, w] in 0..1.
+        labels: int64 [h, w]; 0 where nothing is compared, else 1..count (ids made consecutive).
+        inside: float32 [h, w]; 1 on the building.
+        edge_weight: float32 [h, w]; w of eq. 12, zero outside.
+        ring: float32 [h, w]; 1 on certain background near the building.
+    """
+
+    photo: Tensor
+    labels: Tensor
+    inside: Tensor
+    edge_weight: Tensor
+    ring: Tensor
+
+
+@dataclass(frozen=True)
 class Target:
-    """One view at one resolution. Maps are cut to ``box`` (y0, y1, x0, x1), which is aligned to tiles.
+    """One view at one resolution, kept small: a hundred photos stay in memory. Maps are cut to ``box``.
 
     Attributes:
         camera: of the whole frame at this resolution.
         tile_mask: uint8 [tiles_y, tiles_x]; tiles of the whole frame that hold a pixel that counts.
+        box: y0, y1, x0, x1, aligned to tiles.
         image: uint8 [3, h, w].
-        labels: int64 [h, w]; 0 where nothing is compared, else 1..count (ids made consecutive).
+        labels: uint8 [h, w], see :class:`Pixels`.
         label_weight: float32 [count + 1]; area share times delta of eq. 19, summing to one.
-        edge_weight: float32 [h, w]; w of eq. 12, zero outside.
-        ring: float32 [h, w]; 1 on certain background near the building.
+        edges, ring: bool [h, w].
+        w_edge: eq. 12.
     """
 
     camera: Camera
@@ -43,23 +62,25 @@ class Target:
     image: Tensor
     labels: Tensor
     label_weight: Tensor
-    edge_weight: Tensor
+    edges: Tensor
     ring: Tensor
+    w_edge: float
 
     def crop(self, plane: Tensor) -> Tensor:
         """A rendered map [..., H, W] cut to the box."""
         y0, y1, x0, x1 = self.box
         return plane[..., y0:y1, x0:x1]
 
-    @cached_property
-    def inside(self) -> Tensor:
-        """float32 [h, w]; 1 on the building."""
-        return (self.labels > 0).float()
-
-    @cached_property
-    def photo(self) -> Tensor:
-        """float32 [3, h, w] in 0..1."""
-        return self.image.float() / 255.0
+    def pixels(self) -> Pixels:
+        """The maps in the types the losses compute with."""
+        inside = (self.labels > 0).float()
+        return Pixels(
+            photo=self.image.float() / 255.0,
+            labels=self.labels.long(),
+            inside=inside,
+            edge_weight=torch.where(self.edges, inside * self.w_edge, inside),
+            ring=self.ring.float(),
+        )
 
 
 def make_target(
@@ -89,10 +110,11 @@ def make_target(
         tile_mask=_tile_mask(inside | ring, box, camera),
         box=box,
         image=torch.from_numpy(np.ascontiguousarray(photo.transpose(2, 0, 1))),
-        labels=torch.from_numpy(compact),
+        labels=torch.from_numpy(compact.astype(np.uint8)),
         label_weight=torch.from_numpy(label_weight),
-        edge_weight=torch.from_numpy(boundary_weights(labels, config.boundary_weight).astype(np.float32)),
-        ring=torch.from_numpy(ring.astype(np.float32)),
+        edges=torch.from_numpy(boundaries(labels)),
+        ring=torch.from_numpy(np.ascontiguousarray(ring)),
+        w_edge=config.boundary_weight,
     )
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
+from mgf_engine.field.dense import dense_points
 from mgf_engine.field.density import budget_at, refine
 from mgf_engine.field.filter3d import update_filter
 from mgf_engine.field.gaussians import Gaussians
@@ -35,6 +36,7 @@ from mgf_engine.scene.model import Scene
 
 _PREVIEW_SECONDS = 15.0
 _CURVE_POINTS = 200
+_DENSE_SHARE = 0.5  # of the Gaussians' budget may be dense starting points
 _VOTE_ROUNDS = 5  # the masks vote on the Gaussians at every n-th round
 
 
@@ -67,7 +69,7 @@ class _Trainer:
         self.checkpoint_path = folder / "training.npz"
         found = read_checkpoint(self.checkpoint_path)
         if found is None:
-            field = start_field(scene, masks, config)
+            field = start_field(scene, masks, self.views, config, reporter)
             found = Checkpoint(Optimiser(field), 0, {"start_gaussians": len(field), "curve": [], "seconds": {}})
         self.optimiser, self.iteration, self.figures = found.optimiser, found.iteration, found.figures
         self.seconds.update(self.figures["seconds"])
@@ -167,8 +169,9 @@ class _Trainer:
         if self.iteration % interval:
             return
         with torch.no_grad():
-            difference = (target.crop(rendering.colour) - target.photo) * target.inside
-            mse = float((difference**2).sum() / (3 * target.inside.sum()))
+            pixels = target.pixels()
+            difference = (target.crop(rendering.colour) - pixels.photo) * pixels.inside
+            mse = float((difference**2).sum() / (3 * pixels.inside.sum()))
         self.figures["curve"].append({
             "iteration": self.iteration,
             "psnr": round(-10 * math.log10(max(mse, 1e-10)), 3),
@@ -196,7 +199,7 @@ class _Trainer:
     def _preview(self, target: Target, rendering: Rendering) -> None:
         path = self.folder / "preview.jpg"
         colour = target.crop(rendering.colour).detach().clamp(0, 1).numpy().transpose(1, 2, 0)
-        side_by_side = np.concatenate([target.photo.numpy().transpose(1, 2, 0), colour], 1)
+        side_by_side = np.concatenate([target.pixels().photo.numpy().transpose(1, 2, 0), colour], 1)
         picture = (side_by_side[:, :, ::-1] * 255).astype(np.uint8)
         path.write_bytes(cv2.imencode(".jpg", picture)[1].tobytes())
         self.reporter.preview(str(path), f"Iteration {self.iteration}: photo and render")
@@ -225,14 +228,18 @@ def training_views(scene: Scene, masks: MaskSet) -> list[int]:
     return views
 
 
-def start_field(scene: Scene, masks: MaskSet, config: Config) -> Gaussians:
-    """The first Gaussians, from the masked points P' (or from all points, ablation b)."""
+def start_field(scene: Scene, masks: MaskSet, views: list[int], config: Config, reporter: Reporter) -> Gaussians:
+    """The first Gaussians: the masked points P' (or all points, ablation b), and dense points where switched on."""
     chosen = masks.point_mask if config.masked_points else np.ones(len(scene.points), bool)
     index = np.flatnonzero(chosen)
     if len(index) > config.max_gaussians:
         generator = np.random.default_rng(config.seed)
         index = np.sort(generator.choice(index, config.max_gaussians, replace=False))
-    return initial_field(scene.points[index], scene.colors[index], _seen_from(scene, index))
+    parts = [(scene.points[index], scene.colors[index], _seen_from(scene, index))]
+    if config.dense_start:
+        limit = int(_DENSE_SHARE * config.max_gaussians)
+        parts.append(dense_points(scene, masks, views, limit, reporter, config.threads))
+    return initial_field(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _seen_from(scene: Scene, index: NDArray[np.int64]) -> NDArray[np.float64]:

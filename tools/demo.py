@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``make demo``: the whole job from photos to a ``.blend``, headless, through the add-on.
+
+Without ``--scene`` it renders a small building scene with Cycles first. The results are ``demo.blend``,
+``demo.png`` (a picture of the mesh) and the job folder with the mesh and the report.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def main() -> int:
+    """Run the demo; returns the exit code of the first step that fails, or 0."""
+    args = _parser().parse_args()
+    out = args.out.resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    scene, prompts = args.scene, args.prompts
+    if scene is None:
+        print("Rendering the demo scene with Cycles (once; kept in the cache) ...", flush=True)
+        scene = _rendered_scene(args.blender_python)
+    if prompts is None:
+        prompts = scene / "prompts.json"
+    command = [
+        str(args.blender_python), str(ROOT / "mgf_blender" / "batch.py"), "--", "--reconstruct",
+        "--engine", sys.executable, "--scene", str(scene), "--prompts", str(prompts), "--job", str(out / "job"),
+        "--out", str(out / "demo.blend"), "--picture", str(out / "demo.png"), "--set", f"preset={args.preset}",
+    ]  # fmt: skip
+    code = subprocess.run(command, cwd=ROOT).returncode
+    if code:
+        return code
+    for name in ("demo.blend", "demo.png", "job/mesh.ply", "job/report.html"):
+        print(f"  {out / name}")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--blender-python", type=Path, required=True, help="Python with bpy, or a blender program")
+    parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for the results")
+    parser.add_argument("--scene", type=Path, help="a COLMAP scene of your own")
+    parser.add_argument("--prompts", type=Path, help="clicks for it (default: prompts.json in the scene)")
+    parser.add_argument("--preset", default="draft", help="draft, standard or fine")
+    return parser
+
+
+def _rendered_scene(blender_python: Path) -> Path:
+    from mgf_engine.bench.scenes import make_scene
+
+    return make_scene("demo", blender_python=blender_python)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
