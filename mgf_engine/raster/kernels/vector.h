@@ -138,3 +138,11 @@ static inline v16 sums16(const v16 *a) {
     return __builtin_shufflevector(y0, y1, 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27) +
            __builtin_shufflevector(y0, y1, 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31);
 }
+
+// out[i] = the sum of the lanes of a[i], for eight vectors.
+static inline void sums8(const v16 *a, float *out) {
+    const v16 x0 = partial_sums4(a), x1 = partial_sums4(a + 4);
+    const v16 y = __builtin_shufflevector(x0, x1, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23) +
+                  __builtin_shufflevector(x0, x1, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);
+    for (int i = 0; i < 4; i++) out[i] = y[i] + y[i + 4], out[i + 4] = y[i + 8] + y[i + 12];
+}

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the rest of the engine calls: render Gaussians with a camera, differentiably, on a chosen backend.
+
+Backends: ``cpu`` (C kernels) and ``reference`` (plain float64 torch, slow, for tests). Both follow the same rules:
+
+- A Gaussian is drawn when its centre is deeper than ``camera.near``, its opacity is above 1/255 and its centre does
+  not project further than 1e5 pixels from the principal point. Gaussians are ordered by the depth of their centres.
+- In each pixel, front to back, it is blended with alpha = min(0.99, response) if its response is above 1/255, the
+  depth of the response is above ``camera.near`` and the transmittance before it is above 1e-4.
+- Log scales act within ln(1e-6)..ln(1e3); a quaternion of (almost) zero length stands for no rotation.
+- The footprint decides which tiles list a Gaussian; it is exact, so it changes no pixel. A Gaussian whose footprint
+  is no ellipse (it reaches the plane of the camera, or holds the camera) is listed in every tile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.raster import cpu
+from mgf_engine.raster.camera import TILE, Camera
+from mgf_engine.raster.cpu import TileLists, build_lists
+
+__all__ = ["BACKENDS", "HEADS", "TILE", "Camera", "RenderStats", "Rendering", "TileLists", "build_lists", "render"]
+
+BACKENDS = ("cpu", "reference")
+#: ``all`` outputs, or ``basic``: colour, alpha and depth only, which is faster.
+HEADS = ("all", "basic")
+
+
+@dataclass
+class Rendering:
+    """What a camera sees; float32, [.., H, W]. Pixels of tiles outside the mask are zero.
+
+    Attributes:
+        colour: [3, H, W], premultiplied, without background.
+        alpha: [H, W].
+        depth: [H, W], sum of weight * depth along the optical axis (divide by alpha for the mean).
+        median: [H, W], depth at which the transmittance passes 1/2, 0 where it never does; None with basic heads.
+        normal: [3, H, W], sum of weight * normal in the camera frame; None with basic heads.
+        distortion: [H, W], sum over pairs i < j of w_i w_j (m_i - m_j)^2 of mapped depths; None with basic heads.
+        visible: bool [N], true for Gaussians that touch a wanted tile.
+    """
+
+    colour: Tensor
+    alpha: Tensor
+    depth: Tensor
+    median: Tensor | None
+    normal: Tensor | None
+    distortion: Tensor | None
+    visible: Tensor
+
+
+@dataclass
+class RenderStats:
+    """How much each of N Gaussians contributed; added to by every backward pass of a rendering that was given it.
+
+    Attributes:
+        weight: float32 [N], sum of its blending weights over pixels.
+        error: float32 [N], sum of weight * ``error_map``.
+        grad2d: float32 [N], sum over pixels of |dL/dx| + |dL/dy| of its projected centre: not cancelling.
+        max_radius: float32 [N], largest half extent of its footprint in pixels, over views.
+        count: int32 [N], number of views in which its weight was above zero.
+    """
+
+    weight: Tensor
+    error: Tensor
+    grad2d: Tensor
+    max_radius: Tensor
+    count: Tensor
+
+    @classmethod
+    def zeros(cls, n: int) -> RenderStats:
+        return cls(*(torch.zeros(n) for _ in range(4)), torch.zeros(n, dtype=torch.int32))
+
+    def reset(self) -> None:
+        for values in self.all:
+            values.zero_()
+
+    @property
+    def all(self) -> tuple[Tensor, ...]:
+        return self.weight, self.error, self.grad2d, self.max_radius, self.count
+
+
+def render(
+    gaussians: Gaussians,
+    camera: Camera,
+    *,
+    sh_degree: int,
+    tile_mask: Tensor | None = None,
+    backend: str = "cpu",
+    stats: RenderStats | None = None,
+    error_map: Tensor | None = None,
+    heads: str = "all",
+) -> Rendering:
+    """Render Gaussians; differentiable in positions, log_scales, rotations, opacity_logits and sh.
+
+    Args:
+        gaussians: N >= 0 Gaussians, float32 on the CPU.
+        camera: the camera.
+        sh_degree: degree of the spherical harmonics in use, 0..3.
+        tile_mask: [tiles_y, tiles_x] (``camera.tiles``); only tiles with a non-zero entry are drawn. None: all.
+        backend: one of :data:`BACKENDS`.
+        stats: added to by the backward pass.
+        error_map: float32 [H, W], per-pixel error that ``stats.error`` gathers; zero if not given.
+        heads: one of :data:`HEADS`.
+
+    Raises:
+        ValueError: an argument of the wrong shape or an unknown name.
+    """
+    _check(gaussians, camera, sh_degree, tile_mask, backend, stats, error_map, heads)
+    if backend == "reference":
+        from mgf_engine.raster import reference
+
+        return reference.render(gaussians, camera, sh_degree, tile_mask, stats, error_map, heads == "all")
+    outputs = _Render.apply(
+        gaussians.positions,
+        gaussians.log_scales,
+        gaussians.rotations,
+        gaussians.opacity_logits,
+        gaussians.sh,
+        gaussians.filter_3d,
+        (camera, sh_degree, tile_mask, heads == "all", stats, error_map),
+    )
+    return Rendering(*outputs)
+
+
+class _Render(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, *arguments: Any) -> tuple[Tensor | None, ...]:
+        *tensors, options = arguments
+        camera, sh_degree, tile_mask, geometry, stats, error_map = options
+        raw = cpu.Parameters.of(*tensors)
+        lists = cpu.list_tiles(raw, camera, sh_degree, tile_mask)
+        image, hits = cpu.blend(lists, geometry)
+        ctx.save_for_backward(image)  # so that a change in place of an output is noticed
+        ctx.kept = (raw, sh_degree, lists, hits, stats, error_map)
+        ctx.set_materialize_grads(False)
+        visible = lists.tile_counts > 0
+        ctx.mark_non_differentiable(visible)
+        seen = image[:, : camera.height, : camera.width]
+        if geometry:
+            return seen[0:3], seen[3], seen[4], seen[5], seen[6:9], seen[9], visible
+        return seen[0:3], seen[3], seen[4], None, None, None, visible
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
+        (image,) = ctx.saved_tensors
+        raw, sh_degree, lists, hits, stats, error_map = ctx.kept
+        heads = cpu.HeadGradients(*(None if g is None else g.to(torch.float32).contiguous() for g in gradients[:6]))
+        if error_map is not None:
+            error_map = error_map.detach().to(torch.float32).contiguous()
+        statistics = None if stats is None else stats.all
+        found = cpu.backward(raw, sh_degree, lists, image, hits, heads, error_map, statistics)
+        return (*found, None, None)
+
+
+def _check(
+    gaussians: Gaussians,
+    camera: Camera,
+    sh_degree: int,
+    tile_mask: Tensor | None,
+    backend: str,
+    stats: RenderStats | None,
+    error_map: Tensor | None,
+    heads: str,
+) -> None:
+    n = len(gaussians)
+    shapes = {"log_scales": (n, 3), "rotations": (n, 4), "opacity_logits": (n,), "sh": (n, 16, 3), "filter_3d": (n,)}
+    for name, shape in shapes.items():
+        if tuple(getattr(gaussians, name).shape) != shape:
+            raise ValueError(f"{name} must be {shape}, not {tuple(getattr(gaussians, name).shape)}")
+    if tile_mask is not None and tuple(tile_mask.shape) != camera.tiles:
+        raise ValueError(f"tile_mask must be {camera.tiles}, not {tuple(tile_mask.shape)}")
+    if error_map is not None and tuple(error_map.shape) != (camera.height, camera.width):
+        raise ValueError(f"error_map must be {(camera.height, camera.width)}, not {tuple(error_map.shape)}")
+    if stats is not None and len(stats.weight) != n:
+        raise ValueError(f"stats are for {len(stats.weight)} Gaussians, not {n}")
+    if sh_degree not in (0, 1, 2, 3):
+        raise ValueError(f"sh_degree must be 0, 1, 2 or 3, not {sh_degree}")
+    if backend not in BACKENDS or heads not in HEADS:
+        raise ValueError(f"backend is one of {BACKENDS} and heads one of {HEADS}, not '{backend}' and '{heads}'")

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The pinhole camera that the rasterizer sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mgf_engine.scene.model import View
+
+TILE = 16  # pixels; kernels/records.h
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera in the normalised frame; looks along +z, x right, y down.
+
+    Attributes:
+        width, height: pixels.
+        fx, fy, cx, cy: intrinsics in pixels; the centre of the top-left pixel is (0.5, 0.5).
+        rotation, translation: ``camera = rotation @ normalised + translation``, float64 [3, 3], [3].
+        near: depth; Gaussians whose centre is nearer, and responses nearer along a ray, are not drawn.
+        far: with ``near``, maps depths for the distortion: m = far / (far - near) * (1 - near / t); clips nothing.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    near: float = 0.2
+    far: float = 100.0
+
+    @classmethod
+    def from_view(cls, view: View, factor: float = 1.0, near: float = 0.2, far: float = 100.0) -> Camera:
+        """The camera of a view, its pictures reduced by ``factor`` (0.5: half the size, at least one pixel).
+
+        Sizes are rounded to whole pixels and the intrinsics follow the size really taken, per axis.
+        """
+        width, height = max(1, round(view.width * factor)), max(1, round(view.height * factor))
+        x, y = width / view.width, height / view.height
+        return cls(
+            width, height, view.fx * x, view.fy * y, view.cx * x, view.cy * y, view.rotation, view.translation, near, far
+        )
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Centre of projection in the normalised frame, [3]."""
+        return -self.rotation.T @ self.translation
+
+    @property
+    def tiles(self) -> tuple[int, int]:
+        """Number of tiles (rows, columns) that cover the frame."""
+        return -(-self.height // TILE), -(-self.width // TILE)
+
+    def packed(self) -> Tensor:
+        """float32 [32] as the kernels read it (struct Camera in ``kernels/records.h``)."""
+        values = np.zeros(32, np.float32)
+        values[0:9] = self.rotation.reshape(-1)
+        values[9:12] = self.translation
+        values[12:15] = self.centre
+        values[15:23] = self.fx, self.fy, self.cx, self.cy, self.near, self.far, self.width, self.height
+        return torch.from_numpy(values)

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The CPU backend: calls the C kernels in order (project, sort, bin, blend, and back)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.raster.buffers import Frame
+from mgf_engine.raster.camera import TILE, Camera
+from mgf_engine.raster.library import call, parallel
+
+RECORD = 32  # floats per record, kernels/records.h
+PLANES, PLANES_BASIC = 12, 5  # image planes, kernels/blend.h
+SUMS = 24  # gradient sums per list entry, kernels/blend_backward.h
+_CHUNKS = 16  # parts of the depth order that are binned side by side
+_LEVEL_COLOUR, _LEVEL_DEPTH, _LEVEL_ALL = 0, 1, 2
+
+
+@dataclass
+class TileLists:
+    """Projected Gaussians and, for every tile, those that touch it, front to back.
+
+    Attributes:
+        records: float32 [N, 32], layout in ``kernels/records.h``; rows with ``tile_counts == 0`` are undefined.
+        tile_counts: int32 [N], number of listed tiles each Gaussian touches; 0 where it is not drawn.
+        gid: int32 [E], Gaussian of every list entry; tile t's list is ``gid[ranges[t]:ranges[t + 1]]``.
+        slots: int32 [E], place of every entry in the order by Gaussian.
+        slot_starts: int64 [N + 1], first slot of each Gaussian.
+        ranges: int32 [tiles_x * tiles_y + 1].
+        tiles_x, tiles_y: tiles of 16 x 16 pixels; tile t is at column t % tiles_x, row t // tiles_x.
+        camera: the packed camera, float32 [32].
+        frame: owner of the arrays; they are recycled when it is dropped.
+    """
+
+    records: Tensor
+    tile_counts: Tensor
+    gid: Tensor
+    slots: Tensor
+    slot_starts: Tensor
+    ranges: Tensor
+    tiles_x: int
+    tiles_y: int
+    camera: Tensor
+    frame: Frame
+
+    @property
+    def entries(self) -> int:
+        return len(self.gid)
+
+
+@dataclass
+class Parameters:
+    """The raw parameters as detached contiguous float32 tensors, in the order the kernels take them."""
+
+    positions: Tensor
+    log_scales: Tensor
+    rotations: Tensor
+    opacity_logits: Tensor
+    sh: Tensor
+    filter_3d: Tensor
+
+    @classmethod
+    def of(cls, *tensors: Tensor) -> Parameters:
+        return cls(*(t.detach().to(torch.float32).contiguous() for t in tensors))
+
+    @property
+    def all(self) -> tuple[Tensor, ...]:
+        return (self.positions, self.log_scales, self.rotations, self.opacity_logits, self.sh, self.filter_3d)
+
+
+def build_lists(gaussians: Gaussians, camera: Camera, sh_degree: int = 0, tile_mask: Tensor | None = None) -> TileLists:
+    """Project Gaussians and list them per tile, without gradients.
+
+    Args:
+        gaussians: N Gaussians.
+        camera: the camera.
+        sh_degree: degree of the colours in the records, 0..3.
+        tile_mask: [tiles_y, tiles_x], non-zero where a tile is wanted; none means all.
+    """
+    raw = Parameters.of(
+        gaussians.positions,
+        gaussians.log_scales,
+        gaussians.rotations,
+        gaussians.opacity_logits,
+        gaussians.sh,
+        gaussians.filter_3d,
+    )
+    return list_tiles(raw, camera, sh_degree, tile_mask)
+
+
+def list_tiles(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> TileLists:
+    """As :func:`build_lists`, for parameters that are ready for the kernels."""
+    n, frame, packed = len(raw.positions), Frame(), camera.packed()
+    tiles_y, tiles_x = camera.tiles
+    tiles = tiles_x * tiles_y
+    mask = torch.ones(tiles_y, tiles_x, dtype=torch.uint8) if tile_mask is None else (tile_mask != 0).to(torch.uint8)
+    mask_sums = torch.zeros(tiles_y, tiles_x + 1, dtype=torch.int32)
+    mask_sums[:, 1:] = mask.cumsum(1)
+    records = frame.array(torch.float32, n, RECORD)
+    footprints = frame.array(torch.int32, n, 8)
+    tile_counts = frame.array(torch.int32, n)
+    keys = frame.array(torch.int32, n)
+    parallel(
+        "mgf_project", n, packed, *raw.all, sh_degree, tiles_x, tiles_y, mask_sums, records, footprints, tile_counts, keys
+    )
+    order = frame.array(torch.int32, n)
+    slot_starts = frame.array(torch.int64, n + 1)
+    count = call("mgf_sort", n, keys, tile_counts, order, slot_starts, frame.array(torch.int32, 3 * n))
+    entries = int(slot_starts[n])
+    if entries >= 2**31:
+        raise RuntimeError(f"The Gaussians touch {entries} tiles, more than the kernels can list; prune the field.")
+    places = frame.array(torch.int32, _CHUNKS, tiles)
+    ranges = frame.array(torch.int32, tiles + 1)
+    binning = (_CHUNKS, count, order, footprints, mask.contiguous(), tiles_x, tiles_y, places)
+    parallel("mgf_bin_count", *binning)
+    call("mgf_bin_ranges", _CHUNKS, tiles, places, ranges)
+    gid, slots = frame.array(torch.int32, entries), frame.array(torch.int32, entries)
+    parallel("mgf_bin_fill", *binning, slot_starts, gid, slots)
+    return TileLists(records, tile_counts, gid, slots, slot_starts, ranges, tiles_x, tiles_y, packed, frame)
+
+
+def blend(lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:
+    """Blend the lists.
+
+    Returns:
+        the image planes float32 [12 or 5, tiles_y * 16, tiles_x * 16] (``kernels/blend.h``), and per slot the blocks
+        in which the entry was blended, int16 [E].
+    """
+    planes = PLANES if geometry else PLANES_BASIC
+    image = torch.empty(planes, lists.tiles_y * TILE, lists.tiles_x * TILE)
+    hits = lists.frame.array(torch.int16, lists.entries)
+    tiles = lists.tiles_x * lists.tiles_y
+    listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
+    parallel("mgf_blend", tiles, lists.camera, *listed, int(geometry), image, hits)
+    return image, hits
+
+
+@dataclass
+class HeadGradients:
+    """Gradients of the outputs, float32 contiguous and as large as the outputs; None where there is none."""
+
+    colour: Tensor | None
+    alpha: Tensor | None
+    depth: Tensor | None
+    median: Tensor | None
+    normal: Tensor | None
+    distortion: Tensor | None
+
+    @property
+    def level(self) -> int:
+        if self.median is not None or self.normal is not None or self.distortion is not None:
+            return _LEVEL_ALL
+        return _LEVEL_COLOUR if self.depth is None else _LEVEL_DEPTH
+
+
+def backward(
+    raw: Parameters,
+    sh_degree: int,
+    lists: TileLists,
+    image: Tensor,
+    hits: Tensor,
+    heads: HeadGradients,
+    error_map: Tensor | None,
+    statistics: tuple[Tensor, ...] | None,
+) -> tuple[Tensor, ...]:
+    """Gradients of positions, log_scales, rotations, opacity_logits and sh.
+
+    Args:
+        statistics: (weight, error, grad2d, max_radius, count) to add to, or none.
+    """
+    n, level, stats = len(raw.positions), heads.level, statistics is not None
+    sums = lists.frame.array(torch.float32, lists.entries, SUMS)
+    listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
+    given = (heads.colour, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
+    tiles = lists.tiles_x * lists.tiles_y
+    parallel("mgf_blend_backward", tiles, lists.camera, *listed, image, hits, *given, level, int(stats), sums)
+    gradients = tuple(torch.empty_like(t) for t in raw.all[:5])
+    columns = SUMS if stats or level > _LEVEL_COLOUR else 16
+    entries = (lists.records, lists.tile_counts, lists.slot_starts, hits, sums, columns)
+    parallel(
+        "mgf_project_backward", n, lists.camera, *raw.all, sh_degree, *entries, *gradients, *(statistics or (None,) * 5)
+    )
+    return gradients

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Blends the Gaussians of every tile front to back into images. docs/kernels.md explains this file step by step.
+//
+// With transmittance T (1 at first) and alpha a of each Gaussian in turn, its weight is w = a T, then T <- T - w:
+//     colour = sum w c,  alpha = 1 - T,  depth = sum w t*,  normal = sum w n,
+//     median = the t* at which T passes 1/2 (0 when it never does),
+//     distortion = sum over pairs i < j of w_i w_j (m_i - m_j)^2,  m = far / (far - near) (1 - near / t*).
+// With M1 = sum w m and M2 = sum w m^2 over the Gaussians before i (their weights sum to 1 - T), the pairs that end at i add
+//     w_i (m_i^2 (1 - T) - 2 m_i M1 + M2).
+#include "blend.h"
+#include "export.h"
+
+typedef struct {
+    v16 t[BLOCKS], colour[3][BLOCKS], depth[BLOCKS], median[BLOCKS], normal[3][BLOCKS], m1[BLOCKS], m2[BLOCKS],
+        distortion[BLOCKS];
+} Accumulator;
+
+// Adds one Gaussian to one block; returns true when a pixel took it. Clears the block's bit in *live when it is full.
+INLINE int blend_block(Accumulator *s, const float *g, v16 dx, v16 dy, int b, const Camera *camera, float map_scale,
+                       uint32_t *live, const int level) {
+    const Response r = respond(g, dx, dy);
+    const v16 before = s->t[b];
+    const v16 t_star = response_depth(g, dx, dy, r.inv_a);
+    const i16 taken = (r.power2 > g[REC_THRESHOLD]) & (before > T_STOP) & (t_star > camera->near);
+    if (!any(taken)) return 0;
+    const v16 a = vmin(g[REC_OPACITY] * exp2_16(r.power2), splat(ALPHA_MAX));
+    const v16 w = keep(taken, a * before);
+    const v16 after = before - w;
+    const v16 depth = choose(taken, t_star, splat(camera->near));  // finite in every lane
+    for (int c = 0; c < 3; c++) s->colour[c][b] += w * g[REC_R + c];
+    s->depth[b] += w * depth;
+    if (level >= LEVEL_ALL) {
+        const v16 m = map_scale - map_scale * camera->near * reciprocal(depth);
+        const v16 wm = w * m;
+        for (int c = 0; c < 3; c++) s->normal[c][b] += w * g[REC_NX + c];
+        s->median[b] = choose((before > 0.5f) & (after <= 0.5f), depth, s->median[b]);
+        s->distortion[b] += w * (m * (m * (1.0f - before) - 2.0f * s->m1[b]) + s->m2[b]);
+        s->m1[b] += wm, s->m2[b] += wm * m;
+    }
+    s->t[b] = after;
+    if (!any(after > T_STOP)) *live &= ~(1u << b);
+    return 1;
+}
+
+// One plane of a tile, block by block in the accumulator, row by row in the image.
+INLINE void store_plane(const v16 *blocks, float *plane, int64_t stride) {
+    for (int b = 0; b < BLOCKS; b++)
+        for (int row = 0; row < 4; row++)
+            memcpy(plane + ((b >> 2) * 4 + row) * stride + (b & 3) * 4, (const float *)(blocks + b) + 4 * row,
+                   4 * sizeof(float));
+}
+
+INLINE void blend_tile(int64_t tile, const Camera *camera, const float *records, const int32_t *gid, const int32_t *slots,
+                       const int32_t *ranges, int64_t tiles_x, float *image, int64_t plane, uint16_t *hits, const int level) {
+    const float ox = (float)(tile % tiles_x) * TILE, oy = (float)(tile / tiles_x) * TILE;
+    const float map_scale = camera->far / (camera->far - camera->near);
+    Accumulator s;
+    memset(&s, 0, sizeof s);
+    uint32_t live = 0;
+    for (int b = 0; b < BLOCKS; b++) {  // pixels outside the frame are full from the start
+        const v16 x = BLOCK_X + (ox + (float)((b & 3) * 4)), y = BLOCK_Y + (oy + (float)((b >> 2) * 4));
+        const i16 inside = (x < camera->width) & (y < camera->height);
+        s.t[b] = keep(inside, splat(1.0f));
+        if (any(inside)) live |= 1u << b;
+    }
+    int32_t k = ranges[tile];
+    const int32_t end = ranges[tile + 1];
+    for (; k < end && live; k++) {
+        const float *g = records + (int64_t)gid[k] * REC_SIZE;
+        prefetch_record(records, gid, k, end);
+        const v16 dx = BLOCK_X + (ox - g[REC_CX]), dy = BLOCK_Y + (oy - g[REC_CY]);
+        uint32_t hit = 0;
+        for (uint32_t todo = blocks_of(g, ox, oy) & live; todo; todo &= todo - 1) {
+            const int b = __builtin_ctz(todo);
+            const v16 bx = dx + (float)((b & 3) * 4), by = dy + (float)((b >> 2) * 4);
+            hit |= (uint32_t)blend_block(&s, g, bx, by, b, camera, map_scale, &live, level) << b;
+        }
+        hits[slots[k]] = (uint16_t)hit;
+    }
+    for (; k < end; k++) hits[slots[k]] = 0;
+    const int64_t stride = tiles_x * TILE;
+    float *corner = image + (tile / tiles_x) * TILE * stride + (tile % tiles_x) * TILE;
+    for (int b = 0; b < BLOCKS; b++) s.t[b] = 1.0f - s.t[b];
+    for (int c = 0; c < 3; c++) store_plane(s.colour[c], corner + (OUT_R + c) * plane, stride);
+    store_plane(s.t, corner + OUT_ALPHA * plane, stride);
+    store_plane(s.depth, corner + OUT_DEPTH * plane, stride);
+    if (level < LEVEL_ALL) return;
+    store_plane(s.median, corner + OUT_MEDIAN * plane, stride);
+    for (int c = 0; c < 3; c++) store_plane(s.normal[c], corner + (OUT_NX + c) * plane, stride);
+    store_plane(s.distortion, corner + OUT_DISTORTION * plane, stride);
+    store_plane(s.m1, corner + OUT_M1 * plane, stride);
+    store_plane(s.m2, corner + OUT_M2 * plane, stride);
+}
+
+// image [OUT_PLANES or OUT_PLANES_BASIC, tiles_y * 16, tiles_x * 16]: every pixel of every tile is written.
+// hits [slots]: for every entry of the lists the blocks in which it was blended, one bit each.
+MGF_API void mgf_blend(int32_t *next, int64_t tiles, const Camera *camera, const float *records, const int32_t *gid,
+                       const int32_t *slots, const int32_t *ranges, int64_t tiles_x, int64_t geometry, float *image,
+                       uint16_t *hits) {
+    const int64_t plane = tiles * TILE * TILE;
+    for (int64_t tile; (tile = take_work(next)) < tiles;) {
+        if (geometry)
+            blend_tile(tile, camera, records, gid, slots, ranges, tiles_x, image, plane, hits, LEVEL_ALL);
+        else
+            blend_tile(tile, camera, records, gid, slots, ranges, tiles_x, image, plane, hits, LEVEL_DEPTH);
+    }
+}
