@@ -34,6 +34,16 @@ class Similarity:
 
 
 @dataclass(frozen=True)
+class Lens:
+    """The user's camera before undistortion: a COLMAP camera model, its size in pixels and its parameters."""
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class View:
     """One undistorted photo at working resolution with its pinhole camera.
 
@@ -43,6 +53,9 @@ class View:
         width, height: pixels of the working photo.
         fx, fy, cx, cy: intrinsics in pixels; the top-left pixel's centre is (0.5, 0.5).
         rotation, translation: ``camera = rotation @ normalised + translation``, float64 [3, 3], [3].
+        original_width, original_height: pixels of the user's photo as its camera saw it (after an EXIF rotation, if
+            the camera was calibrated on the rotated photo); clicks and masks from outside are given in this frame.
+        lens: the camera before undistortion; None when the working photo is the original one merely resized.
     """
 
     name: str
@@ -55,8 +68,9 @@ class View:
     cy: float
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
-    original_width: int  # of the user's photo (after EXIF rotation), the frame prompts are given in
+    original_width: int
     original_height: int
+    lens: Lens | None = None
 
     @property
     def centre(self) -> NDArray[np.float64]:
@@ -71,6 +85,27 @@ class View:
         uv = local[:, :2] / safe[:, None] * (self.fx, self.fy) + (self.cx, self.cy)
         return uv, depth
 
+    def from_original(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels [N, 2] of the user's photo -> working pixels (undistorted, resized); NaN beyond the lens."""
+        from mgf_engine.scene.cameras import from_original
+
+        return from_original(self, points)
+
+    def to_original(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Working pixels [N, 2] -> pixels of the user's photo; the inverse of :meth:`from_original`."""
+        from mgf_engine.scene.cameras import to_original
+
+        return to_original(self, points)
+
+    def warp_labels(self, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """A label map in the frame of the user's photo -> the working photo's frame [height, width], nearest pixel.
+
+        ``labels`` may have any size with the photo's aspect ratio.
+        """
+        from mgf_engine.scene.cameras import warp_labels
+
+        return warp_labels(self, labels)
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -80,10 +115,10 @@ class Scene:
         views: the registered photos, in the order of their names.
         points: float64 [P, 3], normalised frame.
         colors: uint8 [P, 3].
-        errors: float32 [P], mean reprojection error in pixels of the original photos.
+        errors: float32 [P], mean reprojection error in pixels of the COLMAP cameras; 0 where unknown.
         track_start: int64 [P + 1]; observations of point i are ``track_start[i]:track_start[i + 1]``.
         track_view: int32 [T], index into ``views``.
-        track_uv: float32 [T, 2], observed keypoint in working pixels (undistorted).
+        track_uv: float32 [T, 2], observed keypoint in working pixels (undistorted), always inside the frame.
         to_normalised: scene frame -> normalised frame.
         roots: indices of the views the user is asked to click on (a fifth, spread out).
         held_out: indices of the views kept out of training.

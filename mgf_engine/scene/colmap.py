@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find the COLMAP model and the photos in whatever folder the user has, and read the model.
+
+The files are parsed here rather than by pycolmap: pycolmap ends the process or asks for terabytes when a file is
+damaged, and takes minutes to hand over large tracks. The tests hold both readers against each other.
+"""
+
+from __future__ import annotations
+
+import os
+import unicodedata
+from pathlib import Path
+
+from mgf_engine.errors import BadInput
+from mgf_engine.scene import colmap_binary, colmap_text
+from mgf_engine.scene.sparse import SparseModel, check_model
+
+#: Where models are looked for below the given folder; of equally large models the first wins.
+PLACES = ("", "sparse", "sparse/*", "*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*", "*")
+PHOTO_KINDS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".ppm", ".pgm"}
+_PARTS = ("cameras", "images", "points3D")
+
+
+def find_model(source: Path, exclude: Path | None = None) -> Path | None:
+    """The folder of the model with the most registered photos, or None when there is no model at all.
+
+    Args:
+        source: the folder the user gave: a scene, its ``sparse`` folder, or the model itself.
+        exclude: a folder whose models are not looked at (the job's own).
+
+    Raises:
+        BadInput: the only model found lacks one of its three files.
+    """
+    complete: list[tuple[int, Path]] = []
+    partial: list[Path] = []
+    for folder in _candidates(source, exclude):
+        kind = _kind(folder)
+        if kind:
+            complete.append((_count_images(folder, kind), folder))
+        elif _any_part(folder):
+            partial.append(folder)
+    if complete:
+        return max(complete, key=lambda c: c[0])[1]  # max keeps the first of equals
+    if partial:
+        missing = [p for p in _PARTS if not _has(partial[0], p)] or ["some in .bin and some in .txt form, not all in one"]
+        raise BadInput(f"The COLMAP model '{partial[0]}' is not complete (missing: {', '.join(missing)}); copy all three files.")
+    return None
+
+
+def read_model(folder: Path) -> SparseModel:
+    """Read and check the model in a folder (``.bin`` wins over ``.txt``, as in COLMAP).
+
+    Raises:
+        BadInput: a file is missing, unreadable, damaged, or inconsistent with the others.
+    """
+    kind = _kind(folder)
+    if not kind:
+        raise BadInput(f"'{folder}' holds no COLMAP model; it needs cameras, images and points3D as .bin or .txt files.")
+    reader = colmap_binary if kind == ".bin" else colmap_text
+    paths = {part: folder / (part + kind) for part in (*_PARTS, "rigs", "frames")}
+    try:
+        cameras = reader.read_cameras(paths["cameras"])
+        images = reader.read_images(paths["images"])
+        points = reader.read_points(paths["points3D"])
+        both = paths["rigs"].exists() and paths["frames"].exists()
+        rigs = reader.read_rigs(paths["rigs"], paths["frames"]) if both else None
+    except OSError as error:
+        raise BadInput(f"Cannot read the COLMAP model '{folder}' ({error.strerror}); check the files.") from error
+    by_id = {camera.id: camera for camera in cameras}
+    if len(by_id) != len(cameras):
+        raise BadInput(f"The COLMAP model '{folder}' lists a camera twice; export it again.")
+    model = SparseModel(folder, by_id, tuple(sorted(images, key=lambda image: image.name)), points, rigs)
+    check_model(model)
+    return model
+
+
+def find_photos(names: list[str], model: Path, source: Path, exclude: Path | None = None) -> list[Path]:
+    """The photo file of each name in the model.
+
+    Tried in turn: the usual folders around the model, then any file below ``source`` whose path ends like the name.
+
+    Raises:
+        BadInput: a photo is not there, or two files fit equally well.
+    """
+    places = _photo_places(model, source)
+    counts = [sum((place / _portable(name)).is_file() for name in names) for place in places]
+    best = max(range(len(places)), key=lambda i: counts[i]) if places else 0
+    found = {name: places[best] / _portable(name) for name in names} if places else {}
+    missing = [name for name in names if name not in found or not found[name].is_file()]
+    if missing:
+        index = _index(source, exclude)
+        for name in list(missing):
+            fits = _best_fits(_portable(name), index)
+            if len(fits) == 1:
+                found[name] = fits[0]
+                missing.remove(name)
+    if missing:
+        raise BadInput(
+            f"{len(missing)} of {len(names)} photos of the COLMAP model are not there (first: '{missing[0]}'); "
+            f"put the photos into '{source / 'images'}'."
+        )
+    return [found[name] for name in names]
+
+
+def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[str]]:
+    """The folder that photos without a model lie in, and their paths relative to it, sorted.
+
+    ``images`` (or ``photos``, ``input``) below the source is taken where it has photos, else the source with its subfolders.
+    """
+    for name in ("images", "photos", "input", ""):
+        root = source / name if name else source
+        photos = [p for p in _walk(root, exclude) if p.suffix.lower() in PHOTO_KINDS] if root.is_dir() else []
+        if photos:
+            return root, sorted(p.relative_to(root).as_posix() for p in photos)
+    return source, []
+
+
+def _candidates(source: Path, exclude: Path | None) -> list[Path]:
+    folders: list[Path] = []
+    for place in PLACES:
+        for folder in sorted(source.glob(place)) if place else [source]:
+            inside = exclude is not None and (exclude == folder or exclude in folder.parents)
+            if folder.is_dir() and not inside and folder not in folders:
+                folders.append(folder)
+    return folders
+
+
+def _has(folder: Path, part: str) -> bool:
+    return any((folder / (part + kind)).is_file() for kind in (".bin", ".txt"))
+
+
+def _any_part(folder: Path) -> bool:
+    return _has(folder, "points3D") or (_has(folder, "cameras") and _has(folder, "images")) or (
+        _has(folder, "images") and folder.name.isdigit()
+    )  # fmt: skip
+
+
+def _kind(folder: Path) -> str:
+    for kind in (".bin", ".txt"):
+        if all((folder / (part + kind)).is_file() for part in _PARTS):
+            return kind
+    return ""
+
+
+def _count_images(folder: Path, kind: str) -> int:
+    path = folder / ("images" + kind)
+    try:
+        count = (colmap_binary if kind == ".bin" else colmap_text).count_images(path)
+        return count if count * 8 <= path.stat().st_size else -1  # a damaged count must not win over a sound model
+    except OSError:
+        return -1
+
+
+def _photo_places(model: Path, source: Path) -> list[Path]:
+    around = [model, *model.parents[:3], source, *source.parents[:1]]
+    around = [p for p in around if p == source or source in p.parents or p in source.parents[:2]]
+    places = [p / "images" for p in around] + around
+    places += [p for p in sorted(source.iterdir()) if p.is_dir()] if source.is_dir() else []
+    return [p for i, p in enumerate(places) if p.is_dir() and p not in places[:i]]
+
+
+def _portable(name: str) -> str:
+    """Names from Windows hold backslashes."""
+    return name.replace("\\", "/") if os.sep == "/" else name
+
+
+def _index(source: Path, exclude: Path | None) -> list[tuple[list[str], Path]]:
+    """Every photo below the source with the parts of its path, last first, in comparable form."""
+    files = sorted(_walk(source, exclude))
+    return [(_comparable(p.relative_to(source).as_posix()), p) for p in files if p.suffix.lower() in PHOTO_KINDS]
+
+
+def _best_fits(name: str, index: list[tuple[list[str], Path]]) -> list[Path]:
+    """The photos that share the longest end of the path with ``name``."""
+    wanted = _comparable(name)
+    shared = [(_common(wanted, parts), path) for parts, path in index]
+    longest = max((n for n, _ in shared), default=0)
+    return [path for n, path in shared if n == longest and n > 0]
+
+
+def _comparable(path: str) -> list[str]:
+    # macOS stores accents decomposed, and Windows ignores case.
+    return [unicodedata.normalize("NFC", part).casefold() for part in reversed(path.split("/"))]
+
+
+def _common(a: list[str], b: list[str]) -> int:
+    count = 0
+    for x, y in zip(a, b, strict=False):
+        if x != y:
+            break
+        count += 1
+    return count
+
+
+def _walk(root: Path, exclude: Path | None) -> list[Path]:
+    files: list[Path] = []
+    for folder, subfolders, names in os.walk(root):
+        here = Path(folder)
+        subfolders[:] = [s for s in subfolders if not s.startswith(".") and here / s != exclude]
+        files += [here / name for name in names if not name.startswith(".")]
+    return files

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Read photos of every kind as RGB, turn them as their camera saw them, and write the working photos.
+
+OpenCV decodes (from memory, so that paths may hold any letters); Pillow reads only headers: size and EXIF.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from mgf_engine.errors import BadInput
+
+_ORIENTATION_TAG = 274
+#: EXIF orientations that swap width and height.
+_SWAPPING = (5, 6, 7, 8)
+_KINDS = "JPEG, PNG, TIFF, WebP or BMP"
+
+
+@dataclass(frozen=True)
+class PhotoInfo:
+    """What a photo's header says: stored size in pixels, and the EXIF orientation (1 = as stored)."""
+
+    width: int
+    height: int
+    orientation: int
+
+    @property
+    def turned_size(self) -> tuple[int, int]:
+        """Width and height after the EXIF rotation."""
+        return (self.height, self.width) if self.orientation in _SWAPPING else (self.width, self.height)
+
+
+def read_info(path: Path) -> PhotoInfo:
+    """Size and orientation from the header, without decoding.
+
+    Raises:
+        BadInput: the file is missing or no picture.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # very large photos are fine here; only their header is read
+            limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+            try:
+                with Image.open(path) as image:
+                    width, height = image.size
+                    orientation = int(image.getexif().get(_ORIENTATION_TAG, 1) or 1)
+            finally:
+                Image.MAX_IMAGE_PIXELS = limit
+    except Exception as error:
+        raise _unreadable(path) from error
+    return PhotoInfo(width, height, orientation if 1 <= orientation <= 8 else 1)
+
+
+def read_rgb(path: Path, turn: bool = False) -> NDArray[np.uint8]:
+    """Decode a picture of any bit depth, grey, palette or alpha to RGB.
+
+    Args:
+        path: the picture.
+        turn: apply the EXIF rotation.
+
+    Returns:
+        uint8 [height, width, 3]; 16-bit values lose their low byte, transparent pixels keep their colour.
+
+    Raises:
+        BadInput: the file is missing, cut off or no picture.
+    """
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise BadInput(f"Cannot read the photo '{path}' ({error.strerror}); check the file.") from error
+    flags = cv2.IMREAD_COLOR_RGB if turn else cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+    if len(data) == 0 or _is_cut_jpeg(data):
+        raise _unreadable(path)
+    try:
+        image = cv2.imdecode(data, flags)
+    except (cv2.error, MemoryError) as error:
+        raise _unreadable(path) from error
+    if image is None:
+        raise _unreadable(path)
+    return image  # type: ignore[return-value]
+
+
+def turn(image: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
+    """Apply an EXIF orientation (1..8) to [height, width, channels]."""
+    if orientation in _SWAPPING:
+        image = image.transpose(1, 0, 2)
+    flip_rows, flip_columns = {2: (0, 1), 3: (1, 1), 4: (1, 0), 6: (0, 1), 7: (1, 1), 8: (1, 0)}.get(orientation, (0, 0))
+    return np.ascontiguousarray(image[:: -1 if flip_rows else 1, :: -1 if flip_columns else 1])
+
+
+def shrink(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """Resize with the area filter (cubic where the picture grows), corner to corner."""
+    if image.shape[:2] == (height, width):
+        return image
+    smaller = width <= image.shape[1] and height <= image.shape[0]
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)  # type: ignore[return-value]
+
+
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write RGB [height, width, 3] or grey [height, width] without loss and without ever leaving half a file."""
+    shown = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
+    ok, data = cv2.imencode(".png", shown, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    if not ok:
+        raise ValueError(f"Cannot encode a picture of shape {image.shape}")
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_bytes(io.BytesIO(data.tobytes()).getbuffer())
+    os.replace(temporary, path)
+
+
+def _is_cut_jpeg(data: NDArray[np.uint8]) -> bool:
+    """Whether a JPEG ends early; OpenCV would fill the rest with grey."""
+    if data[:2].tobytes() != b"\xff\xd8":
+        return False
+    return b"\xff\xd9" not in data[-65536:].tobytes()
+
+
+def _unreadable(path: Path) -> BadInput:
+    what = "does not exist" if not path.exists() else f"cannot be read as {_KINDS}"
+    return BadInput(f"The photo '{path}' {what}; replace the file or export the photo again.")

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The scene stage as a whole: from the user's folder to the job's ``scene`` folder."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
+from mgf_engine.messages import Reporter
+from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
+from mgf_engine.scene.model import Scene, View
+from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
+from mgf_engine.scene.photos import Photo, make_photos, plan_photos
+from mgf_engine.scene.roots import choose_held_out, choose_roots
+from mgf_engine.scene.sfm import reconstruct
+from mgf_engine.scene.sparse import SparseModel
+from mgf_engine.scene.store import FILE, save_scene
+
+_SFM_SHARE = 0.9
+
+
+def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter) -> Scene:
+    """Read the user's scene and write the job's ``scene`` folder.
+
+    Args:
+        source: a COLMAP scene (any usual layout), the model's folder itself, or a folder of photos alone.
+        folder: the job's ``scene`` folder; made if needed. It holds a readable scene only when this returns.
+        config: options; those of the section ``scene`` and ``threads`` are used.
+        reporter: for progress, warnings and the request to cancel.
+
+    Raises:
+        BadInput: anything about the model or the photos that cannot be used; nothing half-written stays.
+    """
+    source, folder = source.resolve(), folder.resolve()
+    if not source.is_dir():
+        raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")
+    made = not folder.exists()
+    working = folder / "images.part"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / FILE).unlink(missing_ok=True)
+        shutil.rmtree(working, ignore_errors=True)
+        working.mkdir()
+        return _load(source, folder, working, config, reporter)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise BadInput(f"Cannot read the scene or write to '{folder}' ({reason}); check space and permissions.") from error
+    finally:
+        shutil.rmtree(working, ignore_errors=True)
+        if made and folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def _load(source: Path, folder: Path, working: Path, config: Config, reporter: Reporter) -> Scene:
+    job = folder.parent
+    exclude = folder if source == job or job in source.parents else job
+    reporter.progress(0.0)
+    model_folder = find_model(source, exclude)
+    start = 0.0
+    if model_folder is None:
+        photo_root, names = list_photos(source, exclude)
+        start = _SFM_SHARE
+        model_folder = reconstruct(photo_root, names, folder / "sfm", config, reporter, lambda f: f * start)
+        model = read_model(model_folder)
+        paths = [photo_root / image.name for image in model.images]
+    else:
+        model = read_model(model_folder)
+        paths = find_photos([image.name for image in model.images], model_folder, source, exclude)
+    photos = plan_photos(model, paths, config.resolution, reporter)
+    make_photos(photos, working, config.threads, lambda f: reporter.progress(start + (1.0 - start) * f, photos=len(photos)))
+    scene = build_scene(model, photos, folder, config)
+    _replace(working, folder / "images")
+    save_scene(scene)
+    return scene
+
+
+def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: Config) -> Scene:
+    """Cameras, points and tracks in the normalised frame at working resolution."""
+    rotations = [rotation_of(image.quaternion) for image in model.images]
+    centres = np.array([-r.T @ image.translation for r, image in zip(rotations, model.images, strict=True)])
+    points = model.points
+    to_normalised = normalise(points.xyz, np.diff(points.start), centres)
+    views = tuple(
+        _view(image.name, photo, *normalise_pose(rotation, image.translation, to_normalised))
+        for image, photo, rotation in zip(model.images, photos, rotations, strict=True)
+    )
+    start, track_view, track_uv = _tracks(model, photos)
+    seen = np.bincount(track_view, minlength=len(views))
+    roots = choose_roots(
+        np.array([view.centre for view in views]), np.array([view.rotation[2] for view in views]), seen
+    )
+    return Scene(
+        views=views, points=to_normalised.apply(points.xyz), colors=points.rgb,
+        errors=np.maximum(np.nan_to_num(points.errors, nan=0.0, posinf=0.0), 0.0).astype(np.float32),
+        track_start=start, track_view=track_view, track_uv=track_uv, to_normalised=to_normalised, roots=roots,
+        held_out=choose_held_out(len(views), roots, config.holdout_every), folder=folder,
+    )  # fmt: skip
+
+
+def _view(name: str, photo: Photo, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> View:
+    camera = photo.camera
+    return View(
+        name=name.replace("\\", "/"), file=f"images/{photo.file}", width=camera.width, height=camera.height,
+        fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy, rotation=rotation, translation=translation,
+        original_width=photo.width, original_height=photo.height, lens=camera.lens,
+    )  # fmt: skip
+
+
+def _tracks(
+    model: SparseModel, photos: list[Photo]
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
+    """Observations of the points in working pixels, those outside the working photos left out (CSR arrays)."""
+    points = model.points
+    slot = {image.id: i for i, image in enumerate(model.images)}
+    track_view = np.array([slot[i] for i in points.image_ids.tolist()], np.int32)
+    uv = np.full((len(track_view), 2), np.nan)
+    for index, (image, photo) in enumerate(zip(model.images, photos, strict=True)):
+        mine = np.flatnonzero(track_view == index)
+        observed = image.keypoints[points.keypoint[mine]]
+        uv[mine] = photo.camera.keypoints(observed, model.cameras[image.camera_id])
+    limit = np.array([(p.camera.width, p.camera.height) for p in photos], np.float64)
+    uv32 = uv.astype(np.float32)
+    inside = ((uv32 >= 0) & (uv32 < limit[track_view])).all(1)
+    kept = np.concatenate([[0], np.cumsum(inside)])
+    return kept[points.start].astype(np.int64), track_view[inside], uv32[inside]
+
+
+def _replace(new: Path, old: Path) -> None:
+    shutil.rmtree(old, ignore_errors=True)
+    os.replace(new, old)
+
+

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Match each photo with its camera (size, EXIF rotation) and make the working photos, several at a time."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.messages import Reporter
+from mgf_engine.scene.cameras import WorkingCamera, plan_camera
+from mgf_engine.scene.images import PhotoInfo, read_info, read_rgb, turn, write_png
+from mgf_engine.scene.sparse import NO_POINT, SparseCamera, SparseImage, SparseModel
+
+#: Bytes that photos being decoded may take together; a photo takes about nine times its pixels.
+_MEMORY = 800 << 20
+_BYTES_PER_PIXEL = 9
+_MAX_WORKERS = 8
+
+
+@dataclass(frozen=True)
+class Photo:
+    """One photo of the model and what is done to it.
+
+    Attributes:
+        width, height: as its camera sees it, in pixels.
+        orientation: the EXIF orientation to apply; 1 leaves the stored pixels.
+        file: name of the working photo in the ``images`` folder.
+    """
+
+    path: Path
+    width: int
+    height: int
+    orientation: int
+    file: str
+    camera: WorkingCamera
+
+
+def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter: Reporter) -> list[Photo]:
+    """Look at every photo's header and decide its size, rotation and working camera.
+
+    Raises:
+        BadInput: a photo cannot be read or does not fit its camera.
+    """
+    colors = _colors_by_id(model)
+    cameras: dict[tuple[int, int, int], WorkingCamera] = {}
+    photos: list[Photo] = []
+    scaled: list[str] = []
+    for index, (image, path) in enumerate(zip(model.images, paths, strict=True)):
+        reporter.check()
+        camera = model.cameras[image.camera_id]
+        info = read_info(path)
+        orientation = _orientation(info, camera, image, path, colors)
+        width, height = info.turned_size if orientation != 1 else (info.width, info.height)
+        if (width, height) != (camera.width, camera.height):
+            scaled.append(f"'{image.name}' is {width} x {height}, its camera {camera.width} x {camera.height}")
+        key = (camera.id, width, height)
+        if key not in cameras:
+            cameras[key] = plan_camera(camera, (width, height), resolution)
+        photos.append(Photo(path, width, height, orientation, _file_name(index, image.name), cameras[key]))
+    if scaled:
+        reporter.warning(
+            f"{len(scaled)} of {len(photos)} photos have another size than their camera ({scaled[0]}); "
+            "the cameras were scaled to the photos."
+        )
+    return photos
+
+
+def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Callable[[float], None]) -> None:
+    """Decode, undistort and resize all photos into ``folder``, in parallel within a memory budget.
+
+    Raises:
+        BadInput: a photo cannot be decoded.
+    """
+    largest = max(p.width * p.height for p in photos) * _BYTES_PER_PIXEL
+    workers = max(1, min(threads or os.cpu_count() or 1, _MAX_WORKERS, _MEMORY // largest))
+    with ThreadPoolExecutor(workers) as pool:
+        jobs = [pool.submit(_make_photo, photo, folder) for photo in photos]
+        try:
+            for i, job in enumerate(jobs):
+                job.result()
+                progress((i + 1) / len(jobs))
+        finally:
+            for job in jobs:
+                job.cancel()
+
+
+def _make_photo(photo: Photo, folder: Path) -> None:
+    image = read_rgb(photo.path)
+    if photo.orientation != 1:
+        image = turn(image, photo.orientation)
+    if image.shape[:2] != (photo.height, photo.width):
+        raise BadInput(f"The photo '{photo.path}' does not have the size its header says; export the photo again.")
+    write_png(folder / photo.file, photo.camera.make_photo(image))
+
+
+def _orientation(
+    info: PhotoInfo, camera: SparseCamera, image: SparseImage, path: Path, colors: _Colors
+) -> int:
+    """Whether the camera was calibrated on the stored pixels (1) or on the photo as EXIF turns it.
+
+    The aspect ratio decides; where it cannot (half turns, square photos), the colours of the points do.
+
+    Raises:
+        BadInput: the photo has another aspect ratio than its camera either way.
+    """
+    stored = _same_shape((info.width, info.height), camera)
+    turned = info.orientation != 1 and _same_shape(info.turned_size, camera)
+    if not stored and not turned:
+        raise BadInput(
+            f"The photo '{path}' is {info.width} x {info.height} pixels but its camera {camera.width} x {camera.height}; "
+            "use the photos the COLMAP model was made from."
+        )
+    if stored and turned:
+        return _orientation_by_color(info, camera, image, path, colors)
+    return 1 if stored else info.orientation
+
+
+def _orientation_by_color(
+    info: PhotoInfo, camera: SparseCamera, image: SparseImage, path: Path, colors: _Colors
+) -> int:
+    seen = image.point_ids != NO_POINT
+    if seen.sum() < 10:
+        return 1
+    expected = colors.of(image.point_ids[seen])
+    photo = read_rgb(path)
+    best = {}
+    for orientation in (1, info.orientation):
+        turned = turn(photo, orientation)
+        scale = (turned.shape[1] / camera.width, turned.shape[0] / camera.height)
+        at = np.floor(image.keypoints[seen] * scale).astype(np.int64).clip(0, (turned.shape[1] - 1, turned.shape[0] - 1))
+        best[orientation] = np.abs(turned[at[:, 1], at[:, 0]].astype(np.float64) - expected).mean()
+    return min(best, key=lambda o: best[o])
+
+
+@dataclass(frozen=True)
+class _Colors:
+    """Colours of the points by id."""
+
+    ids: NDArray[np.int64]  # sorted
+    rgb: NDArray[np.uint8]
+
+    def of(self, ids: NDArray[np.int64]) -> NDArray[np.float64]:
+        return self.rgb[np.searchsorted(self.ids, ids)].astype(np.float64)
+
+
+def _colors_by_id(model: SparseModel) -> _Colors:
+    order = np.argsort(model.points.ids)
+    return _Colors(model.points.ids[order], model.points.rgb[order])
+
+
+def _same_shape(size: tuple[int, int], camera: SparseCamera) -> bool:
+    """Same aspect ratio, up to rounding both sides to whole pixels."""
+    width, height = size
+    slack = 1.0 + max(width / camera.width, height / camera.height)
+    return abs(height - width * camera.height / camera.width) <= slack or (
+        abs(width - height * camera.width / camera.height) <= slack
+    )
+
+
+def _file_name(index: int, name: str) -> str:
+    """A name of the working photo that sorts and reads like the user's and is safe on every system."""
+    stem = name.replace("\\", "/").split("/")[-1].rsplit(".", 1)[0]
+    return f"{index:04d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', stem)[:40]}.png"

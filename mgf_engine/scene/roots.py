@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which photos the user is asked to click on, and which are kept out of training to measure the result."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.scene.normalise import CAMERA_DISTANCE
+
+_FEWEST_ROOTS = 3
+_FEWEST_TRAINED = 3
+
+
+def choose_roots(
+    centres: NDArray[np.float64], directions: NDArray[np.float64], seen: NDArray[np.int64]
+) -> tuple[int, ...]:
+    """A fifth of the views (at least 3, or all), spread by farthest-point sampling.
+
+    Two views are far apart when they stand apart or look in different directions. The first root is the view with
+    the most observed points, ties go to the lower index, so the choice depends on the scene alone.
+
+    Args:
+        centres: [V, 3] camera centres, normalised frame.
+        directions: [V, 3] unit viewing directions.
+        seen: [V] number of points observed by each view.
+
+    Returns:
+        Sorted indices of the roots.
+    """
+    count = min(len(centres), max(_FEWEST_ROOTS, math.ceil(len(centres) / 5)))
+    feature = np.concatenate([centres / CAMERA_DISTANCE, directions], 1)
+    chosen = [int(np.argmax(seen))]
+    distance = np.full(len(feature), np.inf)
+    for _ in range(count - 1):
+        distance = np.minimum(distance, np.linalg.norm(feature - feature[chosen[-1]], axis=1))
+        distance[chosen] = -1.0
+        chosen.append(int(np.argmax(distance)))
+    return tuple(sorted(chosen))
+
+
+def choose_held_out(count: int, roots: tuple[int, ...], every: int) -> tuple[int, ...]:
+    """Every n-th view in the order of names, spread evenly, roots avoided while other views are left.
+
+    Args:
+        count: number of views.
+        roots: indices of the root views.
+        every: n; 0 keeps none out. Three views at least stay in training.
+
+    Returns:
+        Sorted indices of the views kept out.
+    """
+    if every <= 0:
+        return ()
+    wanted = max(0, min(math.ceil(count / every), count - _FEWEST_TRAINED))
+    free = [i for i in range(count) if i not in roots] + [i for i in range(count) if i in roots]
+    others = count - len(roots)
+    chosen: list[int] = []
+    for k in range(wanted):
+        ideal = (k + 0.5) * count / wanted - 0.5
+        pool = [i for i in (free[:others] if k < others else free) if i not in chosen]
+        chosen.append(min(pool, key=lambda i: (abs(i - ideal), i)))
+    return tuple(sorted(chosen))
