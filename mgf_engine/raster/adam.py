@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Adam step (Kingma & Ba, 2015), fused, for the rows of a parameter that the last view saw."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from mgf_engine.raster.library import parallel
+
+
+def adam_step(
+    parameter: Tensor,
+    gradient: Tensor,
+    exp_avg: Tensor,
+    exp_avg_sq: Tensor,
+    *,
+    step: int,
+    lr: float | Tensor,
+    betas: tuple[float, float] = (0.9, 0.999),
+    eps: float = 1e-15,
+    visible: Tensor | None = None,
+    active: int | None = None,
+    backend: str = "cpu",
+) -> None:
+    """One step in place: ``p -= lr * m / (1 - b1^step) / (sqrt(v / (1 - b2^step)) + eps)``.
+
+    Args:
+        parameter: float32 [N, ...], contiguous; a row is everything behind the first axis, W numbers.
+        gradient, exp_avg, exp_avg_sq: as ``parameter``.
+        step: number of this step, from 1.
+        lr: learning rate, or one per number of a row, float32 [W].
+        visible: bool [N]; other rows and their moments stay as they are. None: all rows.
+        active: only the first so many numbers of each row are touched. None: all.
+        backend: ``cpu`` or ``reference`` (plain torch).
+    """
+    rows = len(parameter)
+    width = parameter[0].numel() if rows else 1
+    active = width if active is None else active
+    bias1, bias2 = 1 / (1 - betas[0] ** step), 1 / (1 - betas[1] ** step)
+    seen = None if visible is None else visible.to(torch.bool).contiguous()
+    if backend == "reference":
+        _reference(parameter, gradient, exp_avg, exp_avg_sq, lr, betas, eps, bias1, bias2, seen, active)
+        return
+    arrays = [t.detach() for t in (parameter, gradient.contiguous(), exp_avg, exp_avg_sq)]
+    if any(t.dtype != torch.float32 or t.numel() != rows * width for t in arrays):
+        raise ValueError("parameter, gradient and moments must be float32 of one shape")
+    rate, rates = (0.0, lr.to(torch.float32).contiguous()) if isinstance(lr, Tensor) else (float(lr), None)
+    if rates is not None and len(rates) != width:
+        raise ValueError(f"lr has {len(rates)} rates for rows of {width} numbers")
+    settings = (float(betas[0]), float(betas[1]), float(eps), float(bias1), float(bias2))
+    mask = None if seen is None else seen.view(torch.uint8)
+    parallel("mgf_adam", rows, width, active, *arrays, mask, rate, rates, *settings)
+
+
+def _reference(
+    parameter: Tensor,
+    gradient: Tensor,
+    exp_avg: Tensor,
+    exp_avg_sq: Tensor,
+    lr: float | Tensor,
+    betas: tuple[float, float],
+    eps: float,
+    bias1: float,
+    bias2: float,
+    visible: Tensor | None,
+    active: int,
+) -> None:
+    rows = len(parameter)
+    seen = torch.ones(rows, dtype=torch.bool) if visible is None else visible
+    p, g, m, v = (t.detach().view(rows, -1)[:, :active] for t in (parameter, gradient, exp_avg, exp_avg_sq))
+    rate = lr[:active] if isinstance(lr, Tensor) else lr
+    m[seen] = betas[0] * m[seen] + (1 - betas[0]) * g[seen]
+    v[seen] = betas[1] * v[seen] + (1 - betas[1]) * g[seen] ** 2
+    p[seen] -= rate * m[seen] * bias1 / (torch.sqrt(v[seen] * bias2) + eps)
