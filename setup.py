@@ -14,7 +14,7 @@ from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 
 sys.path.insert(0, str(Path(__file__).parent))
-from mgf_engine.raster import build as kernels  # noqa: E402
+from mgf_engine.raster import build as kernels
 
 
 def wheel_target() -> str:

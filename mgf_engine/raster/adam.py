@@ -14,12 +14,12 @@ def adam_step(
     gradient: Tensor,
     exp_avg: Tensor,
     exp_avg_sq: Tensor,
-    *,
-    step: int,
     lr: float | Tensor,
+    step: int,
+    visible: Tensor | None = None,
+    *,
     betas: tuple[float, float] = (0.9, 0.999),
     eps: float = 1e-15,
-    visible: Tensor | None = None,
     active: int | None = None,
     backend: str = "cpu",
 ) -> None:
@@ -28,8 +28,8 @@ def adam_step(
     Args:
         parameter: float32 [N, ...], contiguous; a row is everything behind the first axis, W numbers.
         gradient, exp_avg, exp_avg_sq: as ``parameter``.
-        step: number of this step, from 1.
         lr: learning rate, or one per number of a row, float32 [W].
+        step: number of this step, from 1.
         visible: bool [N]; other rows and their moments stay as they are. None: all rows.
         active: only the first so many numbers of each row are touched. None: all.
         backend: ``cpu`` or ``reference`` (plain torch).
@@ -45,9 +45,11 @@ def adam_step(
     arrays = [t.detach() for t in (parameter, gradient.contiguous(), exp_avg, exp_avg_sq)]
     if any(t.dtype != torch.float32 or t.numel() != rows * width for t in arrays):
         raise ValueError("parameter, gradient and moments must be float32 of one shape")
-    rate, rates = (0.0, lr.to(torch.float32).contiguous()) if isinstance(lr, Tensor) else (float(lr), None)
-    if rates is not None and len(rates) != width:
-        raise ValueError(f"lr has {len(rates)} rates for rows of {width} numbers")
+    if isinstance(lr, Tensor) and lr.numel() != width:
+        raise ValueError(f"lr has {lr.numel()} rates for rows of {width} numbers")
+    uniform = not isinstance(lr, Tensor) or bool((lr == lr[0]).all())  # whole stretches of rows in one loop
+    rate = float(lr[0]) if isinstance(lr, Tensor) else float(lr)
+    rates = None if uniform or not isinstance(lr, Tensor) else lr.to(torch.float32).contiguous()
     settings = (float(betas[0]), float(betas[1]), float(eps), float(bias1), float(bias2))
     mask = None if seen is None else seen.view(torch.uint8)
     parallel("mgf_adam", rows, width, active, *arrays, mask, rate, rates, *settings)

@@ -75,7 +75,8 @@ class RenderStats:
 
     @classmethod
     def zeros(cls, n: int) -> RenderStats:
-        return cls(*(torch.zeros(n) for _ in range(4)), torch.zeros(n, dtype=torch.int32))
+        weight, error, grad2d, max_radius = torch.zeros(4, n).unbind(0)
+        return cls(weight, error, grad2d, max_radius, torch.zeros(n, dtype=torch.int32))
 
     def reset(self) -> None:
         for values in self.all:

@@ -68,7 +68,7 @@ def host_target() -> str:
     """Name of the machine at hand in :data:`TARGETS`; raises RuntimeError when the kernels do not support it."""
     system = {"Linux": "linux", "Windows": "windows", "Darwin": "macos"}.get(platform.system(), platform.system())
     machine = platform.machine().lower()
-    name = f"{system}-{ {'amd64': 'x86_64', 'arm64': 'aarch64'}.get(machine, machine)}"
+    name = system + "-" + {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     if name not in TARGETS:
         raise RuntimeError(f"The kernels do not support this machine ({name}); supported are {', '.join(TARGETS)}.")
     return name
@@ -101,7 +101,7 @@ def build(targets: Iterable[str] = (), variants: Iterable[str] = (), force: bool
         if not list(variants) or variant in variants
     ]
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
-        return list(pool.map(lambda job: _build_one(*job, force), wanted))
+        return list(pool.map(lambda job: _build_one(job[0], job[1], job[2], force), wanted))
 
 
 def _build_one(target: str, variant: str, cpu: str, force: bool) -> Path:

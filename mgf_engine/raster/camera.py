@@ -46,9 +46,8 @@ class Camera:
         """
         width, height = max(1, round(view.width * factor)), max(1, round(view.height * factor))
         x, y = width / view.width, height / view.height
-        return cls(
-            width, height, view.fx * x, view.fy * y, view.cx * x, view.cy * y, view.rotation, view.translation, near, far
-        )
+        intrinsics = (view.fx * x, view.fy * y, view.cx * x, view.cy * y)
+        return cls(width, height, *intrinsics, view.rotation, view.translation, near, far)
 
     @property
     def centre(self) -> NDArray[np.float64]:

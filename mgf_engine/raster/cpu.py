@@ -104,9 +104,8 @@ def list_tiles(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tenso
     footprints = frame.array(torch.int32, n, 8)
     tile_counts = frame.array(torch.int32, n)
     keys = frame.array(torch.int32, n)
-    parallel(
-        "mgf_project", n, packed, *raw.all, sh_degree, tiles_x, tiles_y, mask_sums, records, footprints, tile_counts, keys
-    )
+    outputs = (records, footprints, tile_counts, keys)
+    parallel("mgf_project", n, packed, *raw.all, sh_degree, tiles_x, tiles_y, mask_sums, *outputs)
     order = frame.array(torch.int32, n)
     slot_starts = frame.array(torch.int64, n + 1)
     count = call("mgf_sort", n, keys, tile_counts, order, slot_starts, frame.array(torch.int32, 3 * n))
