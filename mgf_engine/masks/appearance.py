@@ -103,3 +103,10 @@ def log_ratio(
     a = np.logaddexp(building.log_density(x), stranger)
     b = np.logaddexp(background.log_density(x), stranger)
     return a - b
+
+
+def plants(features: NDArray[np.floating]) -> NDArray[np.float64]:
+    """How much regions look like leaves and grass: green or yellow-green and not smooth; features [N, F] -> 0..1."""
+    green, yellow, texture = features[:, 1], features[:, 2], features[:, 3]
+    colour = np.clip((-green - 3) / 6, 0, 1) * np.clip((yellow - 2) / 6, 0, 1)
+    return colour * np.clip((texture - 0.6) / 0.5, 0, 1)

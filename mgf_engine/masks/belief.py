@@ -21,7 +21,9 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 from scipy.sparse.linalg import cg
 
-from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio
+from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
+from mgf_engine.masks.extent import make_extent
+from mgf_engine.masks.ground import Ground, find_ground
 from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.regions import Regions
@@ -34,6 +36,11 @@ TRACK_TIE = 1.0  # point to the region it was observed in
 SPACE_TIE = 0.3  # point to a neighbouring point
 CLICK_WEIGHT = 2.0  # each click counts five times: at its place and 5 px to four sides
 LOOKS_WEIGHT = 0.5  # pull of colour, texture and shape
+PLANT_WEIGHT = 0.3  # pull of leaves and grass towards background
+PLACE_WEIGHT = 0.25  # pull of where the building can be
+FAR_WEIGHT = 1.0  # pull of where it cannot be
+GROUND_WEIGHT = 1.0  # pull of the ground's own points towards background
+REACH = 5.0  # spacings of points; farther from all of them the building cannot be
 LEAK = 0.02  # how quickly a click's influence fades in the first round
 ROUNDS = 4
 #: Features of points: those of the regions that saw them, how upright their surface is, and how flat.
@@ -53,7 +60,8 @@ class SceneGraph:
     """The graph of a scene and the solver on it; built once, asked with different clicks."""
 
     def __init__(self, scene: Scene, regions: Sequence[Regions], shape: Shape) -> None:
-        self.scene, self.regions = scene, regions
+        self.scene, self.regions, self.shape = scene, regions, shape
+        self.ground: Ground | None = None
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
         self.features = np.concatenate([r.features for r in regions])
@@ -61,6 +69,7 @@ class SceneGraph:
         self.observed = self._observed_regions()
         self.laplacian, self.degree = self._laplacian(shape)
         self.point_features = self._point_features(shape)
+        self.plants = PLANT_WEIGHT * np.concatenate([plants(self.features), plants(self.point_features)])
 
     def solve(self, prompts: Prompts, seed: int = 0) -> Belief:
         """The belief that follows from the clicks."""
@@ -72,9 +81,34 @@ class SceneGraph:
             looks, point_looks = self._looks(belief, weight, seed)
             wanted = np.concatenate([looks, point_looks])
             strength = LOOKS_WEIGHT * np.abs(2 * wanted - 1)
-            stiffness = pull + strength + 1e-4
-            belief = self._flow(stiffness, pull * target + strength * wanted + 0.5e-4, belief)
+            place, place_target = self._place(belief, seed) if round_ > 0 else (0.0 * belief, belief)
+            stiffness = pull + strength + self.plants + place + 1e-4
+            source = pull * target + strength * wanted + place * place_target + 0.5e-4
+            belief = self._flow(stiffness, source, belief)
         return self._split(belief, looks)
+
+    def _place(self, belief: Array, seed: int) -> tuple[Array, Array]:
+        """Strength and wanted value of what the geometry says, [N] each: ground, reach and cover of the points."""
+        points = belief[self.region_count :]
+        strength, wanted = np.zeros_like(belief), np.zeros_like(belief)
+        self.ground = find_ground(self.scene, self.shape, 1 - points, seed)
+        if self.ground is not None:
+            height = self.ground.height(self.scene.points)
+            upright = np.abs(self.shape.normals @ self.shape.up)
+            on = np.clip(1.5 - np.abs(height) / self.ground.thickness, 0, 1) * np.clip(2 * upright - 0.6, 0, 1)
+            strength[self.region_count :] = GROUND_WEIGHT * np.where(height < 0, np.maximum(on, height < -self.ground.thickness), on)
+        keep = points > 0.6
+        if keep.sum() < 10:
+            return strength, wanted
+        extent = make_extent(self.scene, self.shape, keep, self.ground)
+        for index, regions in enumerate(self.regions):
+            view, part = self.scene.views[index], slice(self.start[index], self.start[index + 1])
+            core, reach = extent.core(view), extent.cover(view, REACH)
+            x = np.clip((regions.centres[:, 0] * core.shape[1] / view.width).astype(int), 0, core.shape[1] - 1)
+            y = np.clip((regions.centres[:, 1] * core.shape[0] / view.height).astype(int), 0, core.shape[0] - 1)
+            strength[part] = np.where(core[y, x], PLACE_WEIGHT, np.where(reach[y, x], 0.0, FAR_WEIGHT))
+            wanted[part] = core[y, x]
+        return strength, wanted
 
     def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
         """Strength and wanted value of the clicks, [N] each."""

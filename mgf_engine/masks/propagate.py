@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.model import UNKNOWN, MaskSet, building
-from mgf_engine.masks.occlusion import columns, covered
+from mgf_engine.masks.extent import make_extent
+from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.points import track_owner, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.regions import Regions, cut_regions
@@ -69,6 +70,7 @@ class _Work:
         self.owner = track_owner(scene)
         self.regions: list[Regions] = []
         self.shape: Shape
+        self.ground: Ground | None = None
 
     def believe(self) -> Belief:
         """Regions of all photos and the belief on them."""
@@ -77,7 +79,9 @@ class _Work:
             self.regions.append(regions)
             self.reporter.progress(0.4 * (index + 1) / len(views))
         self.shape = measure_shape(self.scene)
-        belief = SceneGraph(self.scene, self.regions, self.shape).solve(self.prompts, self.config.seed)
+        graph = SceneGraph(self.scene, self.regions, self.shape)
+        belief = graph.solve(self.prompts, self.config.seed)
+        self.ground = graph.ground
         self.reporter.progress(0.5)
         return belief
 
@@ -136,10 +140,10 @@ class _Work:
         voters = [i for i in views if used[i]] or list(views)
         rows = np.arange(len(self.scene.points))
         point_mask = vote(self.scene.points, self.scene, labels, voters, self.config, rows)
-        samples, radii = columns(self.scene.points, point_mask, self.shape)
-        for index in views:
-            hidden = covered(self.scene.views[index], samples, radii) & (labels[index] == 0)
-            labels[index][hidden] = UNKNOWN
+        extent = make_extent(self.scene, self.shape, point_mask, self.ground)
+        for index, view in enumerate(self.scene.views):
+            core = cv2.resize(extent.core(view).astype(np.uint8), (view.width, view.height))
+            labels[index][(core > 0) & (labels[index] == 0)] = UNKNOWN
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(views))
         return Propagation(MaskSet(tuple(labels), used, scores, point_mask), reasons)
 

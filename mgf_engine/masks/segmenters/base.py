@@ -6,10 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 Points = NDArray[np.floating]
+
+CLICK_POINTS = 10  # a click weighs like this many sparse points
+DOUBT = 10  # rejected points in a photo below which they say little
 
 
 @dataclass(frozen=True)
@@ -50,21 +54,17 @@ class Segmenter(Protocol):
 
 
 def agreement(mask: NDArray[np.bool_], hints: Hints) -> float:
-    """Share of the accepted points inside minus share of the rejected inside, 0..1 (clicks weigh like ten points).
+    """Share of the accepted points inside minus share of the rejected inside, 0..1; 2 px at the edge do not count."""
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    deep = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1).astype(bool)
+    good = _share(near, hints.accepted, hints.positive, 0)
+    bad = _share(deep, hints.rejected, hints.negative, DOUBT)
+    return max(0.0, good - bad)
 
-    Without any point on either side that side says nothing; without any at all the answer is 0.
-    """
-    shares = []
-    for points, clicks in ((hints.accepted, hints.positive), (hints.rejected, hints.negative)):
-        weight = len(points) + 10 * len(clicks)
-        if not weight:
-            shares.append(None)
-            continue
-        shares.append((inside(mask, points).sum() + 10 * inside(mask, clicks).sum()) / weight)
-    good, bad = shares
-    if good is None:
-        return 0.0
-    return float(max(0.0, good - (bad or 0.0)))
+
+def _share(mask: NDArray[np.bool_], points: Points, clicks: Points, doubt: int) -> float:
+    weight = len(points) + CLICK_POINTS * len(clicks)
+    return float(inside(mask, points).sum() + CLICK_POINTS * inside(mask, clicks).sum()) / max(weight + doubt, 1)
 
 
 def inside(mask: NDArray[np.bool_], points: Points) -> NDArray[np.bool_]:
