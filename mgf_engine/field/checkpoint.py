@@ -15,17 +15,20 @@ import torch
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.raster.api import RenderStats
 from mgf_engine.system import atomic_path
 
 _NAMES = tuple(f.name for f in fields(Gaussians))
+_STATS = tuple(f.name for f in fields(RenderStats))
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, json.JSONDecodeError)
 
 
 @dataclass
 class Checkpoint:
-    """Where training stands: the optimiser, the next iteration, and the figures gathered so far."""
+    """Where training stands: field and moments, statistics since the last round, next iteration, figures so far."""
 
     optimiser: Optimiser
+    stats: RenderStats
     iteration: int
     figures: dict[str, Any]
 
@@ -56,6 +59,7 @@ def write_checkpoint(checkpoint: Checkpoint, path: Path) -> None:
     arrays = {"field." + name: getattr(optimiser.field, name).detach().numpy() for name in _NAMES}
     for name, (first, second) in optimiser.moments.items():
         arrays["first." + name], arrays["second." + name] = first.numpy(), second.numpy()
+    arrays |= {"stats." + name: getattr(checkpoint.stats, name).numpy() for name in _STATS}
     state = {"iteration": checkpoint.iteration, "step_count": optimiser.step_count, "figures": checkpoint.figures}
     arrays["state"] = np.frombuffer(json.dumps(state).encode(), np.uint8)
     with atomic_path(path) as temporary:
@@ -76,7 +80,10 @@ def read_checkpoint(path: Path) -> Checkpoint | None:
                     raise ValueError(name)
                 optimiser.moments[name] = pair
             optimiser.step_count = int(state["step_count"])
-            return Checkpoint(optimiser, int(state["iteration"]), dict(state["figures"]))
+            stats = RenderStats(**{name: torch.from_numpy(data["stats." + name].copy()) for name in _STATS})
+            if any(value.shape != (len(optimiser.field),) for value in stats.all):
+                raise ValueError("stats")
+            return Checkpoint(optimiser, stats, int(state["iteration"]), dict(state["figures"]))
     except _UNREADABLE:
         return None
 

@@ -70,10 +70,11 @@ class _Trainer:
         found = read_checkpoint(self.checkpoint_path)
         if found is None:
             field = start_field(scene, masks, self.views, config, reporter)
-            found = Checkpoint(Optimiser(field), 0, {"start_gaussians": len(field), "curve": [], "seconds": {}})
-        self.optimiser, self.iteration, self.figures = found.optimiser, found.iteration, found.figures
+            figures = {"start_gaussians": len(field), "curve": [], "seconds": {}}
+            found = Checkpoint(Optimiser(field), RenderStats.zeros(len(field)), 0, figures)
+        self.optimiser, self.stats = found.optimiser, found.stats
+        self.iteration, self.figures = found.iteration, found.figures
         self.seconds.update(self.figures["seconds"])
-        self.stats = RenderStats(len(self.optimiser.field))
 
     def run(self) -> tuple[Gaussians, dict[str, Any]]:
         config, total = self.config, self.config.iterations
@@ -94,10 +95,7 @@ class _Trainer:
             if self.iteration % config.densify_every == 0:
                 self._refine(share)
             now = time.monotonic()
-            # A checkpoint is taken right after a round of growth, when no statistics are half gathered.
-            if self.iteration % config.densify_every == 0 and (
-                now - saved > config.checkpoint_seconds or self.reporter.cancelled
-            ):
+            if now - saved > config.checkpoint_seconds or self.reporter.cancelled:
                 self._save()
                 saved = now
             if target is not None and now - shown > _PREVIEW_SECONDS:
@@ -135,7 +133,8 @@ class _Trainer:
         with self._timed("render"):
             rendering = render(
                 self.optimiser.leaves(), target.camera, sh_degree=sh_degree_at(share, config),
-                tile_mask=target.tile_mask, stats=self.stats, error_map=error_map, geometry=geometry,
+                tile_mask=target.tile_mask, stats=self.stats, error_map=error_map,
+                heads="all" if geometry else "basic",
             )  # fmt: skip
         with self._timed("losses"):
             terms = total_loss(rendering, target, config, backdrop, geometry)
@@ -143,7 +142,7 @@ class _Trainer:
         with self._timed("backward"):
             terms.total.backward()
         with self._timed("optimiser"):
-            self.optimiser.step(rates_at(share), self.stats.visible, RATES.sh_rest / RATES.sh_constant)
+            self.optimiser.step(rates_at(share), rendering.visible, RATES.sh_rest / RATES.sh_constant)
         return rendering, terms
 
     def _refine(self, share: float) -> None:
@@ -158,7 +157,7 @@ class _Trainer:
             if len(self.optimiser.field) == 0:
                 raise BadInput("The field has died out: no Gaussian explains the masks; check the masks and cameras.")
             update_filter(self.optimiser.field, [self.scene.views[i] for i in self.views])
-            self.stats = RenderStats(len(self.optimiser.field))
+            self.stats = RenderStats.zeros(len(self.optimiser.field))
 
     def _mask_vote(self, field: Gaussians) -> torch.Tensor:
         points = field.positions.detach().double().numpy()
@@ -185,8 +184,6 @@ class _Trainer:
         psnr = float(np.mean([p["psnr"] for p in curve])) if curve else 0.0
         elapsed = sum(self.seconds.values())
         left = elapsed / max(self.iteration, 1) * (self.config.iterations - self.iteration) if share > 0.01 else None
-        if self.reporter.cancelled and self.iteration % self.config.densify_every:
-            return  # finish the round first, so that the checkpoint repeats nothing
         self.reporter.progress(
             self.iteration / self.config.iterations, left, iteration=self.iteration,
             gaussians=len(self.optimiser.field), psnr=round(psnr, 2),
@@ -194,7 +191,7 @@ class _Trainer:
 
     def _save(self) -> None:
         self.figures["seconds"] = dict(self.seconds)
-        write_checkpoint(Checkpoint(self.optimiser, self.iteration, self.figures), self.checkpoint_path)
+        write_checkpoint(Checkpoint(self.optimiser, self.stats, self.iteration, self.figures), self.checkpoint_path)
 
     def _preview(self, target: Target, rendering: Rendering) -> None:
         path = self.folder / "preview.jpg"
