@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From the raw level set to a clean mesh: faces without area, false parts, holes, orientation, face count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import face_normals, look, pixel_rays
+from mgf_engine.scene.model import View
+
+SEEN_PIXELS = 3  # parts of which all views together see fewer pixels are dropped
+
+
+def face_areas(mesh: Mesh) -> NDArray[np.float64]:
+    """Areas [F]."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    areas: NDArray[np.float64] = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
+
+
+def with_faces(mesh: Mesh, faces: NDArray[np.int32]) -> Mesh:
+    """The mesh of these faces, without vertices they do not use."""
+    used, index = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.vertices[used], index.reshape(-1, 3).astype(np.int32), mesh.colors[used])
+
+
+def weld(mesh: Mesh) -> Mesh:
+    """Vertices at one place become one; faces with two equal corners and repeated faces go."""
+    _, first, group = np.unique(mesh.vertices, axis=0, return_index=True, return_inverse=True)
+    faces = group.reshape(-1)[mesh.faces].astype(np.int32)
+    proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    faces = faces[proper]
+    _, once = np.unique(np.sort(faces, 1), axis=0, return_index=True)
+    return with_faces(Mesh(mesh.vertices[first], faces, mesh.colors[first]), faces[np.sort(once)])
+
+
+def parts(mesh: Mesh) -> NDArray[np.int32]:
+    """Which connected part (by shared edges) each face belongs to, int32 [F]."""
+    count = len(mesh.faces)
+    if count == 0:
+        return np.zeros(0, np.int32)
+    edge, face = _edges(mesh.faces)
+    order = np.argsort(edge, kind="stable")
+    same = edge[order][1:] == edge[order][:-1]
+    a, b = face[order][1:][same], face[order][:-1][same]
+    graph = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
+    label: NDArray[np.int32] = connected_components(graph, directed=False)[1].astype(np.int32)
+    return label
+
+
+def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
+    """Keep the parts whose area is at least ``share`` of the largest part's."""
+    if len(mesh.faces) == 0:
+        return mesh
+    label = parts(mesh)
+    area = np.bincount(label, weights=face_areas(mesh))
+    return with_faces(mesh, mesh.faces[(area >= share * area.max())[label]])
+
+
+def drop_hidden_parts(mesh: Mesh, seen: NDArray[np.int64]) -> Mesh:
+    """Drop parts that no view sees (bubbles inside walls). ``seen``: pixels of each face, int64 [F]."""
+    if len(mesh.faces) == 0:
+        return mesh
+    label = parts(mesh)
+    visible = np.bincount(label, weights=seen) >= SEEN_PIXELS
+    return with_faces(mesh, mesh.faces[visible[label]])
+
+
+def orient_outward(mesh: Mesh, front: NDArray[np.int64], back: NDArray[np.int64]) -> Mesh:
+    """Turn the parts that the cameras see mostly from behind. ``front``, ``back``: pixels of each face."""
+    if len(mesh.faces) == 0:
+        return mesh
+    label = parts(mesh)
+    wrong = np.bincount(label, weights=back) > np.bincount(label, weights=front)
+    faces = mesh.faces.copy()
+    faces[wrong[label]] = faces[wrong[label]][:, ::-1]
+    return replace(mesh, faces=faces)
+
+
+def count_pixels(mesh: Mesh, views: Sequence[View]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pixels of all views together that see each face from the front and from behind, int64 [F] each."""
+    front, back = np.zeros((2, len(mesh.faces)), np.int64)
+    normals = face_normals(mesh)
+    facing: NDArray[np.bool_]
+    for view in views:
+        sight = look(mesh, view)
+        rows, columns = np.nonzero(sight.face >= 0)
+        faces = sight.face[rows, columns]
+        facing = (normals[faces] * pixel_rays(view, rows, columns)).sum(1) < 0
+        front += np.bincount(faces[facing], minlength=len(front))
+        back += np.bincount(faces[~facing], minlength=len(back))
+    return front, back
+
+
+def split_nonmanifold(mesh: Mesh) -> Mesh:
+    """Cut the mesh open where more than two faces share an edge or two fans share a vertex."""
+    import igl
+
+    if len(mesh.faces) == 0:
+        return mesh
+    faces, origin = igl.split_nonmanifold(np.ascontiguousarray(mesh.faces, dtype=np.int64))[:2]
+    return Mesh(mesh.vertices[origin], faces.astype(np.int32), mesh.colors[origin])
+
+
+def reduce_faces(mesh: Mesh, count: int) -> Mesh:
+    """At most ``count`` faces (quadric edge collapse); the mesh itself when it has no more."""
+    if count <= 0 or len(mesh.faces) <= count:
+        return mesh
+    import fast_simplification
+
+    centre = mesh.vertices.mean(0)
+    vertices, faces = fast_simplification.simplify(
+        (mesh.vertices - centre).astype(np.float32), mesh.faces, target_count=count
+    )
+    bare = Mesh(vertices.astype(np.float64) + centre, faces.astype(np.int32), np.zeros((len(vertices), 3), np.uint8))
+    return weld(bare)
+
+
+def boundary_loops(mesh: Mesh) -> list[NDArray[np.int32]]:
+    """Closed loops of vertices along open edges, each in the direction of its faces."""
+    start, end = _open_edges(mesh.faces)
+    following: dict[int, list[int]] = {}
+    for a, b in zip(start.tolist(), end.tolist(), strict=True):
+        following.setdefault(a, []).append(b)
+    loops: list[NDArray[np.int32]] = []
+    for first in sorted(following):
+        while following.get(first):
+            loop, here = [first], following[first].pop()
+            while here != first and following.get(here):
+                loop.append(here)
+                here = following[here].pop()
+            if here == first and len(loop) >= 3:
+                loops.append(np.array(loop, np.int32))
+    return loops
+
+
+def fill_holes(mesh: Mesh, longest: float) -> Mesh:
+    """Close holes whose rim is no longer than ``longest`` (normalised units) by a fan around their middle."""
+    vertices, faces, colors = [mesh.vertices], [mesh.faces], [mesh.colors]
+    count = len(mesh.vertices)
+    for loop in boundary_loops(mesh):
+        rim = mesh.vertices[loop]
+        if np.linalg.norm(rim - np.roll(rim, -1, axis=0), axis=1).sum() > longest:
+            continue
+        following = np.roll(loop, -1)
+        if len(loop) == 3:
+            faces.append(loop[None, ::-1])
+            continue
+        vertices.append(rim.mean(0, keepdims=True))
+        colors.append(mesh.colors[loop].mean(0, keepdims=True).astype(np.uint8))
+        faces.append(np.column_stack([following, loop, np.full(len(loop), count)]).astype(np.int32))
+        count += 1
+    return Mesh(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colors))
+
+
+def _edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """An undirected key for each of the three edges of each face [3 F], and the face it belongs to."""
+    a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    key = np.minimum(a, b) << 32 | np.maximum(a, b)
+    return key, np.repeat(np.arange(len(faces)), 3)
+
+
+def _open_edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Edges with one face only, in the direction of that face."""
+    key, _ = _edges(faces)
+    _, inverse, counts = np.unique(key, return_inverse=True, return_counts=True)
+    single = counts[inverse] == 1
+    a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    return a[single], b[single]

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Vertex colours blended from the photos that really see each vertex."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import look
+from mgf_engine.scene.model import View
+
+BEST = 5  # photos that share in the colour of a vertex: those that see it largest and straightest
+SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
+OUTLIER = 40.0  # grey levels from the median beyond which a photo is left out (reflections, passers-by)
+
+
+def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
+    """Unit normals [N, 3], faces weighted by area."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    weighted = np.cross(b - a, c - a)
+    total = np.zeros_like(mesh.vertices)
+    for k in range(3):
+        for axis in range(3):
+            total[:, axis] += np.bincount(mesh.faces[:, k], weights=weighted[:, axis], minlength=len(total))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0, length, 1.0)
+
+
+def color_from_photos(
+    mesh: Mesh,
+    views: Sequence[View],
+    photo: Callable[[int], NDArray[np.uint8]],
+    inside: Sequence[NDArray[np.bool_]],
+    progress: Callable[[float], None] = lambda share: None,
+) -> Mesh:
+    """The mesh with a colour at each vertex.
+
+    Args:
+        views: cameras whose photos may be used.
+        photo: position in ``views`` -> RGB uint8 [H, W, 3].
+        inside: per view, bool [H, W]: pixels that show the building.
+    """
+    weight = np.zeros((len(mesh.vertices), BEST), np.float32)
+    sample = np.zeros((len(mesh.vertices), BEST, 3), np.uint8)
+    normals = vertex_normals(mesh)
+    for i, view in enumerate(views):
+        progress(i / len(views))
+        index, new_weight, new_sample = _samples(mesh, normals, view, photo(i), inside[i])
+        worst = weight[index].argmin(1)
+        better = new_weight > weight[index, worst]
+        weight[index[better], worst[better]] = new_weight[better]
+        sample[index[better], worst[better]] = new_sample[better]
+    return replace(mesh, colors=_fill(mesh, _blend(weight, sample), weight.max(1) > 0))
+
+
+def _samples(
+    mesh: Mesh, normals: NDArray[np.float64], view: View, photo: NDArray[np.uint8], inside: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
+    """Vertices that a view sees, how well, and the colour it sees there."""
+    uv, depth = view.project(mesh.vertices)
+    toward = view.centre - mesh.vertices
+    distance = np.linalg.norm(toward, axis=1)
+    facing = (normals * toward).sum(1) / np.maximum(distance, 1e-12)
+    framed = (depth > 0) & (uv > 1).all(1) & (uv < (view.width - 1, view.height - 1)).all(1) & (facing > 0.1)
+    index = np.flatnonzero(framed)
+    x, y = uv[index].astype(np.int64).T
+    surface = look(mesh, view).depth
+    # the largest depth around the pixel: a vertex on a rim must not be hidden by its own neighbours
+    farthest = cv2.dilate(surface, np.ones((3, 3), np.uint8))
+    visible = inside[y, x] & (depth[index] <= farthest[y, x] * (1 + SLACK))
+    index = index[visible]
+    map_u, map_v = (uv[index] - 0.5).astype(np.float32).T
+    colors = _bilinear(photo, map_u, map_v)
+    weight = (facing[index] ** 2 * (view.fx / distance[index]) ** 2).astype(np.float32)
+    return index, weight, colors
+
+
+def _bilinear(photo: NDArray[np.uint8], u: NDArray[np.float32], v: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Colours [n, 3] between the pixels; u, v in pixels with centres at whole numbers."""
+    x, y = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
+    a, b = (u - x)[:, None], (v - y)[:, None]
+    top = photo[y, x] * (1 - a) + photo[y, x + 1] * a
+    bottom = photo[y + 1, x] * (1 - a) + photo[y + 1, x + 1] * a
+    return (top * (1 - b) + bottom * b + 0.5).astype(np.uint8)
+
+
+def _blend(weight: NDArray[np.float32], sample: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Weighted mean over the samples [N, BEST, 3] that lie near their median."""
+    known = np.where(weight[..., None] > 0, sample, np.nan).astype(np.float32)
+    known[weight.max(1) <= 0] = 0
+    median = np.nanmedian(known, axis=1, keepdims=True)
+    near = np.abs(sample - median).max(2) <= OUTLIER
+    kept = np.where(near, weight, 0) + 1e-6 * weight
+    total = np.maximum(kept.sum(1, keepdims=True), 1e-30)
+    blended = (sample * kept[..., None]).sum(1) / total
+    return np.clip(np.rint(blended), 0, 255).astype(np.uint8)
+
+
+def _fill(mesh: Mesh, colors: NDArray[np.uint8], known: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Vertices that no photo sees take the colour of the nearest one that is seen."""
+    if known.all():
+        return colors
+    if not known.any():
+        return np.full_like(colors, 160)
+    nearest = cKDTree(mesh.vertices[known]).query(mesh.vertices[~known])[1]
+    colors = colors.copy()
+    colors[~known] = colors[known][nearest]
+    return colors

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Meshes on disk, in the coordinates of the COLMAP model the user gave: PLY, OBJ and GLB.
+
+Scale, axes and origin are the scene's own in all three. Coordinates far from the origin (such as UTM) do not hurt:
+the PLY then has double coordinates, the OBJ as many digits as are needed, and the GLB, whose vertices must be
+float32, holds them around the mesh's centre under a node that carries the translation.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.scene.model import Similarity
+from mgf_engine.system import atomic_path
+
+#: Float32 coordinates are used where their rounding stays below this share of the mesh's size.
+PRECISION = 1e-6
+
+
+def write_meshes(mesh: Mesh, to_normalised: Similarity, folder: Path, config: Config) -> None:
+    """Write ``mesh.ply``, and ``mesh.obj`` and ``mesh.glb`` where the config asks for them.
+
+    Args:
+        mesh: normalised frame.
+        to_normalised: the scene's similarity; its inverse is applied in float64.
+    """
+    placed = in_scene(mesh, to_normalised)
+    write_ply(placed, folder / "mesh.ply")
+    if config.export_obj:
+        write_obj(placed, folder / "mesh.obj")
+    if config.export_glb:
+        write_glb(placed, folder / "mesh.glb")
+
+
+def in_scene(mesh: Mesh, to_normalised: Similarity) -> Mesh:
+    """The mesh in the scene frame."""
+    return Mesh(to_normalised.invert(mesh.vertices), mesh.faces, mesh.colors)
+
+
+def write_ply(mesh: Mesh, path: Path) -> None:
+    """Binary PLY with vertex colours; coordinates are double where float would round too coarsely."""
+    kind, name = ("<f8", "double") if needs_double(mesh.vertices) else ("<f4", "float")
+    vertices = np.empty(len(mesh.vertices), [("xyz", kind, 3), ("rgb", "u1", 3)])
+    vertices["xyz"], vertices["rgb"] = mesh.vertices, mesh.colors
+    faces = np.empty(len(mesh.faces), [("count", "u1"), ("index", "<i4", 3)])
+    faces["count"], faces["index"] = 3, mesh.faces
+    header = [
+        "ply", "format binary_little_endian 1.0", "comment axes, scale and origin are those of the COLMAP model",
+        f"element vertex {len(vertices)}", *(f"property {name} {axis}" for axis in "xyz"),
+        *(f"property uchar {channel}" for channel in ("red", "green", "blue")),
+        f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header",
+    ]  # fmt: skip
+    with atomic_path(path) as temporary, open(temporary, "wb") as file:
+        file.write(("\n".join(header) + "\n").encode("ascii"))
+        file.write(vertices.tobytes())
+        file.write(faces.tobytes())
+
+
+def read_ply(path: Path) -> Mesh:
+    """Read a triangle mesh; files from other programs work as well, colours are white where there are none.
+
+    Raises:
+        BadInput: the file is missing, damaged, or holds no triangles.
+    """
+    import trimesh
+
+    try:
+        loaded: Any = trimesh.load(path, file_type="ply", process=False, force="mesh")
+        vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int32)
+    except Exception as error:  # the reader raises whatever its parsing meets
+        raise BadInput(f"The mesh '{path}' is missing or damaged ({error}); give a PLY file with triangles.") from error
+    if len(faces) == 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
+        raise BadInput(f"The mesh '{path}' holds no usable triangles; give a PLY file with triangles.")
+    colors = np.full((len(vertices), 3), 255, np.uint8)
+    if loaded.visual.kind == "vertex":
+        colors = np.asarray(loaded.visual.vertex_colors, np.uint8)[:, :3].copy()
+    return Mesh(vertices, faces, colors)
+
+
+def write_obj(mesh: Mesh, path: Path) -> None:
+    """Wavefront OBJ with vertex colours (``v x y z r g b``), coordinates to the last digit that matters."""
+    digits = _digits(mesh.vertices)
+    table = np.column_stack([mesh.vertices, mesh.colors / 255.0])
+    with atomic_path(path) as temporary, open(temporary, "w", encoding="ascii") as file:
+        file.write("# axes, scale and origin are those of the COLMAP model\n")
+        np.savetxt(file, table, fmt=f"v %.{digits}f %.{digits}f %.{digits}f %.4f %.4f %.4f")
+        np.savetxt(file, mesh.faces + 1, fmt="f %d %d %d")
+
+
+def write_glb(mesh: Mesh, path: Path) -> None:
+    """Binary glTF; vertices around the mesh's centre, the centre as the translation of the node."""
+    import trimesh
+
+    centre = np.round(0.5 * (mesh.vertices.min(0) + mesh.vertices.max(0)), 3)
+    rgba = np.column_stack([mesh.colors, np.full(len(mesh.colors), 255, np.uint8)])
+    local = trimesh.Trimesh(mesh.vertices - centre, mesh.faces, vertex_colors=rgba, process=False)
+    scene = trimesh.Scene()
+    scene.add_geometry(local, node_name="building", geom_name="building", transform=_translation(centre))
+    data = scene.export(file_type="glb")
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def needs_double(vertices: NDArray[np.float64]) -> bool:
+    """Whether float32 would round coordinates by more than :data:`PRECISION` of the mesh's size."""
+    if len(vertices) == 0:
+        return False
+    size = max(float(np.ptp(vertices, axis=0).max()), 1e-300)
+    return bool(np.abs(vertices).max() * 2.0**-24 > PRECISION * size)
+
+
+def _digits(vertices: NDArray[np.float64]) -> int:
+    """Decimals that resolve a ten-millionth of the mesh's size."""
+    size = max(float(np.ptp(vertices, axis=0).max()), 1e-12) if len(vertices) else 1.0
+    return int(np.clip(np.ceil(7 - np.log10(size)), 0, 15))
+
+
+def _translation(offset: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The mesh stage (section 3.3): screening, tetrahedra, opacity, level set, cleaning, colours."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.mesh import clean
+from mgf_engine.mesh.colors import color_from_photos
+from mgf_engine.mesh.isosurface import SOLID, bisect, march
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.opacity import OpacityField, judging_masks
+from mgf_engine.mesh.screening import screen, voting_views
+from mgf_engine.mesh.tetrahedra import TetraPoints, delaunay, tetra_points
+from mgf_engine.messages import Reporter
+from mgf_engine.scene.model import Scene, View
+
+log = logging.getLogger("mgf")
+
+#: Shares of the stage, for the progress bar.
+_TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED = 0.05, 0.3, 0.8, 0.88
+
+
+def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Config, reporter: Reporter) -> Mesh:
+    """The building's surface as a coloured triangle mesh in the normalised frame.
+
+    Raises:
+        BadInput: nothing is left to mesh; the message says at which step.
+        Cancelled: the user asked to stop.
+    """
+    chosen = voting_views(scene, masks)
+    if not chosen:
+        raise BadInput("No photo has a usable mask, so no view can say what is solid; add clicks on the building.")
+    reporter.progress(0.0)
+    kept = screen(gaussians, scene, masks, config)
+    views = [scene.views[i] for i in chosen]
+    verdicts = judging_masks(scene, masks, chosen, config.vote_dilation)
+    field = OpacityField(kept, views, verdicts, config.opacity_level, agree=1)
+    mesh = level_set(kept, field, config, reporter)
+    reporter.progress(_PLACED, faces=len(mesh.faces))
+    mesh = cleaned(mesh, views, config)
+    reporter.progress(_CLEANED, faces=len(mesh.faces))
+    inside = [building(masks.labels[i]) for i in chosen]
+    colored = color_from_photos(
+        mesh, views, lambda i: scene.photo(chosen[i]), inside,
+        lambda share: reporter.progress(_CLEANED + (1 - _CLEANED) * share),
+    )  # fmt: skip
+    log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
+    return colored
+
+
+def level_set(gaussians: Gaussians, field: OpacityField, config: Config, reporter: Reporter) -> Mesh:
+    """The raw surface O(x) = level between the tetrahedral points of the Gaussians.
+
+    Raises:
+        BadInput: there is no surface: everything is free, solid or unseen.
+    """
+    spanned = tetra_points(gaussians)
+    tetrahedra = delaunay(spanned.points)
+    reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
+    state = field.classify(spanned.points, lambda s: reporter.progress(_TETRAHEDRA + (_CLASSIFIED - _TETRAHEDRA) * s))
+    crossing = march(tetrahedra, state, spanned.points)
+    if len(crossing.faces) == 0:
+        raise BadInput("The field has no surface inside the masks; train longer, or check the masks and the cameras.")
+    kept = crossing.faces[~_overlong(spanned, crossing.edges)[crossing.faces].any(1)]
+    solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
+    steps = config.level_steps
+
+    def is_solid(points: NDArray[np.float64], share: float) -> NDArray[np.bool_]:
+        start = _CLASSIFIED + (_PLACED - _CLASSIFIED) * share
+        step = (_PLACED - _CLASSIFIED) / max(steps, 1)
+        return field.classify(points, lambda s: reporter.progress(start + step * s)) == SOLID
+
+    vertices = bisect(solid, free, is_solid, steps)
+    return Mesh(vertices, kept, np.zeros((len(vertices), 3), np.uint8))
+
+
+def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Edges longer than the extents of both their Gaussians together: nothing is known along them, bool [E]."""
+    length = np.linalg.norm(spanned.points[edges[:, 0]] - spanned.points[edges[:, 1]], axis=1)
+    too_long: NDArray[np.bool_] = length > spanned.extent[edges].sum(1)
+    return too_long
+
+
+def cleaned(mesh: Mesh, views: Sequence[View], config: Config) -> Mesh:
+    """The level set without false parts, oriented outward, small holes closed, at the wanted face count.
+
+    Raises:
+        BadInput: nothing is left.
+    """
+    mesh = clean.split_nonmanifold(clean.weld(clean.with_faces(mesh, mesh.faces)))
+    mesh = clean.drop_small_parts(mesh, config.min_component)
+    front, back = clean.count_pixels(mesh, views)
+    mesh = clean.orient_outward(mesh, front, back)
+    mesh = clean.drop_hidden_parts(mesh, front + back)
+    if len(mesh.faces) == 0:
+        raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
+    return clean.reduce_faces(mesh, config.max_faces)

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Marching tetrahedra: the surface between solid and free points of a tetrahedral mesh (eq. 26).
+
+Faces are oriented from solid to free, outward. All tetrahedra must have positive volume
+(``(b - a) x (c - a) . (d - a) > 0``); orientation then follows from the order of their vertices alone, so that even
+slivers whose volume rounds to nothing come out right.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FREE, SOLID, INVALID = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """The surface, before its vertices are placed on their edges.
+
+    Attributes:
+        edges: int32 [E, 2], (solid point, free point) of each crossing edge; one mesh vertex lies on each.
+        faces: int32 [F, 3], indices into ``edges``, counter-clockwise seen from the free side.
+    """
+
+    edges: NDArray[np.int32]
+    faces: NDArray[np.int32]
+
+
+def _even_orders() -> NDArray[np.int64]:
+    """For each pattern of solid corners (bit i: corner i), an even permutation with the solid corners first."""
+    table = np.zeros((16, 4), np.int64)
+    for code in range(16):
+        solid = [i for i in range(4) if code >> i & 1]
+        free = [i for i in range(4) if not code >> i & 1]
+        for order in itertools.permutations(range(4)):
+            swaps = sum(order[i] > order[j] for i in range(4) for j in range(i + 1, 4))
+            if swaps % 2 == 0 and set(order[: len(solid)]) == set(solid) and set(order[len(solid) :]) == set(free):
+                table[code] = order
+                break
+    return table
+
+
+_ORDER = _even_orders()
+
+
+def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArray[np.float64]) -> Crossing:
+    """The crossing edges and the faces between them.
+
+    Args:
+        tetrahedra: int32 [T, 4], positive volume.
+        state: uint8 [M], FREE, SOLID or INVALID; tetrahedra with an invalid corner are left out.
+        points: float64 [M, 3]; quadrilaterals are cut along the shorter diagonal of their middle points.
+    """
+    corners = state[tetrahedra]
+    code = (corners == SOLID) @ np.array([1, 2, 4, 8])
+    crossing = (corners != INVALID).all(1) & (code > 0) & (code < 15)
+    code = code[crossing]
+    ordered = np.take_along_axis(tetrahedra[crossing], _ORDER[code], 1)
+    a, b, c, d = ordered[np.bitwise_count(code.astype(np.uint8)) == 1].T
+    one = np.stack([a, b, a, c, a, d], 1).reshape(-1, 3, 2)
+    a, b, c, d = ordered[np.bitwise_count(code.astype(np.uint8)) == 3].T
+    three = np.stack([a, d, b, d, c, d], 1).reshape(-1, 3, 2)
+    a, b, c, d = ordered[np.bitwise_count(code.astype(np.uint8)) == 2].T
+    quads = np.stack([a, c, a, d, b, d, b, c], 1).reshape(-1, 4, 2)
+    return _number(np.concatenate([one, three, _cut(quads, points)]), len(state))
+
+
+def _cut(quads: NDArray[np.int32], points: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Two triangles per quadrilateral of edges [Q, 4, 2] -> [2 Q, 3, 2]."""
+    middle = points[quads].mean(2)
+    first = np.linalg.norm(middle[:, 0] - middle[:, 2], axis=1)
+    turn = first > np.linalg.norm(middle[:, 1] - middle[:, 3], axis=1)
+    turned = np.where(turn[:, None, None], np.roll(quads, -1, axis=1), quads)
+    return np.concatenate([turned[:, [0, 1, 2]], turned[:, [0, 2, 3]]])
+
+
+def _number(triangles: NDArray[np.int32], count: int) -> Crossing:
+    """Give each distinct edge (solid, free) of triangles [F, 3, 2] one number."""
+    key = triangles[..., 0].astype(np.int64) * count + triangles[..., 1]
+    unique, inverse = np.unique(key.ravel(), return_inverse=True)
+    edges = np.stack([unique // max(count, 1), unique % max(count, 1)], 1).astype(np.int32)
+    return Crossing(edges, inverse.reshape(-1, 3).astype(np.int32))
+
+
+def bisect(
+    solid: NDArray[np.float64],
+    free: NDArray[np.float64],
+    is_solid: Callable[[NDArray[np.float64], float], NDArray[np.bool_]],
+    steps: int,
+) -> NDArray[np.float64]:
+    """Points on the segments solid-free [E, 3] where the state changes, within 2^-(steps+1) of their length.
+
+    Args:
+        is_solid: (points [E, 3], share of the work done) -> bool [E].
+    """
+    for step in range(steps):
+        middle = 0.5 * (solid + free)
+        inside = is_solid(middle, step / steps)[:, None]
+        solid, free = np.where(inside, middle, solid), np.where(inside, free, middle)
+    return 0.5 * (solid + free)

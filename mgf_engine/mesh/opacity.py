@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The opacity field O(x) (eq. 23-25): what is solid, what is free, what nobody can tell.
+
+A point is free when a view looks through to it, that is, when the opacity in front of it is below the level in
+the views that see it (eq. 25 takes the minimum over them). Views see a point that lies in front of them, in their
+frame and inside their mask. A point that falls on certain background in enough views is free whatever stands in
+front of it (the visual hull); one that no view can judge is invalid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet
+from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
+from mgf_engine.raster import points as kernel
+from mgf_engine.scene.model import Scene, View
+
+HULL_SHARE = 0.25  # a point is outside the visual hull when more than this share of its views call it background,
+HULL_FEW = 2  # and more than this many (fewer, where fewer see it on the building)
+
+Progress = Callable[[float], None]
+
+
+class OpacityField:
+    """O(x) of a field over a set of views.
+
+    Args:
+        gaussians: the field, normalised frame.
+        views: the cameras that judge.
+        masks: per view uint8 [H, W] as :func:`judging_mask` makes them.
+        level: opacity at which the surface is taken (eq. 26).
+        agree: how many views must look through to a point before it is free; 1 is the minimum of eq. 25.
+    """
+
+    def __init__(
+        self, gaussians: Gaussians, views: Sequence[View], masks: Sequence[NDArray[np.uint8]], level: float, agree: int
+    ) -> None:
+        order = spread_order(np.array([v.centre for v in views]))
+        self.views = [views[i] for i in order]
+        self.masks = [np.ascontiguousarray(masks[i]) for i in order]
+        self.level, self.agree = level, agree
+        self._kernel = kernel.PointOpacity(gaussians)
+
+    def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
+        """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]; only the sign of O - level is found out."""
+        points32 = np.ascontiguousarray(points, dtype=np.float32)
+        state, seen = self._hull(points32)
+        lowest = np.full((len(points), 2), 2.0, np.float32)
+        for number, (view, mask) in enumerate(zip(self.views, self.masks, strict=True)):
+            progress(number / len(self.views))
+            needed = np.minimum(self.agree, seen) - 1
+            open_ = np.flatnonzero((state == SOLID) & (lowest[np.arange(len(points)), needed] >= self.level))
+            if len(open_) == 0:
+                break
+            part = lowest[open_]
+            self._kernel.lower(part, points32[open_], view, mask, 1.0 - self.level)
+            lowest[open_] = part
+        needed = np.clip(np.minimum(self.agree, seen) - 1, 0, 1)
+        through = lowest[np.arange(len(points)), needed] < self.level
+        state[(state == SOLID) & through] = FREE
+        return state
+
+    def _hull(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """State of each point from where it falls in the masks alone, and how many views see it on the building."""
+        background, seen = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
+        for view, mask in zip(self.views, self.masks, strict=True):
+            verdict = kernel.locate(points, view, mask).verdict
+            background += verdict == kernel.BACKGROUND
+            seen += verdict == kernel.SEEN
+        state = np.full(len(points), SOLID, np.uint8)
+        state[seen == 0] = INVALID
+        state[background > np.maximum(HULL_SHARE * (background + seen), np.minimum(HULL_FEW, seen))] = FREE
+        return state, seen
+
+
+def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
+    """A label map as the opacity field reads it: OUTSIDE only where background is certain, ``dilation`` px away."""
+    known = (labels != BACKGROUND).astype(np.uint8)
+    if dilation > 0:
+        size = 2 * dilation + 1
+        near = cv2.dilate(known, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+    else:
+        near = known
+    result = np.where(near > 0, kernel.INSIDE, kernel.OUTSIDE).astype(np.uint8)
+    result[labels == UNKNOWN] = kernel.UNKNOWN
+    return result
+
+
+def judging_masks(scene: Scene, masks: MaskSet, views: Sequence[int], dilation: int) -> list[NDArray[np.uint8]]:
+    """Masks of ``views`` as :class:`OpacityField` reads them."""
+    return [judging_mask(masks.labels[i], dilation) for i in views]
+
+
+def spread_order(centres: NDArray[np.float64]) -> list[int]:
+    """Indices [V] so that every beginning of the list is spread out (farthest point first, ties by index)."""
+    distance = np.linalg.norm(centres - centres.mean(0), axis=1)
+    order = [int(distance.argmax())] if len(centres) else []
+    nearest = np.full(len(centres), np.inf)
+    while len(order) < len(centres):
+        nearest = np.minimum(nearest, np.linalg.norm(centres - centres[order[-1]], axis=1))
+        nearest[order] = -1.0
+        order.append(int(nearest.argmax()))
+    return order

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Looks at a mesh from a camera: depth, face ids and a shaded picture, for visibility, reports and evaluation.
+
+A z-buffer in C (``raster/kernels/zbuffer.c``); a million faces at 750x500 take a fraction of a second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.raster.library import parallel
+from mgf_engine.scene.model import View
+
+NEAR = 1e-3  # of the normalised frame: faces with a vertex nearer than this are not drawn
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a camera sees of a mesh.
+
+    Attributes:
+        depth: float32 [H, W], along the optical axis; 0 where nothing is seen.
+        face: int32 [H, W], index of the face; -1 where nothing is seen.
+    """
+
+    depth: NDArray[np.float32]
+    face: NDArray[np.int32]
+
+
+def look(mesh: Mesh, view: View) -> Sight:
+    """Depth and faces of ``mesh`` (normalised frame) from ``view``."""
+    height, width = view.height, view.width
+    inverse = np.zeros((height, width), np.float32)
+    face = np.full((height, width), -1, np.int32)
+    if len(mesh.faces):
+        uv, depth = view.project(mesh.vertices)
+        in_front = depth > NEAR
+        corners = np.column_stack([uv, np.where(in_front, 1.0 / np.where(in_front, depth, 1.0), 0.0)])
+        corners = np.ascontiguousarray(np.nan_to_num(corners, nan=0.0, posinf=0.0, neginf=0.0))
+        faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
+        parallel("zbuffer_work", corners, faces, len(faces), height, width, inverse, face)
+    seen = face >= 0
+    depth_map = np.where(seen, 1.0 / np.where(seen, inverse, 1.0), 0.0).astype(np.float32)
+    return Sight(depth_map, face)
+
+
+def face_normals(mesh: Mesh) -> NDArray[np.float64]:
+    """Outward unit normals [F, 3]; zero for faces without area."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(length > 0, length, 1.0)
+
+
+def shaded(mesh: Mesh, view: View, color: bool = False, oversample: int = 2) -> NDArray[np.uint8]:
+    """A picture of the mesh, RGB uint8 [H, W, 3] on white, lit from the camera.
+
+    Args:
+        color: with the vertex colours instead of clay; faces seen from behind are reddish either way.
+        oversample: samples per pixel in each direction.
+    """
+    fine = scaled_view(view, oversample)
+    sight = look(mesh, fine)
+    picture = np.full((fine.height, fine.width, 3), 255.0)
+    rows, columns = np.nonzero(sight.face >= 0)
+    faces = sight.face[rows, columns]
+    rays = pixel_rays(fine, rows, columns)
+    facing = -(face_normals(mesh)[faces] * rays).sum(1)
+    light = (0.35 + 0.65 * np.abs(facing))[:, None]
+    base = mesh.colors[mesh.faces[faces]].mean(1) if color else np.full((len(faces), 3), 225.0)
+    light = 0.6 + 0.4 * light if color else light
+    picture[rows, columns] = np.where(facing[:, None] >= 0, base * light, base * light * (1.0, 0.55, 0.5))
+    blocks = picture.reshape(view.height, oversample, view.width, oversample, 3)
+    return blocks.mean((1, 3)).round().astype(np.uint8)
+
+
+def scaled_view(view: View, factor: float) -> View:
+    """The same camera with pictures ``factor`` times as large."""
+    width, height = round(view.width * factor), round(view.height * factor)
+    sx, sy = width / view.width, height / view.height
+    return replace(view, width=width, height=height, fx=view.fx * sx, fy=view.fy * sy, cx=view.cx * sx, cy=view.cy * sy)
+
+
+def pixel_rays(view: View, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Unit directions [N, 3] in the normalised frame of the rays through the centres of pixels."""
+    u, v = columns + 0.5, rows + 0.5
+    local = np.column_stack([(u - view.cx) / view.fx, (v - view.cy) / view.fy, np.ones(len(u))])
+    local /= np.linalg.norm(local, axis=1, keepdims=True)
+    rays: NDArray[np.float64] = local @ view.rotation
+    return rays

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Opacity of points in space as a camera sees them (eq. 23-24), by the kernels in ``kernels/points.c``.
+
+The twin in float64 is :func:`mgf_engine.raster.reference_points.opacity_of_points`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.raster.camera import TILE, Camera
+from mgf_engine.raster.cpu import RECORD, Parameters
+from mgf_engine.raster.library import call, parallel
+from mgf_engine.scene.model import View
+
+OUTSIDE, INSIDE, UNKNOWN = 0, 1, 2  # of a mask as these kernels read it
+BACKGROUND, SEEN, UNSEEN = 0, 1, 2  # verdict of a view on a point
+NEAR = Camera.near  # nothing nearer to the camera counts, normalised frame
+
+BLOCKS = 16  # blocks of 4 x 4 pixels in a tile
+_CHUNKS = 16  # pieces that the tile lists are made in
+_FOOTPRINT = 8  # words
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where points fall in a view.
+
+    Attributes:
+        place: float32 [N, 3], (u, v, depth); undefined for points not SEEN.
+        verdict: uint8 [N], SEEN (on INSIDE), BACKGROUND (on OUTSIDE) or UNSEEN (out of frame, behind, on UNKNOWN).
+        block: int32 [N], tile * 16 + block of 4 x 4 pixels in the tile; -1 for points not SEEN.
+    """
+
+    place: NDArray[np.float32]
+    verdict: NDArray[np.uint8]
+    block: NDArray[np.int32]
+
+
+def locate(points: NDArray[np.float32], view: View, mask: NDArray[np.uint8]) -> Located:
+    """Project points [N, 3] (normalised frame) into a view with a mask [H, W] of OUTSIDE, INSIDE and UNKNOWN."""
+    if mask.shape != (view.height, view.width):
+        raise ValueError(f"the mask is {mask.shape}, the view {(view.height, view.width)}")
+    count = len(points)
+    found = Located(np.empty((count, 3), np.float32), np.empty(count, np.uint8), np.empty(count, np.int32))
+    pose = np.concatenate([view.rotation.ravel(), view.translation])
+    intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
+    camera = (pose, intrinsics, NEAR, mask, view.height, view.width)
+    parallel("points_locate_work", count, points, *camera, found.place, found.verdict, found.block)
+    return found
+
+
+class PointOpacity:
+    """Asks a field how opaque the space in front of points is.
+
+    Args:
+        gaussians: the field, normalised frame.
+    """
+
+    def __init__(self, gaussians: Gaussians) -> None:
+        g = gaussians
+        raw = Parameters.of(g.positions, g.log_scales, g.rotations, g.opacity_logits, g.sh, g.filter_3d)
+        self._parameters = raw.all
+        with torch.no_grad():
+            opacity = gaussians.opacities.clamp_min(1 / 255)
+            self._reach = torch.sqrt(2 * torch.log(255 * opacity)).double().numpy()
+            self._deviations = deviations(gaussians)
+        self._centres = gaussians.positions.detach().double().numpy()
+
+    def lower(
+        self,
+        lowest: NDArray[np.float32],
+        points: NDArray[np.float32],
+        view: View,
+        mask: NDArray[np.uint8],
+        stop: float = 1e-4,
+    ) -> NDArray[np.uint8]:
+        """Let one view lower the opacity of points.
+
+        Args:
+            lowest: float32 [N, 2], the two smallest opacities found so far (start with ones or more); changed in place.
+                Where the kernel stopped early, a value is only known to be at least ``1 - stop``.
+            points: float32 [N, 3], normalised frame.
+            view: the camera.
+            mask: uint8 [H, W], OUTSIDE, INSIDE or UNKNOWN; only points that fall on INSIDE are asked for.
+            stop: transmittance at which the exact value no longer matters.
+
+        Returns:
+            uint8 [N], the verdict of :class:`Located`; points SEEN were asked for.
+        """
+        where = locate(points, view, mask)
+        tiles_x, tiles_y = -(-view.width // TILE), -(-view.height // TILE)
+        tiles = tiles_x * tiles_y
+        order, starts = np.empty(len(points), np.int32), np.empty(tiles * BLOCKS + 1, np.int32)
+        call("points_sort", len(points), where.block, tiles * BLOCKS, order, starts)
+        listed = np.diff(starts[::BLOCKS]) > 0
+        if listed.any():
+            records, gid, ranges = self._tile_lists(view, listed.astype(np.uint8), tiles_x, tiles_y)
+            failed = np.zeros(1, np.int32)
+            front = self._front(view)
+            arguments = (records, gid, ranges, front, where.place, order, starts, NEAR, float(stop), lowest, failed)
+            parallel("points_opacity_work", tiles, *arguments)
+            if failed[0]:
+                raise MemoryError("Not enough memory for the opacity of points; use fewer Gaussians.")
+        return where.verdict
+
+    def _front(self, view: View) -> NDArray[np.float32]:
+        """Depth [n] before which each Gaussian contributes less than 1/255."""
+        axis = view.rotation[2]
+        depth = self._centres @ axis + view.translation[2]
+        deviation = np.linalg.norm(np.einsum("nik,i->nk", self._deviations, axis), axis=1)
+        return (depth - 1.001 * self._reach * deviation - 1e-6).astype(np.float32)
+
+    def _tile_lists(self, view: View, mask: NDArray[np.uint8], tiles_x: int, tiles_y: int) -> tuple[Any, Any, Any]:
+        """Records [n, 32], and per tile the Gaussians whose grown footprint touches it, front to back."""
+        n, tiles = len(self._centres), tiles_x * tiles_y
+        sums = np.zeros((tiles_y, tiles_x + 1), np.int32)
+        np.cumsum(mask.reshape(tiles_y, tiles_x), axis=1, out=sums[:, 1:])
+        records, footprints = np.zeros((n, RECORD), np.float32), np.zeros((n, _FOOTPRINT), np.float32)
+        counts, keys = np.zeros(n, np.int32), np.zeros(n, np.uint32)
+        every = np.tile(np.arange(tiles_x + 1, dtype=np.int32), (tiles_y, 1))
+        outputs = (records, footprints, counts, keys)
+        parallel(
+            "mgf_project", n, Camera.from_view(view).packed(), *self._parameters, 0, tiles_x, tiles_y, every, *outputs
+        )
+        call("points_grow_footprints", n, records, footprints)
+        order, slots = np.empty(n, np.int32), np.empty(n + 1, np.int64)
+        drawn = call("mgf_sort", n, keys, counts, order, slots, np.empty(3 * n, np.uint32))
+        places, ranges = np.empty((_CHUNKS, tiles), np.int32), np.empty(tiles + 1, np.int32)
+        grid = (mask, tiles_x, tiles_y, places)
+        parallel("mgf_bin_count", _CHUNKS, drawn, order, footprints, *grid)
+        call("mgf_bin_ranges", _CHUNKS, tiles, places, ranges)
+        gid = np.empty(max(int(ranges[-1]), 1), np.int32)
+        parallel("mgf_bin_fill", _CHUNKS, drawn, order, footprints, *grid, slots, gid, np.empty_like(gid))
+        return records, gid, ranges
+
+
+def deviations(gaussians: Gaussians) -> NDArray[np.float64]:
+    """Axes of the Gaussians times their standard deviations (3D filter included), [n, 3, 3]; column k is axis k."""
+    q = torch.nn.functional.normalize(gaussians.rotations.detach().double(), dim=1)
+    w, x, y, z = q.unbind(1)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return (torch.stack(rows, 1).reshape(-1, 3, 3) * gaussians.scales.double()[:, None, :]).numpy()

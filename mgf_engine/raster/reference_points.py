@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Plain torch twin of the opacity of points (``kernels/points.c``), written from eq. 23-24; for tests."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.raster.points import deviations
+from mgf_engine.scene.model import View
+
+
+def opacity_of_points(points: NDArray[np.float64], gaussians: Gaussians, view: View, near: float) -> Tensor:
+    """Opacity between the camera and each point, float64 [N]; every pair of point and Gaussian is looked at.
+
+    Args:
+        points: [N, 3], normalised frame, in front of the camera.
+        gaussians: n Gaussians.
+        near: a Gaussian counts when its largest value on the ray lies beyond this depth.
+    """
+    rotation = torch.from_numpy(view.rotation)
+    inverse = torch.linalg.inv(torch.from_numpy(deviations(gaussians)))  # normalised -> Gaussian's own frame
+    centres = gaussians.positions.detach().double()
+    camera = torch.from_numpy(view.centre)
+    local = torch.from_numpy(points) @ rotation.T + torch.from_numpy(view.translation)
+    depth = local[:, 2]
+    rays = (local / depth[:, None]) @ rotation  # so that t is the depth
+    origin = torch.einsum("nij,nj->ni", inverse, camera - centres)  # [n, 3]
+    ray = torch.einsum("nij,pj->pni", inverse, rays)  # [N, n, 3]
+    square = (ray**2).sum(2)
+    peak = -(ray * origin).sum(2) / square
+    closest = (torch.linalg.cross(origin.expand_as(ray), ray) ** 2).sum(2) / square
+    opacity = gaussians.opacities.detach().double()
+    at_peak = opacity * torch.exp(-0.5 * closest)
+    at_point = at_peak * torch.exp(-0.5 * square * (torch.minimum(depth[:, None], peak) - peak) ** 2)
+    centre_depth = centres @ rotation.T[:, 2] + view.translation[2]
+    alpha = torch.where((at_point > 1 / 255) & (peak > near) & (centre_depth > near), at_point.clamp_max(0.99), 0.0)
+    transmittance = torch.ones(len(points), dtype=torch.float64)
+    for k in torch.argsort(centre_depth).tolist():
+        transmittance = transmittance * torch.where(transmittance > 1e-4, 1 - alpha[:, k], 1.0)
+    return 1 - transmittance
