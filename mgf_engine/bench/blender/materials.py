@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Procedural materials of the synthetic scenes, in metres: UV lies in the plane of each face.
+
+Run inside Blender only. Every material is a few layers of colour with a bump; ``strength`` scales how far the
+colours of the layers lie from their mean, so a scene can go from rich to nearly plain texture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+
+Color = tuple[float, float, float]
+
+
+class Layers:
+    """Builds one node material: colours mixed by procedural patterns, one bump chain, a principled shader."""
+
+    def __init__(self, name: str, strength: float, roughness: float = 0.9) -> None:
+        self.material = bpy.data.materials.new(name)
+        self.material.use_nodes = True
+        self.strength = strength
+        self.tree = self.material.node_tree
+        self.nodes = self.tree.nodes
+        self.shader = next(n for n in self.nodes if n.type == "BSDF_PRINCIPLED")
+        self.shader.inputs["Roughness"].default_value = roughness
+        coordinates = self.nodes.new("ShaderNodeTexCoord")
+        self.uv, self.space = coordinates.outputs["UV"], coordinates.outputs["Object"]
+        self.color = None
+        self.normal = None
+
+    def contrast(self, *colors: Color) -> list[tuple[float, float, float, float]]:
+        """The colours pulled towards (or away from) their mean by the texture strength."""
+        mean = [sum(c[i] for c in colors) / len(colors) for i in range(3)]
+        pulled = [[max(0.0, mean[i] + self.strength * (c[i] - mean[i])) for i in range(3)] for c in colors]
+        return [(r, g, b, 1.0) for r, g, b in pulled]
+
+    def plain(self, color: Color) -> Layers:
+        node = self.nodes.new("ShaderNodeRGB")
+        node.outputs[0].default_value = (*color, 1.0)
+        self.color = node.outputs[0]
+        return self
+
+    def bricks(self, a: Color, b: Color, mortar: Color, width: float, height: float, gap: float, bump: float) -> Layers:
+        """A brick bond; each brick takes a random colour between a and b."""
+        node = self.nodes.new("ShaderNodeTexBrick")
+        self.tree.links.new(self.uv, node.inputs["Vector"])
+        colors = self.contrast(a, b, mortar)
+        for key, value in zip(("Color1", "Color2", "Mortar"), colors, strict=True):
+            node.inputs[key].default_value = value
+        for key, size in (
+            ("Scale", 1.0),
+            ("Mortar Size", gap),
+            ("Brick Width", width),
+            ("Row Height", height),
+            ("Mortar Smooth", 0.2),
+        ):
+            node.inputs[key].default_value = size
+        self.color = node.outputs["Color"]
+        return self.bump(node.outputs["Fac"], -bump)
+
+    def waves(self, scale: float, bump: float, axis: str = "X") -> Layers:
+        """Parallel ribs along one UV axis, as a bump."""
+        node = self.nodes.new("ShaderNodeTexWave")
+        node.bands_direction = axis
+        self.tree.links.new(self.uv, node.inputs["Vector"])
+        node.inputs["Scale"].default_value = scale
+        return self.bump(node.outputs["Fac"], bump)
+
+    def stains(
+        self,
+        a: Color,
+        b: Color,
+        scale: float,
+        amount: float,
+        low: float = 0.4,
+        high: float = 0.65,
+        stretch: Color = (1, 1, 1),
+    ) -> Layers:
+        """Multiply by patches between two tints; ``scale`` in patches per metre."""
+        fac = self.noise(scale, stretch)
+        ramp = self.nodes.new("ShaderNodeValToRGB")
+        for element, position, color in zip(ramp.color_ramp.elements, (low, high), self.contrast(a, b), strict=True):
+            element.position, element.color = position, color
+        self.tree.links.new(fac, ramp.inputs[0])
+        mix = self.nodes.new("ShaderNodeMix")
+        mix.data_type, mix.blend_type = "RGBA", "MULTIPLY"
+        mix.inputs[0].default_value = amount
+        self.tree.links.new(self.color, mix.inputs[6])
+        self.tree.links.new(ramp.outputs[0], mix.inputs[7])
+        self.color = mix.outputs[2]
+        return self
+
+    def noise(self, scale: float, stretch: Color = (1, 1, 1)) -> bpy.types.NodeSocket:
+        mapping = self.nodes.new("ShaderNodeMapping")
+        mapping.inputs["Scale"].default_value = stretch
+        self.tree.links.new(self.space, mapping.inputs["Vector"])
+        node = self.nodes.new("ShaderNodeTexNoise")
+        node.inputs["Scale"].default_value = scale
+        node.inputs["Detail"].default_value = 5.0
+        node.inputs["Roughness"].default_value = 0.6
+        self.tree.links.new(mapping.outputs[0], node.inputs["Vector"])
+        return node.outputs[0]
+
+    def rough(self, scale: float, bump: float) -> Layers:
+        return self.bump(self.noise(scale), bump)
+
+    def bump(self, height: bpy.types.NodeSocket, distance: float) -> Layers:
+        node = self.nodes.new("ShaderNodeBump")
+        node.inputs["Strength"].default_value = 0.6
+        node.inputs["Distance"].default_value = abs(distance)
+        node.invert = distance < 0
+        self.tree.links.new(height, node.inputs["Height"])
+        if self.normal is not None:
+            self.tree.links.new(self.normal, node.inputs["Normal"])
+        self.normal = node.outputs[0]
+        return self
+
+    def done(self, metallic: float = 0.0, specular: float = 0.3) -> bpy.types.Material:
+        self.shader.inputs["Metallic"].default_value = metallic
+        self.shader.inputs["Specular IOR Level"].default_value = specular
+        self.tree.links.new(self.color, self.shader.inputs["Base Color"])
+        if self.normal is not None:
+            self.tree.links.new(self.normal, self.shader.inputs["Normal"])
+        return self.material
+
+
+def _brick(s: float) -> bpy.types.Material:
+    m = Layers("brick", s).bricks(
+        (0.46, 0.155, 0.085), (0.20, 0.06, 0.04), (0.42, 0.38, 0.33), 0.25, 0.083, 0.008, 0.012
+    )
+    m.stains((0.5, 0.5, 0.54), (1.2, 1.15, 1.05), 0.55, 0.9).stains((0.45, 0.44, 0.42), (1.2, 1.2, 1.15), 1.7, 0.8)
+    m.stains((1.0, 1.0, 1.0), (1.9, 1.9, 1.95), 2.6, 0.8, 0.6, 0.7)  # lime bloom
+    return m.stains((0.5, 0.48, 0.46), (1.2, 1.2, 1.2), 5.0, 0.8, stretch=(1, 1, 0.6)).rough(18.0, 0.004).done()
+
+
+def _plaster(s: float) -> bpy.types.Material:
+    m = Layers("plaster", s).plain((0.70, 0.66, 0.57)).stains((0.78, 0.77, 0.75), (1.05, 1.04, 1.02), 0.5, 0.9)
+    m.stains((0.62, 0.60, 0.56), (1.06, 1.06, 1.06), 2.4, 0.8, stretch=(1, 1, 0.4))
+    return m.stains((0.7, 0.7, 0.7), (1.1, 1.1, 1.1), 7.0, 0.7).rough(40.0, 0.004).done()
+
+
+def _white(s: float) -> bpy.types.Material:
+    m = Layers("white", s).plain((0.80, 0.80, 0.78)).stains((0.93, 0.93, 0.92), (1.02, 1.02, 1.02), 0.4, 0.6)
+    return m.rough(60.0, 0.001).done()
+
+
+def _tiles(s: float) -> bpy.types.Material:
+    m = Layers("tiles", s, 0.75).bricks(
+        (0.42, 0.13, 0.07), (0.22, 0.07, 0.045), (0.06, 0.025, 0.02), 0.28, 0.36, 0.014, 0.03
+    )
+    m.waves(1.122, 0.03).stains((0.5, 0.54, 0.5), (1.25, 1.18, 1.1), 0.6, 0.9).stains(
+        (0.45, 0.5, 0.42), (1.2, 1.15, 1.1), 1.8, 0.85
+    )
+    m.stains((1.0, 1.0, 1.0), (1.1, 1.7, 1.2), 1.1, 0.7, 0.58, 0.7)  # moss
+    return m.stains((0.5, 0.5, 0.48), (1.2, 1.2, 1.2), 4.5, 0.8).done()
+
+
+def _slate(s: float) -> bpy.types.Material:
+    m = Layers("slate", s, 0.6).bricks(
+        (0.12, 0.13, 0.15), (0.065, 0.07, 0.085), (0.02, 0.02, 0.025), 0.22, 0.2, 0.008, 0.012
+    )
+    return m.stains((0.7, 0.72, 0.7), (1.25, 1.22, 1.2), 1.6, 0.8).done(specular=0.4)
+
+
+def _stone(s: float) -> bpy.types.Material:
+    m = Layers("stone", s).bricks((0.50, 0.43, 0.32), (0.40, 0.34, 0.25), (0.26, 0.23, 0.18), 0.7, 0.35, 0.01, 0.01)
+    return m.stains((0.68, 0.66, 0.62), (1.1, 1.1, 1.1), 3.0, 0.8).rough(25.0, 0.006).done()
+
+
+def _glass(s: float) -> bpy.types.Material:
+    m = Layers("glass", s, 0.06).plain((0.045, 0.055, 0.065)).stains((0.5, 0.5, 0.5), (1.6, 1.5, 1.3), 0.9, 0.9)
+    m.stains((1.0, 1.0, 1.0), (6.0, 5.6, 5.0), 0.45, 0.9, 0.5, 0.6)  # curtains here and there
+    return m.done(specular=0.9)
+
+
+def _ground(
+    name: str, color: Color, scales: tuple[float, ...], rough: float, spread: float
+) -> Callable[[float], bpy.types.Material]:
+    def make(s: float) -> bpy.types.Material:
+        m = Layers(name, s).plain(color)
+        for scale in scales:
+            m.stains(
+                (1 - spread, 1 - spread * 0.9, 1 - spread),
+                (1 + spread * 0.5, 1 + spread * 0.4, 1 + spread * 0.3),
+                scale,
+                0.8,
+            )
+        return m.rough(30.0, rough).done()
+
+    return make
+
+
+def _paving(s: float) -> bpy.types.Material:
+    m = Layers("paving", s).bricks((0.36, 0.34, 0.31), (0.22, 0.21, 0.2), (0.12, 0.12, 0.11), 0.6, 0.4, 0.015, 0.01)
+    return (
+        m.stains((0.6, 0.6, 0.6), (1.15, 1.15, 1.15), 1.2, 0.8)
+        .stains((0.6, 0.6, 0.6), (1.15, 1.15, 1.15), 4.0, 0.8)
+        .done()
+    )
+
+
+def _sheet(s: float) -> bpy.types.Material:
+    m = Layers("sheet", s, 0.45).bricks(
+        (0.34, 0.37, 0.38), (0.25, 0.28, 0.29), (0.12, 0.13, 0.13), 0.6, 3.0, 0.02, 0.02
+    )
+    return (
+        m.stains((0.62, 0.6, 0.57), (1.15, 1.13, 1.1), 0.8, 0.8)
+        .stains((0.8, 0.75, 0.7), (1.1, 1.1, 1.1), 5.0, 0.6)
+        .done(0.3)
+    )
+
+
+def _steel(s: float) -> bpy.types.Material:
+    m = Layers("steel", s, 0.6).plain((0.20, 0.24, 0.22)).stains((0.7, 0.45, 0.35), (1.2, 1.2, 1.2), 3.0, 0.85)
+    return m.stains((0.7, 0.7, 0.7), (1.15, 1.15, 1.15), 9.0, 0.7).done(0.1)
+
+
+def _even(
+    name: str, color: Color, roughness: float, metallic: float = 0.0, patches: float = 4.0, specular: float = 0.4
+) -> Callable[[float], bpy.types.Material]:
+    def make(s: float) -> bpy.types.Material:
+        m = Layers(name, s, roughness).plain(color).stains((0.65, 0.65, 0.65), (1.15, 1.15, 1.15), patches, 0.8)
+        return m.done(metallic, specular)
+
+    return make
+
+
+MATERIALS: dict[str, Callable[[float], bpy.types.Material]] = {
+    "brick": _brick,
+    "plaster": _plaster,
+    "white": _white,
+    "tiles": _tiles,
+    "ridge_tiles": _even("ridge_tiles", (0.27, 0.09, 0.055), 0.8),
+    "slate": _slate,
+    "stone": _stone,
+    "glass": _glass,
+    "sheet": _sheet,
+    "steel": _steel,
+    "paving": _paving,
+    "grass": _ground("grass", (0.115, 0.16, 0.05), (0.09, 0.5, 1.4, 3.5, 9.0), 0.05, 0.75),
+    "asphalt": _ground("asphalt", (0.075, 0.075, 0.08), (0.3, 2.0, 9.0), 0.01, 0.35),
+    "gravel": _ground("gravel", (0.33, 0.31, 0.28), (0.4, 2.5, 9.0), 0.02, 0.4),
+    "concrete": _ground("concrete", (0.42, 0.41, 0.39), (0.7, 4.0), 0.005, 0.3),
+    "wood": _even("wood", (0.14, 0.07, 0.035), 0.6, patches=6.0),
+    "wood_trim": _even("wood_trim", (0.42, 0.38, 0.32), 0.7, patches=5.0),
+    "frame": _even("frame", (0.72, 0.71, 0.68), 0.5),
+    "metal": _even("metal", (0.40, 0.41, 0.42), 0.45, 0.5),
+    "metal_door": _even("metal_door", (0.16, 0.22, 0.27), 0.5),
+    "copper": _even("copper", (0.22, 0.40, 0.33), 0.6, patches=2.0),
+    "bark": _even("bark", (0.10, 0.07, 0.045), 0.95, patches=5.0),
+    "leaves": _even("leaves", (0.075, 0.17, 0.03), 0.7, patches=1.5, specular=0.2),
+    "paint": _even("paint", (0.7, 0.7, 0.68), 0.8),
+    "rubber": _even("rubber", (0.02, 0.02, 0.02), 0.8),
+    "car_red": _even("car_red", (0.35, 0.03, 0.03), 0.25, specular=0.6),
+    "car_white": _even("car_white", (0.7, 0.7, 0.7), 0.25, specular=0.6),
+    "car_blue": _even("car_blue", (0.04, 0.08, 0.25), 0.25, specular=0.6),
+    "car_grey": _even("car_grey", (0.18, 0.19, 0.2), 0.25, 0.3, specular=0.6),
+}

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The named synthetic scenes as data: every control of the generator, one table."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from mgf_engine.bench.flight import Ring
+from mgf_engine.errors import BadInput
+
+
+@dataclass(frozen=True)
+class SceneSpec:
+    """Everything that decides how a synthetic scene looks; two equal specs give the same pictures.
+
+    Attributes:
+        building, wall: key of :data:`mgf_engine.bench.buildings.BUILDINGS` and its wall material.
+        photos, width, aspect, field_of_view: count, pixels, width over height, horizontal degrees.
+        rings, nadir: the flight, see :mod:`mgf_engine.bench.flight`.
+        texture_strength: 1 as designed, 0 plain colours.
+        trees, trees_in_front, neighbours, cars: surroundings; trees in front hide parts of the building.
+        sun_elevation, sun_azimuth: degrees; sun_strength, sky_strength: light in Blender's units.
+        exposure, exposure_spread: mean and standard deviation of the photos' exposure in stops.
+        noise: standard deviation of the sensor noise in grey values of 255.
+        pose_error: standard deviation of the error put on true camera centres in ``sparse_truth``, metres.
+        samples: Cycles samples per pixel (a denoiser follows).
+    """
+
+    building: str = "town_hall"
+    wall: str = "brick"
+    photos: int = 30
+    width: int = 480
+    aspect: float = 1.5
+    field_of_view: float = 58.0
+    rings: tuple[Ring, ...] = (Ring(0.55, 9.0, 24.0), Ring(0.45, 23.0, 21.0))
+    nadir: tuple[float, float, float] | None = None  # height, half extent x, half extent y
+    texture_strength: float = 1.0
+    trees: int = 8
+    trees_in_front: int = 0
+    neighbours: int = 3
+    cars: int = 3
+    sun_elevation: float = 42.0
+    sun_azimuth: float = -62.0
+    sun_strength: float = 3.8
+    sky_strength: float = 0.12
+    exposure: float = 1.0
+    exposure_spread: float = 0.0
+    noise: float = 1.0
+    pose_error: float = 0.0
+    samples: int = 12
+    seed: int = 0
+
+    @property
+    def height(self) -> int:
+        """Pixels."""
+        return round(self.width / self.aspect)
+
+
+_TWO_ORBITS = (Ring(0.5, 10.0, 30.0), Ring(0.5, 26.0, 25.0))
+_LARGE = SceneSpec(photos=40, width=750, rings=_TWO_ORBITS)
+
+SCENES: dict[str, SceneSpec] = {
+    # Small and quick: the demonstration, and what continuous integration can afford.
+    "demo": SceneSpec(),
+    "smoke": SceneSpec(photos=16, width=240, trees=3, neighbours=1, cars=1, samples=6),
+    # A brick town hall, 40 photos on two orbits, ground pixel about 6 cm.
+    "townhall40": _LARGE,
+    # Low flight around a detailed building with a hollow steel frame.
+    "dortmund": SceneSpec(
+        building="steel_frame", photos=146, width=750,
+        rings=(Ring(0.4, 7.0, 22.0, 9.0), Ring(0.35, 17.0, 20.0, 9.0), Ring(0.25, 30.0, 16.0, 8.0)),
+        trees=10, trees_in_front=2, neighbours=4, cars=4, exposure_spread=0.1, noise=1.5, seed=11,
+    ),
+    # High flight over a brick ensemble: the building is small in the pictures.
+    "zeche": SceneSpec(
+        building="town_hall", photos=147, width=750, field_of_view=50.0,
+        rings=(Ring(0.35, 40.0, 34.0), Ring(0.3, 32.0, 44.0)), nadir=(58.0, 26.0, 20.0),
+        trees=14, neighbours=6, cars=6, sun_azimuth=-110.0, exposure_spread=0.08, noise=1.5, seed=12,
+    ),
+    # Hard on the losses: large plain walls.
+    "white_block": replace(_LARGE, building="flat_block", wall="white", seed=13),
+    # Hard on the masks: trees between the camera and the walls, neighbours of the same brick.
+    "trees_in_front": replace(_LARGE, trees_in_front=7, neighbours=5, exposure_spread=0.15, seed=14),
+    "tower": replace(
+        _LARGE, building="tower", seed=15,
+        rings=(Ring(0.4, 10.0, 34.0, 14.0), Ring(0.3, 24.0, 32.0, 17.0), Ring(0.3, 42.0, 28.0, 18.0)),
+    ),
+    "curved_hall": replace(
+        _LARGE, building="curved_hall", rings=(Ring(0.5, 9.0, 26.0), Ring(0.5, 26.0, 20.0)), seed=16,
+    ),
+}  # fmt: skip
+for _name in ("dortmund", "zeche"):
+    SCENES[f"{_name}40"] = replace(SCENES[_name], photos=40, width=480)
+
+
+def scene_spec(name: str, **changes: Any) -> SceneSpec:
+    """The spec of a named scene with some controls changed (None leaves a control as it is).
+
+    Raises:
+        BadInput: the name is not in the table.
+    """
+    if name not in SCENES:
+        raise BadInput(f"There is no scene '{name}'; take one of {', '.join(SCENES)}.")
+    return replace(SCENES[name], **{key: value for key, value in changes.items() if value is not None})
+
+
+def spec_dict(spec: SceneSpec) -> dict[str, Any]:
+    """The spec as plain data for ``scene.json``."""
+    return asdict(spec)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""COLMAP models of a synthetic scene from real features: structure from motion put onto the true frame, and
+true cameras with triangulated points."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from mgf_engine.bench.flight import Shot
+from mgf_engine.errors import BadInput
+
+Pinhole = tuple[int, int, float, float, float, float]  # width, height, fx, fy, cx, cy
+
+
+def match_features(folder: Path, camera: Pinhole) -> Path:
+    """SIFT features of ``folder/images`` matched exhaustively; returns the database."""
+    database = folder / "work/features.db"
+    if database.exists():
+        return database
+    partial = database.with_suffix(".partial.db")
+    partial.unlink(missing_ok=True)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = "PINHOLE"
+    reader.camera_params = ",".join(str(v) for v in camera[2:])
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.use_gpu, extraction.num_threads = False, 2
+    extraction.sift.max_num_features, extraction.sift.peak_threshold = 6000, 0.004
+    extraction.sift.estimate_affine_shape = extraction.sift.domain_size_pooling = True  # wide baselines
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu, matching.num_threads = False, 2
+    pycolmap.extract_features(
+        partial, folder / "images", camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
+        extraction_options=extraction, device=pycolmap.Device.cpu,
+    )  # fmt: skip
+    pycolmap.match_exhaustive(partial, matching_options=matching, device=pycolmap.Device.cpu)
+    partial.replace(database)
+    return database
+
+
+def truth_model(
+    folder: Path, shots: list[Shot], camera: Pinhole, shift: NDArray[np.float64]
+) -> pycolmap.Reconstruction:
+    """``sparse_truth``: the true cameras with points triangulated from the real features.
+
+    Args:
+        shift: [N, 3] error put on the camera centres, metres.
+    """
+    database = match_features(folder, camera)
+    model = pycolmap.Reconstruction()
+    with pycolmap.Database.open(database) as db:
+        images = {image.name: image for image in db.read_all_images()}
+        model.add_camera_with_trivial_rig(db.read_all_cameras()[0])
+    for shot, error in zip(shots, shift, strict=True):
+        image = images[shot.name]
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(shot.rotation), shot.translation - shot.rotation @ error)
+        model.add_image_with_trivial_frame(image, pose)
+    options = pycolmap.IncrementalPipelineOptions()
+    options.ba_refine_focal_length = options.ba_refine_extra_params = False
+    options.triangulation.min_angle = 2.0
+    out = folder / "work/truth_model"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    done = pycolmap.triangulate_points(model, database, folder / "images", out, options=options)
+    _publish(done, folder / "sparse_truth")
+    return done
+
+
+def sfm_model(folder: Path, shots: list[Shot], camera: Pinhole) -> pycolmap.Reconstruction:
+    """``sparse/0``: structure from motion from the photos alone, then the similarity onto the true camera centres."""
+    database = match_features(folder, camera)
+    options = pycolmap.IncrementalPipelineOptions()
+    options.ba_refine_principal_point = False
+    options.num_threads = 2
+    out = folder / "work/sfm"
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    models = pycolmap.incremental_mapping(database, folder / "images", out, options=options)
+    if not models:
+        raise BadInput("Structure from motion found no model in the rendered photos; render more or larger ones.")
+    best = max(models.values(), key=lambda m: m.num_reg_images())
+    centres = {s.name: -s.rotation.T @ s.translation for s in shots}
+    names = [image.name for image in best.images.values() if image.has_pose]
+    found = np.array([image.projection_center() for image in best.images.values() if image.has_pose])
+    best.transform(_similarity(found, np.array([centres[n] for n in names])))
+    (folder / "sparse").mkdir(exist_ok=True)
+    _publish(best, folder / "sparse/0")
+    return best
+
+
+def _similarity(source: NDArray[np.float64], target: NDArray[np.float64]) -> pycolmap.Sim3d:
+    """Least-squares similarity source -> target (Umeyama 1991); points [N, 3]."""
+    a, b = source - source.mean(0), target - target.mean(0)
+    u, d, vt = np.linalg.svd(b.T @ a / len(a))
+    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = u @ sign @ vt
+    scale = float((d * np.diag(sign)).sum() / (a**2).sum(1).mean())
+    return pycolmap.Sim3d(scale, pycolmap.Rotation3d(rotation), target.mean(0) - scale * rotation @ source.mean(0))
+
+
+def _publish(model: pycolmap.Reconstruction, target: Path) -> None:
+    partial = target.with_name(target.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    model.write(partial)
+    shutil.rmtree(target, ignore_errors=True)
+    partial.replace(target)

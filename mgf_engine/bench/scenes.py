@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Synthetic building scenes with truth: described here, rendered by a Python that has ``bpy``, cached on disk.
+
+``python -m mgf_engine.bench.scenes demo`` makes a folder with ``images/``, ``masks/`` (0 background, 1 building,
+255 occluder), ``elements/`` (the same with 2..254 for windows, doors, roof planes ...), ``truth.ply``,
+``sparse_truth/`` (true cameras), ``sparse/0`` (structure from motion from the photos, put onto the true frame),
+``prompts.json`` and ``scene.json``. The frame is metres, z up, ground at 0. A stopped run goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from filelock import FileLock
+from numpy.typing import NDArray
+
+from mgf_engine.bench.buildings import BUILDINGS
+from mgf_engine.bench.catalogue import SCENES, SceneSpec, scene_spec, spec_dict
+from mgf_engine.bench.flight import Shot, plan
+from mgf_engine.bench.prompts import click_prompts
+from mgf_engine.bench.shapes import Part, true_mesh
+from mgf_engine.bench.surroundings import surroundings
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
+
+#: Part of the cache key: raise it when the same spec gives other pictures than before.
+GENERATOR_VERSION = 1
+Say = Callable[[str], None]
+
+
+def cache_root() -> Path:
+    """Where rendered scenes are kept: ``$MGF_SCENES``, or ``mgf/scenes`` in the user's cache folder."""
+    if os.environ.get("MGF_SCENES"):
+        return Path(os.environ["MGF_SCENES"])
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "mgf" / "scenes"
+
+
+def scene_folder(name: str, spec: SceneSpec) -> Path:
+    """The cache folder of a spec; its name ends in a hash of every control."""
+    key = json.dumps([GENERATOR_VERSION, spec_dict(spec)], sort_keys=True)
+    return cache_root() / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"
+
+
+def make_scene(name: str, spec: SceneSpec, blender: Path | None = None, threads: int = 2, say: Say = print) -> Path:
+    """The folder of a scene, rendered now if the cache does not have it.
+
+    Args:
+        name: used in the folder's name only.
+        blender: a Python with ``bpy``; None looks at ``$MGF_BPY_PYTHON`` and for ``.venv-bpy`` up from here.
+
+    Raises:
+        BadInput: there is no Python with ``bpy``, or rendering failed.
+    """
+    folder = scene_folder(name, spec)
+    if (folder / "scene.json").exists():
+        return folder
+    (folder / "work").mkdir(parents=True, exist_ok=True)
+    with FileLock(str(folder / "work/lock")):
+        if not (folder / "scene.json").exists():
+            _make(folder, name, spec, blender, threads, say)
+    return folder
+
+
+def _make(folder: Path, name: str, spec: SceneSpec, blender: Path | None, threads: int, say: Say) -> None:
+    rng = np.random.default_rng(spec.seed)
+    building = BUILDINGS[spec.building](spec.wall)
+    corners = np.concatenate([p.vertices[:, :2] for p in building])
+    extent = np.stack([corners.min(0), corners.max(0)])
+    nadir = None if spec.nadir is None else dict(zip(("height", "half_x", "half_y"), spec.nadir, strict=True))
+    shots = plan(spec.photos, extent, spec.rings, nadir, spec.exposure, spec.exposure_spread, rng)
+    eyes = _poses(shots)[:, :3]
+    around = surroundings(extent, eyes, rng, spec.trees, spec.trees_in_front, spec.neighbours, spec.cars, spec.wall)
+    ids = element_ids(building)
+    _write_job(folder, spec, [*building, *around], ids, shots, threads)
+    _run_blender(folder, blender, say)
+    _develop(folder, spec, shots)
+    labels = _write_masks(folder, shots)
+    _write_truth(folder / "truth.ply", building)
+    _write_models(folder, spec, shots, say)
+    click_prompts(folder / "prompts.json", [s.name for s in shots], _poses(shots), labels)
+    elements = {key: value for key, value in ids.items() if value >= FIRST_ELEMENT}
+    ground_pixel = float(
+        np.median([np.linalg.norm(-s.rotation.T @ s.translation - [*extent.mean(0), 5.0]) for s in shots])
+        / camera_of(spec)[2]
+    )
+    record = {"name": name, "version": GENERATOR_VERSION, "spec": spec_dict(spec), "elements": elements,
+              "camera": dict(zip(("width", "height", "fx", "fy", "cx", "cy"), camera_of(spec), strict=True)),
+              "ground_pixel": ground_pixel, "unit": "metre", "up": "z"}  # fmt: skip
+    write_text(folder / "scene.json", json.dumps(record, indent=1))
+
+
+def camera_of(spec: SceneSpec) -> tuple[int, int, float, float, float, float]:
+    """Width, height, fx, fy, cx, cy in pixels; the principal point is a little off the middle, as in life."""
+    fx = spec.width / 2 / np.tan(np.radians(spec.field_of_view) / 2)
+    return spec.width, spec.height, float(fx), float(fx), spec.width / 2 + 1.25, spec.height / 2 - 0.75
+
+
+def element_ids(parts: Sequence[Part]) -> dict[str, int]:
+    """Element name -> label; plain structure is BUILDING, the elements count from FIRST_ELEMENT on.
+
+    More elements than labels share them in turn (ids are only local to an image for the losses).
+    """
+    names = dict.fromkeys(p.element for p in parts if p.element)
+    room = UNKNOWN - FIRST_ELEMENT
+    return {"": BUILDING, **{name: FIRST_ELEMENT + i % room for i, name in enumerate(names)}}
+
+
+def _write_job(
+    folder: Path, spec: SceneSpec, parts: Sequence[Part], ids: dict[str, int], shots: list[Shot], threads: int
+) -> None:
+    arrays: dict[str, NDArray[Any]] = {}
+    table = []
+    for i, part in enumerate(parts):
+        arrays[f"v{i}"] = part.vertices
+        arrays[f"l{i}"] = np.array([k for face in part.faces for k in face], dtype=np.int32)
+        arrays[f"s{i}"] = np.array([len(face) for face in part.faces], dtype=np.int32)
+        table.append({"name": part.name, "material": part.material, "building": part.building,
+                      "id": ids[part.element] if part.building else BACKGROUND})  # fmt: skip
+    np.savez_compressed(folder / "work/parts.npz", table=np.array(json.dumps(table)), **arrays)  # type: ignore[arg-type]
+    job = dict(zip(("width", "height", "fx", "fy", "cx", "cy"), camera_of(spec), strict=True))
+    keys = ("texture_strength", "sun_elevation", "sun_azimuth", "sun_strength", "sky_strength", "samples", "seed")
+    rows = [{**asdict(s), "rotation": s.rotation.tolist(), "translation": s.translation.tolist()} for s in shots]
+    write_text(
+        folder / "work/job.json",
+        json.dumps({**job, **{k: getattr(spec, k) for k in keys}, "threads": threads, "shots": rows}),
+    )
+
+
+def find_blender_python() -> Path:
+    """A Python interpreter that has ``bpy``.
+
+    Raises:
+        BadInput: none is found.
+    """
+    given = os.environ.get("MGF_BPY_PYTHON")
+    places = (
+        [Path(given)]
+        if given
+        else [p / ".venv-bpy/bin/python" for p in (Path.cwd(), *Path(__file__).resolve().parents)]
+    )
+    for place in places:
+        if place.exists():
+            return place
+    raise BadInput(
+        "No Python with bpy was found; make one with 'python3.11 -m venv .venv-bpy && "
+        ".venv-bpy/bin/pip install bpy==5.0.1' or set MGF_BPY_PYTHON."
+    )
+
+
+def _run_blender(folder: Path, blender: Path | None, say: Say) -> None:
+    for kind in ("photos", "ids", "alone"):
+        (folder / "work" / kind).mkdir(exist_ok=True)
+    script = Path(__file__).with_name("blender") / "render.py"
+    command = [str(blender or find_blender_python()), str(script), str(folder)]
+    with (folder / "work/render.log").open("w", encoding="utf-8") as log:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+        assert process.stdout is not None
+        for line in process.stdout:
+            log.write(line)
+            if line.startswith("rendered "):
+                say(line.strip())
+    if process.wait() != 0:
+        raise BadInput(f"Rendering the scene failed; '{folder / 'work/render.log'}' says why.")
+
+
+def _develop(folder: Path, spec: SceneSpec, shots: list[Shot]) -> None:
+    """Rendered pictures -> photos: sensor noise, JPEG."""
+    (folder / "images").mkdir(exist_ok=True)
+    for i, shot in enumerate(shots):
+        picture = _read_png(folder / "work/photos" / (Path(shot.name).stem + ".png"), cv2.IMREAD_COLOR)
+        rng = np.random.default_rng([spec.seed, 1, i])
+        noisy = picture + rng.normal(0, spec.noise, picture.shape) if spec.noise > 0 else picture
+        photo = np.asarray(np.clip(np.round(noisy), 0, 255), dtype=np.uint8)
+        cv2.imwrite(str(folder / "images" / shot.name), photo, [cv2.IMWRITE_JPEG_QUALITY, 95])
+
+
+def _read_png(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[np.uint8]:
+    picture = cv2.imread(str(path), flags)
+    if picture is None:
+        raise BadInput(f"The rendered picture '{path}' cannot be read; delete it and run again.")
+    return np.asarray(picture, dtype=np.uint8)
+
+
+def _write_masks(folder: Path, shots: list[Shot]) -> list[NDArray[np.uint8]]:
+    """True label maps: what the photo shows of the building, and what hides it."""
+    result = []
+    for kind in ("masks", "elements"):
+        (folder / kind).mkdir(exist_ok=True)
+    for shot in shots:
+        stem = Path(shot.name).stem + ".png"
+        seen, alone = _read_png(folder / "work/ids" / stem), _read_png(folder / "work/alone" / stem)
+        seen, alone = (a if a.ndim == 2 else a[..., 0] for a in (seen, alone))
+        elements = np.where((seen == BACKGROUND) & (alone != BACKGROUND), UNKNOWN, seen).astype(np.uint8)
+        level_one = np.where((elements >= FIRST_ELEMENT) & (elements != UNKNOWN), BUILDING, elements).astype(np.uint8)
+        cv2.imwrite(str(folder / "elements" / stem), elements)
+        cv2.imwrite(str(folder / "masks" / stem), level_one)
+        result.append(level_one)
+    return result
+
+
+def _write_truth(path: Path, building: Sequence[Part]) -> None:
+    vertices, faces = true_mesh(building)
+    head = [
+        "ply", "format binary_little_endian 1.0", "comment metres, z up",
+        f"element vertex {len(vertices)}", "property float x", "property float y", "property float z",
+        f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header\n",
+    ]  # fmt: skip
+    rows = np.empty(len(faces), dtype=[("n", "u1"), ("i", "<i4", (3,))])
+    rows["n"], rows["i"] = 3, faces
+    partial = path.with_suffix(".partial")
+    partial.write_bytes("\n".join(head).encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+    partial.replace(path)
+
+
+def _write_models(folder: Path, spec: SceneSpec, shots: list[Shot], say: Say) -> None:
+    from mgf_engine.bench.features import sfm_model, truth_model
+
+    shift = np.random.default_rng([spec.seed, 2]).normal(0, spec.pose_error, (len(shots), 3))
+    true = truth_model(folder, shots, camera_of(spec), shift)
+    say(f"true cameras: {true.num_reg_images()} photos, {true.num_points3D()} points")
+    found = sfm_model(folder, shots, camera_of(spec))
+    say(f"structure from motion: {found.num_reg_images()} photos, {found.num_points3D()} points")
+
+
+def _poses(shots: list[Shot]) -> NDArray[np.float64]:
+    """Camera centres and viewing directions, [N, 6]."""
+    return np.array([[*(-s.rotation.T @ s.translation), *s.rotation[2]] for s in shots])
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in one step."""
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
+
+
+def scenes_main(argv: Sequence[str] | None = None) -> int:
+    """``mgf bench scenes NAME``: make a scene and print its folder."""
+    parser = argparse.ArgumentParser(
+        prog="mgf bench scenes", description="Render a synthetic building scene with known truth."
+    )
+    parser.add_argument("name", choices=sorted(SCENES), help="which scene")
+    parser.add_argument("--photos", type=int, help="number of photos")
+    parser.add_argument("--resolution", type=int, help="width of the photos in pixels")
+    parser.add_argument("--samples", type=int, help="Cycles samples per pixel")
+    parser.add_argument("--seed", type=int, help="another flight and other surroundings")
+    parser.add_argument("--link", type=Path, help="put a link to the folder here")
+    parser.add_argument("--blender", type=Path, help="a Python that has bpy")
+    parser.add_argument("--threads", type=int, default=2)
+    args = parser.parse_args(argv)
+    spec = scene_spec(args.name, photos=args.photos, width=args.resolution, samples=args.samples, seed=args.seed)
+    folder = make_scene(
+        args.name, spec, args.blender, args.threads, say=lambda text: print(text, file=sys.stderr, flush=True)
+    )
+    if args.link:
+        args.link.unlink(missing_ok=True) if args.link.is_symlink() else shutil.rmtree(args.link, ignore_errors=True)
+        args.link.symlink_to(folder, target_is_directory=True)
+    print(folder)
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(scenes_main())
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

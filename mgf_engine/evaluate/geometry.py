@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How right a mesh is: accuracy, completeness and F1 against a true mesh (eq. 30-32), and mask IoU.
+
+Points are sampled uniformly by area on both meshes; each is measured to the other *surface*, so the truth against
+itself gives 100 at every threshold. True points that no camera saw are left out of completeness.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.evaluate.align import align_to
+from mgf_engine.evaluate.surfaces import Hygiene, Points, SeeingCamera, Surface, read_surface
+
+
+@dataclass(frozen=True)
+class GeometryScores:
+    """Scores of one mesh; percentages per threshold, distances in the units of the meshes.
+
+    Attributes:
+        accuracy: share of the mesh's points within the threshold of the truth, eq. 30.
+        completeness: share of the seen true points within the threshold of the mesh, eq. 31.
+        f1: harmonic mean of both, eq. 32.
+        mean_error, median_error: mesh to truth; mean_gap, median_gap: seen truth to mesh.
+        truth_seen: percentage of the truth that at least one camera saw.
+        outside_crop: percentage of the mesh's points left out because they lie outside the crop box.
+        alignment: 4x4 matrix that moved the mesh onto the truth before scoring.
+    """
+
+    thresholds: tuple[float, ...]
+    accuracy: tuple[float, ...]
+    completeness: tuple[float, ...]
+    f1: tuple[float, ...]
+    mean_error: float
+    median_error: float
+    mean_gap: float
+    median_gap: float
+    samples: int
+    truth_seen: float
+    outside_crop: float
+    hygiene: Hygiene
+    alignment: tuple[tuple[float, ...], ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
+
+
+def evaluate_mesh(
+    mesh_path: Path,
+    truth_path: Path,
+    thresholds: Sequence[float] = (0.05,),
+    samples: int = 1_000_000,
+    cameras: Sequence[SeeingCamera] | None = None,
+    crop: Points | None = None,
+    align: str = "none",
+    seed: int = 0,
+) -> GeometryScores:
+    """Score a mesh file against a true mesh file; see :func:`score_surface`."""
+    return score_surface(
+        read_surface(Path(mesh_path)), read_surface(Path(truth_path)), thresholds, samples, cameras, crop, align, seed
+    )
+
+
+def score_surface(
+    mesh: Surface,
+    truth: Surface,
+    thresholds: Sequence[float] = (0.05,),
+    samples: int = 1_000_000,
+    cameras: Sequence[SeeingCamera] | None = None,
+    crop: Points | None = None,
+    align: str = "none",
+    seed: int = 0,
+) -> GeometryScores:
+    """Accuracy, completeness and F1 (eq. 30-32).
+
+    Args:
+        thresholds: distances that count as right, in the units of the meshes.
+        samples: points sampled on each mesh.
+        cameras: true points none of them sees are left out; None keeps all.
+        crop: [2, 3] low and high corner; points outside are left out on both sides (for reconstructions that hold
+            more than the truth does).
+        align: ``none``, ``rigid`` or ``similarity``: register the mesh first.
+
+    Raises:
+        BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point seen.
+    """
+    if samples < 1 or not thresholds or min(thresholds) <= 0:
+        raise BadInput("Thresholds and the number of samples must be larger than 0.")
+    rng = np.random.default_rng(seed)
+    matrix = np.eye(4)
+    hygiene = mesh.hygiene()
+    if align != "none":
+        matrix = align_to(mesh, truth, scale=align == "similarity")
+        mesh = Surface(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)
+    true_points, _ = truth.sample(samples, rng)
+    points, _ = mesh.sample(samples, rng)
+    true_points, points = _inside(true_points, crop), _inside(points, crop)
+    outside = 100.0 * (1.0 - len(points) / samples)
+    inside = len(true_points)
+    if cameras is not None:
+        true_points = true_points[truth.seen_by(true_points, cameras)]
+    if len(true_points) == 0:
+        raise BadInput(
+            "No point of the true mesh is inside the crop and seen by a camera; check that all share one frame."
+        )
+    errors = truth.distances(points) if len(points) else np.full(1, np.inf)
+    gaps = mesh.distances(true_points)
+    accuracy = [100.0 * float((errors <= t).mean()) for t in thresholds]
+    completeness = [100.0 * float((gaps <= t).mean()) for t in thresholds]
+    return GeometryScores(
+        thresholds=tuple(float(t) for t in thresholds), accuracy=tuple(accuracy), completeness=tuple(completeness),
+        f1=tuple(_harmonic(a, c) for a, c in zip(accuracy, completeness, strict=True)),
+        mean_error=float(errors.mean()), median_error=float(np.median(errors)),
+        mean_gap=float(gaps.mean()), median_gap=float(np.median(gaps)), samples=samples,
+        truth_seen=100.0 * len(true_points) / max(inside, 1), outside_crop=outside, hygiene=hygiene,
+        alignment=tuple(tuple(float(v) for v in row) for row in matrix),
+    )  # fmt: skip
+
+
+def mask_iou(found: NDArray[np.bool_], true: NDArray[np.bool_], valid: NDArray[np.bool_] | None = None) -> float:
+    """Intersection over union of two masks [height, width] in percent, over the valid pixels; 100 if both are empty."""
+    if valid is not None:
+        found, true = found & valid, true & valid
+    union = int((found | true).sum())
+    return 100.0 if union == 0 else 100.0 * int((found & true).sum()) / union
+
+
+def colmap_cameras(scene: Path) -> list[SeeingCamera]:
+    """The registered cameras of a COLMAP model as pinholes (distortion is ignored: it moves pixels, not visibility).
+
+    Raises:
+        BadInput: no model is found or it has no registered image.
+    """
+    import pycolmap
+
+    for place in (scene, scene / "sparse/0", scene / "sparse", scene / "sparse_truth"):
+        if any((place / f"cameras{end}").exists() for end in (".bin", ".txt")):
+            break
+    else:
+        raise BadInput(f"There is no COLMAP model in '{scene}'; give the folder that holds 'sparse/0'.")
+    try:
+        model = pycolmap.Reconstruction(place)
+    except Exception as error:  # pycolmap raises several kinds
+        raise BadInput(f"Cannot read the COLMAP model in '{place}' ({error}); export it again.") from error
+    result = []
+    for image in model.images.values():
+        if not image.has_pose:
+            continue
+        camera, pose = image.camera, image.cam_from_world()
+        k = camera.calibration_matrix()
+        result.append(
+            SeeingCamera(
+                camera.width,
+                camera.height,
+                k[0, 0],
+                k[1, 1],
+                k[0, 2],
+                k[1, 2],
+                pose.rotation.matrix(),
+                pose.translation,
+            )
+        )
+    if not result:
+        raise BadInput(f"The COLMAP model in '{place}' has no registered image; run structure from motion again.")
+    return result
+
+
+def evaluate_command(args: argparse.Namespace) -> int:
+    """``mgf evaluate``: print the scores as a table and, on request, write them as JSON."""
+    cameras = colmap_cameras(args.scene) if args.scene else None
+    scores = evaluate_mesh(args.mesh, args.truth, args.thresholds, args.samples, cameras, align=args.align)
+    print("threshold  accuracy  completeness      F1")
+    for row in zip(scores.thresholds, scores.accuracy, scores.completeness, scores.f1, strict=True):
+        print("{:9g}  {:7.2f}%  {:11.2f}%  {:5.2f}%".format(*row))
+    clean = scores.hygiene
+    print(
+        f"mesh to truth: mean {scores.mean_error:.4g}, median {scores.median_error:.4g}; "
+        f"truth to mesh: mean {scores.mean_gap:.4g}, median {scores.median_gap:.4g}"
+    )
+    print(
+        f"{clean.faces} faces in {clean.components} parts, {clean.holes} holes, {clean.non_manifold_edges} "
+        f"non-manifold edges; {scores.truth_seen:.1f}% of the truth seen"
+    )
+    if args.json:
+        partial = args.json.with_name(args.json.name + ".partial")
+        partial.write_text(json.dumps(scores.as_dict(), indent=1), encoding="utf-8")
+        os.replace(partial, args.json)
+    return EXIT_DONE
+
+
+def _inside(points: Points, crop: Points | None) -> Points:
+    if crop is None:
+        return points
+    return points[((points >= crop[0]) & (points <= crop[1])).all(axis=1)]
+
+
+def _harmonic(a: float, b: float) -> float:
+    return 0.0 if a + b == 0 else 2 * a * b / (a + b)
