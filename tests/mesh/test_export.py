@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+
+from mgf_engine.config import make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.mesh.export import in_scene, needs_double, read_ply, write_glb, write_meshes, write_obj, write_ply
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.scene.model import Similarity
+
+from .analytic import ball
+
+UTM = np.array([389_123.25, 5_712_345.75, 120.0])
+
+
+def colored(offset=(0.0, 0.0, 0.0)) -> Mesh:
+    mesh = ball(subdivisions=2)
+    colors = np.random.default_rng(0).integers(0, 256, (len(mesh.vertices), 3)).astype(np.uint8)
+    return Mesh(mesh.vertices * 0.1 + np.array(offset), mesh.faces, colors)
+
+
+def placed(loaded: trimesh.Scene) -> trimesh.Trimesh:
+    return loaded.to_geometry()
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), UTM])
+def test_ply_round_trip(tmp_path, offset):
+    mesh = colored(offset)
+    write_ply(mesh, tmp_path / "mesh.ply")
+    read = read_ply(tmp_path / "mesh.ply")
+    assert np.abs(read.vertices - mesh.vertices).max() < 1e-7
+    assert np.array_equal(read.faces, mesh.faces) and np.array_equal(read.colors, mesh.colors)
+
+
+def test_ply_is_float_near_the_origin_and_double_far_from_it(tmp_path):
+    for offset, word in (((0.0, 0.0, 0.0), b"property float x"), (UTM, b"property double x")):
+        write_ply(colored(offset), tmp_path / "mesh.ply")
+        assert word in (tmp_path / "mesh.ply").read_bytes()[:400]
+    assert not needs_double(np.zeros((0, 3)))
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), UTM])
+def test_obj_keeps_coordinates_faces_and_colours(tmp_path, offset):
+    mesh = colored(offset)
+    write_obj(mesh, tmp_path / "mesh.obj")
+    lines = [line.split() for line in (tmp_path / "mesh.obj").read_text().splitlines()]
+    table = np.array([line[1:] for line in lines if line[0] == "v"], float)
+    assert np.abs(table[:, :3] - mesh.vertices).max() < 1e-7
+    assert np.array_equal(np.rint(table[:, 3:] * 255), mesh.colors)
+    assert np.array_equal(np.array([line[1:] for line in lines if line[0] == "f"], int) - 1, mesh.faces)
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), UTM])
+def test_glb_carries_its_place_in_the_node(tmp_path, offset):
+    mesh = colored(offset)
+    write_glb(mesh, tmp_path / "mesh.glb")
+    data = (tmp_path / "mesh.glb").read_bytes()
+    tree = json.loads(data[20 : 20 + struct.unpack("<I", data[12:16])[0]])
+    largest = max(abs(v) for a in tree["accessors"] if a["type"] == "VEC3" and "max" in a for v in a["max"])
+    assert largest < 1.0
+    read = placed(trimesh.load(tmp_path / "mesh.glb", process=False))
+    assert np.abs(np.sort(read.vertices, 0) - np.sort(mesh.vertices, 0)).max() < 1e-6
+    assert np.array_equal(np.asarray(read.visual.vertex_colors)[:, :3], mesh.colors)
+
+
+def test_everything_is_written_in_the_scenes_own_coordinates(tmp_path):
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    similarity = Similarity(0.05, turn, -0.05 * turn @ UTM)
+    scene_mesh = Mesh(colored().vertices * 200 + UTM, colored().faces, colored().colors)
+    normalised = Mesh(similarity.apply(scene_mesh.vertices), scene_mesh.faces, scene_mesh.colors)
+    assert np.abs(normalised.vertices).max() < 2
+    assert np.abs(in_scene(normalised, similarity).vertices - scene_mesh.vertices).max() < 1e-8
+    write_meshes(normalised, similarity, tmp_path, make_config({"export_obj": True, "export_glb": True}))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mesh.glb", "mesh.obj", "mesh.ply"]
+    assert np.abs(read_ply(tmp_path / "mesh.ply").vertices - scene_mesh.vertices).max() < 1e-8
+    glb = placed(trimesh.load(tmp_path / "mesh.glb", process=False))
+    assert np.abs(glb.vertices.mean(0) - scene_mesh.vertices.mean(0)).max() < 1e-3
+
+
+def test_only_ply_by_default(tmp_path):
+    write_meshes(colored(), Similarity(1.0, np.eye(3), np.zeros(3)), tmp_path, make_config({}))
+    assert [p.name for p in tmp_path.iterdir()] == ["mesh.ply"]
+
+
+@pytest.mark.parametrize("content", [b"", b"ply\n", b"not a mesh", None])
+def test_damaged_files_are_refused(tmp_path, content):
+    path = tmp_path / "mesh.ply"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(BadInput, match=r"mesh\.ply"):
+        read_ply(path)
+
+
+def test_truncated_files_are_refused(tmp_path):
+    write_ply(colored(), tmp_path / "mesh.ply")
+    data = (tmp_path / "mesh.ply").read_bytes()
+    for length in np.linspace(0, len(data) - 1, 25).astype(int):
+        (tmp_path / "cut.ply").write_bytes(data[:length])
+        with pytest.raises(BadInput, match=r"cut\.ply"):
+            read_ply(tmp_path / "cut.ply")

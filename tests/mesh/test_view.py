@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import look, pixel_rays, scaled_view, shaded
+from mgf_engine.raster import library
+
+from .analytic import ball, camera, cuboid
+
+
+def empty() -> Mesh:
+    return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8))
+
+
+def test_depth_of_a_sphere_is_that_of_its_equation():
+    view = camera((4.0, 1.0, 0.5))
+    sight = look(ball(subdivisions=6), view)
+    rows, columns = np.nonzero(sight.face >= 0)
+    rays, centre = pixel_rays(view, rows, columns), view.centre
+    along = -(rays @ centre)
+    distance = along - np.sqrt(np.maximum(along**2 - (centre @ centre - 1), 0))
+    depth = distance * (rays @ view.rotation[2])
+    error = np.abs(sight.depth[rows, columns] - depth)
+    assert np.median(error) < 1e-3 and len(rows) > 3000
+    silhouette = np.pi * (view.fx / np.sqrt(centre @ centre - 1)) ** 2
+    assert abs(len(rows) - silhouette) / silhouette < 0.03
+
+
+def test_no_cracks_between_triangles():
+    sight = look(cuboid(), camera((3.1, 2.3, 1.7)))
+    inside = sight.face >= 0
+    for row in inside[inside.any(1)]:
+        columns = np.flatnonzero(row)
+        assert row[columns[0] : columns[-1] + 1].all()
+
+
+def test_nearer_mesh_hides_the_farther():
+    small, view = ball(0.3, 3), camera((4.0, 0, 0))
+    both = Mesh(
+        np.concatenate([ball().vertices, small.vertices + np.array([2.0, 0, 0])]),
+        np.concatenate([ball().faces, small.faces + len(ball().vertices)]).astype(np.int32),
+        np.zeros((len(ball().vertices) + len(small.vertices), 3), np.uint8),
+    )
+    sight = look(both, view)
+    assert sight.face[view.height // 2, view.width // 2] >= len(ball().faces)
+
+
+def test_faces_behind_or_at_the_camera_and_odd_sizes():
+    mesh = ball()
+    assert (look(mesh, camera((4.0, 0, 0), target=(8.0, 0, 0))).face == -1).all()
+    inside = look(mesh, camera((0.1, 0, 0.1)))  # a camera in the ball sees it all around
+    assert (inside.face >= 0).all()
+    for width, height in ((1, 1), (7, 33), (640, 2)):
+        assert look(mesh, camera((4.0, 0, 0), width=width, height=height)).face.shape == (height, width)
+    broken = replace(mesh, vertices=np.where(mesh.vertices > 0.99, np.nan, mesh.vertices))
+    assert np.isfinite(look(broken, camera((4.0, 0, 0))).depth).all()
+
+
+def test_nothing_to_see():
+    sight = look(empty(), camera((4.0, 0, 0)))
+    assert (sight.face == -1).all() and (sight.depth == 0).all()
+    assert (shaded(empty(), camera((4.0, 0, 0))) == 255).all()
+
+
+def test_same_result_for_any_number_of_threads():
+    library.set_threads(1)
+    alone = look(ball(), camera((3.0, 1, 1)))
+    library.set_threads(3)
+    together = look(ball(), camera((3.0, 1, 1)))
+    library.set_threads(0)
+    assert np.array_equal(alone.face, together.face) and np.array_equal(alone.depth, together.depth)
+
+
+def test_picture_is_lit_from_the_camera_and_marks_back_faces():
+    view = camera((4.0, 0, 0))
+    picture = shaded(ball(), view)
+    centre, rim = picture[view.height // 2, view.width // 2], picture[view.height // 2, view.width // 2 + 43]
+    assert picture.shape == (view.height, view.width, 3) and (picture[0, 0] == 255).all()
+    assert centre[0] > rim[0] + 20 and centre[0] == centre[1] == centre[2]
+    turned = shaded(replace(ball(), faces=ball().faces[:, ::-1].copy()), view)
+    assert turned[view.height // 2, view.width // 2, 0] > turned[view.height // 2, view.width // 2, 2] + 30
+
+
+def test_scaled_view_keeps_directions():
+    view = camera((4.0, 0, 0))
+    twice = scaled_view(view, 2)
+    point = np.array([[0.3, 0.2, -0.1]])
+    assert np.allclose(2 * view.project(point)[0], twice.project(point)[0])
+
+
+def test_a_large_mesh_is_quick():
+    mesh = ball(subdivisions=7)  # 330,000 faces
+    started = time.process_time()
+    look(mesh, camera((4.0, 0, 0), width=750, height=500, focal=700))
+    assert time.process_time() - started < 3.0  # takes about 0.2 s; the bound only catches a change of kind
