@@ -20,7 +20,9 @@ from mgf_engine.scene.images import shrink
 from mgf_engine.scene.model import Lens, View
 from mgf_engine.scene.sparse import SparseCamera
 
-#: Share of the undistorted picture that may look past the photo's edge before the lens is refused.
+_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
+#: Share of the undistorted picture that may look past the photo's edge, or at what another part shows too, before the
+#: lens is refused.
 _BLANK_LIMIT = 0.02
 _STEP = 16  # the lens is checked on every 16th pixel
 
@@ -75,8 +77,8 @@ def plan_camera(camera: SparseCamera, photo_size: tuple[int, int], resolution: i
     lens = Lens(camera.model, camera.width, camera.height, camera.params)
     original = _colmap_camera(lens)
     if not original.verify_params():
-        raise BadInput(f"Camera {camera.id} has impossible parameters for {camera.model}; export the COLMAP model again.")
-    if camera.model in ("PINHOLE", "SIMPLE_PINHOLE") or original.is_undistorted():
+        raise BadInput(f"Camera {camera.id} ({camera.model}) has impossible parameters; export the COLMAP model again.")
+    if camera.model in _PINHOLES or _is_straight(lens):
         scale = min(1.0, resolution / max(photo_size))
         width, height = (max(1, round(side * scale)) for side in photo_size)
         fx, fy, cx, cy = _pinhole(original)
@@ -144,11 +146,21 @@ def _undistorted(camera: SparseCamera, original: pycolmap.Camera) -> pycolmap.Ca
     fx, fy, cx, cy = _pinhole(straight)
     grid = _pixel_centres(straight.width, straight.height, _STEP)
     lens = Lens(camera.model, camera.width, camera.height, camera.params)
-    uv = _project(lens, (grid - (cx, cy)) / (fx, fy))
+    rays = (grid - (cx, cy)) / (fx, fy)
+    uv = _project(lens, rays)
     inside = ((uv >= -1.0) & (uv <= (camera.width + 1.0, camera.height + 1.0))).all(1)
-    if (~inside).mean() > _BLANK_LIMIT:
+    # Far from what it was fitted to, a polynomial folds back: two rays then meet in one pixel.
+    single = (np.abs(_rays(lens, uv) - rays) * (fx, fy) < 0.5).all(1)
+    if (~(inside & single)).mean() > _BLANK_LIMIT:
         raise refuse
     return straight
+
+
+def _is_straight(lens: Lens) -> bool:
+    """Whether the lens is a pinhole for all that pixels can tell (COLMAP's own test also says so of plain fisheyes)."""
+    grid = _pixel_centres(lens.width, lens.height, _STEP)
+    fx, fy, cx, cy = _pinhole(_colmap_camera(lens))
+    return bool((np.abs(_rays(lens, grid) * (fx, fy) + (cx, cy) - grid) < 1e-6).all())
 
 
 def _make_maps(view: WorkingCamera, width: int, height: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -42,8 +42,10 @@ def find_model(source: Path, exclude: Path | None = None) -> Path | None:
     if complete:
         return max(complete, key=lambda c: c[0])[1]  # max keeps the first of equals
     if partial:
-        missing = [p for p in _PARTS if not _has(partial[0], p)] or ["some in .bin and some in .txt form, not all in one"]
-        raise BadInput(f"The COLMAP model '{partial[0]}' is not complete (missing: {', '.join(missing)}); copy all three files.")
+        missing = [p for p in _PARTS if not _has(partial[0], p)] or ["all three in one form, .bin or .txt"]
+        raise BadInput(
+            f"The COLMAP model '{partial[0]}' is not complete (missing: {', '.join(missing)}); copy all its files."
+        )
     return None
 
 
@@ -55,7 +57,7 @@ def read_model(folder: Path) -> SparseModel:
     """
     kind = _kind(folder)
     if not kind:
-        raise BadInput(f"'{folder}' holds no COLMAP model; it needs cameras, images and points3D as .bin or .txt files.")
+        raise BadInput(f"'{folder}' holds no COLMAP model; it needs cameras, images and points3D as .bin or .txt.")
     reader = colmap_binary if kind == ".bin" else colmap_text
     paths = {part: folder / (part + kind) for part in (*_PARTS, "rigs", "frames")}
     try:
@@ -105,7 +107,8 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
 def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[str]]:
     """The folder that photos without a model lie in, and their paths relative to it, sorted.
 
-    ``images`` (or ``photos``, ``input``) below the source is taken where it has photos, else the source with its subfolders.
+    ``images`` (or ``photos``, ``input``) below the source is taken where it has photos, else the source with all its
+    subfolders.
     """
     for name in ("images", "photos", "input", ""):
         root = source / name if name else source

@@ -31,8 +31,9 @@ def read_cameras(path: Path) -> list[SparseCamera]:
         count = parameter_count(fields[1], path)
         if len(fields) != 4 + count:
             damaged(path, f"{fields[1]} takes {count} parameters, not {len(fields) - 4}")
-        params = tuple(_numbers(fields[4:], path))
-        cameras.append(SparseCamera(_int(fields[0], path), fields[1], _int(fields[2], path), _int(fields[3], path), params))
+        camera_id, width, height = (_int(fields[i], path) for i in (0, 2, 3))
+        params = tuple(_numbers(fields[4:], path).tolist())
+        cameras.append(SparseCamera(camera_id, fields[1], width, height, params))
     _check_count(path, len(cameras), expected)
     return cameras
 
@@ -58,7 +59,8 @@ def read_images(path: Path) -> list[SparseImage]:
         table = keypoints.reshape(-1, 3)
         point_ids = _ids(table[:, 2], path)
         xy = np.ascontiguousarray(table[:, :2])
-        images.append(SparseImage(_int(fields[0], path), fields[9], _int(fields[8], path), pose[:4], pose[4:], xy, point_ids))
+        image_id, camera_id = _int(fields[0], path), _int(fields[8], path)
+        images.append(SparseImage(image_id, fields[9], camera_id, pose[:4], pose[4:], xy, point_ids))
     _check_count(path, len(images), expected)
     return images
 

@@ -50,7 +50,9 @@ def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter) -
         return _load(source, folder, working, config, reporter)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise BadInput(f"Cannot read the scene or write to '{folder}' ({reason}); check space and permissions.") from error
+        raise BadInput(
+            f"Cannot read the scene or write to '{folder}' ({reason}); check the disk's space and the permissions."
+        ) from error
     finally:
         shutil.rmtree(working, ignore_errors=True)
         if made and folder.is_dir() and not any(folder.iterdir()):
@@ -73,7 +75,11 @@ def _load(source: Path, folder: Path, working: Path, config: Config, reporter: R
         model = read_model(model_folder)
         paths = find_photos([image.name for image in model.images], model_folder, source, exclude)
     photos = plan_photos(model, paths, config.resolution, reporter)
-    make_photos(photos, working, config.threads, lambda f: reporter.progress(start + (1.0 - start) * f, photos=len(photos)))
+
+    def progress(fraction: float) -> None:
+        reporter.progress(start + (1.0 - start) * fraction, photos=len(photos))
+
+    make_photos(photos, working, config.threads, progress)
     scene = build_scene(model, photos, folder, config)
     _replace(working, folder / "images")
     save_scene(scene)
@@ -134,5 +140,3 @@ def _tracks(
 def _replace(new: Path, old: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
     os.replace(new, old)
-
-

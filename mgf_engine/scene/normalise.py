@@ -33,7 +33,7 @@ def normalise(points: NDArray[np.float64], seen: NDArray[np.int64], centres: NDA
     distance = float(np.median(np.linalg.norm(centres - centre, axis=1)))
     extent = float(np.abs(centres - centre).max())
     if not np.isfinite(distance) or distance <= 1e-9 * max(1.0, extent, float(np.abs(centre).max())):
-        raise BadInput("All cameras stand at the centre of the points; export the COLMAP model again, its poses are missing.")
+        raise BadInput("All cameras stand at the centre of the points; export the COLMAP model again with its poses.")
     scale = CAMERA_DISTANCE / distance
     return Similarity(scale, np.eye(3), -scale * centre)
 

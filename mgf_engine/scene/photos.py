@@ -101,9 +101,7 @@ def _make_photo(photo: Photo, folder: Path) -> None:
     write_png(folder / photo.file, photo.camera.make_photo(image))
 
 
-def _orientation(
-    info: PhotoInfo, camera: SparseCamera, image: SparseImage, path: Path, colors: _Colors
-) -> int:
+def _orientation(info: PhotoInfo, camera: SparseCamera, image: SparseImage, path: Path, colors: _Colors) -> int:
     """Whether the camera was calibrated on the stored pixels (1) or on the photo as EXIF turns it.
 
     The aspect ratio decides; where it cannot (half turns, square photos), the colours of the points do.
@@ -115,8 +113,8 @@ def _orientation(
     turned = info.orientation != 1 and _same_shape(info.turned_size, camera)
     if not stored and not turned:
         raise BadInput(
-            f"The photo '{path}' is {info.width} x {info.height} pixels but its camera {camera.width} x {camera.height}; "
-            "use the photos the COLMAP model was made from."
+            f"The photo '{path}' is {info.width} x {info.height} pixels but its camera {camera.width} x "
+            f"{camera.height}; use the photos the COLMAP model was made from."
         )
     if stored and turned:
         return _orientation_by_color(info, camera, image, path, colors)
@@ -134,8 +132,9 @@ def _orientation_by_color(
     best = {}
     for orientation in (1, info.orientation):
         turned = turn(photo, orientation)
-        scale = (turned.shape[1] / camera.width, turned.shape[0] / camera.height)
-        at = np.floor(image.keypoints[seen] * scale).astype(np.int64).clip(0, (turned.shape[1] - 1, turned.shape[0] - 1))
+        height, width = turned.shape[:2]
+        at = np.floor(image.keypoints[seen] * (width / camera.width, height / camera.height)).astype(np.int64)
+        at = at.clip(0, (width - 1, height - 1))
         best[orientation] = np.abs(turned[at[:, 1], at[:, 0]].astype(np.float64) - expected).mean()
     return min(best, key=lambda o: best[o])
 

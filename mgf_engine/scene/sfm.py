@@ -65,7 +65,8 @@ def reconstruct(root: Path, names: list[str], folder: Path, config: Config, repo
         )
     sizes = [_size_of(root / name) for name in names]
     exhaustive = config.matching == "exhaustive" or (config.matching == "auto" and len(names) <= EXHAUSTIVE_LIMIT)
-    task = {"photos": [[n, *s] for n, s in zip(names, sizes, strict=True)], "exhaustive": exhaustive, "seed": config.seed}
+    photos = [[name, *size] for name, size in zip(names, sizes, strict=True)]
+    task = {"photos": photos, "exhaustive": exhaustive, "seed": config.seed}
     state = _take_up(folder, task)
     done = folder / "model"
     if (done / "points3D.bin").exists():

@@ -20,6 +20,7 @@ NO_POINT = -1
 #: Models that are not a picture plane at all; no pinhole view can be cut from them as a whole.
 _NOT_PLANAR = {"EQUIRECTANGULAR"}
 _LARGEST_SIDE = 200_000
+_LARGEST_VALUE = 1e15
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def parameter_count(model: str, path: Path) -> int:
     known = pycolmap.CameraModelId.__members__
     if model == "INVALID" or model not in known:
         raise BadInput(
-            f"'{path}' uses the unknown camera model '{model}'; export with one of COLMAP's models, such as PINHOLE or OPENCV."
+            f"'{path}' uses the unknown camera model '{model}'; export with one of COLMAP's own, such as OPENCV."
         )
     return len(pycolmap.Camera.create_from_model_id(1, known[model], 1.0, 2, 2).params)
 
@@ -142,7 +143,7 @@ def _check_camera(camera: SparseCamera, folder: Path) -> None:
     if not (0 < camera.width <= _LARGEST_SIDE and 0 < camera.height <= _LARGEST_SIDE):
         raise BadInput(f"{where} has the size {camera.width} x {camera.height}; export the COLMAP model again.")
     if camera.model in _NOT_PLANAR:
-        raise BadInput(f"{where} has the model {camera.model}, which has no picture plane; cut perspective views from it first.")
+        raise BadInput(f"{where} is {camera.model}, which has no picture plane; cut perspective views from it first.")
     if not np.isfinite(camera.params).all():
         raise BadInput(f"{where} has parameters that are not finite; export the COLMAP model again.")
     focal = camera.params[: 1 if _single_focal(camera.model) else 2]
@@ -157,7 +158,7 @@ def _single_focal(model: str) -> bool:
 
 def _check_images(model: SparseModel) -> None:
     if not model.images:
-        raise BadInput(f"The COLMAP model '{model.folder}' has no registered photo; run the mapper again or give another model.")
+        raise BadInput(f"The COLMAP model '{model.folder}' has no registered photo; run the mapper again.")
     names: set[str] = set()
     ids: set[int] = set()
     for image in model.images:
@@ -170,28 +171,34 @@ def _check_images(model: SparseModel) -> None:
         ids.add(image.id)
         if image.camera_id not in model.cameras:
             raise BadInput(f"{where} uses camera {image.camera_id}, which is missing; export the COLMAP model again.")
-        norm = float(np.linalg.norm(image.quaternion))
-        if not (np.isfinite(norm) and norm > 1e-3 and np.isfinite(image.translation).all()):
-            raise BadInput(f"{where} has a pose that is not finite; export the COLMAP model again.")
-        if not np.isfinite(image.keypoints).all():
+        if not (_sane(image.quaternion) and _sane(image.translation) and np.linalg.norm(image.quaternion) > 1e-3):
+            raise BadInput(f"{where} has a pose that is not finite or beyond reason; export the COLMAP model again.")
+        if not _sane(image.keypoints):
             raise BadInput(f"{where} has keypoints that are not finite; export the COLMAP model again.")
+
+
+def _sane(values: NDArray[np.float64]) -> bool:
+    """Whether all numbers are finite and small enough to be squared and added up."""
+    return bool((np.abs(values) < _LARGEST_VALUE).all())
 
 
 def _check_points(model: SparseModel) -> None:
     points = model.points
     again = "export the COLMAP model again."
     if len(points.ids) == 0:
-        raise BadInput(f"The COLMAP model '{model.folder}' has no points; triangulate it, the engine starts from the points.")
+        raise BadInput(f"The COLMAP model '{model.folder}' has no points; triangulate it, the job starts from them.")
     if len(np.unique(points.ids)) != len(points.ids):
         raise BadInput(f"The COLMAP model '{model.folder}' lists a point twice; {again}")
-    if not np.isfinite(points.xyz).all():
-        bad = int(points.ids[~np.isfinite(points.xyz).all(1)][0])
+    if not _sane(points.xyz):
+        bad = int(points.ids[~(np.abs(points.xyz) < _LARGEST_VALUE).all(1)][0])
         raise BadInput(f"Point {bad} in '{model.folder}' has coordinates that are not finite; {again}")
     seen = _point_of_keypoint(model)
     owner = np.repeat(points.ids, np.diff(points.start))
     if not np.array_equal(seen, owner):
         bad = int(owner[np.flatnonzero(seen != owner)[0]])
-        raise BadInput(f"Points and photos of '{model.folder}' disagree (point {bad}): the files are damaged or of two models; {again}")
+        raise BadInput(
+            f"Points and photos of '{model.folder}' disagree (point {bad}): damaged files or two models; {again}"
+        )
     claimed = sum(int((image.point_ids != NO_POINT).sum()) for image in model.images)
     if claimed != len(owner):
         raise BadInput(

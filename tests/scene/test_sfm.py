@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Photos alone: cameras are found, the work is taken up again, and photos that cannot work are refused."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.scene import sfm
+from mgf_engine.scene.pairs import choose_pairs, similarities, vlad
+
+from .synthetic import Messages, load, reprojection, write_photo
+
+SIZE, FOCAL = (400, 300), 380.0
+VIEWS = 7
+
+
+def corner_view(angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and centre of a camera that looks at the corner of a room from ``angle`` (radians)."""
+    centre = np.array([5 * np.cos(angle), 5 * np.sin(angle), 2.0])
+    forward = np.array([0.5, 0.5, 0.8]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward]), centre
+
+
+def corner_photo(angle: float) -> np.ndarray:
+    """Three textured planes x = 0, y = 0, z = 0 seen by the camera, [height, width, 3]."""
+    rotation, centre = corner_view(angle)
+    x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5 - SIZE[0] / 2, np.arange(SIZE[1]) + 0.5 - SIZE[1] / 2)
+    rays = np.stack([x / FOCAL, y / FOCAL, np.ones_like(x)], -1) @ rotation
+    with np.errstate(divide="ignore"):
+        distance = np.where(rays < 0, -centre / rays, np.inf)
+    plane = distance.argmin(-1)
+    hit = centre + rays * np.take_along_axis(distance, plane[..., None], -1)
+    photo = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    for axis in range(3):
+        u, v = (hit[..., k] for k in range(3) if k != axis)
+        random = np.random.default_rng(axis)
+        texture = cv2.resize(random.integers(0, 256, (90, 90, 3)).astype(np.uint8), (720, 720))
+        colors = cv2.remap(texture, (u * 90 + 5).astype(np.float32), (v * 90 + 5).astype(np.float32), cv2.INTER_LINEAR)
+        photo[plane == axis] = colors[plane == axis]
+    return photo
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("f\u00f6tos of a corner")
+    for i in range(VIEWS):
+        write_photo(folder / f"view {i}.png", corner_photo(0.3 + 0.16 * i))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def solved(photos: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    job = tmp_path_factory.mktemp("solved")
+    load(photos, job)
+    return job
+
+
+def test_cameras_are_found(photos: Path, tmp_path: Path) -> None:
+    messages = Messages()
+    scene = load(photos, tmp_path / "job", messages)
+    assert [view.name for view in scene.views] == [f"view {i}.png" for i in range(VIEWS)]
+    assert np.median(reprojection(scene)) < 0.5
+    truth = np.array([corner_view(0.3 + 0.16 * i)[1] for i in range(VIEWS)])
+    found = np.array([view.centre for view in scene.views])
+    steps = [np.linalg.norm(np.diff(c, axis=0), axis=1) for c in (truth, found)]
+    assert np.allclose(steps[1] / steps[1].mean(), steps[0] / steps[0].mean(), atol=0.05)
+    assert scene.colors.std() > 20  # the points carry the photos' colours
+    fractions = [m["fraction"] for m in messages.sent if m["type"] == "progress"]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+
+
+def test_a_finished_model_is_used_again(
+    photos: Path, solved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = tmp_path / "job"
+    shutil.copytree(solved, job)
+    monkeypatch.setattr(sfm._Run, "extract", None)
+    monkeypatch.setattr(sfm._Run, "match", None)
+    assert len(load(photos, job, resolution=200).views) == VIEWS
+
+
+def test_an_interrupted_run_is_taken_up(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stopped after the matches (photos have numbers for names by then), the run goes on with the cameras."""
+    job = tmp_path / "job"
+    with monkeypatch.context() as patch:
+        patch.setattr(sfm._Run, "map", _stop)
+        with pytest.raises(Cancelled):
+            load(photos, job)
+    assert not (job / "scene" / "scene.npz").exists()
+    monkeypatch.setattr(sfm._Run, "extract", None)
+    scene = load(photos, job)
+    assert [view.name for view in scene.views] == [f"view {i}.png" for i in range(VIEWS)]
+
+
+def _stop(*args: object, **options: object) -> None:
+    raise Cancelled("stop")
+
+
+def test_other_photos_start_anew(photos: Path, solved: Path, tmp_path: Path) -> None:
+    shutil.copytree(solved, tmp_path / "job")
+    fewer = tmp_path / "fewer"
+    shutil.copytree(photos, fewer)
+    (fewer / "view 6.png").unlink()
+    scene = load(fewer, tmp_path / "job")
+    names = [view.name for view in scene.views]
+    assert len(names) >= VIEWS - 2 and "view 6.png" not in names  # a photo at the end may fail to be placed
+
+
+def test_cancelling_stops_the_work(photos: Path, tmp_path: Path) -> None:
+    messages = Messages()
+    messages.reporter.sinks.append(lambda m: messages.reporter.cancel() if "features" in m.get("figures", {}) else None)
+    with pytest.raises(Cancelled):
+        load(photos, tmp_path / "job", messages)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_too_few_photos(count: int, photos: Path, tmp_path: Path) -> None:
+    for i in range(count):
+        (tmp_path / "few").mkdir(exist_ok=True)
+        shutil.copy(photos / f"view {i}.png", tmp_path / "few")
+    with pytest.raises(BadInput, match=f"no COLMAP model and {count} photos"):
+        load(tmp_path / "few", tmp_path / "job")
+
+
+def test_photos_that_do_not_belong_together(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    for i in range(3):
+        small = random.integers(0, 256, (40, 40, 3)).astype(np.uint8)
+        write_photo(tmp_path / "noise" / f"{i}.png", cv2.resize(small, (200, 200)))
+    with pytest.raises(BadInput, match="No cameras could be found from the 3 photos"):
+        load(tmp_path / "noise", tmp_path / "job")
+
+
+def test_a_photo_that_is_none(photos: Path, tmp_path: Path) -> None:
+    shutil.copytree(photos, tmp_path / "photos")
+    (tmp_path / "photos" / "view 3.png").write_text("no")
+    with pytest.raises(BadInput, match=r"view 3.png' cannot be read"):
+        load(tmp_path / "photos", tmp_path / "job")
+
+
+def test_pairs_of_a_sequence(tmp_path: Path) -> None:
+    """80 photos of a loop whose descriptors drift slowly: neighbours, far steps, and the closed loop are matched."""
+    random = np.random.default_rng(3)
+    kinds = random.integers(0, 160, (80, 25, 128))  # what each place of the loop looks like
+    with pycolmap.Database.open(tmp_path / "db") as database:
+        camera = pycolmap.Camera.create_from_model_name(1, "PINHOLE", 100.0, 100, 100)
+        camera_id = database.write_camera(camera)
+        ids = []
+        for i in range(80):
+            seen = np.concatenate([kinds[(i + k) % 80] for k in range(6)]) + random.integers(0, 8, (150, 128))
+            image_id = database.write_image(pycolmap.Image(name=f"{i:03d}.jpg", camera_id=camera_id))
+            keypoints = np.zeros((150, 4), np.float32)
+            keypoints[:, 2] = 1.0
+            database.write_keypoints(image_id, keypoints)
+            descriptors = pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.SIFT, seen.astype(np.uint8))
+            database.write_descriptors(image_id, descriptors)
+            ids.append(image_id)
+        everything = choose_pairs(database, ids, True, 0)
+        pairs = choose_pairs(database, ids, False, 0)
+        alike = similarities(vlad(database, ids, 0))
+    assert len(everything) == 80 * 79 // 2
+    assert len(pairs) == len(set(pairs)) < 0.6 * len(everything)
+    assert all(0 <= i < j < 80 for i, j in pairs)
+    assert {(i, i + 1) for i in range(79)} <= set(pairs)
+    assert {(0, 79), (1, 79), (0, 78)} <= set(pairs)  # the loop closes
+    assert np.allclose(np.diag(alike), 1.0, atol=1e-3)
+    assert alike[0, 1] > alike[0, 40]
