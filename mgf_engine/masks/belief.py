@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import cg
 
 from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
-from mgf_engine.masks.extent import make_extent
+from mgf_engine.masks.extent import Extent, Place
 from mgf_engine.masks.ground import Ground, find_ground
 from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.regions import Regions
 from mgf_engine.masks.shape import Shape
-from mgf_engine.scene.model import Scene
+from mgf_engine.scene.model import Scene, View
 
 Array = NDArray[np.float64]
 
@@ -37,10 +37,11 @@ SPACE_TIE = 0.3  # point to a neighbouring point
 CLICK_WEIGHT = 2.0  # each click counts five times: at its place and 5 px to four sides
 LOOKS_WEIGHT = 0.5  # pull of colour, texture and shape
 PLANT_WEIGHT = 0.3  # pull of leaves and grass towards background
-PLACE_WEIGHT = 0.25  # pull of where the building can be
+PLACE_WEIGHT = 0.15  # pull of where the building can be
 FAR_WEIGHT = 1.0  # pull of where it cannot be
+HIDDEN_WEIGHT = 0.3  # pull of points that should be seen and are not
+GROUND_FIRST_WEIGHT = 0.5  # pull of rays that meet the ground first
 GROUND_WEIGHT = 1.0  # pull of the ground's own points towards background
-REACH = 5.0  # spacings of points; farther from all of them the building cannot be
 LEAK = 0.02  # how quickly a click's influence fades in the first round
 ROUNDS = 4
 #: Features of points: those of the regions that saw them, how upright their surface is, and how flat.
@@ -100,15 +101,22 @@ class SceneGraph:
         keep = points > 0.6
         if keep.sum() < 10:
             return strength, wanted
-        extent = make_extent(self.scene, self.shape, keep, self.ground)
+        extent = Extent(self.scene, self.shape, keep, self.ground)
         for index, regions in enumerate(self.regions):
-            view, part = self.scene.views[index], slice(self.start[index], self.start[index + 1])
-            core, reach = extent.core(view), extent.cover(view, REACH)
-            x = np.clip((regions.centres[:, 0] * core.shape[1] / view.width).astype(int), 0, core.shape[1] - 1)
-            y = np.clip((regions.centres[:, 1] * core.shape[0] / view.height).astype(int), 0, core.shape[0] - 1)
-            strength[part] = np.where(core[y, x], PLACE_WEIGHT, np.where(reach[y, x], 0.0, FAR_WEIGHT))
-            wanted[part] = core[y, x]
+            part = slice(self.start[index], self.start[index + 1])
+            strength[part], wanted[part] = self._region_place(extent.place(index), regions, self.scene.views[index])
         return strength, wanted
+
+    @staticmethod
+    def _region_place(place: Place, regions: Regions, view: View) -> tuple[Array, Array]:
+        h, w = place.core.shape
+        x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
+        y = np.clip((regions.centres[:, 1] * h / view.height).astype(int), 0, h - 1)
+        against = FAR_WEIGHT * ~place.reach[y, x] + GROUND_FIRST_WEIGHT * place.ground_first[y, x]
+        against = against + HIDDEN_WEIGHT * place.hidden[y, x]
+        favour = PLACE_WEIGHT * (place.core & ~place.hidden & ~place.ground_first)[y, x]
+        strength = against + favour
+        return strength, favour / np.maximum(strength, 1e-12)
 
     def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
         """Strength and wanted value of the clicks, [N] each."""

@@ -2,8 +2,12 @@
 """Where the building can be in a photo, from the sparse points that are the building.
 
 The building is taken as those points and the columns below them: walls reach the ground even where bushes always
-hid their foot. Pixels far from all of them are not the building; background pixels *on* them show something that
-stands in front (unknown, never "empty space").
+hid their foot. From that follow, per photo:
+
+* *core*: pixels whose ray meets the building. Background there is an occluder (unknown, never "empty space").
+* *reach*: pixels not far from it; elsewhere the building cannot be.
+* *ground first*: pixels whose ray meets the ground before the building.
+* *hidden*: pixels where points that this photo should have observed were not observed.
 """
 
 from __future__ import annotations
@@ -15,57 +19,136 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.shape import Shape
 from mgf_engine.scene.model import Scene, View
 
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
 MAX_COLUMN = 40  # samples between a point and the ground
+CORE, REACH = 1.5, 4.0  # spacings of the points
+SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
+HIDDEN_BLUR = 6.0  # px on the map over which observations are counted
+
+Map = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
+class Place:
+    """Maps of one photo, bool [h, w] on the reduced photo; see the module's text."""
+
+    core: Map
+    reach: Map
+    ground_first: Map
+    hidden: Map
+
+
 class Extent:
-    """Samples of the building [M, 3] and the distance [M] to the next one, normalised units."""
+    """Samples of the building [M, 3] with the distance [M] to the next, in normalised units."""
 
-    samples: NDArray[np.float64]
-    spacing: NDArray[np.float64]
+    def __init__(self, scene: Scene, shape: Shape, keep: NDArray[np.bool_], ground: Ground | None) -> None:
+        self.scene, self.keep, self.ground = scene, keep, ground
+        self.owner = track_owner(scene)
+        self.samples, self.spacing = _columns(scene, shape, keep, ground)
 
-    def cover(self, view: View, reach: float) -> NDArray[np.bool_]:
-        """Pixels within ``reach`` spacings of a sample, on the reduced map, bool [h, w]."""
-        factor = min(1.0, MAP_SIDE / max(view.width, view.height))
-        h, w = max(1, round(view.height * factor)), max(1, round(view.width * factor))
+    def place(self, index: int) -> Place:
+        """All maps of view ``index``."""
+        view = self.scene.views[index]
+        h, w = map_size(view)
+        if not len(self.samples):
+            empty = np.zeros((h, w), bool)
+            return Place(empty, empty, empty, empty)
+        pixels, depth, radius = self._project(view, h, w)
+        near = _splat(pixels, depth, CORE * radius, h, w)
+        far = _splat(pixels, depth, np.maximum(REACH * radius, 0.03 * MAP_SIDE), h, w)
+        core = self._take_back(np.isfinite(near), CORE * radius)
+        reach = _fill_holes(np.isfinite(far))
+        return Place(core, reach, self._ground_first(view, near, h, w), self._hidden(index, h, w))
+
+    def _project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int64], NDArray, NDArray]:
+        """Map pixels [M, 2] (x, y), depths and spacings in map pixels of the samples inside the frame."""
         uv, depth = view.project(self.samples)
-        result = np.zeros((h, w), np.uint8)
-        radius = reach * self.spacing * view.fx / np.maximum(depth, 1e-6) * factor
-        x, y = np.floor(uv[:, 0] * w / view.width), np.floor(uv[:, 1] * h / view.height)
-        seen = (depth > 0) & (x >= 0) & (x < w) & (y >= 0) & (y < h)
-        level = np.clip(np.round(2 * np.log2(np.maximum(radius, 1))), 0, 2 * np.log2(MAP_SIDE / 4)).astype(int)
-        for step in np.unique(level[seen]):
-            rows = seen & (level == step)
-            spots = np.zeros((h, w), np.uint8)
-            spots[y[rows].astype(int), x[rows].astype(int)] = 1
-            size = 2 * round(2 ** (step / 2)) + 1
-            result |= cv2.dilate(spots, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
-        return result.astype(bool)
+        uv = uv * (w / view.width, h / view.height)
+        seen = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
+        radius = self.spacing[seen] * view.fx / depth[seen] * w / view.width
+        return np.floor(uv[seen]).astype(np.int64), depth[seen], radius
 
-    def core(self, view: View) -> NDArray[np.bool_]:
-        """Pixels whose ray meets the building between its samples, without reaching beyond them; reduced map."""
-        near = self.cover(view, 1.5).astype(np.uint8)
-        if not near.any():
-            return near.astype(bool)
-        uv, depth = view.project(self.samples)
-        seen = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
-        typical = np.median(1.5 * self.spacing[seen] * view.fx / depth[seen]) if seen.any() else 1.0
-        size = 2 * round(max(1.0, typical * near.shape[1] / view.width)) + 1
+    @staticmethod
+    def _take_back(cover: Map, radius: NDArray) -> Map:
+        """Discs reach beyond the outermost samples by their radius: take that back."""
+        if not len(radius):
+            return cover
+        size = 2 * round(max(1.0, float(np.median(radius)))) + 1
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        return cv2.erode(near, kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)
+        return cv2.erode(cover.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)
+
+    def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> Map:
+        if self.ground is None:
+            return np.zeros((h, w), bool)
+        depth = ground_depth(view, self.ground, h, w)
+        # The plane may be off by its thickness: along the ray that is more the flatter the ray.
+        above = float(self.ground.height(view.centre[None])[0])
+        margin = depth * min(0.5, 1.5 * self.ground.thickness / max(above, 1e-9))
+        return np.isfinite(depth) & (depth + margin < near)
+
+    def _hidden(self, index: int, h: int, w: int) -> Map:
+        """Many accepted points that cameras close by observed here, and hardly any observed in this photo."""
+        view, points = self.scene.views[index], self.scene.points
+        observed = np.zeros(len(points), bool)
+        observed[self.owner[self.scene.track_view == index]] = True
+        expected = (self._neighbours_see(index) | observed) & self.keep
+        uv, depth = view.project(points)
+        uv = uv * (w / view.width, h / view.height)
+        here = expected & (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
+        counts = np.zeros((2, h, w), np.float32)
+        x, y = np.floor(uv[here]).astype(np.int64).T
+        np.add.at(counts[0], (y, x), 1)
+        np.add.at(counts[1], (y, x), observed[here])
+        local = [cv2.GaussianBlur(c, (0, 0), HIDDEN_BLUR) * (2 * np.pi * HIDDEN_BLUR**2) for c in counts]
+        usual = float(observed[here].mean()) if here.any() else 0.0
+        return (local[0] > 4) & (local[1] < 0.2 * usual * local[0])
+
+    def _neighbours_see(self, index: int) -> NDArray[np.bool_]:
+        """Points that some other camera observed from nearly the same direction and distance."""
+        scene = self.scene
+        towards = scene.points - scene.views[index].centre
+        distance = np.linalg.norm(towards, axis=1)
+        centres = np.stack([v.centre for v in scene.views])
+        other = scene.points[self.owner] - centres[scene.track_view]
+        length = np.linalg.norm(other, axis=1)
+        mine = distance[self.owner]
+        cosine = (other * towards[self.owner]).sum(1) / np.maximum(length * mine, 1e-12)
+        alike = (cosine > SAME_SIDE) & (length > 0.7 * mine) & (length < 1.4 * mine) & (scene.track_view != index)
+        result = np.zeros(len(scene.points), bool)
+        result[self.owner[alike]] = True
+        return result
 
 
-def make_extent(scene: Scene, shape: Shape, keep: NDArray[np.bool_], ground: Ground | None) -> Extent:
-    """The extent of the kept points; columns end on the ground, or at the lowest kept points around."""
+def map_size(view: View) -> tuple[int, int]:
+    """Height and width of the reduced maps of a view."""
+    factor = min(1.0, MAP_SIDE / max(view.width, view.height))
+    return max(1, round(view.height * factor)), max(1, round(view.width * factor))
+
+
+def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float64]:
+    """Depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w]."""
+    xs = ((np.arange(w) + 0.5) * view.width / w - view.cx) / view.fx
+    ys = ((np.arange(h) + 0.5) * view.height / h - view.cy) / view.fy
+    normal = view.rotation @ ground.normal
+    slope = normal[0] * xs[None, :] + normal[1] * ys[:, None] + normal[2]
+    above = float(ground.height(view.centre[None])[0])
+    with np.errstate(divide="ignore"):
+        depth = np.where(slope < -1e-9, -above / np.minimum(slope, -1e-9), np.inf)
+    return np.where(depth > 0, depth, np.inf)
+
+
+def _columns(
+    scene: Scene, shape: Shape, keep: NDArray[np.bool_], ground: Ground | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Kept points and samples below them down to the ground (or the lowest points around), thinned to a grid."""
     points, spacing = scene.points[keep], shape.spacing[keep]
     if not len(points):
-        return Extent(np.zeros((0, 3)), np.zeros(0))
+        return np.zeros((0, 3)), np.zeros(0)
     spacing = np.clip(spacing, 0.5 * np.median(spacing), 3 * np.median(spacing))
     height = np.maximum(ground.height(points), 0) if ground is not None else shape.height[keep]
     step = np.maximum(spacing, height / MAX_COLUMN)
@@ -73,11 +156,32 @@ def make_extent(scene: Scene, shape: Shape, keep: NDArray[np.bool_], ground: Gro
     owner = np.repeat(np.arange(len(points)), count)
     rank = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
     samples = points[owner] - (rank * step[owner])[:, None] * shape.up
-    return _thin(samples, step[owner])
-
-
-def _thin(samples: NDArray[np.float64], spacing: NDArray[np.float64]) -> Extent:
-    """One sample per cell of half the median spacing; columns of neighbouring points overlap."""
     cell = 0.5 * float(np.median(spacing))
     _, first = np.unique(np.floor(samples / cell).astype(np.int64), axis=0, return_index=True)
-    return Extent(samples[first], spacing[first])
+    return samples[first], step[owner][first]
+
+
+def _splat(
+    pixels: NDArray[np.int64], depth: NDArray, radius: NDArray, h: int, w: int
+) -> NDArray[np.float32]:
+    """The nearest depth among discs around pixels; infinite where there is none, [h, w]."""
+    result = np.full((h, w), np.inf, np.float32)
+    level = np.clip(np.round(2 * np.log2(np.maximum(radius, 1))), 0, 2 * np.log2(MAP_SIDE / 4)).astype(int)
+    for step in np.unique(level):
+        rows = level == step
+        spots = np.full((h, w), np.inf, np.float32)
+        np.minimum.at(spots, (pixels[rows, 1], pixels[rows, 0]), depth[rows].astype(np.float32))
+        size = 2 * round(2 ** (step / 2)) + 1
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        result = np.minimum(result, cv2.erode(spots, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=float("inf")))
+    return result
+
+
+def _fill_holes(mask: Map) -> Map:
+    """Close what is enclosed: a white wall between its edges is within reach."""
+    size = 2 * round(0.04 * max(mask.shape)) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    _, labels = cv2.connectedComponents((closed == 0).astype(np.uint8), connectivity=4)
+    outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    return (closed > 0) | ~np.isin(labels, outer)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.masks.belief import Belief, SceneGraph
-from mgf_engine.masks.model import UNKNOWN, MaskSet, building
-from mgf_engine.masks.extent import make_extent
+from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.model import UNKNOWN, MaskSet, building
 from mgf_engine.masks.points import track_owner, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.regions import Regions, cut_regions
@@ -140,9 +140,9 @@ class _Work:
         voters = [i for i in views if used[i]] or list(views)
         rows = np.arange(len(self.scene.points))
         point_mask = vote(self.scene.points, self.scene, labels, voters, self.config, rows)
-        extent = make_extent(self.scene, self.shape, point_mask, self.ground)
+        extent = Extent(self.scene, self.shape, point_mask, self.ground)
         for index, view in enumerate(self.scene.views):
-            core = cv2.resize(extent.core(view).astype(np.uint8), (view.width, view.height))
+            core = cv2.resize(extent.place(index).core.astype(np.uint8), (view.width, view.height))
             labels[index][(core > 0) & (labels[index] == 0)] = UNKNOWN
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(views))
         return Propagation(MaskSet(tuple(labels), used, scores, point_mask), reasons)
