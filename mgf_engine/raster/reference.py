@@ -129,10 +129,10 @@ def respond(seen: Projected, camera: Camera, pixels: Tensor) -> Responses:
     rays = torch.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, torch.ones_like(x)], -1)
     rays = rays[order] if rays.dim() == 3 else rays.expand(len(order), *rays.shape)
     precision, centre = seen.precision[order], seen.centre[order]
-    along = torch.einsum("nij,npj->npi", precision, rays)
-    t = torch.einsum("npi,ni->np", along, centre) / (along * rays).sum(-1)
+    along = rays @ precision  # symmetric
+    t = (along @ centre[..., None]).squeeze(-1) / (along * rays).sum(-1)
     offset = t[..., None] * rays - centre[:, None]
-    power = -0.5 * torch.einsum("npi,nij,npj->np", offset, precision, offset)
+    power = -0.5 * (offset @ precision * offset).sum(-1)
     free = seen.opacity[order, None] * torch.exp(power)
     taken = seen.drawn[order, None] & (free > ALPHA_MIN) & (t > camera.near)
     alpha = torch.where(taken, free.clamp_max(ALPHA_MAX), 0.0)
@@ -205,8 +205,8 @@ def uncertain(gaussians: Gaussians, camera: Camera, sh_degree: int, tile_mask: T
     """bool [H, W]: pixels where rounding may decide a yes-or-no rule, so that two correct rasterizers may differ.
 
     Args:
-        margin: relative distance to a threshold (response 1/255, the clamp at 0.99, transmittance 1e-4 and 1/2, the near
-            plane) below which the decision counts as open.
+        margin: relative distance to a threshold (response 1/255, the clamp at 0.99, transmittance 1e-4 and 1/2, the
+            near plane) below which the decision counts as open.
     """
     wanted = wanted_pixels(camera, tile_mask)
     seen = project(gaussians, camera, sh_degree)
@@ -238,9 +238,10 @@ def touched_tiles(gaussians: Gaussians, camera: Camera) -> Tensor:
 def footprint_radius(seen: Projected, camera: Camera) -> Tensor:
     """[N] larger half extent in pixels of the conic where the response is 1/255; at most half the frame's diagonal.
 
-    In pixels relative to the centre, with ray d = K (dx, dy, 1): response >= 1/255 means (d'Pd)(m'Pm - k) <= (m'Pd)^2, P the
-    precision and k = 2 ln(255 opacity): a quadratic form C in (dx, dy, 1). An ellipse's half extents follow from C^-1: the
-    line x = c touches it where (C^-1)_22 c^2 - 2 (C^-1)_02 c + (C^-1)_00 = 0.
+    In pixels relative to the centre, with ray d = K (dx, dy, 1): response >= 1/255 means
+    (d'Pd)(m'Pm - k) <= (m'Pd)^2, P the precision and k = 2 ln(255 opacity): a quadratic form C in (dx, dy, 1). An
+    ellipse's half extents follow from C^-1: the line x = c touches it where
+    (C^-1)_22 c^2 - 2 (C^-1)_02 c + (C^-1)_00 = 0.
     """
     ray = torch.zeros(len(seen.depth), 3, 3, dtype=torch.float64)
     ray[:, 0, 0], ray[:, 1, 1] = 1 / camera.fx, 1 / camera.fy

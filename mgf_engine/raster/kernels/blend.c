@@ -7,12 +7,13 @@
 //     distortion = sum over pairs i < j of w_i w_j (m_i - m_j)^2,  m = far / (far - near) (1 - near / t*).
 // With M1 = sum w m and M2 = sum w m^2 over the Gaussians before i (their weights sum to 1 - T), the pairs that end at i add
 //     w_i (m_i^2 (1 - T) - 2 m_i M1 + M2).
+// Only differences of m matter, so each pixel's m is taken relative to that of the first Gaussian it takes (shifted_depth).
 #include "blend.h"
 #include "export.h"
 
 typedef struct {
     v16 t[BLOCKS], colour[3][BLOCKS], depth[BLOCKS], median[BLOCKS], normal[3][BLOCKS], m1[BLOCKS], m2[BLOCKS],
-        distortion[BLOCKS];
+        first[BLOCKS], distortion[BLOCKS];
 } Accumulator;
 
 // Adds one Gaussian to one block; returns true when a pixel took it. Clears the block's bit in *live when it is full.
@@ -30,7 +31,7 @@ INLINE int blend_block(Accumulator *s, const float *g, v16 dx, v16 dy, int b, co
     for (int c = 0; c < 3; c++) s->colour[c][b] += w * g[REC_R + c];
     s->depth[b] += w * depth;
     if (level >= LEVEL_ALL) {
-        const v16 m = map_scale - map_scale * camera->near * reciprocal(depth);
+        const v16 m = shifted_depth(reciprocal(depth), before, &s->first[b], map_scale);
         const v16 wm = w * m;
         for (int c = 0; c < 3; c++) s->normal[c][b] += w * g[REC_NX + c];
         s->median[b] = choose((before > 0.5f) & (after <= 0.5f), depth, s->median[b]);
@@ -53,7 +54,7 @@ INLINE void store_plane(const v16 *blocks, float *plane, int64_t stride) {
 INLINE void blend_tile(int64_t tile, const Camera *camera, const float *records, const int32_t *gid, const int32_t *slots,
                        const int32_t *ranges, int64_t tiles_x, float *image, int64_t plane, uint16_t *hits, const int level) {
     const float ox = (float)(tile % tiles_x) * TILE, oy = (float)(tile / tiles_x) * TILE;
-    const float map_scale = camera->far / (camera->far - camera->near);
+    const float map_scale = camera->far * camera->near / (camera->far - camera->near);
     Accumulator s;
     memset(&s, 0, sizeof s);
     uint32_t live = 0;

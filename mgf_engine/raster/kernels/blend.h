@@ -9,7 +9,7 @@
 // Planes of the image buffer. In an image without geometry only the first five exist.
 enum {
     OUT_R, OUT_G, OUT_B, OUT_ALPHA, OUT_DEPTH, OUT_MEDIAN, OUT_NX, OUT_NY, OUT_NZ, OUT_DISTORTION,
-    OUT_M1, OUT_M2,        // sum w m, sum w m^2 of the mapped depth m: kept for the backward pass
+    OUT_M1, OUT_M2,        // sum w m, sum w m^2 of the shifted mapped depth m (blend.c): kept for the backward pass
     OUT_PLANES,
     OUT_PLANES_BASIC = OUT_DEPTH + 1,
 };
@@ -43,6 +43,14 @@ INLINE Response respond(const float *g, v16 dx, v16 dy) {
 // t* = B / A
 INLINE v16 response_depth(const float *g, v16 dx, v16 dy, v16 inv_a) {
     return (g[REC_B1] * dx + (g[REC_B0] + g[REC_B2] * dy)) * inv_a;
+}
+
+// Mapped depth far / (far - near) (1 - near / t), less that of the first Gaussian that the pixel took (where *first, its 1 / t, is
+// set when nothing was taken before). Distortion only needs differences, and these are small against the mapped depth itself:
+// without the shift, surfaces closer than some 1e-2 of their depth would be lost in float32. scale = far near / (far - near).
+INLINE v16 shifted_depth(v16 inv_t, v16 before, v16 *first, float scale) {
+    *first = choose(before >= 1.0f, inv_t, *first);
+    return scale * (*first - inv_t);
 }
 
 // Blocks of the tile at (ox, oy) that the extents of the footprint overlap, one bit each, row by row.

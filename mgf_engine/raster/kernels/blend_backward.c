@@ -30,7 +30,7 @@ typedef struct {
     v16 t[BLOCKS], rest[BLOCKS];                 // transmittance, R
     v16 colour[3][BLOCKS], fixed[BLOCKS];        // gc; the part of G that is the same for every Gaussian
     v16 depth[BLOCKS], median[BLOCKS], normal[3][BLOCKS];
-    v16 md2[BLOCKS], md1[BLOCKS];                // gx W, 2 gx M1
+    v16 md2[BLOCKS], md1[BLOCKS], first[BLOCKS]; // gx W, 2 gx M1, as in shifted_depth
     v16 error[BLOCKS];
 } Pixels;
 
@@ -88,6 +88,7 @@ INLINE void load_pixels(Pixels *s, const ImageGradients *in, const float *image,
     GRADIENT(distortion, in->distortion, 0);
     VALUE(m1, OUT_M1);
     VALUE(value, OUT_M2);
+    memset(s->first, 0, sizeof s->first);
     for (int b = 0; b < BLOCKS; b++) {
         s->md2[b] = distortion[b] * alpha[b], s->md1[b] = 2.0f * distortion[b] * m1[b];
         s->fixed[b] += distortion[b] * value[b];
@@ -118,9 +119,9 @@ INLINE void differentiate_block(Pixels *s, const float *g, v16 dx, v16 dy, int b
             gw += s->normal[c][b] * g[REC_NX + c];
             sum[SUM_NX + c] += w * s->normal[c][b];
         }
-        const v16 inv_t = reciprocal(depth), m = map_scale - map_scale * camera->near * inv_t;
+        const v16 inv_t = reciprocal(depth), m = shifted_depth(inv_t, before, &s->first[b], map_scale);
         gw += m * (s->md2[b] * m - s->md1[b]);
-        gt += (2.0f * map_scale * camera->near) * (s->md2[b] * m - 0.5f * s->md1[b]) * inv_t * inv_t;
+        gt += (2.0f * map_scale) * (s->md2[b] * m - 0.5f * s->md1[b]) * inv_t * inv_t;
     }
     gt = w * gt;
     if (level >= LEVEL_ALL) gt += keep(taken & (before > 0.5f) & (after <= 0.5f), s->median[b]);
@@ -152,7 +153,7 @@ INLINE void differentiate_tile(int64_t tile, const Camera *camera, const float *
     const int32_t start = ranges[tile], end = ranges[tile + 1];
     if (start == end) return;
     const float ox = (float)(tile % tiles_x) * TILE, oy = (float)(tile / tiles_x) * TILE;
-    const float map_scale = camera->far / (camera->far - camera->near);
+    const float map_scale = camera->far * camera->near / (camera->far - camera->near);
     Pixels s;
     load_pixels(&s, in, image, plane, tiles_x, tile, level, stats);
     for (int b = 0; b < BLOCKS; b++) {  // as in blend_tile

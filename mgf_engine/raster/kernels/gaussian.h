@@ -41,7 +41,7 @@ typedef struct {
     v16 jx[3], jy[3]; // d c_k / d pixel
     v16 ux[3], uy[3]; // axis[k] . (m x e_x) / fx, axis[k] . (m x e_y) / fy
     v16 inv_den;      // 1 / sum g c^2
-    v16 sigmoid, ratio;  // opacity = sigmoid * ratio
+    v16 sigmoid, off, ratio;  // opacity = sigmoid * ratio; off = 1 - sigmoid
     i16 front;        // in front of the near plane and near enough to the frame
 } Lanes;
 
@@ -80,7 +80,8 @@ static inline void scales_and_opacity(Lanes *s, const v16 *log_scales, v16 logit
     }
     s->ratio = vsqrt(s->ratio);
     logit = vmin(vmax(logit, splat(-80.0f)), splat(80.0f));
-    s->sigmoid = 1.0f / (1.0f + exp2_16(-LOG2_E * logit));
+    const v16 odds = exp2_16(-LOG2_E * logit);
+    s->sigmoid = 1.0f / (1.0f + odds), s->off = odds * s->sigmoid;
     s->largest2 = vmax(vmax(s->scale2[0], s->scale2[1]), s->scale2[2]);
     for (int k = 0; k < 3; k++) s->h[k] = s->scale2[k] / s->largest2;
     s->g[0] = s->h[1] * s->h[2], s->g[1] = s->h[2] * s->h[0], s->g[2] = s->h[0] * s->h[1];

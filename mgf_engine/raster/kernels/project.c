@@ -29,8 +29,8 @@ static inline void view_direction(const Lanes *s, const Camera *camera, v16 *dir
     for (int i = 0; i < 3; i++) dir[i] *= *inv_distance;
 }
 
-// max(0, 1/2 + sum_b Y_b sh[b]).
-static inline void colours(const Lanes *s, const Parameters *in, const Camera *camera, int degree, int64_t first, int64_t n,
+// max(0, 1/2 + sum_b Y_b sh[b]); returns where it is finite.
+static inline i16 colours(const Lanes *s, const Parameters *in, const Camera *camera, int degree, int64_t first, int64_t n,
                            v16 *rgb) {
     v16 dir[3], inv_distance, basis[16];
     view_direction(s, camera, dir, &inv_distance);
@@ -46,6 +46,8 @@ static inline void colours(const Lanes *s, const Parameters *in, const Camera *c
         for (int c = 0; c < 3; c++) sum[c] += basis[b] * coefficient[c];
     }
     for (int c = 0; c < 3; c++) rgb[c] = vmax(sum[c], splat(0.0f));
+    const v16 all = sum[0] + sum[1] + sum[2];
+    return all - all == 0.0f;
 }
 
 // Columns REC_CX..REC_NZ and REC_RAY2 of the records of sixteen Gaussians, column by column.
@@ -108,8 +110,7 @@ MGF_API void mgf_project(int32_t *next, int64_t n, const Camera *camera, const f
                 if (c < REC_R || c > REC_B) sum += rec[c];
             drawn &= (sum - sum == 0.0f);
             if (!any(drawn)) continue;
-            colours(&s, &in, camera, (int)degree, first, n, rec + REC_R);
-            drawn &= (rec[REC_R] + rec[REC_G] + rec[REC_B] < 1e30f);
+            drawn &= colours(&s, &in, camera, (int)degree, first, n, rec + REC_R);
             for (int l = 0; l < lanes; l++) {
                 if (!drawn[l]) continue;
                 float *out = records + (first + l) * REC_SIZE;

@@ -198,7 +198,7 @@ static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camer
     quaternion_gradient(&s, camera, g.axis, rotation);
     // opacity = sigmoid * prod(local_k / scale_k); d log(ratio) / d log_scale = 1 - local^2 / scale^2
     const v16 opacity = s.sigmoid * s.ratio;
-    logit = g.opacity * opacity * (1.0f - s.sigmoid);
+    logit = g.opacity * opacity * s.off;
     for (int k = 0; k < 3; k++) {
         const v16 share = s.local2[k] / s.scale2[k];
         log_scales[k] = keep(~s.clamped[k], 2.0f * g.h[k] * s.h[k] * share + g.opacity * opacity * (1.0f - share));
