@@ -63,7 +63,7 @@ _LARGE = SceneSpec(photos=40, width=750, rings=_TWO_ORBITS)
 SCENES: dict[str, SceneSpec] = {
     # Small and quick: the demonstration, and what continuous integration can afford.
     "demo": SceneSpec(),
-    "smoke": SceneSpec(photos=16, width=240, trees=3, neighbours=1, cars=1, samples=6),
+    "smoke": SceneSpec(photos=24, width=320, rings=(Ring(1.0, 13.0, 22.0),), trees=3, neighbours=1, cars=1, samples=8),
     # A brick town hall, 40 photos on two orbits, ground pixel about 6 cm.
     "townhall40": _LARGE,
     # Low flight around a detailed building with a hollow steel frame.

@@ -49,8 +49,10 @@ def cache_root() -> Path:
 
 
 def scene_folder(name: str, spec: SceneSpec) -> Path:
-    """The cache folder of a spec; its name ends in a hash of every control."""
-    key = json.dumps([GENERATOR_VERSION, spec_dict(spec)], sort_keys=True)
+    """The cache folder of a spec; its name ends in a hash of every control that is not at its default."""
+    plain = spec_dict(SceneSpec())
+    changed = {k: v for k, v in spec_dict(spec).items() if v != plain[k]}
+    key = json.dumps([GENERATOR_VERSION, changed], sort_keys=True)
     return cache_root() / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"
 
 

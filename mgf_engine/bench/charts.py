@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tables, charts and one HTML page from the rows that :mod:`mgf_engine.bench.measure` made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+import jinja2
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+Row = dict[str, Any]
+STAGE_COLORS = {"scene": "#4c78a8", "masks": "#f58518", "field": "#54a24b", "mesh": "#b279a2", "deliver": "#9d9da1"}
+
+
+def write_page(suite: str, rows: list[Row], out: Path) -> Path:
+    """Charts as PNG and SVG under ``out/charts`` and ``out/<suite>.html``; returns the page."""
+    charts = out / "charts"
+    charts.mkdir(parents=True, exist_ok=True)
+    done = [row for row in rows if "geometry" in row]
+    made = [
+        (title, f"charts/{name}.svg")
+        for name, title, figure in _figures(suite, done)
+        if _save(figure, charts, name) is not None
+    ]
+    template = jinja2.Environment(
+        loader=jinja2.PackageLoader("mgf_engine", "bench"), autoescape=True, undefined=jinja2.StrictUndefined
+    ).get_template("page.html.j2")
+    failed = [row for row in rows if "geometry" not in row]
+    page = out / f"{suite}.html"
+    partial = page.with_suffix(".partial")
+    partial.write_text(
+        template.render(suite=suite, charts=made, tables=summary_tables(done), failed=failed), encoding="utf-8"
+    )
+    partial.replace(page)
+    return page
+
+
+def summary_tables(rows: list[Row]) -> list[dict[str, Any]]:
+    """One table per scene: a line per variant, the mean over seeds with the spread of F1.
+
+    Returns:
+        dicts with ``scene``, ``columns`` (names) and ``lines`` (texts).
+    """
+    tables = []
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        mine = [row for row in rows if row["scene"] == scene]
+        thresholds = mine[0]["geometry"]["thresholds"]
+        columns = ["variant", "seeds", *(f"F1 {t * 100:.3g} cm" for t in thresholds), "accuracy", "completeness"]
+        columns += ["PSNR", "SSIM", "mask IoU", "Gaussians", "faces", "parts", "holes", "seconds", "CPU s", "MB"]
+        lines = [
+            _line(name, [r for r in mine if r["variant"] == name]) for name in dict.fromkeys(r["variant"] for r in mine)
+        ]
+        tables.append({"scene": scene, "columns": columns, "lines": lines})
+    return tables
+
+
+def _line(variant: str, rows: list[Row]) -> list[str]:
+    f1 = [[row["geometry"]["f1"][i] for row in rows] for i in range(len(rows[0]["geometry"]["thresholds"]))]
+    clean = [row["geometry"]["hygiene"] for row in rows]
+    return [
+        variant,
+        str(len(rows)),
+        *(f"{mean(v):.1f}" + (f" ±{(max(v) - min(v)) / 2:.1f}" if len(v) > 1 else "") for v in f1),
+        *(_average([row["geometry"][key][0] for row in rows], "{:.1f}") for key in ("accuracy", "completeness")),
+        _average([row.get("psnr") for row in rows], "{:.2f}"),
+        _average([row.get("ssim") for row in rows], "{:.3f}"),
+        _average([row.get("mask_iou") for row in rows], "{:.1f}"),
+        _average([row.get("gaussians") for row in rows], "{:.0f}"),
+        *(_average([c[key] for c in clean], "{:.0f}") for key in ("faces", "components", "holes")),
+        *(_average([row[key] for row in rows], "{:.0f}") for key in ("seconds", "cpu_seconds")),
+        _average([row["peak_memory"] / 1e6 for row in rows], "{:.0f}"),
+    ]
+
+
+def _average(values: list[Any], form: str) -> str:
+    known = [v for v in values if v is not None]
+    return form.format(mean(known)) if known else "–"
+
+
+def _figures(suite: str, rows: list[Row]) -> Iterable[tuple[str, str, Figure]]:
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        mine = [row for row in rows if row["scene"] == scene]
+        tag = f"{suite}-{Path(scene).name}"
+        time = ("seconds", "wall time, s")
+        yield f"{tag}-f1-time", f"{scene}: F1 against time", _scatter(mine, time, "f1")
+        if any(row.get("psnr") for row in mine):
+            yield f"{tag}-psnr-time", f"{scene}: PSNR against time", _scatter(mine, time, "psnr")
+        for key, name in (("gaussians", "Gaussians"), ("faces", "faces")):
+            if any(row.get(key) for row in mine):
+                yield f"{tag}-f1-{key}", f"{scene}: F1 against {name}", _scatter(mine, (key, name), "f1")
+        if any(row.get("stages") for row in mine):
+            yield f"{tag}-seconds", f"{scene}: where each second goes", _stage_bars(mine)
+
+
+def _scatter(rows: list[Row], x: tuple[str, str], y: str) -> Figure:
+    """One curve per group over the means of its variants; logarithmic x."""
+    figure, axes = plt.subplots(figsize=(7.5, 4.6), layout="constrained")
+    threshold = rows[0]["geometry"]["thresholds"][0]
+    points: dict[str, list[tuple[float, float, str]]] = {}
+    for variant in dict.fromkeys(row["variant"] for row in rows):
+        same = [row for row in rows if row["variant"] == variant and row.get(x[0]) is not None]
+        values: list[Any] = [row["geometry"]["f1"][0] if y == "f1" else row.get(y) for row in same]
+        if not same or any(v is None for v in values):
+            continue
+        points.setdefault(same[0].get("group") or variant, []).append(
+            (float(mean(r[x[0]] for r in same)), float(mean(values)), variant)
+        )
+    for group, spots in points.items():
+        spots.sort()
+        line = "-" if len(spots) > 1 and group not in ("ablation",) else ""
+        axes.plot([s[0] for s in spots], [s[1] for s in spots], marker="o", linestyle=line, label=group)
+        for spot in spots:
+            axes.annotate(spot[2], spot[:2], xytext=(4, 4), textcoords="offset points", fontsize=7)
+    axes.set_xscale("log")
+    axes.set_xlabel(x[1])
+    axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %" if y == "f1" else "PSNR inside the mask, held-out views, dB")
+    _tidy(axes, legend=len(points) > 1)
+    return figure
+
+
+def _stage_bars(rows: list[Row]) -> Figure:
+    variants = list(dict.fromkeys(row["variant"] for row in rows if row.get("stages")))
+    figure, axes = plt.subplots(figsize=(7.5, 1.2 + 0.32 * len(variants)), layout="constrained")
+    left = [0.0] * len(variants)
+    for stage, color in STAGE_COLORS.items():
+        width = [
+            mean(r["stages"].get(stage, 0.0) for r in rows if r["variant"] == v and r.get("stages")) for v in variants
+        ]
+        axes.barh(variants, width, left=left, color=color, label=stage)
+        left = [a + b for a, b in zip(left, width, strict=True)]
+    axes.invert_yaxis()
+    axes.set_xlabel("seconds")
+    _tidy(axes, legend=True)
+    return figure
+
+
+def _tidy(axes: Axes, legend: bool) -> None:
+    axes.grid(True, alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    if legend:
+        axes.legend(fontsize=8, frameon=False)
+
+
+def _save(figure: Figure, folder: Path, name: str) -> Path:
+    for end in ("png", "svg"):
+        figure.savefig(folder / f"{name}.{end}", dpi=130)
+    plt.close(figure)
+    return folder / f"{name}.svg"

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One measured run: the process with its own time and memory, then the scores of its mesh."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from mgf_engine.bench.suites import Run
+from mgf_engine.errors import BadInput
+from mgf_engine.evaluate.geometry import evaluate_mesh, mask_iou
+from mgf_engine.evaluate.surfaces import Points, SeeingCamera
+from mgf_engine.masks.model import BACKGROUND, UNKNOWN
+
+#: Thresholds in metres always reported; one ground pixel and its double are added.
+THRESHOLDS = (0.05, 0.10, 0.20)
+#: Whole-picture reconstructions are cut to the true mesh's box, grown by this much, metres, and above the ground.
+CROP_MARGIN, CROP_FOOT = 0.5, 0.1
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scene ready to be reconstructed and scored; ``cameras`` are the true ones with their masks."""
+
+    folder: Path
+    cameras: list[SeeingCamera]
+    ground_pixel: float
+    crop: Points  # [2, 3]
+
+    @property
+    def truth(self) -> Path:
+        return self.folder / "truth.ply"
+
+
+def prepare_scene(name: str, photos: int | None = None, width: int | None = None) -> Prepared:
+    """Render the named scene if need be (or take a folder that was made before) and read what scoring needs.
+
+    Raises:
+        BadInput: no such scene.
+    """
+    from mgf_engine.bench.catalogue import scene_spec
+    from mgf_engine.bench.scenes import make_scene
+    from mgf_engine.evaluate.surfaces import read_surface
+
+    if (Path(name) / "scene.json").exists():
+        folder = Path(name).resolve()
+    else:
+        folder = make_scene(name, scene_spec(name, photos=photos, width=width))
+    record = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+    truth = read_surface(folder / "truth.ply").vertices
+    low, high = truth.min(0) - CROP_MARGIN, truth.max(0) + CROP_MARGIN
+    low[2] = CROP_FOOT
+    return Prepared(folder, true_cameras(folder), float(record["ground_pixel"]), np.stack([low, high]))
+
+
+def true_cameras(folder: Path) -> list[SeeingCamera]:
+    """The scene's true cameras; each sees the building only where its true mask shows no occluder."""
+    import pycolmap
+
+    model = pycolmap.Reconstruction(folder / "sparse_truth")
+    result = []
+    for image in sorted(model.images.values(), key=lambda i: str(i.name)):
+        camera, pose = image.camera, image.cam_from_world()
+        k = camera.calibration_matrix()
+        labels = cv2.imread(str(folder / "masks" / (Path(image.name).stem + ".png")), cv2.IMREAD_UNCHANGED)
+        if labels is None:
+            raise BadInput(f"The mask of '{image.name}' in '{folder}' is missing; delete the folder and make it again.")
+        result.append(
+            SeeingCamera(
+                camera.width, camera.height, k[0, 0], k[1, 1], k[0, 2], k[1, 2], pose.rotation.matrix(),
+                pose.translation, labels != UNKNOWN,
+            )
+        )  # fmt: skip
+    return result
+
+
+def measure(run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool) -> dict[str, Any]:
+    """Run and score; a plain row for tables, with ``failed`` (one sentence) instead of scores if the run failed."""
+    row: dict[str, Any] = {"variant": run.variant, "scene": run.scene, "seed": run.seed, "group": run.group,
+                           "options": run.options, "masks": run.masks, "poses": run.poses}  # fmt: skip
+    shutil.rmtree(job, ignore_errors=True)
+    job.mkdir(parents=True)
+    source = _source(scene.folder, run.poses, job)
+    mesh = job / "mesh.ply"
+    command = _external(run, source, job, mesh) if run.command else _engine(run, source, scene.folder, job)
+    code, tail, usage = _timed(command, job)
+    row.update(usage)
+    if code != 0 or not mesh.exists():
+        return {**row, "failed": tail or f"exit code {code}"}
+    whole_picture = bool(run.command) or str(run.options.get("use_masks", True)).lower() in ("false", "0", "off", "no")
+    thresholds = sorted({*THRESHOLDS, round(scene.ground_pixel, 4), round(2 * scene.ground_pixel, 4)})
+    crop = scene.crop if whole_picture else None
+    scores = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop, seed=run.seed)
+    row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)
+    if not run.command:
+        row.update(job_figures(job))
+        row["mask_iou"] = mean_mask_iou(job, scene.folder)
+    if not keep_job:
+        _slim(job)
+    return row
+
+
+def job_figures(job: Path) -> dict[str, Any]:
+    """What the job itself recorded: seconds and peak memory per stage, PSNR and SSIM, number of Gaussians."""
+    stages = json.loads((job / "job.json").read_text(encoding="utf-8"))["stages"]
+    figures: dict[str, Any] = {"stages": {name: entry["seconds"] for name, entry in stages.items()}}
+    merged = {k: v for entry in stages.values() for k, v in entry["figures"].items()}
+    for name in ("psnr", "ssim", "lpips", "gaussians", "iterations"):
+        figures[name] = merged.get(name)
+    figures["figures"] = merged
+    return figures
+
+
+def mean_mask_iou(job: Path, scene: Path) -> float | None:
+    """Mean IoU in percent of the job's level-one masks with the true ones, where they are not unknown."""
+    values = []
+    for path in sorted((scene / "masks").glob("*.png")):
+        found = next((p for p in (job / "masks").rglob(f"{path.stem}*.png")), None)
+        if found is None:
+            continue
+        labels, truth = cv2.imread(str(found), cv2.IMREAD_UNCHANGED), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if labels is None or truth is None or labels.ndim != 2:
+            continue
+        truth = cv2.resize(truth, labels.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        mine = (labels != BACKGROUND) & (labels != UNKNOWN)
+        values.append(mask_iou(mine, truth != BACKGROUND, truth != UNKNOWN))
+    return float(np.mean(values)) if values else None
+
+
+def _source(folder: Path, poses: str, job: Path) -> Path:
+    """The folder the run reads: the scene itself, or a view of it with the true cameras."""
+    if poses == "sfm":
+        return folder
+    view = job.with_name(job.name + "-true-poses")
+    shutil.rmtree(view, ignore_errors=True)
+    (view / "sparse").mkdir(parents=True)
+    (view / "images").symlink_to(folder / "images", target_is_directory=True)
+    (view / "sparse/0").symlink_to(folder / "sparse_truth", target_is_directory=True)
+    return view
+
+
+def _engine(run: Run, source: Path, scene: Path, job: Path) -> list[str]:
+    job.rmdir()  # the engine makes it
+    command = [sys.executable, "-m", "mgf_engine", "reconstruct", str(source), "--out", str(job), "--progress", "json"]
+    command += ["--prompts", str(scene / "prompts.json")]
+    if run.masks == "true":
+        command += ["--masks", str(scene / "masks")]
+    for name, value in {**run.options, "seed": run.seed}.items():
+        command += ["--set", f"{name}={value}"]
+    return command
+
+
+def _external(run: Run, source: Path, job: Path, mesh: Path) -> list[str]:
+    names = {"images": source / "images", "scene": source, "work": job, "mesh": mesh}
+    return [part.format(**names) for part in shlex.split(run.command)]
+
+
+def _timed(command: list[str], job: Path) -> tuple[int, str, dict[str, float]]:
+    """Run a command; exit code, its last sentence, and wall seconds, CPU seconds and peak memory in bytes."""
+    output = job.with_name(job.name + ".out")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    started = time.perf_counter()
+    with output.open("w", encoding="utf-8") as stream:
+        process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
+        try:
+            _, status, used = os.wait4(process.pid, 0)
+        except BaseException:
+            process.kill()
+            raise
+    seconds = time.perf_counter() - started
+    process.returncode = code = os.waitstatus_to_exitcode(status)
+    lines = [line for line in output.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    usage = {"seconds": seconds, "cpu_seconds": used.ru_utime + used.ru_stime, "peak_memory": used.ru_maxrss * 1024.0}
+    return code, _sentence(lines[-1]) if lines else "", usage
+
+
+def _sentence(line: str) -> str:
+    try:
+        message = json.loads(line)
+        return str(message.get("text", line))
+    except (ValueError, AttributeError):
+        return line
+
+
+def _slim(job: Path) -> None:
+    """Keep what people look at: the mesh, the report, the log and the sheet of masks."""
+    for name in ("checkpoints", "scene", "field.ply", "points.ply"):
+        path = job / name
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)

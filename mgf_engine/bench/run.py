@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf bench``: make scenes, run a suite, score every mesh against the truth, draw the page.
+
+Every run is a process of its own (``python -m mgf_engine reconstruct``), so its time and memory are its own. A run
+whose result is there already is not repeated: results lie in ``OUT/results/<key>.json``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.bench.measure import Prepared, measure, prepare_scene
+from mgf_engine.bench.suites import SUITES, Run, suite_runs
+from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
+
+
+def bench_main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ``mgf bench``; returns the exit code."""
+    args = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if args[:1] == ["scenes"]:
+            from mgf_engine.bench.scenes import scenes_main
+
+            return scenes_main(args[1:])
+        return _run_suite(_parser().parse_args(args))
+    except BadInput as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    lines = "\n".join(f"  {name:<11} {text}" for name, text in SUITES.items())
+    parser = argparse.ArgumentParser(
+        prog="mgf bench",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Measure the engine on scenes with known truth.",
+        epilog=f"suites:\n{lines}\n  scenes      make a scene: 'mgf bench scenes --help'",
+    )
+    parser.add_argument("suite", choices=sorted(SUITES), help="what to measure", metavar="SUITE")
+    parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of jobs, results and the page")
+    parser.add_argument("--scenes", nargs="+", default=[], help="instead of the suite's scenes: names or folders")
+    parser.add_argument("--photos", type=int, help="fewer photos per scene")
+    parser.add_argument("--width", type=int, help="width of the rendered photos in pixels")
+    parser.add_argument("--seeds", type=int, default=1, help="runs per variant")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="option given to every run")
+    parser.add_argument("--only", nargs="+", default=[], help="only variants with one of these words in their name")
+    parser.add_argument("--masks", choices=("prompts", "true"), default="prompts", help="from clicks, or the true ones")
+    parser.add_argument("--poses", choices=("sfm", "true"), default="sfm", help="cameras: found, or the true ones")
+    parser.add_argument(
+        "--external", action="append", default=[], metavar="NAME=COMMAND",
+        help="another tool for suite peers; {images}, {scene}, {work} and {mesh} are filled in",
+    )  # fmt: skip
+    parser.add_argument("--samples", type=int, default=300_000, help="points sampled on each mesh")
+    parser.add_argument("--label", default="", help="part of every run's key: measure the same again under a new label")
+    parser.add_argument("--keep-jobs", action="store_true", help="keep the whole job folders, not only mesh and report")
+    parser.add_argument("--page-only", action="store_true", help="draw the page from the results that are there")
+    return parser
+
+
+def _run_suite(args: argparse.Namespace) -> int:
+    from mgf_engine.bench.charts import write_page
+
+    runs = suite_runs(
+        args.suite, args.scenes, args.seeds, _pairs(args.set), args.masks, args.poses, _pairs(args.external), args.only
+    )
+    scenes: dict[str, Prepared] = {}
+    rows: list[dict[str, Any]] = []
+    failed = 0
+    for number, run in enumerate(runs, 1):
+        path = args.out / "results" / f"{run.key(_label(args))}.json"
+        if not path.exists() and not args.page_only:
+            if run.scene not in scenes:
+                scenes[run.scene] = prepare_scene(run.scene, args.photos, args.width)
+            print(f"[{number}/{len(runs)}] {run.scene}: {run.variant}, seed {run.seed}", flush=True)
+            row = measure(run, scenes[run.scene], args.out / "jobs" / path.stem, args.samples, args.keep_jobs)
+            if row.get("failed"):
+                failed += 1
+                print(f"    failed: {row['failed']}", flush=True)
+                rows.append(row)
+                continue
+            _write_json(path, row)
+        if path.exists():
+            # Names may change between versions of a suite; the result stays the same.
+            row = {**json.loads(path.read_text(encoding="utf-8")), "variant": run.variant, "group": run.group}
+            rows.append(row)
+            print(f"    {_headline(row)}", flush=True)
+    _write_json(args.out / f"{args.suite}.json", rows)
+    page = write_page(args.suite, rows, args.out)
+    print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
+    return EXIT_FAULT if failed else EXIT_DONE
+
+
+def _label(args: argparse.Namespace) -> str:
+    """What else decides a result: the user's label, the scene's size, the samples."""
+    return json.dumps([args.label, args.photos, args.width, args.samples])
+
+
+def _pairs(texts: Sequence[str]) -> dict[str, str]:
+    result = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise BadInput(f"Give NAME=VALUE, not '{text}'.")
+        result[name.strip()] = value.strip()
+    return result
+
+
+def _headline(row: dict[str, Any]) -> str:
+    scores = row["geometry"]
+    f1 = ", ".join(f"{v:.1f} at {t:.3g} m" for v, t in zip(scores["f1"], scores["thresholds"], strict=True))
+    psnr = row.get("psnr")
+    return f"F1 {f1}; PSNR {'-' if psnr is None else f'{psnr:.2f}'}; {row['seconds']:.0f} s"
+
+
+def _write_json(path: Path, data: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(json.dumps(data, indent=1), encoding="utf-8")
+    partial.replace(path)
+
+
+__all__ = ["Run", "bench_main"]
+
+if __name__ == "__main__":
+    sys.exit(bench_main())

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Suites, measured runs and the page, on a scene made by hand (no Blender) with a stand-in for the tool."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+import trimesh
+
+from mgf_engine.bench.charts import summary_tables, write_page
+from mgf_engine.bench.flight import Ring, plan
+from mgf_engine.bench.measure import mean_mask_iou, prepare_scene
+from mgf_engine.bench.run import bench_main
+from mgf_engine.bench.suites import ABLATION, PEERS, SUITES, SWITCHES, suite_runs
+from mgf_engine.config import make_config
+from mgf_engine.errors import BadInput
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """A 10 x 6 x 8 m box seen by six cameras: what the generator leaves behind, without photos."""
+    folder = tmp_path / "box scene"
+    (folder / "masks").mkdir(parents=True)
+    (folder / "sparse_truth").mkdir()
+    box = trimesh.creation.box((10.0, 6.0, 8.0))
+    box.apply_translation([0, 0, 4])
+    box.export(folder / "truth.ply")
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera(model="PINHOLE", width=96, height=64, params=[80, 80, 48, 32], camera_id=1)
+    model.add_camera_with_trivial_rig(camera)
+    shots = plan(6, np.array([[-5.0, -3], [5, 3]]), (Ring(1.0, 10.0, 14.0, 4.0),), None, 0, 0, np.random.default_rng(0))
+    for i, shot in enumerate(shots, 1):
+        image = pycolmap.Image(name=shot.name, camera_id=1, image_id=i)
+        model.add_image_with_trivial_frame(
+            image, pycolmap.Rigid3d(pycolmap.Rotation3d(shot.rotation), shot.translation)
+        )
+        cv2.imwrite(str(folder / "masks" / (Path(shot.name).stem + ".png")), np.ones((64, 96), np.uint8))
+    model.write(folder / "sparse_truth")
+    (folder / "scene.json").write_text(json.dumps({"ground_pixel": 0.2}))
+    (folder / "prompts.json").write_text("{}")
+    return folder
+
+
+COPY = f"{sys.executable} -c 'import shutil,sys; shutil.copy(sys.argv[1], sys.argv[2])' {{scene}}/truth.ply {{mesh}}"
+
+
+def test_every_option_of_every_suite_exists() -> None:
+    for suite in SUITES:
+        for run in suite_runs(suite):
+            make_config(run.options)
+    assert set(ABLATION) | set(SWITCHES) <= {run.variant for run in suite_runs("ablation")}
+    assert set(PEERS) == {run.variant for run in suite_runs("peers")}
+
+
+def test_runs_are_scenes_times_variants_times_seeds_with_distinct_keys() -> None:
+    runs = suite_runs("resolution", ["a", "b"], seeds=3, base={"iterations": 10})
+    assert len(runs) == 2 * 3 * 3
+    assert len({run.key() for run in runs}) == len(runs)
+    assert all(run.options["iterations"] == 10 for run in runs)
+    assert runs[0].key() == suite_runs("resolution", ["a"], base={"iterations": 10})[0].key()
+    assert runs[0].key() != runs[0].key("again")
+    with pytest.raises(BadInput, match="No variant"):
+        suite_runs("resolution", only=["9000"])
+
+
+def test_an_external_tool_is_run_scored_and_not_repeated(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    command = ["peers", "--scenes", str(scene), "--external", f"copy={COPY}", "--only", "copy", "--samples", "5000"]
+    assert bench_main([*command, "--out", str(out)]) == 0
+    (result,) = (out / "results").glob("*.json")
+    row = json.loads(result.read_text())
+    assert row["geometry"]["f1"] == [100.0] * len(row["geometry"]["f1"])
+    # The cameras at 10 m see the walls and the roof; the floor they cannot see is outside the crop.
+    assert row["geometry"]["truth_seen"] == pytest.approx(100.0)
+    assert row["geometry"]["outside_crop"] > 10
+    assert {0.05, 0.1, 0.2, 0.4} == set(row["geometry"]["thresholds"])
+    assert row["seconds"] > 0 and row["cpu_seconds"] > 0 and row["peak_memory"] > 1e6
+    stamp = result.stat().st_mtime_ns
+    assert bench_main([*command, "--out", str(out)]) == 0
+    assert result.stat().st_mtime_ns == stamp
+    page = (out / "peers.html").read_text(encoding="utf-8")
+    assert "copy" in page and "charts/peers-box scene-f1-time.svg" in page
+    assert (out / "charts/peers-box scene-f1-time.png").stat().st_size > 1000
+
+
+def test_a_tool_that_fails_is_reported_and_tried_again_next_time(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    broken = f"broken={sys.executable} -c 'import sys; sys.exit(\"no luck today\")'"
+    code = bench_main(["peers", "--scenes", str(scene), "--external", broken, "--only", "broken", "--out", str(out)])
+    assert code == 1
+    assert not list((out / "results").glob("*.json"))
+    assert "no luck today" in capsys.readouterr().out
+    assert "no luck today" in (out / "peers.html").read_text(encoding="utf-8")
+
+
+def test_unknown_names_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench_main(["resolution", "--scenes", "nowhere", "--out", str(tmp_path)]) == 2
+    assert "There is no scene 'nowhere'" in capsys.readouterr().err
+    assert bench_main(["peers", "--external", "oops", "--out", str(tmp_path)]) == 2
+
+
+def test_mask_iou_of_a_job_ignores_unknown_pixels(scene: Path, tmp_path: Path) -> None:
+    job = tmp_path / "job"
+    (job / "masks").mkdir(parents=True)
+    for path in (scene / "masks").glob("*.png"):
+        truth = np.zeros((64, 96), np.uint8)
+        truth[:, :48], truth[:, 90:] = 1, 255
+        cv2.imwrite(str(path), truth)
+        found = np.zeros((32, 48), np.uint8)
+        found[:, :12], found[:, 45:] = 5, 1
+        cv2.imwrite(str(job / "masks" / path.name), found)
+    value = mean_mask_iou(job, scene)
+    assert value == pytest.approx(50.0)
+    assert prepare_scene(str(scene)).crop[0, 2] == pytest.approx(0.1)
+
+
+def test_tables_average_over_seeds(tmp_path: Path) -> None:
+    hygiene = {"faces": 10, "components": 1, "holes": 0}
+    rows = [
+        {
+            "variant": "full", "scene": "s", "seed": seed, "group": "g", "psnr": 30.0 + seed, "ssim": None,
+            "seconds": 10.0, "cpu_seconds": 18.0, "peak_memory": 1e9, "gaussians": 5000, "faces": 10,
+            "stages": {"scene": 1.0, "field": 8.0, "mesh": 1.0},
+            "geometry": {"thresholds": [0.05], "f1": [90.0 + 2 * seed], "accuracy": [90.0], "completeness": [90.0],
+                         "hygiene": hygiene},
+        }
+        for seed in range(3)
+    ]  # fmt: skip
+    (table,) = summary_tables(rows)
+    line = dict(zip(table["columns"], table["lines"][0], strict=True))
+    assert line["F1 5 cm"] == "92.0 ±2.0" and line["PSNR"] == "31.00" and line["SSIM"] == "–"
+    page = write_page(
+        "pareto", [*rows, {"variant": "x", "scene": "s", "seed": 0, "failed": "out of <memory>"}], tmp_path
+    )
+    text = page.read_text(encoding="utf-8")
+    assert "out of &lt;memory&gt;" in text and "92.0 ±2.0" in text
+    assert len(list((tmp_path / "charts").glob("*.svg"))) == 5
