@@ -19,9 +19,9 @@ def report() -> int:
     print(f"  {'memory':<32} {'unknown' if memory is None else f'{memory / 2**30:.1f} GiB'}")
     problems = [f"{name} is missing; run 'pip install {name}'." for name, v in found.items() if v == "missing"]
     try:
-        from mgf_engine.raster.library import variant_name
+        from mgf_engine.raster.library import variant
 
-        print(f"  {'kernel variant':<32} {variant_name()}")
+        print(f"  {'kernel variant':<32} {variant()}")
     except (ImportError, OSError, RuntimeError) as error:
         problems.append(f"The CPU kernels cannot be loaded: {error}")
     print(f"  {'CUDA':<32} {_cuda()}")

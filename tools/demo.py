@@ -50,9 +50,10 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _rendered_scene(blender_python: Path) -> Path:
+    from mgf_engine.bench.catalogue import scene_spec
     from mgf_engine.bench.scenes import make_scene
 
-    return make_scene("demo", blender_python=blender_python)
+    return make_scene("demo", scene_spec("demo"), blender=blender_python)
 
 
 if __name__ == "__main__":

@@ -61,6 +61,7 @@ def train(
 class _Trainer:
     def __init__(self, scene: Scene, masks: MaskSet, config: Config, folder: Path, reporter: Reporter) -> None:
         self.scene, self.masks, self.config, self.folder, self.reporter = scene, masks, config, folder, reporter
+        folder.mkdir(parents=True, exist_ok=True)
         self.views = training_views(scene, masks)
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
