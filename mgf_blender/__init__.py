@@ -1,2 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""MGF in Blender: photos of a building in, the building as a mesh in the scene out."""
+"""MGF in Blender: photos of a building in, the building as a mesh in the scene out.
+
+Every room with an interface has ``register`` and ``unregister``; this file calls them in order.
+"""
+
+import importlib
+
+_ROOMS = (
+    "common.runner", "properties", "engine.operators", "preferences", "scene_import.operators", "scene_import.panel",
+    "prompts.tool", "reconstruct.operators", "prompts.operators", "prompts.drawing", "prompts.panel",
+    "reconstruct.panel", "results.operators", "results.panel", "cli",
+)  # fmt: skip
+
+
+def register() -> None:
+    """Enable the add-on."""
+    for name in _ROOMS:
+        importlib.import_module(f".{name}", __package__).register()
+
+
+def unregister() -> None:
+    """Disable it, leaving nothing behind."""
+    for name in reversed(_ROOMS):
+        importlib.import_module(f".{name}", __package__).unregister()

@@ -46,13 +46,17 @@ class Camera:
 
 @dataclass(frozen=True)
 class Photo:
-    """A registered photo: ``camera = rotation @ world + translation`` (float64 [3, 3] and [3])."""
+    """A registered photo: ``camera = rotation @ world + translation`` (float64 [3, 3] and [3]).
+
+    ``observed`` counts the sparse points seen in it.
+    """
 
     id: int
     name: str
     camera: Camera
     rotation: np.ndarray
     translation: np.ndarray
+    observed: int = 0
 
     @property
     def centre(self) -> np.ndarray:
@@ -140,13 +144,13 @@ def make_camera(model: str, width: int, height: int, params: tuple[float, ...]) 
     return Camera(model, int(width), int(height), fx, fy, cx, cy, never or any(abs(k) > 1e-12 for k in rest))
 
 
-def _photo(row: tuple[int, str, int, np.ndarray, np.ndarray], cameras: dict[int, Camera], folder: Path) -> Photo:
-    number, name, camera_id, q, t = row
+def _photo(row: tuple[int, str, int, np.ndarray, np.ndarray, int], cameras: dict[int, Camera], folder: Path) -> Photo:
+    number, name, camera_id, q, t, observed = row
     if camera_id not in cameras:
         raise UserError(f"The photo '{name}' in '{folder}' uses camera {camera_id}, which the model does not hold.")
     if not (np.isfinite(q).all() and np.isfinite(t).all() and np.linalg.norm(q) > 1e-6):
         raise UserError(f"The pose of the photo '{name}' in '{folder}' is not a number; export the model again.")
-    return Photo(number, name, cameras[camera_id], quaternion_to_matrix(q), np.asarray(t, np.float64))
+    return Photo(number, name, cameras[camera_id], quaternion_to_matrix(q), np.asarray(t, np.float64), observed)
 
 
 def _points(xyz: list, rgb: list, error: list, length: list) -> Points:
@@ -195,6 +199,7 @@ class _Cursor:
 _U64 = struct.Struct("<Q")
 _CAMERA_HEAD = struct.Struct("<IiQQ")
 _PHOTO_HEAD = struct.Struct("<I7dI")
+_KEYPOINT = np.dtype([("uv", "<f8", 2), ("point", "<i8")])
 _POINT = struct.Struct("<Q3d3BdQ")
 
 
@@ -215,8 +220,10 @@ def _photos_bin(data: bytes) -> list[tuple]:
         number, qw, qx, qy, qz, tx, ty, tz, camera_id = cursor.take(_PHOTO_HEAD)
         name = cursor.text()
         (n,) = cursor.take(_U64)
-        cursor.skip(n * 24)
-        rows.append((number, name, camera_id, np.array([qw, qx, qy, qz]), np.array([tx, ty, tz])))
+        start = cursor.at
+        cursor.skip(n * _KEYPOINT.itemsize)
+        observed = int((np.frombuffer(data, _KEYPOINT, n, start)["point"] >= 0).sum())
+        rows.append((number, name, camera_id, np.array([qw, qx, qy, qz]), np.array([tx, ty, tz]), observed))
     return rows
 
 
@@ -257,8 +264,8 @@ def _photos_txt(data: bytes) -> list[tuple]:
         if not words:
             continue
         q, t = np.array([float(w) for w in words[1:5]]), np.array([float(w) for w in words[5:8]])
-        rows.append((int(words[0]), words[9].rstrip(), int(words[8]), q, t))
-        next(lines, "")
+        observed = sum(not number.startswith("-") for number in next(lines, "").split()[2::3])
+        rows.append((int(words[0]), words[9].rstrip(), int(words[8]), q, t, observed))
     return rows
 
 

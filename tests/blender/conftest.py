@@ -55,3 +55,37 @@ def house(tmp_path):
     import synthetic
 
     return synthetic.write_house(tmp_path / "Häuser am Fluß")
+
+
+@pytest.fixture
+def addon(scene, monkeypatch):
+    """The add-on, registered for one test; yields the scene's state."""
+    import mgf_blender
+
+    mgf_blender.register()
+    try:
+        yield bpy.context.scene.mgf
+    finally:
+        mgf_blender.unregister()
+
+
+@pytest.fixture
+def engine(tmp_path, monkeypatch):
+    """A Python whose ``-m mgf_engine`` is the test double; call it with a mode to change how it behaves."""
+    home = tmp_path / "engine home"
+    package = home / "mgf_engine"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "__main__.py").write_text((Path(__file__).parent / "fake_engine.py").read_text())
+    python = home / "python"
+    python.write_text(f'#!/bin/sh\nPYTHONPATH="{home}" PYTHONSAFEPATH=1 exec "{sys.executable}" "$@"\n')
+    python.chmod(0o755)
+    monkeypatch.setenv("MGF_ENGINE_PYTHON", str(python))
+
+    def behave(mode: str, **variables: object) -> None:
+        monkeypatch.setenv("FAKE_ENGINE", mode)
+        for name, value in variables.items():
+            monkeypatch.setenv(name, str(value))
+
+    behave("ok")
+    return behave

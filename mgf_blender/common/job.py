@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One job of the engine as Blender sees it: a process, its messages, and what they add up to.
+
+The messages are JSON lines (``started``, ``stage``, ``progress``, ``preview``, ``warning``, ``result``, ``failed``).
+:meth:`Job.drain` is a plain function: a timer calls it in the window, a loop calls it in batch runs and tests.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .process import Process
+
+EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
+QUEUED, RUNNING, CANCELLING, DONE, FAILED, CANCELLED = "QUEUED", "RUNNING", "CANCELLING", "DONE", "FAILED", "CANCELLED"
+_LIVE = {QUEUED, RUNNING, CANCELLING}
+#: A job asked to stop that has not ended after this many seconds is killed; its checkpoints stay.
+PATIENCE = 30.0
+
+
+@dataclass
+class Job:
+    """State of one run of the engine.
+
+    Attributes:
+        command: program and arguments.
+        folder: the job folder.
+        title: what people call it.
+        kind: the engine's command: reconstruct, masks, scene.
+        scene_key: names the Blender scene that asked for it.
+        on_message: called with every message, on the thread that drains.
+        on_end: called once when the job ends, on the thread that drains.
+    """
+
+    command: Sequence[str]
+    folder: Path
+    title: str
+    kind: str = "reconstruct"
+    scene_key: str = ""
+    on_message: Callable[[Job, dict[str, Any]], None] | None = None
+    on_end: Callable[[Job], None] | None = None
+
+    status: str = QUEUED
+    stage: str = ""
+    stage_index: int = 0
+    stage_count: int = 0
+    fraction: float = 0.0
+    overall: float = 0.0
+    seconds_left: float | None = None
+    figures: dict[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    preview: str = ""
+    text: str = ""
+    log: str = ""
+    exit_code: int | None = None
+    last_errors: deque[str] = field(default_factory=lambda: deque(maxlen=40))
+    process: Process | None = None
+    _stop_asked: float = 0.0
+    _ended_by_message: bool = False
+
+    @property
+    def live(self) -> bool:
+        """Whether the job waits or runs."""
+        return self.status in _LIVE
+
+    def start(self) -> None:
+        """Start the process.
+
+        Raises:
+            UserError: the program cannot be started; the job is then FAILED.
+        """
+        try:
+            self.process = Process(self.command)
+        except Exception as error:
+            self.status, self.text, self.exit_code = FAILED, str(error), EXIT_FAULT
+            raise
+        self.status = RUNNING
+
+    def cancel(self) -> None:
+        """Ask the job to stop; what it has done stays resumable."""
+        if self.status == QUEUED:
+            self._end(CANCELLED, "Cancelled before it started.", EXIT_CANCELLED)
+        elif self.status == RUNNING and self.process is not None:
+            self.status, self._stop_asked = CANCELLING, time.monotonic()
+            self.process.ask_to_stop()
+
+    def drain(self) -> bool:
+        """Take in what the process said since the last call; returns whether the job is still live."""
+        if self.process is None or not self.live:
+            return self.live
+        for stream, line in self.process.lines():
+            self._take(stream, line)
+        code = self.process.returncode()
+        if code is not None:
+            self._finish(code)
+        elif self._stop_asked and time.monotonic() - self._stop_asked > PATIENCE:
+            self.process.kill()
+        return self.live
+
+    def run(self, poll: float = 0.05) -> int:
+        """Start and drain until the end, for batch runs; returns the exit code."""
+        self.start()
+        try:
+            while self.drain():
+                time.sleep(poll)
+        except KeyboardInterrupt:
+            self.cancel()
+            while self.drain():
+                time.sleep(poll)
+        return EXIT_FAULT if self.exit_code is None else self.exit_code
+
+    def _take(self, stream: str, line: str) -> None:
+        message = _parse(line) if stream == "out" else None
+        if message is None:
+            if line.strip():
+                self.last_errors.append(line)
+            return
+        self._apply(message)
+        if self.on_message is not None:
+            self.on_message(self, message)
+
+    def _apply(self, message: dict[str, Any]) -> None:
+        kind = message["type"]
+        if kind == "stage":
+            self.stage, self.fraction, self.seconds_left = str(message.get("stage", "")), 0.0, None
+            self.stage_index, self.stage_count = _number(message, "index"), _number(message, "count")
+            self.figures = {}
+        elif kind == "progress":
+            self.fraction, self.overall = _share(message, "fraction"), _share(message, "overall")
+            left = message.get("seconds_left")
+            self.seconds_left = float(left) if isinstance(left, int | float) else None
+            self.figures = _mapping(message, "figures")
+        elif kind == "preview":
+            self.preview = str(message.get("path", ""))
+        elif kind == "warning":
+            self.warnings.append(str(message.get("text", "")))
+        elif kind == "result":
+            self.figures, self.overall, self._ended_by_message = _mapping(message, "figures"), 1.0, True
+        elif kind == "failed":
+            self.text, self.log, self._ended_by_message = (
+                str(message.get("text", "")),
+                str(message.get("log") or ""),
+                True,
+            )
+
+    def _finish(self, code: int) -> None:
+        self.exit_code = code
+        if code == EXIT_DONE:
+            self._end(DONE, "", code)
+        elif code == EXIT_CANCELLED or (self._stop_asked and not self._ended_by_message):
+            self._end(CANCELLED, self.text or "Cancelled; press Resume to continue.", EXIT_CANCELLED)
+        elif self._ended_by_message:
+            self._end(FAILED, self.text, code)
+        else:
+            self._end(FAILED, self._silent_end(code), code)
+
+    def _silent_end(self, code: int) -> str:
+        """One sentence for an engine that ended without saying why."""
+        missing = next((e for e in self.last_errors if "No module named" in e and "mgf_engine" in e), None)
+        if missing is not None:
+            return "The chosen environment has no MGF engine; install it or choose another one in the preferences."
+        error = next((e for e in reversed(self.last_errors) if e.strip()), "")
+        how = f"was ended by signal {-code}" if code < 0 else f"ended with code {code}"
+        detail = f" ({error.strip()})" if error and code > 0 else ""
+        return f"The engine {how} without a word{detail}; press Resume to continue from the last checkpoint."
+
+    def _end(self, status: str, text: str, code: int) -> None:
+        self.status, self.text, self.exit_code = status, text, code
+        if not self.log and (self.folder / "log.txt").is_file():
+            self.log = str(self.folder / "log.txt")
+        if self.on_end is not None:
+            self.on_end(self)
+
+
+def _parse(line: str) -> dict[str, Any] | None:
+    """A message, or None for anything else a library may print."""
+    if not line.startswith("{"):
+        return None
+    try:
+        message = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    return message if isinstance(message, dict) and isinstance(message.get("type"), str) else None
+
+
+def _share(message: dict[str, Any], name: str) -> float:
+    value = message.get(name, 0.0)
+    return min(1.0, max(0.0, float(value))) if isinstance(value, int | float) else 0.0
+
+
+def _number(message: dict[str, Any], name: str) -> int:
+    value = message.get(name, 0)
+    return value if isinstance(value, int) else 0
+
+
+def _mapping(message: dict[str, Any], name: str) -> dict[str, Any]:
+    value = message.get(name)
+    return dict(value) if isinstance(value, dict) else {}

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How every operator of the add-on fails: one sentence, no traceback, nothing half done."""
+
+from __future__ import annotations
+
+import bpy
+
+from .errors import UserError
+
+
+class Operator(bpy.types.Operator):
+    """Base of our operators; subclasses write :meth:`run` and may raise ``UserError``."""
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Run, and report what the user did wrong as the operator's error."""
+        try:
+            return self.run(context) or {"FINISHED"}
+        except UserError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+
+    def run(self, context: bpy.types.Context) -> set[str] | None:
+        """The operator's work; None means finished."""
+        raise NotImplementedError

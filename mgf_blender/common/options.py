@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The engine's options as Blender properties, generated from ``options.json`` and never written a second time.
+
+The panel shows the values that will be used: choosing a preset sets the options it governs. Only what differs from
+the preset is handed to the engine, which applies the preset itself.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+SCHEMA: dict[str, Any] = json.loads((Path(__file__).parents[1] / "options.json").read_text(encoding="utf-8"))
+OPTIONS: dict[str, dict[str, Any]] = {o["name"]: o for o in SCHEMA["options"]}
+SECTIONS: list[str] = SCHEMA["sections"]
+PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
+_SPELLED = {"sh": "SH", "ssim": "SSIM", "l1": "L1", "obj": "OBJ", "glb": "GLB", "cpu": "CPU", "cuda": "CUDA",
+            "cpu_": "CPU", "efficientsam": "EfficientSAM", "grabcut": "GrabCut", "sam": "SAM"}  # fmt: skip
+_SMALL = {"of", "the", "to", "in", "on", "by", "and", "a"}
+
+
+def title(name: str) -> str:
+    """An option's name as interface text, for example ``max_faces`` -> ``Max Faces``."""
+    words = name.split("_")
+    out = []
+    for i, word in enumerate(words):
+        small = word in _SMALL and 0 < i < len(words) - 1
+        out.append(_SPELLED.get(word, word if small else word[:1].upper() + word[1:]))
+    return " ".join(out)
+
+
+def default_of(name: str, preset: str) -> Any:
+    """The value an option has under a preset."""
+    return PRESETS.get(preset, {}).get(name, OPTIONS[name]["default"])
+
+
+def changed(options: bpy.types.PropertyGroup) -> dict[str, Any]:
+    """The options whose values differ from the chosen preset, name -> value."""
+    result = {}
+    for name in OPTIONS:
+        if name == "preset":
+            continue
+        value, default = getattr(options, name), default_of(name, options.preset)
+        same = abs(value - default) <= 1e-6 * max(1.0, abs(default)) if isinstance(default, float) else value == default
+        if not same:
+            result[name] = round(value, 7) if isinstance(value, float) else value
+    return result
+
+
+def arguments(options: bpy.types.PropertyGroup, also: Iterable[str] = ()) -> list[str]:
+    """Command line arguments of the engine for the panel's values.
+
+    Args:
+        also: options to pass even at their defaults; a resumed job keeps what it was given otherwise.
+    """
+    values = changed(options)
+    for name in also:
+        if name in OPTIONS and name != "preset":
+            value = getattr(options, name)
+            values[name] = round(value, 7) if isinstance(value, float) else value
+    result = ["--set", f"preset={options.preset}"]
+    for name, value in values.items():
+        result += ["--set", f"{name}={_text(value)}"]
+    return result
+
+
+def set_values(options: bpy.types.PropertyGroup, given: dict[str, Any]) -> None:
+    """Take over values, for example those of an earlier job; unknown names and wrong types are left out."""
+    if given.get("preset") in PRESETS:
+        options.preset = given["preset"]
+    for name, value in given.items():
+        kind = type(OPTIONS[name]["default"]) if name in OPTIONS and name != "preset" else None
+        if kind is not None and isinstance(value, kind | int if kind is float else kind):
+            setattr(options, name, value)
+
+
+def _text(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _apply_preset(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    for name in {n for values in PRESETS.values() for n in values}:
+        setattr(self, name, default_of(name, self.preset))
+
+
+def _annotation(option: dict[str, Any]) -> Any:
+    """The ``bpy.props`` definition of one option."""
+    unit = f", in {option['unit']}" if option["unit"] else ""
+    common = {"name": title(option["name"]), "description": option["help"] + unit, "default": option["default"]}
+    limits = {k: option[v] for k, v in (("min", "low"), ("max", "high")) if option[v] is not None}
+    if option["choices"]:
+        items = [(c, title(c), f"{title(option['name'])}: {title(c)}") for c in option["choices"]]
+        update = {"update": _apply_preset} if option["name"] == "preset" else {}
+        return bpy.props.EnumProperty(items=items, **common, **update)
+    if option["type"] == "bool":
+        return bpy.props.BoolProperty(**common)
+    if option["type"] == "int":
+        return bpy.props.IntProperty(**common, **{k: int(v) for k, v in limits.items()})
+    if option["type"] == "float":
+        return bpy.props.FloatProperty(**common, **limits, precision=3)
+    subtype = "DIR_PATH" if "folder" in option["help"].lower() else "NONE"
+    return bpy.props.StringProperty(**common, subtype=subtype)
+
+
+def make_group() -> type[bpy.types.PropertyGroup]:
+    """The property group with one property per option."""
+    annotations = {name: _annotation(option) for name, option in OPTIONS.items()}
+    body = {"__annotations__": annotations, "__doc__": "The engine's options.", "__module__": __name__}
+    return type("MGF_PG_options", (bpy.types.PropertyGroup,), body)

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The queue of jobs and the one timer that keeps it going.
+
+Only this module owns processes. Blender's data is never held here, only names and keys, so undo, file changes and
+deleted objects cannot leave a dangling reference.
+"""
+
+from __future__ import annotations
+
+import time
+
+import bpy
+
+from .errors import UserError
+from .job import DONE, QUEUED, Job
+
+TICK = 0.2  # seconds between two looks at the running job
+_KEPT = 20  # finished jobs that stay listed
+
+_jobs: list[Job] = []
+_longest_tick = 0.0
+
+
+def jobs(scene_key: str | None = None) -> list[Job]:
+    """All jobs of this session, oldest first; those of one scene when a key is given."""
+    return [j for j in _jobs if scene_key is None or j.scene_key == scene_key]
+
+
+def live_job(scene_key: str, kinds: tuple[str, ...] | None = None) -> Job | None:
+    """The scene's job that waits or runs."""
+    return next((j for j in _jobs if j.live and j.scene_key == scene_key and (kinds is None or j.kind in kinds)), None)
+
+
+def submit(job: Job) -> None:
+    """Queue a job; it starts when those before it have ended.
+
+    Raises:
+        UserError: another live job uses the same folder.
+    """
+    if any(j.live and j.folder == job.folder for j in _jobs):
+        raise UserError("A job already runs in this folder; wait for it or cancel it.")
+    _jobs.append(job)
+    while len(_jobs) > _KEPT and not _jobs[0].live:
+        _jobs.pop(0)
+    if not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, first_interval=0.0, persistent=True)
+
+
+def pump() -> bool:
+    """Drain the running job and start the next; returns whether anything is live. Tests and batch runs call it."""
+    global _longest_tick
+    begun = time.perf_counter()
+    running = next((j for j in _jobs if j.live and j.status != QUEUED), None)
+    if running is None:
+        waiting = next((j for j in _jobs if j.status == QUEUED), None)
+        if waiting is not None:
+            _start(waiting)
+    else:
+        running.drain()
+        if running.status != DONE:  # importing a result is its own step, not part of the tick
+            _longest_tick = max(_longest_tick, time.perf_counter() - begun)
+    return any(j.live for j in _jobs)
+
+
+def longest_tick() -> float:
+    """The longest time in seconds the timer held Blender's main thread, imports of results left out."""
+    return _longest_tick
+
+
+def forget_finished(scene_key: str) -> None:
+    """Drop the finished jobs of a scene from the list."""
+    _jobs[:] = [j for j in _jobs if j.live or j.scene_key != scene_key]
+
+
+def stop_all(seconds: float = 2.0) -> None:
+    """End every job: ask, wait a little, kill. For disabling the add-on and for leaving Blender."""
+    for job in _jobs:
+        job.on_end = job.on_message = None
+        job.cancel()
+    for job in _jobs:
+        if job.process is not None and not job.process.wait(seconds):
+            job.process.kill()
+    _jobs.clear()
+
+
+def _start(job: Job) -> None:
+    try:
+        job.start()
+    except UserError:
+        if job.on_end is not None:
+            job.on_end(job)
+
+
+def _tick() -> float | None:
+    alive = pump()
+    redraw()
+    return TICK if alive else None
+
+
+def redraw() -> None:
+    """Redraw the sidebars that show jobs and the image editors that show previews."""
+    for manager in bpy.data.window_managers:
+        for window in manager.windows:
+            for area in window.screen.areas:
+                if area.type in {"VIEW_3D", "IMAGE_EDITOR", "PREFERENCES"}:
+                    area.tag_redraw()
+
+
+def register() -> None:
+    """Nothing to do: the timer starts with the first job."""
+
+
+def unregister() -> None:
+    """Leave no process and no timer behind."""
+    stop_all()
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)

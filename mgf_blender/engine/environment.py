@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which Python runs the engine, and the command lines made for it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from ..common.addon import preferences, user_folder
+from ..common.errors import UserError
+
+#: Overrides the preferences; for scripts and continuous integration.
+VARIABLE = "MGF_ENGINE_PYTHON"
+
+
+def python_of(environment: Path) -> Path:
+    """The interpreter of a virtual environment; a path to an interpreter is returned as it is."""
+    if environment.is_file():
+        return environment
+    return environment / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+
+
+def managed_environment() -> Path:
+    """The virtual environment that *Install Engine* makes."""
+    return user_folder() / "engine"
+
+
+def engine_python() -> Path:
+    """The Python that has the engine.
+
+    Raises:
+        UserError: none is installed or chosen, or it is gone.
+    """
+    if os.environ.get(VARIABLE):
+        return _existing(Path(os.environ[VARIABLE]), f"the variable {VARIABLE}")
+    prefs = preferences()
+    if prefs is not None and prefs.engine_source == "EXISTING":
+        if not prefs.engine_path:
+            raise UserError("No environment is chosen; set its folder in the preferences of the add-on.")
+        import bpy
+
+        return _existing(Path(bpy.path.abspath(prefs.engine_path)), "the preferences")
+    python = python_of(managed_environment())
+    if not python.is_file():
+        raise UserError("The engine is not installed; press Install Engine in the preferences of the add-on.")
+    return python
+
+
+def engine_command(*arguments: str) -> list[str]:
+    """The command line that runs the engine with these arguments."""
+    return [str(engine_python()), "-m", "mgf_engine", *arguments]
+
+
+def _existing(path: Path, where: str) -> Path:
+    python = python_of(path)
+    if not python.is_file():
+        raise UserError(f"There is no Python in '{path}'; correct the environment given by {where}.")
+    return python

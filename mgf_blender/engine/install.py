@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Install the engine: a virtual environment made by Blender's own Python, and the pinned packages in it.
+
+Blender's Python is not touched: the engine needs its own numpy and torch.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..common.addon import carried_folder
+from ..common.errors import UserError
+from .environment import python_of
+from .task import Step, Task
+
+#: Roughly what the engine takes on disk, for the question before the download.
+SIZE_CPU, SIZE_CUDA = "about 2 GB", "about 7 GB"
+_TORCH_INDEX = "https://download.pytorch.org/whl/"
+_SMALLEST_FREE = 3 << 30
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to install from where.
+
+    Attributes:
+        target: folder of the environment.
+        python: interpreter that makes it.
+        wheel: the engine's wheel.
+        constraints: pinned versions.
+        wheel_folder: install from this folder alone, without network; None downloads.
+        torch: "cpu" or "cuda".
+        default_index: leave the choice of torch's build to the package index in use.
+    """
+
+    target: Path
+    python: Path
+    wheel: Path
+    constraints: Path
+    wheel_folder: Path | None
+    torch: str
+    default_index: bool = False
+
+
+def carried_wheel() -> Path:
+    """The engine's wheel inside the extension.
+
+    Raises:
+        UserError: this copy of the add-on carries none (a checkout that was not built).
+    """
+    wheels = sorted(carried_folder().glob("mgf_engine-*.whl"))
+    if not wheels:
+        raise UserError(
+            "This copy of the add-on carries no engine; install the extension's zip, or use an existing environment."
+        )
+    return wheels[-1]
+
+
+def has_nvidia() -> bool:
+    """Whether an NVIDIA driver is on this machine."""
+    return shutil.which("nvidia-smi") is not None
+
+
+def make_task(plan: Plan, log: Path) -> Task:
+    """The steps of an installation; nothing runs before the task is drained.
+
+    Raises:
+        UserError: the disk has too little room or the wheel folder lacks the engine's dependencies.
+    """
+    _check_room(plan.target)
+    if plan.wheel_folder is not None and not any(plan.wheel_folder.glob("torch-*.whl")):
+        raise UserError(
+            f"'{plan.wheel_folder}' holds no wheel of torch; fill it with 'pip download' on a machine with network."
+        )
+    python = str(python_of(plan.target))
+    pip = [python, "-m", "pip", "--disable-pip-version-check", "--no-input"]
+    source = _source(plan)
+    steps = [
+        Step("Making the environment", [str(plan.python), "-I", "-m", "venv", "--clear", str(plan.target)], 0.5),
+        Step("Installing torch", [*pip, "install", *source, "-c", str(plan.constraints), "torch"], 6),
+        Step("Installing the engine", [*pip, "install", *source[: 3 if plan.wheel_folder else 0],
+                                       "-c", str(plan.constraints), str(plan.wheel)], 3),
+        Step("Checking the engine", [python, "-m", "mgf_engine", "doctor"], 0.5),
+    ]  # fmt: skip
+    log.parent.mkdir(parents=True, exist_ok=True)
+    log.write_text(time.strftime("Installation started %Y-%m-%d %H:%M:%S\n"), encoding="utf-8")
+    return Task(steps, log, explain)
+
+
+def explain(step: Step, lines: list[str]) -> str:
+    """One sentence for a failed step, from pip's last words."""
+    text = "\n".join(lines)
+    if "No space left on device" in text or "not enough space" in text:
+        return "The disk is full; free some space and install again."
+    if any(
+        s in text
+        for s in ("NewConnectionError", "Temporary failure in name resolution", "ConnectTimeout", "Max retries")
+    ):
+        return "The package index cannot be reached; check the network, or install from a wheel folder."
+    if "ensurepip" in text:
+        return "This Python cannot make environments (ensurepip is missing); use an existing environment instead."
+    if "No matching distribution" in text:
+        name = text.rsplit("No matching distribution found for ", 1)[-1].split()[0]
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        return f"No build of {name} fits Python {version} on this system; use an existing environment instead."
+    last = next((line for line in reversed(lines) if line.strip()), "no output")
+    return f"{step.title} failed ({last.strip()[:160]}); open the log for the details."
+
+
+def _source(plan: Plan) -> list[str]:
+    """Where pip looks: a folder alone, or the index that has the wanted build of torch."""
+    if plan.wheel_folder is not None:
+        return ["--no-index", "--find-links", str(plan.wheel_folder)]
+    if plan.default_index or sys.platform == "darwin":
+        return []
+    build = "cpu" if plan.torch == "cpu" else "cu128"
+    return ["--index-url", _TORCH_INDEX + build, "--extra-index-url", "https://pypi.org/simple"]
+
+
+def _check_room(target: Path) -> None:
+    folder = next(p for p in (target, *target.parents) if p.exists())
+    free = shutil.disk_usage(folder).free
+    if free < _SMALLEST_FREE:
+        raise UserError(
+            f"Only {free / 2**30:.1f} GB are free in '{folder}'; the engine needs 3 GB, so free some space."
+        )

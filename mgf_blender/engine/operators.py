@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators of the preferences: install, check, cancel, open the log, fetch the mask weights."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import bpy
+
+from ..common.addon import preferences, user_folder
+from ..common.errors import UserError
+from ..common.runner import redraw
+from . import install
+from .environment import engine_command, managed_environment
+from .task import RUNNING, Step, Task
+
+_task: Task | None = None
+_kind = ""
+
+
+def current() -> tuple[str, Task | None]:
+    """The running or last task and what kind it is: install, check or weights."""
+    return _kind, _task
+
+
+def log_path() -> Path:
+    """Where installations and checks write their output."""
+    return user_folder() / "engine-log.txt"
+
+
+def begin(kind: str, task: Task) -> None:
+    """Run a task in the background; batch runs and tests call ``task.run()`` instead."""
+    global _task, _kind
+    _task, _kind = task, kind
+    if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, first_interval=0.1, persistent=True)
+
+
+def _tick() -> float | None:
+    alive = _task is not None and _task.drain()
+    redraw()
+    return 0.2 if alive else None
+
+
+def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
+    """Without a window there are no timers: run to the end and say how it went."""
+    if not bpy.app.background:
+        return {"FINISHED"}
+    if task.run() != "DONE":
+        operator.report({"ERROR"}, task.text)
+        return {"CANCELLED"}
+    return {"FINISHED"}
+
+
+class _EngineOperator:
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if _task is not None and _task.status == RUNNING:
+            cls.poll_message_set("Wait until the running task has ended")
+            return False
+        return True
+
+
+class MGF_OT_install_engine(_EngineOperator, bpy.types.Operator):
+    """Make an environment for the engine and install it there with its pinned packages"""
+
+    bl_idname = "mgf.install_engine"
+    bl_label = "Install Engine"
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_confirm(
+            self, event, title="Install the engine?", message=_install_question(), confirm_text="Install"
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            task = install.make_task(_plan(), log_path())
+        except UserError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        preferences().engine_source = "MANAGED"
+        begin("install", task)
+        return _finish_in_background(self, task)
+
+
+class MGF_OT_check_engine(_EngineOperator, bpy.types.Operator):
+    """Ask the engine for its versions, device and kernel variant"""
+
+    bl_idname = "mgf.check_engine"
+    bl_label = "Check Engine"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            steps = [Step("Checking the engine", engine_command("doctor"))]
+        except UserError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        task = Task(steps, log_path(), _explain_check)
+        begin("check", task)
+        return _finish_in_background(self, task)
+
+
+class MGF_OT_download_weights(_EngineOperator, bpy.types.Operator):
+    """Download the weights of the mask model and check them"""
+
+    bl_idname = "mgf.download_weights"
+    bl_label = "Download Weights"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not bpy.app.online_access:
+            cls.poll_message_set("Allow online access in the System preferences first")
+            return False
+        return super().poll(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            folder = preferences().weights_folder
+            extra = ["--folder", bpy.path.abspath(folder)] if folder else []
+            steps = [Step("Downloading the weights", engine_command("weights", *extra))]
+        except UserError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        task = Task(steps, log_path(), install.explain)
+        begin("weights", task)
+        return _finish_in_background(self, task)
+
+
+class MGF_OT_cancel_engine_task(bpy.types.Operator):
+    """Stop the running installation or check"""
+
+    bl_idname = "mgf.cancel_engine_task"
+    bl_label = "Cancel"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _task is not None and _task.status == RUNNING
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        _task.cancel()
+        return {"FINISHED"}
+
+
+class MGF_OT_remove_engine(_EngineOperator, bpy.types.Operator):
+    """Delete the environment that Install Engine made"""
+
+    bl_idname = "mgf.remove_engine"
+    bl_label = "Remove Engine"
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_confirm(self, event)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        folder = managed_environment()
+        if folder.is_dir() and (folder / "pyvenv.cfg").is_file():
+            shutil.rmtree(folder, ignore_errors=True)
+        return {"FINISHED"}
+
+
+class MGF_OT_open_engine_log(bpy.types.Operator):
+    """Open the log of the last installation or check"""
+
+    bl_idname = "mgf.open_engine_log"
+    bl_label = "Open Log"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not log_path().is_file():
+            cls.poll_message_set("Nothing was installed or checked yet")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        bpy.ops.wm.path_open(filepath=str(log_path()))
+        return {"FINISHED"}
+
+
+def _install_question() -> str:
+    prefs = preferences()
+    if prefs.wheel_folder:
+        return "The packages come from the wheel folder"
+    size = install.SIZE_CUDA if prefs.torch_build == "CUDA" else install.SIZE_CPU
+    return f"Packages are downloaded from the internet ({size} on disk)"
+
+
+def _plan() -> install.Plan:
+    """The plan the preferences ask for.
+
+    Raises:
+        UserError: no network allowed and no wheel folder, or nothing to install.
+    """
+    prefs = preferences()
+    folder = Path(bpy.path.abspath(prefs.wheel_folder)) if prefs.wheel_folder else None
+    if folder is None and not bpy.app.online_access:
+        raise UserError("Online access is off; allow it in the System preferences, or choose a folder of wheels.")
+    if folder is not None and not folder.is_dir():
+        raise UserError(f"The wheel folder '{folder}' does not exist; choose another one.")
+    wheel = install.carried_wheel()
+    torch = prefs.torch_build.lower()
+    if torch == "auto":
+        torch = "cuda" if install.has_nvidia() else "cpu"
+    return install.Plan(
+        managed_environment(), Path(sys.executable), wheel, wheel.parent / "constraints.txt", folder, torch,
+        prefs.default_index,
+    )  # fmt: skip
+
+
+def _explain_check(step: Step, lines: list[str]) -> str:
+    text = "\n".join(lines)
+    if "No module named mgf_engine" in text or "No module named 'mgf_engine'" in text:
+        return "The chosen environment has no MGF engine; install it or choose another environment."
+    problem = next((line for line in lines if line.startswith("Problem: ")), None)
+    if problem is not None:
+        return problem.removeprefix("Problem: ")
+    last = next((line for line in reversed(lines) if line.strip()), "no output")
+    return f"The engine cannot run ({last.strip()[:160]}); open the log for the details."
+
+
+CLASSES = (
+    MGF_OT_install_engine, MGF_OT_check_engine, MGF_OT_download_weights, MGF_OT_cancel_engine_task,
+    MGF_OT_remove_engine, MGF_OT_open_engine_log,
+)  # fmt: skip
+
+
+def register() -> None:
+    """Register the operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    """Stop a running task and its timer."""
+    global _task
+    if _task is not None:
+        _task.cancel()
+        _task = None
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Preferences: where the engine comes from, and how it is doing."""
+
+import bpy
+
+from .common.addon import NAME
+from .engine import operators
+from .engine.environment import managed_environment, python_of
+from .engine.task import DONE, FAILED, RUNNING
+
+
+class MGF_Preferences(bpy.types.AddonPreferences):
+    """What the add-on keeps for the user."""
+
+    bl_idname = NAME
+
+    engine_source: bpy.props.EnumProperty(
+        name="Engine",
+        description="Where the engine runs",
+        items=[
+            ("MANAGED", "Installed Here", "Use the environment that Install Engine makes"),
+            ("EXISTING", "Existing Environment", "Use a Python environment that has the engine already"),
+        ],
+        default="MANAGED",
+    )
+    engine_path: bpy.props.StringProperty(
+        name="Environment",
+        description="Folder of a virtual environment with the engine, or its Python program",
+        subtype="FILE_PATH",
+    )
+    wheel_folder: bpy.props.StringProperty(
+        name="Wheel Folder",
+        description="Install from the wheels in this folder and use no network",
+        subtype="DIR_PATH",
+    )
+    torch_build: bpy.props.EnumProperty(
+        name="Torch",
+        description="Which build of torch to install",
+        items=[
+            ("AUTO", "Automatic", "The CUDA build where an NVIDIA driver is found, else the CPU build"),
+            ("CPU", "CPU", "The small build without GPU support"),
+            ("CUDA", "CUDA", "The large build for NVIDIA cards"),
+        ],
+        default="AUTO",
+    )
+    default_index: bpy.props.BoolProperty(
+        name="Use the Configured Package Index",
+        description="Take torch from the package index this machine is configured for, whatever build that has",
+        default=False,
+    )
+    weights_folder: bpy.props.StringProperty(
+        name="Mask Weights",
+        description="Folder with the weights of the mask model; empty uses the engine's own cache folder",
+        subtype="DIR_PATH",
+    )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.prop(self, "engine_source", expand=True)
+        if self.engine_source == "EXISTING":
+            layout.prop(self, "engine_path")
+        else:
+            self._draw_install(layout)
+        self._draw_task(layout)
+        layout.separator()
+        row = layout.row(align=True)
+        row.prop(self, "weights_folder")
+        row.operator("mgf.download_weights", text="", icon="IMPORT")
+
+    def _draw_install(self, layout: bpy.types.UILayout) -> None:
+        column = layout.column()
+        column.prop(self, "torch_build")
+        column.prop(self, "wheel_folder")
+        column.prop(self, "default_index")
+        there = python_of(managed_environment()).is_file()
+        row = layout.row(align=True)
+        row.operator("mgf.install_engine", text="Reinstall Engine" if there else "Install Engine", icon="IMPORT")
+        if there:
+            row.operator("mgf.remove_engine", text="", icon="TRASH")
+        if not there and not self.wheel_folder and not bpy.app.online_access:
+            layout.label(text="Online access is off: allow it or choose a wheel folder", icon="INFO")
+
+    def _draw_task(self, layout: bpy.types.UILayout) -> None:
+        row = layout.row(align=True)
+        row.operator("mgf.check_engine", icon="CHECKMARK")
+        row.operator("mgf.open_engine_log", text="", icon="TEXT")
+        kind, task = operators.current()
+        if task is None:
+            return
+        if task.status == RUNNING:
+            row = layout.row(align=True)
+            row.progress(factor=task.fraction, text=task.title)
+            row.operator("mgf.cancel_engine_task", text="", icon="X")
+            if task.output:
+                layout.label(text=task.output[-1].strip()[:100])
+        elif task.status == FAILED:
+            layout.label(text=task.text, icon="ERROR")
+        elif task.status == DONE and kind in {"check", "install"}:
+            box = layout.box().column(align=True)
+            for line in _report_lines(task.output):
+                box.label(text=line)
+
+
+def _report_lines(output: list[str]) -> list[str]:
+    """The engine's own report at the end of a check or an installation."""
+    start = next((i for i in reversed(range(len(output))) if output[i].startswith("mgf ")), len(output))
+    return [" ".join(line.split()) for line in output[start:]][:24]
+
+
+def register() -> None:
+    """Register the preferences."""
+    bpy.utils.register_class(MGF_Preferences)
+
+
+def unregister() -> None:
+    """Take the preferences away."""
+    bpy.utils.unregister_class(MGF_Preferences)

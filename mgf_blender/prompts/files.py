@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``prompts.json``: the clicks as the engine reads them, and back."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import bpy
+
+from ..common.errors import UserError
+from .properties import BUILDING
+
+
+def to_data(scene: bpy.types.Scene) -> dict[str, Any]:
+    """The scene's clicks in the shape of ``prompts.json``; photos without clicks are left out."""
+    data: dict[str, Any] = {}
+    for photo in scene.mgf.photos:
+        entry: dict[str, Any] = {}
+        for click in photo.clicks:
+            pair = [round(float(v), 2) for v in click.uv]
+            if click.negative:
+                entry.setdefault("negative", []).append(pair)
+            elif click.part == BUILDING:
+                entry.setdefault("positive", []).append(pair)
+            else:
+                entry.setdefault("parts", {}).setdefault(click.part, []).append(pair)
+        if entry:
+            data[photo.name] = entry
+    return data
+
+
+def write(scene: bpy.types.Scene, path: Path) -> None:
+    """Write the clicks, whole or not at all.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    temporary = path.with_name(path.name + ".writing")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(json.dumps(to_data(scene), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        os.replace(temporary, path)
+    except OSError as error:
+        raise UserError(f"Cannot write '{path}' ({error.strerror or error}); choose another folder.") from error
+
+
+def read(path: Path) -> dict[str, list[tuple[float, float, bool, str]]]:
+    """Photo name -> clicks (u, v, negative, part) of a prompts file.
+
+    Raises:
+        UserError: the file cannot be read or is no prompts file.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise UserError(f"Cannot read '{path}' ({error}); choose a prompts.json file.") from error
+    try:
+        return {str(name): list(_clicks(entry)) for name, entry in data.items()}
+    except (AttributeError, TypeError, ValueError) as error:
+        raise UserError(
+            f"'{path}' is no prompts file; it should map photos to lists of positive and negative points."
+        ) from error
+
+
+def replace_clicks(scene: bpy.types.Scene, found: dict[str, list[tuple[float, float, bool, str]]]) -> list[str]:
+    """Put the clicks of a file into the scene's photos; returns names that no photo has."""
+    by_name = {p.name: p for p in scene.mgf.photos}
+    by_stem = {PurePosixPath(p.name).stem.casefold(): p for p in scene.mgf.photos}
+    unknown = []
+    for name, clicks in found.items():
+        photo = by_name.get(name) or by_stem.get(PurePosixPath(name).stem.casefold())
+        if photo is None:
+            unknown.append(name)
+            continue
+        photo.clicks.clear()
+        for u, v, negative, part in clicks:
+            add_click(photo, u, v, negative, part)
+    return unknown
+
+
+def add_click(photo: bpy.types.PropertyGroup, u: float, v: float, negative: bool, part: str) -> None:
+    """Append a click to a photo of the list."""
+    click = photo.clicks.add()
+    click.uv, click.negative, click.part = (u, v), negative, part
+
+
+def _clicks(entry: dict[str, Any]):
+    for u, v in entry.get("positive", []):
+        yield float(u), float(v), False, BUILDING
+    for u, v in entry.get("negative", []):
+        yield float(u), float(v), True, BUILDING
+    for part, pairs in entry.get("parts", {}).items():
+        for u, v in pairs:
+            yield float(u), float(v), False, str(part)

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators of the Prompts panel: go through the photos, files, and the mask preview."""
+
+from pathlib import Path
+
+import bpy
+
+from ..common import runner
+from ..common.errors import UserError
+from ..common.operators import Operator
+from ..reconstruct.operators import submit
+from ..reconstruct.start import make_job
+from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY
+from . import files
+from .properties import active_photo
+
+
+class MGF_OT_next_photo(Operator):
+    """Go to the next photo to click on"""
+
+    bl_idname = "mgf.next_photo"
+    bl_label = "Next Photo"
+    bl_options = {"REGISTER", "UNDO"}
+
+    step: bpy.props.IntProperty(name="Step", description="How many photos to go on", default=1)
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        return "Go to the previous photo" if properties.step < 0 else "Go to the next photo"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not len(context.scene.mgf.photos):
+            cls.poll_message_set("Import a scene first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        state = context.scene.mgf
+        state.photo_index = (state.photo_index + self.step) % len(state.photos)
+
+
+class MGF_OT_add_photo(Operator):
+    """Add the active camera's photo to the list"""
+
+    bl_idname = "mgf.add_photo"
+    bl_label = "Add Photo of Active Camera"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        camera = context.scene.camera
+        if camera is None or PHOTO_KEY not in camera:
+            cls.poll_message_set("Look through an imported camera first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        camera, state = context.scene.camera, context.scene.mgf
+        for i, photo in enumerate(state.photos):
+            if photo.name == camera[PHOTO_KEY]:
+                state.photo_index = i
+                return
+        slots = [s.image for s in camera.data.background_images if s.image is not None]
+        image = next((i for i in slots if i.get(IMAGE_KEY) == "photo"), None)
+        if image is None:
+            raise UserError("The photo of this camera was not found; set the photo folder and import again.")
+        entry = state.photos.add()
+        entry.name, entry.file = camera[PHOTO_KEY], bpy.path.abspath(image.filepath)
+        entry.width, entry.height = camera[SIZE_KEY]
+        state.photo_index = len(state.photos) - 1
+
+
+class MGF_OT_remove_photo(Operator):
+    """Remove the photo and its points from the list"""
+
+    bl_idname = "mgf.remove_photo"
+    bl_label = "Remove Photo"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_photo(context.scene) is not None
+
+    def run(self, context: bpy.types.Context) -> None:
+        state = context.scene.mgf
+        state.photos.remove(state.photo_index)
+        state.photo_index = max(0, state.photo_index - 1)
+
+
+class MGF_OT_clear_clicks(Operator):
+    """Remove all points of this photo"""
+
+    bl_idname = "mgf.clear_clicks"
+    bl_label = "Clear Points"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        photo = active_photo(context.scene)
+        return photo is not None and len(photo.clicks) > 0
+
+    def run(self, context: bpy.types.Context) -> None:
+        active_photo(context.scene).clicks.clear()
+
+
+class MGF_OT_import_prompts(Operator):
+    """Read points from a prompts.json file; they replace those of the same photos"""
+
+    bl_idname = "mgf.import_prompts"
+    bl_label = "Import Prompts"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        scene = context.scene
+        found = files.read(Path(bpy.path.abspath(self.filepath)))
+        add_missing(scene, list(found))
+        unknown = files.replace_clicks(scene, found)
+        if unknown and len(unknown) == len(found):
+            raise UserError(f"The scene has no photo '{unknown[0]}'; import the scene that belongs to these prompts.")
+        if unknown:
+            self.report({"WARNING"}, f"{len(unknown)} photos of the file are not in the scene")
+
+
+class MGF_OT_export_prompts(Operator):
+    """Write the points to a prompts.json file"""
+
+    bl_idname = "mgf.export_prompts"
+    bl_label = "Export Prompts"
+    bl_options = {"REGISTER"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", default="prompts.json", options={"SKIP_SAVE"})
+    check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not any(len(p.clicks) for p in context.scene.mgf.photos):
+            cls.poll_message_set("There are no points yet")
+            return False
+        return True
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        path = Path(bpy.path.abspath(self.filepath))
+        files.write(context.scene, path if path.suffix else path.with_suffix(".json"))
+
+
+class MGF_OT_preview_mask(Operator):
+    """Find the building in the photos with the points so far; the work is kept for the reconstruction"""
+
+    bl_idname = "mgf.preview_mask"
+    bl_label = "Preview Mask"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        state = context.scene.mgf
+        if not any(p.done() for p in state.photos):
+            cls.poll_message_set("Click at least one point on the building first")
+            return False
+        if runner.live_job(state.key):
+            cls.poll_message_set("A job of this scene is running; wait for it or cancel it")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        return submit(self, make_job(context.scene, "masks"))
+
+
+def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
+    """Add photos that a prompts file names and an imported camera shows, but the list lacks."""
+    from ..scene_import.tree import Tree
+
+    tree = Tree.find(scene)
+    if tree is None:
+        return
+    have = {p.name for p in scene.mgf.photos}
+    for camera in tree.objects("Cameras"):
+        name = camera.get(PHOTO_KEY, "")
+        if name not in names or name in have:
+            continue
+        entry = scene.mgf.photos.add()
+        entry.name = name
+        entry.width, entry.height = camera[SIZE_KEY]
+        slots = [s.image for s in camera.data.background_images if s.image is not None]
+        image = next((i for i in slots if i.get(IMAGE_KEY) == "photo"), None)
+        entry.file = bpy.path.abspath(image.filepath) if image is not None else ""
+
+
+CLASSES = (
+    MGF_OT_next_photo, MGF_OT_add_photo, MGF_OT_remove_photo, MGF_OT_clear_clicks, MGF_OT_import_prompts,
+    MGF_OT_export_prompts, MGF_OT_preview_mask,
+)  # fmt: skip
+
+
+def register() -> None:
+    """Register the operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    """Take them away."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

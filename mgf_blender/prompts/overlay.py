@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The engine's mask of a photo as a coloured overlay."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+_UNKNOWN = 255
+_BUILDING, _EDGE, _DOUBT = (1.0, 0.55, 0.1, 0.8), (1.0, 0.95, 0.4, 1.0), (0.4, 0.4, 0.4, 0.6)
+_textures: dict[str, tuple[int, Any]] = {}  # label file -> (its time, texture)
+_tables: dict[str, tuple[int, dict[str, dict[str, Any]]]] = {}  # scores.json -> (its time, photo -> entry)
+
+
+def mask_entry(scene: bpy.types.Scene, name: str) -> dict[str, Any] | None:
+    """What the job says about a photo's mask: ``labels`` (file), ``score``, ``used``, ``flag``; None without one."""
+    if not scene.mgf.job_folder:
+        return None
+    path = Path(bpy.path.abspath(scene.mgf.job_folder)) / "masks" / "scores.json"
+    try:
+        changed = path.stat().st_mtime_ns
+        if _tables.get(str(path), (0, {}))[0] != changed:
+            views = json.loads(path.read_text(encoding="utf-8"))["views"]
+            _tables[str(path)] = (changed, {v["name"]: {**v, "labels": str(path.parent / v["labels"])} for v in views})
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return _tables[str(path)][1].get(name)
+
+
+def mask_rgba(path: Path) -> np.ndarray:
+    """The overlay of a label PNG: float32 [H, W, 4], first row at the bottom, as Blender's textures are."""
+    image = bpy.data.images.load(str(path))
+    try:
+        image.colorspace_settings.name = "Non-Color"
+        width, height = image.size
+        pixels = np.empty(width * height * image.channels, np.float32)
+        image.pixels.foreach_get(pixels)
+        labels = np.rint(pixels.reshape(height, width, -1)[..., 0] * 255).astype(np.uint8)
+    finally:
+        bpy.data.images.remove(image)
+    return paint(labels)
+
+
+def paint(labels: np.ndarray) -> np.ndarray:
+    """Colours for labels [H, W]: building, its outline and element borders, and doubtful pixels."""
+    rgba = np.zeros((*labels.shape, 4), np.float32)
+    inside = (labels > 0) & (labels != _UNKNOWN)
+    rgba[inside] = _BUILDING
+    rgba[labels == _UNKNOWN] = _DOUBT
+    edge = np.zeros(labels.shape, bool)
+    edge[:, 1:] |= labels[:, 1:] != labels[:, :-1]
+    edge[1:] |= labels[1:] != labels[:-1]
+    rgba[edge] = _EDGE
+    return rgba
+
+
+def draw(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup, view: bpy.types.View2D) -> None:
+    """Draw the mask of a photo over it, if the job has one."""
+    entry = mask_entry(scene, photo.name)
+    texture = _texture(Path(entry["labels"])) if entry is not None else None
+    if texture is None:
+        return
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    x0, y0 = view.view_to_region(0, 0, clip=False)
+    x1, y1 = view.view_to_region(1, 1, clip=False)
+    shader = gpu.shader.from_builtin("IMAGE_COLOR")
+    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    batch = batch_for_shader(
+        shader, "TRIS", {"pos": corners, "texCoord": [(0, 0), (1, 0), (1, 1), (0, 1)]}, indices=[(0, 1, 2), (0, 2, 3)]
+    )
+    gpu.state.blend_set("ALPHA")
+    shader.bind()
+    shader.uniform_sampler("image", texture)
+    shader.uniform_float("color", (1.0, 1.0, 1.0, scene.mgf.mask_opacity))
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+def forget() -> None:
+    """Drop the textures."""
+    _textures.clear()
+    _tables.clear()
+
+
+def _texture(path: Path) -> Any:
+    import gpu
+
+    try:
+        changed = path.stat().st_mtime_ns
+    except OSError:
+        return None
+    cached = _textures.get(str(path))
+    if cached is None or cached[0] != changed:
+        rgba = mask_rgba(path)
+        height, width = rgba.shape[:2]
+        buffer = gpu.types.Buffer("FLOAT", width * height * 4, np.ascontiguousarray(rgba).ravel())
+        if len(_textures) > 8:
+            _textures.clear()
+        _textures[str(path)] = (changed, gpu.types.GPUTexture((width, height), format="RGBA8", data=buffer))
+    return _textures[str(path)][1]

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Prompts panel in the sidebar of the Image Editor."""
+
+import bpy
+
+from ..common import runner
+from ..common.text import wrapped
+from ..reconstruct.panel import draw_job
+from . import overlay
+from .properties import BUILDING, active_photo
+
+
+class MGF_UL_photos(bpy.types.UIList):
+    """Photos to click on, ticked when they have a point on the building."""
+
+    bl_idname = "MGF_UL_photos"
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        row = layout.row(align=True)
+        row.label(text=item.name, icon="CHECKBOX_HLT" if item.done() else "CHECKBOX_DEHLT", translate=False)
+        entry = overlay.mask_entry(context.scene, item.name)
+        if entry is not None and not entry.get("used", True):
+            row.label(text="", icon="ERROR")
+        row.label(text=str(len(item.clicks)) if len(item.clicks) else "")
+
+
+class MGF_PT_prompts(bpy.types.Panel):
+    """Show the engine where the building is"""
+
+    bl_idname = "MGF_PT_prompts"
+    bl_label = "Prompts"
+    bl_space_type = "IMAGE_EDITOR"
+    bl_region_type = "UI"
+    bl_category = "MGF"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, state = self.layout, context.scene.mgf
+        if not len(state.photos):
+            layout.label(text="Import a scene in the 3D viewport first", icon="INFO")
+            return
+        row = layout.row()
+        row.scale_y = 1.4
+        row.operator("mgf.use_point_tool", icon="CURSOR")
+        row = layout.row(align=True)
+        row.operator("mgf.next_photo", text="Previous", icon="TRIA_LEFT").step = -1
+        row.operator("mgf.next_photo", text="Next", icon="TRIA_RIGHT").step = 1
+        row = layout.row()
+        row.template_list(MGF_UL_photos.bl_idname, "", state, "photos", state, "photo_index", rows=6)
+        column = row.column(align=True)
+        column.operator("mgf.add_photo", text="", icon="ADD")
+        column.operator("mgf.remove_photo", text="", icon="REMOVE")
+        column.separator()
+        column.operator("mgf.import_prompts", text="", icon="IMPORT")
+        column.operator("mgf.export_prompts", text="", icon="EXPORT")
+        self._draw_photo(context)
+        self._draw_mask(context)
+
+    def _draw_photo(self, context: bpy.types.Context) -> None:
+        layout, photo = self.layout, active_photo(context.scene)
+        if photo is None:
+            return
+        layout.prop(context.scene.mgf, "part")
+        negative = sum(c.negative for c in photo.clicks)
+        parts = sum(not c.negative and c.part != BUILDING for c in photo.clicks)
+        positive = len(photo.clicks) - negative - parts
+        row = layout.row(align=True)
+        row.label(text=f"{positive} on, {negative} off, {parts} parts")
+        row.operator("mgf.clear_clicks", text="", icon="TRASH")
+        if not photo.file:
+            layout.label(text="The photo was not found on disk", icon="ERROR")
+
+    def _draw_mask(self, context: bpy.types.Context) -> None:
+        layout, state = self.layout, context.scene.mgf
+        layout.operator("mgf.preview_mask", icon="IMAGE_ALPHA")
+        job = runner.live_job(state.key) if state.key else None
+        found = [j for j in runner.jobs(state.key) if j.kind == "masks"] if state.key else []
+        if job is not None or found:
+            draw_job(layout, job or found[-1])
+        row = layout.row(align=True)
+        row.prop(state, "show_mask")
+        row.prop(state, "mask_opacity", text="")
+        photo = active_photo(context.scene)
+        entry = overlay.mask_entry(context.scene, photo.name) if photo is not None else None
+        if entry is not None:
+            layout.label(text=f"Agreement with the points: {float(entry.get('score', 0)):.0%}")
+            if entry.get("flag"):
+                for i, line in enumerate(wrapped(str(entry["flag"]))):
+                    layout.label(text=line, icon="ERROR" if i == 0 else "BLANK1")
+
+
+CLASSES = (MGF_UL_photos, MGF_PT_prompts)
+
+
+def register() -> None:
+    """Register list and panel."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    """Take them away."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clicks as Blender properties: pixels of the user's own photo, (0, 0) its top-left corner."""
+
+from pathlib import Path
+
+import bpy
+
+BUILDING = "building"
+
+
+class MGF_PG_click(bpy.types.PropertyGroup):
+    """One click on a photo."""
+
+    uv: bpy.props.FloatVectorProperty(name="Pixel", description="Position in pixels from the top left", size=2)
+    negative: bpy.props.BoolProperty(name="Negative", description="The point is not on the building")
+    part: bpy.props.StringProperty(
+        name="Part", description="The part of the building that the point marks", default=BUILDING
+    )
+
+
+class MGF_PG_photo(bpy.types.PropertyGroup):
+    """A photo to click on; ``name`` is its name in the COLMAP model."""
+
+    file: bpy.props.StringProperty(name="File", description="The photo on disk", subtype="FILE_PATH")
+    width: bpy.props.IntProperty(name="Width", description="Pixels of the photo")
+    height: bpy.props.IntProperty(name="Height", description="Pixels of the photo")
+    clicks: bpy.props.CollectionProperty(type=MGF_PG_click)
+
+    def done(self) -> bool:
+        """Whether the photo has a click on the building."""
+        return any(not c.negative and c.part == BUILDING for c in self.clicks)
+
+
+def photo_image(photo: MGF_PG_photo) -> bpy.types.Image | None:
+    """The photo as an image block, loaded on first use; None when the file is gone."""
+    path = Path(bpy.path.abspath(photo.file))
+    if not photo.file or not path.is_file():
+        return None
+    image = bpy.data.images.load(str(path), check_existing=True)
+    image["mgf_image"] = "photo"
+    return image
+
+
+def photo_of_image(scene: bpy.types.Scene, image: bpy.types.Image | None) -> int:
+    """Index of the list's photo that an image block shows, or -1."""
+    if image is None or image.source != "FILE":
+        return -1
+    shown = Path(bpy.path.abspath(image.filepath))
+    for i, photo in enumerate(scene.mgf.photos):
+        if photo.file and Path(bpy.path.abspath(photo.file)) == shown:
+            return i
+    return -1
+
+
+def active_photo(scene: bpy.types.Scene) -> MGF_PG_photo | None:
+    """The photo chosen in the list."""
+    index = scene.mgf.photo_index
+    return scene.mgf.photos[index] if 0 <= index < len(scene.mgf.photos) else None
+
+
+def show_photo(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Show the chosen photo in the image editors of the window."""
+    photo = active_photo(self.id_data)
+    image = photo_image(photo) if photo is not None else None
+    if image is None or context.screen is None:
+        return
+    here = context.area if context.area is not None and context.area.type == "IMAGE_EDITOR" else None
+    areas = [here] if here else [a for a in context.screen.areas if a.type == "IMAGE_EDITOR"]
+    for area in areas:
+        area.spaces.active.image = image
+        area.tag_redraw()

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The point tool of the Image Editor: each click is one operator and one undo step.
+
+The tool itself holds no state, so saving, loading and undo work while it is active.
+"""
+
+import bpy
+
+from ..common.errors import UserError
+from ..common.operators import Operator
+from .drawing import RADIUS
+from .files import add_click
+from .properties import photo_of_image
+
+TOOL_ID = "mgf.point_tool"
+
+
+def nearest(photo: bpy.types.PropertyGroup, u: float, v: float, reach: float) -> int:
+    """Index of the click nearest to a pixel within ``reach`` pixels, or -1."""
+    best, found = reach, -1
+    for i, click in enumerate(photo.clicks):
+        distance = ((click.uv[0] - u) ** 2 + (click.uv[1] - v) ** 2) ** 0.5
+        if distance <= best:
+            best, found = distance, i
+    return found
+
+
+class _OnPhoto(Operator):
+    """What the operators of the tool share: the photo under the pointer and the pixel there."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        space = context.space_data
+        if space is None or space.type != "IMAGE_EDITOR" or photo_of_image(context.scene, space.image) < 0:
+            cls.poll_message_set("Show one of the listed photos in an Image Editor first")
+            return False
+        return True
+
+    def _locate(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
+        """Take photo, pixel and reach from the pointer."""
+        space, region = context.space_data, context.region
+        width, height = space.image.size
+        x, y = region.view2d.region_to_view(event.mouse_region_x, event.mouse_region_y)
+        self.photo = photo_of_image(context.scene, space.image)
+        self.uv = (min(max(x, 0.0), 1.0) * width, (1 - min(max(y, 0.0), 1.0)) * height)
+        self.inside = 0 <= x <= 1 and 0 <= y <= 1
+        zoom = max(1e-6, space.zoom[0])
+        self.reach = 2 * RADIUS * context.preferences.system.ui_scale / zoom
+
+    def _photo(self, context: bpy.types.Context) -> bpy.types.PropertyGroup:
+        photos = context.scene.mgf.photos
+        if not 0 <= self.photo < len(photos):
+            raise UserError("The photo is not in the list any more; choose it again.")
+        return photos[self.photo]
+
+
+class MGF_OT_click(_OnPhoto):
+    """Mark a point of the building; drag to move it. Ctrl marks what is not the building, Alt removes"""
+
+    bl_idname = "mgf.click"
+    bl_label = "Place Point"
+    bl_options = {"REGISTER", "UNDO", "BLOCKING"}
+
+    photo: bpy.props.IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
+    uv: bpy.props.FloatVectorProperty(
+        name="Pixel", description="Position in pixels from the top left", size=2, options={"SKIP_SAVE"}
+    )
+    negative: bpy.props.BoolProperty(name="Negative", description="The point is not on the building")
+    reach: bpy.props.FloatProperty(default=0.0, options={"HIDDEN", "SKIP_SAVE"})
+
+    def run(self, context: bpy.types.Context) -> None:
+        photo = self._photo(context)
+        part = "building" if self.negative else context.scene.mgf.part.strip().lower() or "building"
+        add_click(photo, *self.uv, self.negative, part)
+        _redraw(context)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._locate(context, event)
+        if not self.inside:
+            return {"PASS_THROUGH"}
+        photo = self._photo(context)
+        self._at = nearest(photo, *self.uv, self.reach)
+        self._moved = self._at >= 0
+        self._before = tuple(photo.clicks[self._at].uv) if self._moved else None
+        if not self._moved:
+            self.run(context)
+            self._at = len(photo.clicks) - 1
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        clicks = self._photo(context).clicks
+        if self._at >= len(clicks):
+            return {"CANCELLED"}
+        if event.type == "MOUSEMOVE":
+            self._locate(context, event)
+            clicks[self._at].uv = self.uv
+            _redraw(context)
+        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            self.uv = clicks[self._at].uv
+            return {"FINISHED"}
+        elif event.type in {"ESC", "RIGHTMOUSE"}:
+            if self._moved:
+                clicks[self._at].uv = self._before
+            else:
+                clicks.remove(self._at)
+            _redraw(context)
+            return {"CANCELLED"}
+        return {"RUNNING_MODAL"}
+
+
+class MGF_OT_remove_click(_OnPhoto):
+    """Remove the point under the pointer"""
+
+    bl_idname = "mgf.remove_click"
+    bl_label = "Remove Point"
+    bl_options = {"REGISTER", "UNDO"}
+
+    photo: bpy.props.IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
+    uv: bpy.props.FloatVectorProperty(
+        name="Pixel", description="Position in pixels from the top left", size=2, options={"SKIP_SAVE"}
+    )
+    reach: bpy.props.FloatProperty(default=8.0, options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._locate(context, event)
+        return self.execute(context)
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        photo = self._photo(context)
+        index = nearest(photo, *self.uv, self.reach)
+        if index < 0:
+            return {"CANCELLED"}
+        photo.clicks.remove(index)
+        _redraw(context)
+        return {"FINISHED"}
+
+
+class MGF_OT_use_point_tool(Operator):
+    """Click in the photo to mark the building"""
+
+    bl_idname = "mgf.use_point_tool"
+    bl_label = "Place Points"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if context.area is None or context.area.type != "IMAGE_EDITOR":
+            cls.poll_message_set("Only in an Image Editor")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        if context.space_data.ui_mode != "VIEW":
+            context.space_data.ui_mode = "VIEW"
+        bpy.ops.wm.tool_set_by_id(name=TOOL_ID, space_type="IMAGE_EDITOR")
+
+
+class MGF_PointTool(bpy.types.WorkSpaceTool):
+    """The tool in the toolbar of the Image Editor."""
+
+    bl_space_type = "IMAGE_EDITOR"
+    bl_context_mode = "VIEW"
+    bl_idname = TOOL_ID
+    bl_label = "Building Points"
+    bl_description = "Click on the building; Ctrl click beside it; Alt click or X removes a point"
+    bl_icon = "ops.generic.select"
+    bl_cursor = "CROSSHAIR"
+    bl_keymap = (
+        ("mgf.click", {"type": "LEFTMOUSE", "value": "PRESS"}, {"properties": [("negative", False)]}),
+        ("mgf.click", {"type": "LEFTMOUSE", "value": "PRESS", "ctrl": True}, {"properties": [("negative", True)]}),
+        ("mgf.remove_click", {"type": "LEFTMOUSE", "value": "PRESS", "alt": True}, None),
+        ("mgf.remove_click", {"type": "X", "value": "PRESS"}, None),
+    )
+
+    @staticmethod
+    def draw_settings(context: bpy.types.Context, layout: bpy.types.UILayout, tool: object) -> None:
+        """The tool's settings in the header."""
+        layout.prop(context.scene.mgf, "part")
+
+
+def _redraw(context: bpy.types.Context) -> None:
+    if context.area is not None:
+        context.area.tag_redraw()  # the sidebar too, or it keeps showing the old count
+
+
+CLASSES = (MGF_OT_click, MGF_OT_remove_click, MGF_OT_use_point_tool)
+
+
+def register() -> None:
+    """Register the operators and the tool."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.utils.register_tool(MGF_PointTool, separator=True)
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.utils.unregister_tool(MGF_PointTool)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a Blender scene remembers, saved in the file: its photos and clicks, its options, its job folder."""
+
+import uuid
+
+import bpy
+
+from .common import options
+from .prompts.properties import MGF_PG_click, MGF_PG_photo, show_photo
+
+PARTS = ["building", "window", "door", "roof", "wall", "balcony"]
+OptionsGroup = options.make_group()
+
+
+class MGF_PG_scene(bpy.types.PropertyGroup):
+    """State of the add-on in one scene, at ``scene.mgf``."""
+
+    key: bpy.props.StringProperty(options={"HIDDEN"}, description="Names this scene to running jobs")
+    source: bpy.props.StringProperty(
+        name="Source", description="COLMAP model, its project folder, or a folder of photos", subtype="DIR_PATH"
+    )
+    photo_folder: bpy.props.StringProperty(
+        name="Photo Folder", description="Where the photos lie; searched near the model when empty", subtype="DIR_PATH"
+    )
+    masks_folder: bpy.props.StringProperty(
+        name="Own Masks", description="Folder with your own masks, one PNG per photo; clicks are not needed then",
+        subtype="DIR_PATH",
+    )  # fmt: skip
+    job_folder: bpy.props.StringProperty(
+        name="Job Folder", description="Where the engine keeps its work and results", subtype="DIR_PATH"
+    )
+    options: bpy.props.PointerProperty(type=OptionsGroup)
+    photos: bpy.props.CollectionProperty(type=MGF_PG_photo)
+    photo_index: bpy.props.IntProperty(name="Photo", description="The photo to click on", update=show_photo)
+    show_mask: bpy.props.BoolProperty(name="Show Mask", description="Draw the mask over the photo", default=True)
+    mask_opacity: bpy.props.FloatProperty(
+        name="Opacity", description="How strongly the mask covers the photo", default=0.45, min=0.0, max=1.0,
+        subtype="FACTOR",
+    )  # fmt: skip
+    part: bpy.props.StringProperty(
+        name="Part", description="What new clicks mark: the building, or a part of it such as window or door",
+        default="building", search=lambda self, context, text: PARTS,
+    )  # fmt: skip
+    fit_render: bpy.props.BoolProperty(
+        name="Fit Render to Camera",
+        description="Give the render the size and pixel aspect of the photo whenever the camera changes",
+        default=True,
+    )
+    import_when_done: bpy.props.BoolProperty(
+        name="Import When Done", description="Bring the results into the scene as soon as the job ends", default=True
+    )
+    figures: bpy.props.StringProperty(options={"HIDDEN"}, description="Figures of the imported job, as JSON")
+
+
+def scene_key(scene: bpy.types.Scene) -> str:
+    """The scene's key, made on first use and made anew for a copied scene."""
+    taken = {s.mgf.key for s in bpy.data.scenes if s != scene}
+    if not scene.mgf.key or scene.mgf.key in taken:
+        scene.mgf.key = uuid.uuid4().hex
+    return scene.mgf.key
+
+
+def scene_of(key: str) -> bpy.types.Scene | None:
+    """The scene with a key, if the open file has it."""
+    return next((s for s in bpy.data.scenes if s.mgf.key == key), None)
+
+
+CLASSES = (MGF_PG_click, MGF_PG_photo, OptionsGroup, MGF_PG_scene)
+
+
+def register() -> None:
+    """Attach ``Scene.mgf``."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.mgf = bpy.props.PointerProperty(type=MGF_PG_scene)
+
+
+def unregister() -> None:
+    """Detach it again."""
+    del bpy.types.Scene.mgf
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

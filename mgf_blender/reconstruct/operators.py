@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators of the Reconstruct panel."""
+
+import time
+from pathlib import Path
+
+import bpy
+
+from ..common import options, runner
+from ..common.errors import UserError
+from ..common.job import DONE, Job
+from ..common.operators import Operator
+from ..scene_import.operators import bring_in
+from .start import given_options, job_folder, make_job
+
+
+def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
+    """Queue a job; without a window there is no timer, so wait for its end and pass its error on."""
+    runner.submit(job)
+    if not bpy.app.background:
+        return {"FINISHED"}
+    while runner.pump():
+        time.sleep(0.05)
+    if job.status != DONE:
+        operator.report({"ERROR"}, job.text)
+        return {"CANCELLED"}
+    return {"FINISHED"}
+
+
+class _JobOperator(Operator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.mgf.source:
+            cls.poll_message_set("Import a COLMAP scene or photos first")
+            return False
+        if runner.live_job(context.scene.mgf.key):
+            cls.poll_message_set("A job of this scene is running; wait for it or cancel it")
+            return False
+        return True
+
+
+class MGF_OT_reconstruct(_JobOperator):
+    """Start the engine on the photos; the mesh comes into the scene when it is done"""
+
+    bl_idname = "mgf.reconstruct"
+    bl_label = "Reconstruct Building"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        return submit(self, make_job(context.scene))
+
+
+class MGF_OT_resume(_JobOperator):
+    """Continue the job in the job folder from its last checkpoint, with the options it was given"""
+
+    bl_idname = "mgf.resume"
+    bl_label = "Resume"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.mgf.job_folder or not (job_folder(context.scene) / "job.json").is_file():
+            cls.poll_message_set("There is no job to continue")
+            return False
+        return super().poll(context)
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        options.set_values(context.scene.mgf.options, given_options(job_folder(context.scene)))
+        return submit(self, make_job(context.scene))
+
+
+class MGF_OT_cancel_job(Operator):
+    """Ask the job to stop; what it has done stays and can be resumed"""
+
+    bl_idname = "mgf.cancel_job"
+    bl_label = "Cancel"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not runner.live_job(context.scene.mgf.key):
+            cls.poll_message_set("No job is running")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        runner.live_job(context.scene.mgf.key).cancel()
+
+
+class MGF_OT_import_photos(Operator):
+    """Find the cameras of a folder of photos; needs no COLMAP model"""
+
+    bl_idname = "mgf.import_photos"
+    bl_label = "Import Photos"
+    bl_options = {"REGISTER", "UNDO"}
+
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        folder = Path(bpy.path.abspath(self.directory))
+        kinds = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"}
+        if not folder.is_dir() or not any(p.suffix.lower() in kinds for p in folder.rglob("*")):
+            raise UserError(f"'{folder}' holds no photos; choose the folder they lie in.")
+        state = context.scene.mgf
+        state.source, state.job_folder = str(folder), ""
+        return submit(self, make_job(context.scene, "scene"))
+
+
+class MGF_OT_import_sfm(Operator):
+    """Import the cameras that the engine found for the photos"""
+
+    bl_idname = "mgf.import_sfm"
+    bl_label = "Import Found Cameras"
+    bl_options = {"REGISTER", "UNDO", "INTERNAL"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        state = context.scene.mgf
+        source, model = state.source, job_folder(context.scene) / "scene" / "sfm" / "model"
+        if not model.is_dir():
+            raise UserError("The job found no cameras; open its log for the reason.")
+        state.photo_folder = state.photo_folder or source
+        bring_in(context.scene, model, True, True, self)
+        state.source = source
+
+
+class MGF_OT_open_job_file(Operator):
+    """Open a file of the job in the program the system has for it"""
+
+    bl_idname = "mgf.open_job_file"
+    bl_label = "Open"
+    bl_options = {"INTERNAL"}
+
+    name: bpy.props.StringProperty(name="File", description="File of the job folder", default="log.txt")
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        return f"Open {properties.name} of the job"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.mgf.job_folder or not job_folder(context.scene).is_dir():
+            cls.poll_message_set("No job has run yet")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        path = job_folder(context.scene) / self.name
+        if not path.exists():
+            raise UserError(f"The job has no {self.name} yet.")
+        bpy.ops.wm.path_open(filepath=str(path))
+
+
+class MGF_OT_reset_options(Operator):
+    """Set all options back to the preset"""
+
+    bl_idname = "mgf.reset_options"
+    bl_label = "Reset Options"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        values = context.scene.mgf.options
+        for name in options.OPTIONS:
+            if name != "preset":
+                setattr(values, name, options.default_of(name, values.preset))
+
+
+def last_job(scene: bpy.types.Scene) -> Job | None:
+    """The job the panel talks about: the running one, else the newest."""
+    key = scene.mgf.key
+    if not key:
+        return None
+    found = runner.jobs(key)
+    return runner.live_job(key) or (found[-1] if found else None)
+
+
+def interrupted(scene: bpy.types.Scene) -> bool:
+    """Whether the job folder holds a job that did not end and that nobody runs, for example after a crash."""
+    state = scene.mgf
+    if not state.job_folder or (state.key and runner.live_job(state.key)):
+        return False
+    folder = Path(bpy.path.abspath(state.job_folder))
+    return (folder / "job.json").is_file() and not (folder / "deliver.json").is_file()
+
+
+CLASSES = (
+    MGF_OT_reconstruct, MGF_OT_resume, MGF_OT_cancel_job, MGF_OT_import_photos, MGF_OT_import_sfm,
+    MGF_OT_open_job_file, MGF_OT_reset_options,
+)  # fmt: skip
+
+
+def register() -> None:
+    """Register the operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    """Take them away."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Reconstruct panel: options, the button, progress, and what the last job said."""
+
+import bpy
+
+from ..common import options, runner
+from ..common.errors import UserError
+from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, Job
+from ..common.text import wrapped
+from ..engine.environment import engine_python
+from .estimate import duration, estimate
+from .operators import interrupted, last_job
+
+_STAGES = {"scene": "Reading photos", "masks": "Finding the building", "field": "Training", "mesh": "Making the mesh",
+           "deliver": "Rendering and reporting"}  # fmt: skip
+_SECTION_TITLES = {
+    "run": "Run",
+    "scene": "Scene",
+    "masks": "Masks",
+    "field": "Field",
+    "mesh": "Mesh",
+    "deliver": "Output",
+}
+
+
+class MGF_PT_reconstruct(bpy.types.Panel):
+    """Start, watch and resume the reconstruction"""
+
+    bl_idname = "MGF_PT_reconstruct"
+    bl_label = "Reconstruct"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "MGF"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, state = self.layout, context.scene.mgf
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        for name, option in options.OPTIONS.items():
+            if not option["advanced"]:
+                column.prop(state.options, name)
+        column.prop(state, "job_folder")
+        if _engine_missing(layout):
+            return
+        job = last_job(context.scene)
+        live = job is not None and job.live
+        if not live:
+            self._draw_start(layout, context, job)
+        if job is not None:
+            draw_job(layout, job)
+        layout.prop(state, "import_when_done")
+
+    def _draw_start(self, layout: bpy.types.UILayout, context: bpy.types.Context, job: Job | None) -> None:
+        state = context.scene.mgf
+        seconds, memory = estimate(state.options, max(1, _photo_count(context.scene)))
+        layout.label(text=f"About {duration(seconds)} and {memory / 1e9:.1f} GB of memory", icon="TIME")
+        column = layout.column()
+        column.scale_y = 1.6
+        column.operator("mgf.reconstruct", icon="HOME")
+        if interrupted(context.scene):
+            if job is None:
+                layout.label(text="An earlier job was interrupted", icon="INFO")
+            layout.operator("mgf.resume", icon="PLAY")
+
+
+class MGF_PT_options(bpy.types.Panel):
+    """Every option of the engine"""
+
+    bl_idname = "MGF_PT_options"
+    bl_label = "Advanced Options"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "MGF"
+    bl_parent_id = "MGF_PT_reconstruct"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, state = self.layout, context.scene.mgf
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        for section in options.SECTIONS:
+            names = [n for n, o in options.OPTIONS.items() if o["section"] == section and o["advanced"]]
+            if not names:
+                continue
+            header, body = layout.panel(f"MGF_options_{section}", default_closed=True)
+            header.label(text=_SECTION_TITLES.get(section, options.title(section)))
+            if body is not None:
+                column = body.column()
+                for name in names:
+                    column.prop(state.options, name)
+                if section == "masks":
+                    column.prop(state, "masks_folder")
+        layout.operator("mgf.reset_options", icon="LOOP_BACK")
+
+
+def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
+    """Progress of a running job, or how the last one ended."""
+    box = layout.box().column(align=True)
+    if job.live:
+        row = box.row(align=True)
+        row.progress(factor=job.overall, text=_headline(job))
+        row.operator("mgf.cancel_job", text="", icon="X")
+        for name, value in list(job.figures.items())[:6]:
+            row = box.row()
+            row.label(text=options.title(name))
+            row.label(text=_figure(value))
+    else:
+        icon = {DONE: "CHECKMARK", FAILED: "ERROR", CANCELLED: "PAUSE"}.get(job.status, "INFO")
+        lines = wrapped(job.text or {DONE: "Finished", CANCELLED: "Cancelled"}.get(job.status, ""))
+        for i, line in enumerate(lines):
+            box.label(text=line, icon=icon if i == 0 else "BLANK1")
+    for text in job.warnings[-3:]:
+        for i, line in enumerate(wrapped(text)):
+            box.label(text=line, icon="INFO" if i == 0 else "BLANK1")
+    row = layout.row(align=True)
+    row.operator("mgf.open_job_file", text="Open Log", icon="TEXT").name = "log.txt"
+    if job.status == DONE:
+        row.operator("mgf.open_job_file", text="Open Report", icon="URL").name = "report.html"
+
+
+def _headline(job: Job) -> str:
+    if job.status == QUEUED:
+        ahead = sum(j.live for j in runner.jobs()) - 1
+        return f"Waiting for {ahead} other job{'s' if ahead != 1 else ''}"
+    if job.status == CANCELLING:
+        return "Stopping"
+    stage = _STAGES.get(job.stage, "Starting the engine" if not job.stage else options.title(job.stage))
+    left = duration(job.seconds_left)
+    return f"{stage}, {job.fraction:.0%}" + (f", {left} left" if left else "")
+
+
+def _figure(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _engine_missing(layout: bpy.types.UILayout) -> bool:
+    """Say what is wrong with the engine and lead to the preferences; True when there is none."""
+    try:
+        engine_python()
+    except UserError as error:
+        for i, line in enumerate(wrapped(str(error))):
+            layout.label(text=line, icon="ERROR" if i == 0 else "BLANK1")
+        layout.operator("mgf.show_preferences", icon="PREFERENCES")
+        return True
+    return False
+
+
+def _photo_count(scene: bpy.types.Scene) -> int:
+    from ..scene_import.tree import Tree
+
+    tree = Tree.find(scene)
+    return len(tree.objects("Cameras")) if tree is not None else 5 * len(scene.mgf.photos)
+
+
+class MGF_OT_show_preferences(bpy.types.Operator):
+    """Open the preferences of this add-on"""
+
+    bl_idname = "mgf.show_preferences"
+    bl_label = "Set Up Engine"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..common.addon import NAME
+
+        bpy.ops.preferences.addon_show(module=NAME)
+        return {"FINISHED"}
+
+
+CLASSES = (MGF_OT_show_preferences, MGF_PT_reconstruct, MGF_PT_options)
+
+
+def register() -> None:
+    """Register the panels."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    """Take them away."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Turn a scene's state into a job of the engine, and what happens when the job ends."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+
+from ..common import options, runner
+from ..common.addon import preferences
+from ..common.errors import UserError
+from ..common.job import DONE, Job
+from ..engine.environment import engine_command
+from ..prompts import files
+from ..properties import scene_key, scene_of
+from . import live
+
+
+def job_folder(scene: bpy.types.Scene) -> Path:
+    """The scene's job folder; chosen beside the .blend, or inside the source, when none is set.
+
+    Raises:
+        UserError: there is neither a job folder nor a source to put one in.
+    """
+    state = scene.mgf
+    if not state.job_folder:
+        if not state.source:
+            raise UserError("There is nothing to reconstruct; import a COLMAP scene or photos first.")
+        name = Path(bpy.path.abspath(state.source)).name or "building"
+        if bpy.data.filepath:
+            state.job_folder = f"//{Path(bpy.data.filepath).stem}_jobs/{name}"
+        else:
+            state.job_folder = str(Path(bpy.path.abspath(state.source)) / "mgf_job")
+    return Path(bpy.path.abspath(state.job_folder))
+
+
+def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
+    """A job for the scene as it stands: writes the clicks beside the job folder, starts nothing.
+
+    Args:
+        kind: the engine's command: reconstruct, masks or scene.
+
+    Raises:
+        UserError: something needed is missing.
+    """
+    state = scene.mgf
+    folder = job_folder(scene)
+    if not state.source:
+        raise UserError("There is nothing to reconstruct; import a COLMAP scene or photos first.")
+    command = [kind, bpy.path.abspath(state.source), "--out", str(folder), "--progress", "json", "--cancel-on-eof"]
+    if kind != "scene":
+        command += _guidance(scene, folder)
+    given = given_options(folder)
+    command += options.arguments(state.options, given)
+    prefs = preferences()
+    if prefs is not None and prefs.weights_folder and not state.options.weights:
+        command += ["--set", f"weights={bpy.path.abspath(prefs.weights_folder)}"]
+    if (folder / "job.json").is_file():
+        command.append("--resume")
+    return Job(
+        engine_command(*command), folder, folder.name, kind, scene_key(scene), on_message=live.on_message, on_end=ended
+    )
+
+
+def given_options(folder: Path) -> dict[str, object]:
+    """The options an earlier run in this folder was given; empty when there is none."""
+    try:
+        given = json.loads((folder / "job.json").read_text(encoding="utf-8"))["given"]
+        return dict(given)
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _guidance(scene: bpy.types.Scene, folder: Path) -> list[str]:
+    """Arguments that say where the building is: clicks, the user's masks, or neither when masks are off."""
+    state = scene.mgf
+    if state.masks_folder:
+        return ["--masks", bpy.path.abspath(state.masks_folder)]
+    if not any(p.done() for p in state.photos):
+        if not state.options.use_masks:
+            return []
+        raise UserError(
+            "No point marks the building; click at least one in the Image Editor, or choose your own masks."
+        )
+    # Beside the folder, not in it: the engine takes only an empty folder for a new job.
+    path = folder.with_name(folder.name + ".prompts.json")
+    files.write(scene, path)
+    return ["--prompts", str(path)]
+
+
+def ended(job: Job) -> None:
+    """Bring the results in, in the scene that asked; a scene that is gone finds them in the folder later."""
+    scene = scene_of(job.scene_key)
+    if job.status != DONE or scene is None:
+        return
+    if job.kind == "reconstruct" and scene.mgf.import_when_done:
+        run_in(scene, "import_result")
+    elif job.kind == "scene":
+        run_in(scene, "import_sfm")
+    elif job.kind == "masks":
+        scene.mgf.show_mask = True
+
+
+def run_in(scene: bpy.types.Scene, name: str) -> None:
+    """Call an operator of ours in a scene, as one undo step, from outside any area; failures go to the job's text."""
+    manager = bpy.context.window_manager
+    window = next((w for w in manager.windows if w.scene == scene), None)
+    override = {"scene": scene, "view_layer": scene.view_layers[0]}
+    if window is not None:
+        override["window"] = window
+    try:
+        with bpy.context.temp_override(**override):
+            getattr(bpy.ops.mgf, name)("EXEC_DEFAULT", window is not None)
+    except RuntimeError as error:
+        latest = runner.jobs(scene.mgf.key)
+        if latest:
+            latest[-1].warnings.append(str(error).removeprefix("Error: ").strip())

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Gaussian field as coloured points, for Blender versions that do not draw 3DGS files themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..common.errors import UserError
+from ..common.materials import show_points
+from ..common.meshes import make_mesh, set_attribute
+from ..common.ply import read_ply
+from ..scene_import.tree import Tree
+
+#: First band of the spherical harmonics, 1 / (2 sqrt(pi)): colour = 0.5 + SH0 * f_dc.
+_SH0 = 0.28209479177387814
+_RADIUS = 0.002  # of a drawn point, as a share of the scene's size
+
+
+def import_field(tree: Tree, path: Path) -> bpy.types.Object:
+    """The centres of a standard 3DGS ``.ply`` with colour, opacity and size as attributes.
+
+    Raises:
+        UserError: the file is no Gaussian field.
+    """
+    ply = read_ply(path)
+    names = {"f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"}
+    if not names <= set(ply.vertices):
+        raise UserError(f"'{path}' is not a Gaussian field; choose the field.ply of a job.")
+    base = np.stack([ply.vertices[f"f_dc_{i}"] for i in range(3)], axis=1)
+    colors = np.clip((0.5 + _SH0 * base) * 255 + 0.5, 0, 255).astype(np.uint8)
+    mesh = make_mesh("Gaussian Field", ply.positions - tree.offset, np.zeros((0, 3), np.int32), colors)
+    set_attribute(mesh, "opacity", 1.0 / (1.0 + np.exp(-ply.vertices["opacity"].astype(np.float32))))
+    sizes = np.stack([ply.vertices[f"scale_{i}"] for i in range(3)], axis=1).astype(np.float32)
+    set_attribute(mesh, "size", np.exp(sizes.max(axis=1)))
+    obj = bpy.data.objects.new("Gaussian Field", mesh)
+    for old in [o for o in tree.objects("Points") if o.get("mgf_field")]:
+        bpy.data.objects.remove(old, do_unlink=True)
+    tree.add("Points", obj)
+    obj["mgf_field"] = True
+    show_points(obj, _RADIUS * tree.radius)
+    return obj

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a camera shows: its photo, the render, the error between them, or the mesh alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..common.errors import UserError
+from ..scene_import.cameras import IMAGE_KEY, add_background
+from ..scene_import.tree import Tree
+
+KINDS = ("PHOTO", "RENDER", "ERROR", "MESH")
+#: Difference of colour (0..1) that is drawn in the hottest colour.
+_HOTTEST = 0.3
+
+
+def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
+    """Show one kind of picture in a camera; the others stay attached, hidden.
+
+    Raises:
+        UserError: the camera has no such picture.
+    """
+    slots = list(camera.data.background_images)
+    kinds = {s.image.get(IMAGE_KEY): s for s in slots if s.image is not None}
+    if kind == "ERROR" and "error" not in kinds:
+        make_error_map(camera)
+        slots = list(camera.data.background_images)
+    elif kind in {"PHOTO", "RENDER"} and kind.lower() not in kinds:
+        raise UserError(
+            f"'{camera.name}' has no {kind.lower()}; held-out photos get renders, others when Render All is on."
+        )
+    for slot in slots:
+        slot.show_background_image = slot.image is not None and slot.image.get(IMAGE_KEY) == kind.lower()
+        slot.display_depth = "BACK" if kind == "PHOTO" else "FRONT"
+    for obj in tree.objects("Mesh"):
+        obj.hide_set(kind not in {"MESH", "PHOTO"})
+
+
+def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
+    """A heat map of the colour difference between photo and render, as an image packed into the file.
+
+    Raises:
+        UserError: the camera has no render or no photo.
+    """
+    found = {s.image.get(IMAGE_KEY): s.image for s in camera.data.background_images if s.image is not None}
+    if not {"photo", "render"} <= set(found):
+        raise UserError(
+            f"'{camera.name}' has no render to compare with its photo; switch Render All on and run the job again."
+        )
+    render = _pixels(found["render"])
+    height, width = render.shape[:2]
+    photo = _resized(_pixels(found["photo"]), width, height)
+    difference = np.abs(photo[..., :3] - render[..., :3]).mean(axis=2)
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = heat(np.clip(difference / _HOTTEST, 0, 1))
+    rgba[..., 3] = 0.0 if render.shape[2] < 4 else render[..., 3]
+    if render.shape[2] < 4:
+        rgba[..., 3] = 1.0
+    name = f"Error {Path(found['photo'].name).stem}"
+    image = bpy.data.images.get(name)
+    if image is None or tuple(image.size) != (width, height):
+        image = bpy.data.images.new(name, width, height, alpha=True)
+    image.pixels.foreach_set(rgba.ravel())
+    image.update()
+    image.pack()
+    image[IMAGE_KEY] = "error"
+    add_background(camera, image, show=False)
+    return image
+
+
+def heat(values: np.ndarray) -> np.ndarray:
+    """0..1 -> black, violet, orange, white; [..., 3]."""
+    stops = np.array([(0.0, 0.0, 0.05), (0.35, 0.05, 0.45), (0.9, 0.35, 0.15), (1.0, 1.0, 0.75)])
+    at = np.linspace(0, 1, len(stops))
+    return np.stack([np.interp(values, at, stops[:, i]) for i in range(3)], axis=-1)
+
+
+def _pixels(image: bpy.types.Image) -> np.ndarray:
+    """float32 [H, W, C], first row at the bottom.
+
+    Raises:
+        UserError: the file of the image is gone.
+    """
+    width, height = image.size
+    if width == 0 or height == 0:
+        raise UserError(f"The picture '{image.name}' cannot be read; it was moved or deleted.")
+    flat = np.empty(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(flat)
+    return flat.reshape(height, width, image.channels)
+
+
+def _resized(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Mean over the source pixels of each target pixel (box filter)."""
+    if pixels.shape[:2] == (height, width):
+        return pixels
+    rows = (np.arange(height + 1) * pixels.shape[0] / height).astype(int)
+    columns = (np.arange(width + 1) * pixels.shape[1] / width).astype(int)
+    total = np.zeros((pixels.shape[0] + 1, pixels.shape[1] + 1, pixels.shape[2]))
+    total[1:, 1:] = pixels.astype(np.float64).cumsum(0).cumsum(1)
+    r0, r1 = rows[:-1], np.maximum(rows[1:], rows[:-1] + 1)
+    c0, c1 = columns[:-1], np.maximum(columns[1:], columns[:-1] + 1)
+    box = total[r1][:, c1] - total[r0][:, c1] - total[r1][:, c0] + total[r0][:, c0]
+    return (box / ((r1 - r0)[:, None] * (c1 - c0)[None])[..., None]).astype(np.float32)

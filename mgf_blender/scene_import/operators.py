@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators that bring a scene in and put it right: import, drop, camera, scale, up axis."""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from ..common.errors import UserError
+from ..common.operators import Operator
+from ..prompts.roots import choose_roots
+from .cameras import PHOTO_KEY, SIZE_KEY, fit_render, set_clipping
+from .colmap import read_model
+from .frame import rotation_to_z, up_direction
+from .load import Imported, import_scene
+from .locate import find_model
+from .tree import Tree
+
+
+class MGF_OT_import_colmap(Operator):
+    """Import cameras with their photos and the sparse points of a COLMAP model"""
+
+    bl_idname = "mgf.import_colmap"
+    bl_label = "Import COLMAP Scene"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default="*.bin;*.txt", options={"HIDDEN"})
+    upright: bpy.props.BoolProperty(
+        name="Turn Upright",
+        description="Use the cameras' up direction as Z and put the ground at zero",
+        default=True,
+    )
+    replace: bpy.props.BoolProperty(
+        name="Replace Earlier Import",
+        description="Replace what an earlier import made; other objects stay",
+        default=True,
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if self.filepath:
+            return self.execute(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        text = self.filepath or self.directory
+        if not text:
+            raise UserError("No model was chosen; choose a COLMAP model or its folder.")
+        path = Path(bpy.path.abspath(text))
+        if not path.exists() and path.parent.is_dir():
+            path = path.parent  # the file browser adds a file name to a folder
+        bring_in(context.scene, path, self.upright, self.replace, self)
+
+
+class MGF_OT_reload_scene(Operator):
+    """Import the source again; replaces only what the add-on made"""
+
+    bl_idname = "mgf.reload_scene"
+    bl_label = "Import Again"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.mgf.source:
+            cls.poll_message_set("Import a scene first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        bring_in(context.scene, Path(bpy.path.abspath(context.scene.mgf.source)), True, True, self)
+
+
+class MGF_OT_look_through(Operator):
+    """Look through a camera; the render takes the size and pixel aspect of its photo"""
+
+    bl_idname = "mgf.look_through"
+    bl_label = "Look Through Camera"
+    bl_options = {"REGISTER", "UNDO"}
+
+    step: bpy.props.IntProperty(name="Step", description="How many photos to go on from the active camera", default=0)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if Tree.find(context.scene) is None:
+            cls.poll_message_set("Import a scene first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        cameras = sorted(Tree.find(context.scene).objects("Cameras"), key=lambda o: o.get(PHOTO_KEY, ""))
+        if not cameras:
+            raise UserError("The imported scene has no cameras left; import it again.")
+        chosen = context.object if self.step == 0 and context.object in cameras else context.scene.camera
+        at = cameras.index(chosen) if chosen in cameras else 0
+        camera = cameras[(at + self.step) % len(cameras)]
+        context.scene.camera = camera
+        fit_render(context.scene, camera)
+        for area in context.screen.areas if context.screen is not None else ():
+            if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None:
+                area.spaces.active.region_3d.view_perspective = "CAMERA"
+
+
+class MGF_OT_set_scale(Operator):
+    """Scale the scene so that two chosen points lie at a known distance: select two vertices or two objects"""
+
+    bl_idname = "mgf.set_scale"
+    bl_label = "Set Scale"
+    bl_options = {"REGISTER", "UNDO"}
+
+    distance: bpy.props.FloatProperty(
+        name="Distance", description="True distance between the two points", default=1.0, min=1e-6, subtype="DISTANCE"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if Tree.find(context.scene) is None:
+            cls.poll_message_set("Import a scene first")
+            return False
+        return True
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self)
+
+    def run(self, context: bpy.types.Context) -> None:
+        points = _two_points(context)
+        measured = (points[0] - points[1]).length
+        if measured < 1e-12:
+            raise UserError("The two points are in the same place; choose two different ones.")
+        tree, factor = Tree.find(context.scene), self.distance / measured
+        root = tree.root
+        root.matrix_basis = Matrix.Scale(factor, 4) @ root.matrix_basis
+        for obj in tree.objects("Cameras"):
+            set_clipping(obj.data, tree)
+        self.report({"INFO"}, f"Scaled by {factor:.6g}")
+
+
+class MGF_OT_set_up_axis(Operator):
+    """Choose which direction of the scene points up"""
+
+    bl_idname = "mgf.set_up_axis"
+    bl_label = "Set Up Axis"
+    bl_options = {"REGISTER", "UNDO"}
+
+    axis: bpy.props.EnumProperty(
+        name="Up",
+        description="Direction of the scene's own coordinates that becomes Z",
+        items=[
+            ("CAMERAS", "From Cameras", "The direction that keeps the photos' horizons level"),
+            ("X", "X", "The scene's X axis"), ("NEG_X", "-X", "Against the scene's X axis"),
+            ("Y", "Y", "The scene's Y axis"), ("NEG_Y", "-Y", "Against the scene's Y axis"),
+            ("Z", "Z", "The scene's Z axis"), ("NEG_Z", "-Z", "Against the scene's Z axis"),
+        ],
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if Tree.find(context.scene) is None:
+            cls.poll_message_set("Import a scene first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        tree = Tree.find(context.scene)
+        if self.axis == "CAMERAS":
+            cameras = [np.array(o.matrix_basis)[:3, :3] for o in tree.objects("Cameras")]
+            if not cameras:
+                raise UserError("The imported scene has no cameras left; import it again.")
+            up = up_direction(
+                np.array([np.diag([1.0, -1.0, -1.0]) @ (m / np.linalg.norm(m, axis=0)).T for m in cameras])
+            )
+        else:
+            up = np.eye(3)["XYZ".index(self.axis[-1])] * (-1.0 if self.axis.startswith("NEG") else 1.0)
+        root = tree.root
+        location, _, scale = root.matrix_basis.decompose()
+        root.matrix_basis = Matrix.LocRotScale(location, Matrix(rotation_to_z(up).tolist()), scale)
+
+
+class MGF_FH_colmap(bpy.types.FileHandler):
+    """Dropping a model's file into the 3D viewport imports the model."""
+
+    bl_idname = "MGF_FH_colmap"
+    bl_label = "COLMAP Scene"
+    bl_import_operator = "mgf.import_colmap"
+    bl_file_extensions = ".bin;.txt"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        return context.area is not None and context.area.type == "VIEW_3D"
+
+
+def bring_in(
+    scene: bpy.types.Scene, path: Path, upright: bool, replace: bool, operator: bpy.types.Operator | None = None
+) -> Imported:
+    """Import into a scene and remember source and root photos, as every way of importing does."""
+    state = scene.mgf
+    photos = Path(bpy.path.abspath(state.photo_folder)) if state.photo_folder else None
+    done = import_scene(scene, path, photos, upright, Tree.find(scene) if replace else None)
+    state.source = str(path.parent if path.is_file() else path)
+    list_roots(scene, done, path)
+    if operator is not None:
+        operator.report({"INFO"}, f"{done.cameras} cameras, {done.points} points")
+        for text in done.warnings:
+            operator.report({"WARNING"}, text)
+    return done
+
+
+def list_roots(scene: bpy.types.Scene, done: Imported, path: Path) -> None:
+    """Put the root photos into the list; photos with clicks of the same names keep them."""
+    model = read_model(find_model(path))
+    names = {model.photos[i].name for i in choose_roots(model)}
+    photos = scene.mgf.photos
+    known = {p.name for p in model.photos}
+    for i in reversed(range(len(photos))):
+        if photos[i].name not in known or (photos[i].name not in names and not len(photos[i].clicks)):
+            photos.remove(i)
+    have = {p.name: p for p in photos}
+    for photo in model.photos:
+        if photo.name in names or photo.name in have:
+            entry = have.get(photo.name) or photos.add()
+            entry.name = photo.name
+            entry.width, entry.height = photo.camera.width, photo.camera.height
+            file = done.photo_folder / photo.name if done.photo_folder is not None else None
+            entry.file = str(file) if file is not None and file.is_file() else ""
+    scene.mgf.photo_index = min(max(scene.mgf.photo_index, 0), max(len(photos) - 1, 0))
+
+
+def _two_points(context: bpy.types.Context) -> list[Vector]:
+    """Two world positions out of the selection: vertices in Edit Mode, else objects."""
+    obj = context.object
+    if obj is not None and obj.mode == "EDIT" and obj.type == "MESH":
+        obj.update_from_editmode()
+        found = [obj.matrix_world @ v.co for v in obj.data.vertices if v.select]
+    else:
+        found = [o.matrix_world.translation.copy() for o in context.selected_objects]
+    if len(found) != 2:
+        raise UserError(f"Select exactly two vertices or two objects; {len(found)} are selected.")
+    return found
+
+
+def fit_on_camera_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Handler: keep the render size in step with the active camera, because Blender keeps it in the scene."""
+    camera = scene.camera
+    if camera is not None and SIZE_KEY in camera and scene.mgf.fit_render and _last.get(scene.name) != camera.name:
+        fit_render(scene, camera)
+    _last[scene.name] = camera.name if camera is not None else ""
+
+
+_last: dict[str, str] = {}  # scene name -> name of the camera seen last
+
+
+def menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Entry of File > Import."""
+    self.layout.operator(MGF_OT_import_colmap.bl_idname, text="COLMAP Scene (.bin/.txt)")
+
+
+CLASSES = (
+    MGF_OT_import_colmap, MGF_OT_reload_scene, MGF_OT_look_through, MGF_OT_set_scale, MGF_OT_set_up_axis, MGF_FH_colmap,
+)  # fmt: skip
+
+
+def register() -> None:
+    """Register operators, the drop handler, the menu entry and the camera handler."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.TOPBAR_MT_file_import.append(menu)
+    bpy.app.handlers.persistent(fit_on_camera_change)
+    bpy.app.handlers.depsgraph_update_post.append(fit_on_camera_change)
+
+
+def unregister() -> None:
+    """Take them away again."""
+    bpy.app.handlers.depsgraph_update_post.remove(fit_on_camera_change)
+    bpy.types.TOPBAR_MT_file_import.remove(menu)
+    _last.clear()
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

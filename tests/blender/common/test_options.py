@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panel's options are the engine's options."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from mgf_blender.common import options
+
+REPO = Path(__file__).resolve().parents[3]
+
+
+def test_committed_schema_is_the_engines():
+    python = REPO / ".venv" / "bin" / "python"
+    if not python.is_file():
+        pytest.skip("the engine's environment (.venv) is not here; make test builds it")
+    command = [str(python), "-m", "mgf_engine", "options", "--json"]
+    engine = subprocess.run(command, capture_output=True, text=True, cwd=REPO, check=True).stdout
+    committed = (REPO / "mgf_blender" / "options.json").read_text(encoding="utf-8")
+    assert engine == committed, "run tools/build_extension.py --options to refresh mgf_blender/options.json"
+
+
+def test_defaults_pass_the_preset_alone(addon):
+    assert options.arguments(addon.options) == ["--set", "preset=standard"]
+
+
+def test_preset_sets_what_it_governs_and_nothing_else(addon):
+    addon.options.opacity_level = 0.4
+    addon.options.preset = "draft"
+    for name, value in options.PRESETS["draft"].items():
+        assert getattr(addon.options, name) == value
+    assert options.changed(addon.options) == {"opacity_level": 0.4}
+
+
+def test_changes_become_arguments(addon):
+    addon.options.resolution = 600
+    addon.options.screening = False
+    addon.options.device = "cpu"
+    text = options.arguments(addon.options)
+    for wanted in ("resolution=600", "screening=false", "device=cpu"):
+        assert wanted in text
+    assert "iterations=7000" in options.arguments(addon.options, also=["iterations", "gone_option"])
+
+
+def test_values_of_an_earlier_job_come_back(addon):
+    options.set_values(addon.options, {"preset": "fine", "resolution": 900, "no_such": 1, "iterations": "many"})
+    assert addon.options.preset == "fine" and addon.options.resolution == 900
+    assert addon.options.iterations == options.PRESETS["fine"]["iterations"]
+
+
+def test_limits_hold(addon):
+    addon.options.resolution = 1
+    assert addon.options.resolution == options.OPTIONS["resolution"]["low"]

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A test double of the engine: speaks its message schema, obeys --cancel-on-eof and --resume, trains nothing.
+
+The environment variable FAKE_ENGINE says how it behaves: ``ok``, ``slow``, ``stubborn`` (ignores requests to stop),
+``silent`` (dies without a word), ``bad`` (bad input), ``full`` (disk full), ``noise`` (prints rubbish too).
+"""
+
+import json
+import os
+import shutil
+import sys
+import threading
+import time
+from pathlib import Path
+
+STAGES = ["scene", "masks", "field", "mesh", "deliver"]
+stop = threading.Event()
+
+
+def send(type_: str, **fields: object) -> None:
+    """One message."""
+    print(json.dumps({"v": 1, "type": type_, "time": time.time(), **fields}), flush=True)
+
+
+def watch() -> None:
+    """Stop when standard input closes."""
+    while sys.stdin.readline():
+        pass
+    stop.set()
+
+
+def main() -> int:
+    """Play one job."""
+    arguments = sys.argv[1:]
+    mode = os.environ.get("FAKE_ENGINE", "ok")
+    if arguments[0] == "doctor":
+        print("mgf 9.9\n  torch 2.13.0\nEverything a job needs is here.")
+        return 0
+    job = Path(arguments[arguments.index("--out") + 1])
+    job.mkdir(parents=True, exist_ok=True)
+    (job / "arguments.json").write_text(json.dumps(arguments))
+    if "--cancel-on-eof" in arguments and mode != "stubborn":
+        threading.Thread(target=watch, daemon=True).start()
+    (job / "log.txt").write_text("log\n")
+    given = {a.split("=")[0]: a.split("=")[1] for a in arguments if "=" in a}
+    (job / "job.json").write_text(json.dumps({"source": arguments[1], "given": given, "stages": {}}))
+    if mode == "bad":
+        send("failed", code=2, text="The scene has no photos; give another folder.", log=None)
+        return 2
+    if mode == "full":
+        send("failed", code=2, text="The disk is full; free some space and run again with --resume.", log=None)
+        return 2
+    send("started", job=str(job), pid=os.getpid(), version="9.9", stages=STAGES)
+    send("warning", text="Two photos are blurred; they count less.")
+    for i, stage in enumerate(STAGES):
+        send("stage", stage=stage, index=i, count=5, cached=False)
+        for step in range(5):
+            if mode == "noise":
+                print('{"type": 5}\n{broken\n\x00\xff', flush=True)
+            if mode == "silent" and stage == "field":
+                print("Segmentation fault in kernel", file=sys.stderr, flush=True)
+                os._exit(77)
+            if stop.is_set():
+                send("failed", code=3, text="Cancelled; run again with --resume to continue.", log=None)
+                return 3
+            send(
+                "progress",
+                stage=stage,
+                fraction=step / 4,
+                overall=(i + step / 4) / 5,
+                seconds_left=12.0,
+                figures={"psnr": 20 + i},
+            )
+            if stage == "field" and step == 2 and os.environ.get("FAKE_PREVIEW"):
+                send("preview", stage=stage, path=os.environ["FAKE_PREVIEW"], title="Iteration 1")
+            time.sleep(0.06 if mode in ("slow", "stubborn") else 0.002)
+    finished = os.environ.get("FAKE_RESULT")
+    if finished and arguments[0] == "reconstruct":
+        shutil.copytree(finished, job, dirs_exist_ok=True)
+    send("result", path=str(job), files={}, figures={"psnr": 27.5})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From the button to the mesh, and everything that can go wrong between."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from mgf_blender.common import runner
+from mgf_blender.common.errors import UserError
+from mgf_blender.common.job import CANCELLED, DONE, FAILED
+from mgf_blender.properties import scene_of
+from mgf_blender.reconstruct import live
+from mgf_blender.reconstruct.operators import interrupted
+from mgf_blender.reconstruct.start import make_job
+from mgf_blender.scene_import.tree import Tree
+
+
+@pytest.fixture
+def ready(addon, engine, house):
+    """An imported house with one click, and an engine whose result is the finished job."""
+    engine("ok", FAKE_RESULT=house.job)
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    click = addon.photos[0].clicks.add()
+    click.uv = (100.5, 80.25)
+    return addon
+
+
+def pump(until, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not until() and time.monotonic() < end:
+        runner.pump()
+        time.sleep(0.01)
+    assert until()
+
+
+def arguments(state) -> list[str]:
+    return json.loads(Path(state.job_folder, "arguments.json").read_text())
+
+
+def test_button_to_mesh(ready, house):
+    assert bpy.ops.mgf.reconstruct() == {"FINISHED"}
+    tree = Tree.find(bpy.context.scene)
+    assert [len(tree.objects(k)) for k in ("Cameras", "Points", "Mesh", "Renders")] == [12, 1, 1, 4]
+    assert json.loads(ready.figures)["psnr"] == 27.5
+    job = runner.jobs(ready.key)[-1]
+    assert job.status == DONE
+    line = arguments(ready)
+    assert line[:2] == ["reconstruct", str(house.folder)] and "preset=standard" in line and "--resume" not in line
+    prompts = json.loads(Path(line[line.index("--prompts") + 1]).read_text())
+    assert prompts == {ready.photos[0].name: {"positive": [[100.5, 80.25]]}}
+
+
+def test_second_run_resumes_in_its_folder(ready):
+    bpy.ops.mgf.reconstruct()
+    bpy.ops.mgf.reconstruct()
+    assert "--resume" in arguments(ready)
+    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+
+
+def test_option_set_back_to_default_reaches_a_resumed_job(ready):
+    ready.options.resolution = 600
+    bpy.ops.mgf.reconstruct()
+    ready.options.resolution = 750
+    bpy.ops.mgf.reconstruct()
+    assert "resolution=750" in arguments(ready)
+
+
+@pytest.mark.parametrize(
+    ("prepare", "words"),
+    [
+        (lambda s: s.photos[0].clicks.clear(), "No point marks the building"),
+        (lambda s: setattr(s, "source", ""), "Import a COLMAP scene or photos first"),
+    ],
+)
+def test_what_is_missing_is_said(ready, prepare, words):
+    prepare(ready)
+    with pytest.raises(RuntimeError, match=words):
+        bpy.ops.mgf.reconstruct()
+    assert runner.jobs() == []
+
+
+def test_no_engine(ready, monkeypatch, tmp_path):
+    monkeypatch.setenv("MGF_ENGINE_PYTHON", str(tmp_path / "gone"))
+    with pytest.raises(RuntimeError, match="There is no Python in"):
+        bpy.ops.mgf.reconstruct()
+    monkeypatch.delenv("MGF_ENGINE_PYTHON")
+    with pytest.raises(RuntimeError, match="The engine is not installed; press Install Engine"):
+        bpy.ops.mgf.reconstruct()
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"), [("bad", "no photos"), ("full", "disk is full"), ("silent", "without a word")]
+)
+def test_failures_reach_the_operator(ready, engine, mode, words):
+    engine(mode)
+    with pytest.raises(RuntimeError, match=words):
+        bpy.ops.mgf.reconstruct()
+    assert runner.jobs()[-1].status == FAILED
+    assert not Tree.find(bpy.context.scene).objects("Mesh")
+
+
+def test_queue_runs_one_after_the_other(ready, engine):
+    engine("slow")
+    jobs = []
+    for i in range(3):
+        ready.job_folder = ready.job_folder + str(i)
+        jobs.append(make_job(bpy.context.scene))
+        runner.submit(jobs[-1])
+    with pytest.raises(UserError, match="already runs in this folder"):
+        runner.submit(make_job(bpy.context.scene))
+    runner.pump()
+    assert [j.status for j in jobs] == ["RUNNING", "QUEUED", "QUEUED"]
+    jobs[1].cancel()
+    pump(lambda: jobs[0].stage == "scene")
+    jobs[0].cancel()
+    pump(lambda: jobs[2].status == "RUNNING")
+    assert [j.status for j in jobs[:2]] == [CANCELLED, CANCELLED]
+
+
+def test_objects_deleted_while_the_job_runs(ready, engine, house):
+    engine("slow", FAKE_RESULT=house.job)
+    job = make_job(bpy.context.scene)
+    runner.submit(job)
+    pump(lambda: job.stage == "scene")
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    pump(lambda: not job.live)
+    assert job.status == DONE and not job.warnings[1:]
+    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+
+
+def test_scene_deleted_while_the_job_runs(ready, engine, house):
+    engine("slow", FAKE_RESULT=house.job)
+    job = make_job(bpy.context.scene)
+    runner.submit(job)
+    pump(lambda: job.stage == "scene")
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert scene_of(job.scene_key) is None
+    pump(lambda: not job.live)
+    assert job.status == DONE and len(bpy.data.meshes) == 0
+
+
+def test_two_scenes_keep_to_themselves(ready, engine, house):
+    first = bpy.context.scene
+    make_job(first)  # gives the first scene its key
+    bpy.ops.scene.new(type="FULL_COPY")
+    second = bpy.context.scene
+    assert second != first
+    second.mgf.job_folder = str(house.folder.parent / "second job")
+    assert not Tree.find(first).objects("Mesh") and not Tree.find(second).objects("Mesh")
+    bpy.ops.mgf.reconstruct()
+    assert first.mgf.key != second.mgf.key
+    assert len(Tree.find(second).objects("Mesh")) == 1 and not Tree.find(first).objects("Mesh")
+
+
+def test_quit_and_reopen_finds_the_job(ready, engine, tmp_path):
+    engine("slow")
+    job = make_job(bpy.context.scene)
+    runner.submit(job)
+    pump(lambda: job.stage == "scene")
+    path = str(tmp_path / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    runner.stop_all()
+    bpy.ops.wm.open_mainfile(filepath=path)
+    scene = bpy.context.scene
+    assert interrupted(scene)
+    assert [tuple(c.uv) for c in scene.mgf.photos[0].clicks] == [(100.5, 80.25)]
+    engine("ok")
+    scene.mgf.import_when_done = False
+    assert bpy.ops.mgf.resume() == {"FINISHED"}
+    assert "--resume" in arguments(scene.mgf)
+
+
+def test_import_of_a_result_is_one_undo_step(ready):
+    ready.import_when_done = False
+    bpy.ops.mgf.reconstruct()
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.mgf.import_result("EXEC_DEFAULT", True)
+    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    bpy.ops.ed.undo()
+    tree = Tree.find(bpy.context.scene)
+    assert len(tree.objects("Cameras")) == 12 and not tree.objects("Mesh") and not tree.objects("Renders")
+    bpy.ops.ed.redo()
+    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+
+
+def test_preview_follows_the_engine(ready, engine, house, tmp_path):
+    from synthetic import write_png
+
+    write_png(tmp_path / "p.png", np.full((4, 6, 3), 200, np.uint8))
+    engine("ok", FAKE_RESULT=house.job, FAKE_PREVIEW=tmp_path / "p.png")
+    bpy.ops.mgf.reconstruct()
+    image = bpy.data.images[live.NAME]
+    assert tuple(image.size) == (6, 4) and abs(image.pixels[0] - 200 / 255) < 0.01
+    write_png(tmp_path / "q.png", np.full((2, 2, 3), 10, np.uint8))
+    live.show(tmp_path / "q.png")
+    assert tuple(image.size) == (2, 2) and live.show(tmp_path / "gone.png") is None
+
+
+def test_broken_result_is_a_sentence_not_a_traceback(ready, engine, house):
+    (house.job / "mesh.ply").write_bytes(b"ply\nend_header\n")
+    bpy.ops.mgf.reconstruct()
+    job = runner.jobs()[-1]
+    assert job.status == DONE and "damaged" in job.warnings[-1]
+    assert not Tree.find(bpy.context.scene).objects("Mesh")
+
+
+def test_photos_alone_start_structure_from_motion(addon, engine, house):
+    engine("ok")
+    folder = house.folder / "images"
+    with pytest.raises(RuntimeError, match="holds no photos"):
+        bpy.ops.mgf.import_photos(directory=str(house.model))
+    addon.job_folder = ""
+    model = folder / "mgf_job" / "scene" / "sfm" / "model"
+    model.mkdir(parents=True)
+    for name in ("cameras.bin", "images.bin", "points3D.bin"):
+        (model / name).write_bytes((house.model / name).read_bytes())
+    assert bpy.ops.mgf.import_photos(directory=str(folder)) == {"FINISHED"}
+    assert arguments(addon)[:2] == ["scene", str(folder)]
+    assert len(Tree.find(bpy.context.scene).objects("Cameras")) == 12 and addon.source == str(folder)
+    assert all(p.file for p in addon.photos)
+
+
+def test_preview_mask_runs_the_masks_stage(ready):
+    assert bpy.ops.mgf.preview_mask() == {"FINISHED"}
+    assert arguments(ready)[0] == "masks"
+
+
+def test_longest_tick_is_recorded(ready):
+    bpy.ops.mgf.reconstruct()
+    assert 0 < runner.longest_tick() < 0.25
