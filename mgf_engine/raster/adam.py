@@ -35,7 +35,7 @@ def adam_step(
         backend: ``cpu`` or ``reference`` (plain torch).
     """
     rows = len(parameter)
-    width = parameter[0].numel() if rows else 1
+    width = parameter.shape[1:].numel()
     active = width if active is None else active
     bias1, bias2 = 1 / (1 - betas[0] ** step), 1 / (1 - betas[1] ** step)
     seen = None if visible is None else visible.to(torch.bool).contiguous()
@@ -68,9 +68,9 @@ def _reference(
     visible: Tensor | None,
     active: int,
 ) -> None:
-    rows = len(parameter)
+    rows, width = len(parameter), parameter.shape[1:].numel()
     seen = torch.ones(rows, dtype=torch.bool) if visible is None else visible
-    p, g, m, v = (t.detach().view(rows, -1)[:, :active] for t in (parameter, gradient, exp_avg, exp_avg_sq))
+    p, g, m, v = (t.detach().view(rows, width)[:, :active] for t in (parameter, gradient, exp_avg, exp_avg_sq))
     rate = lr[:active] if isinstance(lr, Tensor) else lr
     m[seen] = betas[0] * m[seen] + (1 - betas[0]) * g[seen]
     v[seen] = betas[1] * v[seen] + (1 - betas[1]) * g[seen] ** 2

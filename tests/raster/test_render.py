@@ -5,7 +5,17 @@ from __future__ import annotations
 
 import pytest
 import torch
-from rendered import OUTPUTS, TOLERANCES, assert_agrees, assert_gradients_agree, camera, gaussians, leaves, random_weights, run
+from rendered import (
+    OUTPUTS,
+    TOLERANCES,
+    assert_agrees,
+    assert_gradients_agree,
+    camera,
+    gaussians,
+    leaves,
+    random_weights,
+    run,
+)
 
 from mgf_engine.raster import reference
 from mgf_engine.raster.api import RenderStats, render
@@ -19,7 +29,9 @@ def test_one_round_gaussian_in_the_middle(backend: str) -> None:
     x, y = int(view.cx), int(view.cy)
     assert seen.alpha[y, x] == pytest.approx(0.5, abs=0.01)
     assert seen.depth[y, x] / seen.alpha[y, x] == pytest.approx(5.0, abs=0.01)
-    assert torch.allclose(seen.normal[:, y, x] / seen.alpha[y, x], torch.tensor([0.0, 0.0, -1.0]).to(seen.normal), atol=0.05)
+    assert torch.allclose(
+        seen.normal[:, y, x] / seen.alpha[y, x], torch.tensor([0.0, 0.0, -1.0]).to(seen.normal), atol=0.05
+    )
     assert seen.median[y, x] == 0.0 or seen.median[y, x] == pytest.approx(5.0, abs=0.01)
     assert seen.visible.tolist() == [True]
 
