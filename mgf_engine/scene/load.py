@@ -71,6 +71,12 @@ def _load(source: Path, folder: Path, working: Path, config: Config, reporter: R
         model_folder = reconstruct(photo_root, names, folder / "sfm", config, reporter, lambda f: f * start)
         model = read_model(model_folder)
         paths = [photo_root / image.name for image in model.images]
+        left = len(names) - len(model.images)
+        if left:
+            reporter.warning(
+                f"{left} of {len(names)} photos could not be placed and are left out; "
+                "photos taken closer together, with more overlap, would help."
+            )
     else:
         model = read_model(model_folder)
         paths = find_photos([image.name for image in model.images], model_folder, source, exclude)

@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -84,26 +87,49 @@ def test_a_finished_model_is_used_again(
 ) -> None:
     job = tmp_path / "job"
     shutil.copytree(solved, job)
-    monkeypatch.setattr(sfm._Run, "extract", None)
-    monkeypatch.setattr(sfm._Run, "match", None)
+    monkeypatch.setattr(sfm, "_Worker", None)
     assert len(load(photos, job, resolution=200).views) == VIEWS
 
 
-def test_an_interrupted_run_is_taken_up(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stopped after the matches (photos have numbers for names by then), the run goes on with the cameras."""
+@pytest.mark.parametrize("step", ["features", "cameras"])
+def test_an_interrupted_run_is_taken_up(step: str, photos: Path, tmp_path: Path) -> None:
+    """Stopped at any step (photos may have numbers for names by then), the run goes on and ends well."""
     job = tmp_path / "job"
-    with monkeypatch.context() as patch:
-        patch.setattr(sfm._Run, "map", _stop)
-        with pytest.raises(Cancelled):
-            load(photos, job)
+    messages = Messages()
+    messages.reporter._min_interval = 0.0
+    messages.reporter.sinks.append(lambda m: messages.reporter.cancel() if _step(m) == step else None)
+    with pytest.raises(Cancelled):
+        load(photos, job, messages)
     assert not (job / "scene" / "scene.npz").exists()
-    monkeypatch.setattr(sfm._Run, "extract", None)
-    scene = load(photos, job)
+    again = Messages()
+    again.reporter._min_interval = 0.0
+    scene = load(photos, job, again)
     assert [view.name for view in scene.views] == [f"view {i}.png" for i in range(VIEWS)]
+    if step == "cameras":
+        assert "features" not in {_step(m) for m in again.sent}
 
 
-def _stop(*args: object, **options: object) -> None:
-    raise Cancelled("stop")
+def _step(message: dict[str, Any]) -> str:
+    return str(message.get("figures", {}).get("doing", ""))
+
+
+def test_a_crash_of_the_worker_is_one_sentence(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sfm.sys, "executable", "/bin/false")
+    with pytest.raises(BadInput, match="COLMAP ended with code 1"):
+        load(photos, tmp_path / "job")
+
+
+def test_the_worker_ends_with_the_job(photos: Path, solved: Path, tmp_path: Path) -> None:
+    """When the job is killed, the pipe to the worker closes and the worker ends too."""
+    shutil.copytree(solved / "scene" / "sfm", tmp_path / "sfm")
+    shutil.rmtree(tmp_path / "sfm" / "model")
+    (tmp_path / "sfm" / "database.db").unlink()
+    (tmp_path / "sfm" / "names.json").unlink()
+    command = [sys.executable, "-m", "mgf_engine.scene.sfm_worker", str(tmp_path / "sfm")]
+    worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert worker.stdout is not None and worker.stdout.readline() == b"features\n"
+    worker.communicate(timeout=20)
+    assert worker.returncode == 1
 
 
 def test_other_photos_start_anew(photos: Path, solved: Path, tmp_path: Path) -> None:
@@ -114,13 +140,6 @@ def test_other_photos_start_anew(photos: Path, solved: Path, tmp_path: Path) -> 
     scene = load(fewer, tmp_path / "job")
     names = [view.name for view in scene.views]
     assert len(names) >= VIEWS - 2 and "view 6.png" not in names  # a photo at the end may fail to be placed
-
-
-def test_cancelling_stops_the_work(photos: Path, tmp_path: Path) -> None:
-    messages = Messages()
-    messages.reporter.sinks.append(lambda m: messages.reporter.cancel() if "features" in m.get("figures", {}) else None)
-    with pytest.raises(Cancelled):
-        load(photos, tmp_path / "job", messages)
 
 
 @pytest.mark.parametrize("count", [1, 2])

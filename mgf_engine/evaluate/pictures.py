@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures for people: masks over photos, normals, where a render is wrong, and the mesh from all around."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.scene.model import Scene, View
+
+#: Absolute colour error (0..1, mean of the channels) that is drawn in the brightest colour.
+ERROR_LIMIT = 0.25
+_BUILDING_TINT = (255, 170, 40)
+_UNKNOWN_TINT = (200, 60, 220)
+
+
+def mask_overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The photo with the building outlined, elements tinted, the surroundings dimmed and unknown pixels violet."""
+    picture = photo.astype(np.float64)
+    picture[labels == BACKGROUND] *= 0.3
+    picture[labels == UNKNOWN] = 0.4 * picture[labels == UNKNOWN] + 0.6 * np.array(_UNKNOWN_TINT)
+    for label in np.unique(labels):
+        if FIRST_ELEMENT <= label < UNKNOWN:
+            hue = (int(label) * 67) % 180  # neighbours in number are far apart in hue
+            tint = cv2.cvtColor(np.array([[[hue, 200, 255]]], np.uint8), cv2.COLOR_HSV2RGB)[0, 0]
+            picture[labels == label] = 0.55 * picture[labels == label] + 0.45 * tint
+    inside = ((labels >= BUILDING) & (labels != UNKNOWN)).astype(np.uint8)
+    width = max(3, round(max(labels.shape) / 250) | 1)
+    outline = cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((width, width), np.uint8)) > 0
+    picture[outline] = _BUILDING_TINT
+    return picture.clip(0, 255).astype(np.uint8)
+
+
+def normal_picture(normals: NDArray[np.floating], alpha: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Normals [h, w, 3] as colours: red to the right, green up, blue towards the camera; white where alpha is 0.
+
+    Args:
+        normals: in the camera's frame (x right, y down, z forward), of any length.
+        alpha: [h, w] in 0..1.
+    """
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    unit = np.where(length > 1e-6, normals / np.maximum(length, 1e-6), 0.0)
+    colors = 127.5 + 127.5 * unit * (1.0, -1.0, -1.0)
+    cover = np.clip(alpha, 0.0, 1.0)[..., None]
+    return (cover * colors + (1.0 - cover) * 255.0).clip(0, 255).astype(np.uint8)
+
+
+def error_picture(photo: NDArray[np.uint8], render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Absolute colour error inside the mask, dark (none) to yellow (:data:`ERROR_LIMIT` or more)."""
+    error = np.abs(photo.astype(np.float64) - render).mean(-1) / 255.0 / ERROR_LIMIT
+    colors = cv2.applyColorMap((error.clip(0, 1) * 255).astype(np.uint8), cv2.COLORMAP_INFERNO)
+    return np.where(mask[..., None], cv2.cvtColor(colors, cv2.COLOR_BGR2RGB), 40).astype(np.uint8)
+
+
+def on_white(render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The render inside the mask, white outside."""
+    return np.where(mask[..., None], render, 255).astype(np.uint8)
+
+
+def turntable(mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = (480, 360)) -> list[NDArray[np.uint8]]:
+    """The mesh (normalised frame) from ``count`` sides; up is where the photographers' cameras say it is.
+
+    Returns:
+        RGB uint8 [height, width, 3] each; nothing for a mesh without faces.
+    """
+    from mgf_engine.mesh.view import shaded
+
+    if not len(mesh.faces):
+        return []
+    return [shaded(mesh, view, color=True) for view in turntable_views(mesh, scene, count, size)]
+
+
+def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:
+    """Cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side."""
+    up = -np.mean([view.rotation[1] for view in scene.views], axis=0)
+    up = up / np.linalg.norm(up) if np.linalg.norm(up) > 1e-6 else np.array([0.0, -1.0, 0.0])
+    low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
+    centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    towards = np.mean([view.centre for view in scene.views], axis=0) - centre
+    side = towards - up * (towards @ up)
+    if np.linalg.norm(side) < 1e-3 * radius:  # photographed from all around: any side may come first
+        side = scene.views[0].centre - centre
+        side -= up * (side @ up)
+    if np.linalg.norm(side) < 1e-9:
+        side = np.cross(up, [0.3, 0.5, 0.8])
+    side /= np.linalg.norm(side)
+    other = np.cross(up, side)
+    angles = np.arange(count) * 2 * np.pi / count
+    return [_looking_at(centre, side * np.cos(a) + other * np.sin(a), up, radius, size) for a in angles]
+
+
+def _looking_at(
+    centre: NDArray[np.float64],
+    side: NDArray[np.float64],
+    up: NDArray[np.float64],
+    radius: float,
+    size: tuple[int, int],
+) -> View:
+    lift = np.radians(25)
+    distance = 3.2 * radius
+    eye = centre + distance * (np.cos(lift) * side + np.sin(lift) * up)
+    forward = (centre - eye) / distance
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    width, height = size
+    focal = 0.46 * min(size) * distance / radius
+    return View(
+        name="turntable", file="", width=width, height=height, fx=focal, fy=focal, cx=width / 2, cy=height / 2,
+        rotation=rotation, translation=-rotation @ eye, original_width=width, original_height=height,
+    )  # fmt: skip

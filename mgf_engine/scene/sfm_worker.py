@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Structure from motion in a process of its own: ``python -m mgf_engine.scene.sfm_worker FOLDER``.
+
+A crash inside COLMAP ends this process and not the job, cancelling is ending it, and its memory goes with it. It says
+on stdout which step it is at (``features``, ``pairs COUNT``, ``camera`` per placed photo) and ends when its stdin
+closes, so that it never outlives the job. While pairs are matched the database calls photos by number, because
+COLMAP's list of pairs cannot hold names with spaces; the model gets the real names back.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from mgf_engine.scene.pairs import choose_pairs
+from mgf_engine.system import write_json
+
+TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
+#: Fewest photos of a model.
+FEWEST = 3
+_MAX_SIDE = 1600
+
+
+def main(folder: Path) -> int:
+    """Run or go on with the task in ``folder``; exit code 0 with a model written, 3 when none was found."""
+    task: dict[str, Any] = json.loads((folder / TASK).read_text(encoding="utf-8"))
+    pycolmap.logging.minloglevel = 2
+    pycolmap.set_random_seed(task["seed"])
+    if not (folder / NAMES).exists():
+        _say("features")
+        _extract(folder, task)
+    names = {int(key): name for key, name in json.loads((folder / NAMES).read_text(encoding="utf-8")).items()}
+    _match(folder, task, names)
+    _say("cameras")
+    models = _map(folder, task)
+    best = max(models.values(), key=lambda m: m.num_reg_images(), default=None)
+    if best is None or best.num_reg_images() < FEWEST:
+        return 3
+    for image_id, image in best.images.items():
+        image.name = names[image_id]
+    best.extract_colors_for_all_images(task["root"])
+    partial = folder / (MODEL + ".part")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    best.write_binary(partial)
+    os.replace(partial, folder / MODEL)
+    return 0
+
+
+def _extract(folder: Path, task: dict[str, Any]) -> None:
+    """SIFT features of every photo; the photos' names by image id are kept when all are done."""
+    options = pycolmap.FeatureExtractionOptions()
+    options.max_image_size, options.use_gpu, options.num_threads = _MAX_SIDE, False, task["threads"]
+    mode = pycolmap.CameraMode.SINGLE if task["one_camera"] else pycolmap.CameraMode.AUTO
+    pycolmap.extract_features(
+        folder / DATABASE, task["root"], image_names=task["names"], camera_mode=mode, extraction_options=options,
+        device=pycolmap.Device.cpu,
+    )  # fmt: skip
+    with pycolmap.Database.open(folder / DATABASE) as database:
+        write_json(folder / NAMES, {int(image.image_id): image.name for image in database.read_all_images()})
+
+
+def _match(folder: Path, task: dict[str, Any], names: dict[int, str]) -> None:
+    """Matches of the chosen pairs, checked by epipolar geometry."""
+    ids = sorted(names, key=lambda i: names[i])
+    with pycolmap.Database.open(folder / DATABASE) as database:
+        pairs = choose_pairs(database, ids, task["exhaustive"], task["seed"])
+        for image in database.read_all_images():
+            image.name = _number(image.image_id)
+            database.update_image(image)
+    _say(f"pairs {len(pairs)}")
+    listing = folder / "pairs.txt"
+    listing.write_text("".join(f"{_number(ids[i])} {_number(ids[j])}\n" for i, j in pairs), encoding="ascii")
+    options = pycolmap.FeatureMatchingOptions()
+    options.use_gpu, options.num_threads = False, task["threads"]
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = listing
+    pycolmap.match_image_pairs(
+        folder / DATABASE, matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu
+    )
+
+
+def _map(folder: Path, task: dict[str, Any]) -> dict[int, pycolmap.Reconstruction]:
+    """Cameras and points: every model the mapper finds."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_model_size, options.extract_colors = FEWEST, False
+    options.num_threads, options.random_seed = task["threads"], task["seed"]
+    output = folder / "mapper"
+    shutil.rmtree(output, ignore_errors=True)
+    output.mkdir()
+    models = pycolmap.incremental_mapping(
+        folder / DATABASE, task["root"], output, options=options, next_image_callback=lambda: _say("camera")
+    )
+    shutil.rmtree(output, ignore_errors=True)
+    return dict(models)
+
+
+def _number(image_id: int) -> str:
+    return f"{image_id:08d}"
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _end_with_the_job() -> None:
+    while os.read(0, 1024):  # not sys.stdin: its lock, held here, would stop the interpreter from ending
+        pass
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    threading.Thread(target=_end_with_the_job, daemon=True).start()
+    sys.exit(main(Path(sys.argv[1])))
