@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Headless: import a COLMAP scene and a job's results and save a .blend, without a window.
+"""Headless: run a job, import a COLMAP scene and the job's results, and save a .blend, without a window.
 
     blender -b --python mgf_blender/batch.py -- --scene SCENE --job JOB --out demo.blend
     python mgf_blender/batch.py --scene SCENE --job JOB --out demo.blend        (an environment with bpy)
+    … --reconstruct --engine PYTHON --prompts FILE --set preset=draft            (runs the engine first)
 
 Exit codes are the engine's: 0 done, 2 bad input, 3 cancelled, 1 fault.
 """
@@ -12,9 +13,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib.util
+import json
 import os
 import sys
+import traceback
 from pathlib import Path
+from typing import Any
 
 EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
 
@@ -27,6 +31,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--job", type=Path, help="job folder: mesh, renders, figures")
     p.add_argument("--out", type=Path, required=True, help="the .blend to write")
     p.add_argument("--keep-axes", action="store_true", help="keep the model's axes instead of turning it upright")
+    p.add_argument("--reconstruct", action="store_true", help="run the engine on the scene first; resumes a begun job")
+    p.add_argument("--engine", type=Path, help="Python or environment that has the engine")
+    p.add_argument("--prompts", type=Path, help="clicks on the building, for --reconstruct")
+    p.add_argument("--masks", type=Path, help="folder of your own masks, for --reconstruct")
+    p.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the engine")
+    p.add_argument("--progress", choices=("plain", "json"), default="plain", help="how the engine's progress is shown")
     p.add_argument("--picture", type=Path, help="also render the mesh to this PNG")
     p.add_argument("--picture-engine", choices=("cycles", "workbench", "eevee"), default="cycles")
     p.add_argument("--picture-size", type=int, nargs=2, default=(1280, 800), metavar=("W", "H"))
@@ -38,52 +48,129 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str]) -> int:
     """Run with the given arguments; returns the exit code."""
     package = _package()
-    import bpy
-
     UserError = importlib.import_module(f"{package}.common.errors").UserError
-    args = parser().parse_args(argv)
+    try:
+        args = parser().parse_args(argv)
+    except SystemExit as error:
+        return int(error.code or 0)
     try:
         if args.scene is None and args.job is None:
             raise UserError("Nothing to import; give --scene, --job or both.")
-        _run(package, args, bpy)
+        if args.reconstruct:
+            code = _reconstruct(package, args)
+            if code != EXIT_DONE:
+                return code
+        _import(package, args)
     except UserError as error:
-        print(f"mgf: {error}", file=sys.stderr)
+        print(f"Error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        print("mgf: cancelled", file=sys.stderr)
+        print("Error: Cancelled; run again to continue.", file=sys.stderr)
         return EXIT_CANCELLED
+    except Exception:
+        traceback.print_exc()
+        return EXIT_FAULT
     return EXIT_DONE
 
 
-def _run(package: str, args: argparse.Namespace, bpy) -> None:
+def _reconstruct(package: str, args: argparse.Namespace) -> int:
+    """Run the engine as the panel does, but wait for it; returns its exit code."""
+    job_module = importlib.import_module(f"{package}.common.job")
+    environment = importlib.import_module(f"{package}.engine.environment")
+    errors = importlib.import_module(f"{package}.common.errors")
+    if args.scene is None or args.job is None:
+        raise errors.UserError("A reconstruction needs --scene and --job.")
+    if args.engine is not None:
+        os.environ[environment.VARIABLE] = str(args.engine)
+    command = ["reconstruct", str(args.scene.absolute()), "--out", str(args.job.absolute()), "--progress", "json"]
+    command.append("--cancel-on-eof")
+    for flag, path in (("--prompts", args.prompts), ("--masks", args.masks)):
+        if path is not None:
+            command += [flag, str(path.absolute())]
+    for text in args.set:
+        command += ["--set", text]
+    if (args.job / "job.json").is_file():
+        command.append("--resume")
+    show = _show_json if args.progress == "json" else _Plain()
+    job = job_module.Job(environment.engine_command(*command), args.job.absolute(), "job", on_message=show)
+    code = job.run()
+    if code != EXIT_DONE:
+        if args.progress == "plain":
+            where = f" (log: {job.log})" if job.log and code == EXIT_FAULT else ""
+            print(f"Error: {job.text}{where}", file=sys.stderr)
+        if code == EXIT_FAULT and not job.log:
+            print("\n".join(job.last_errors), file=sys.stderr)
+    return code if code in (EXIT_DONE, EXIT_BAD_INPUT, EXIT_CANCELLED) else EXIT_FAULT
+
+
+def _show_json(job: Any, message: dict[str, Any]) -> None:
+    print(json.dumps(message, ensure_ascii=False, separators=(",", ":")), flush=True)
+
+
+class _Plain:
+    """A line per stage, per tenth of a stage, and per warning."""
+
+    def __init__(self) -> None:
+        self._shown = -1
+
+    def __call__(self, job: Any, message: dict[str, Any]) -> None:
+        kind = message["type"]
+        if kind == "stage":
+            self._shown = -1
+            print(f"[{job.stage_index + 1}/{job.stage_count}] {job.stage}", flush=True)
+        elif kind == "progress" and int(job.fraction * 10) > self._shown:
+            self._shown = int(job.fraction * 10)
+            left = "" if job.seconds_left is None else f"  {job.seconds_left:.0f} s left"
+            figures = "  ".join(f"{k} {v}" for k, v in job.figures.items())
+            print(f"  {job.fraction:4.0%}{left}  {figures}", flush=True)
+        elif kind == "warning":
+            print(f"Warning: {message.get('text', '')}", flush=True)
+
+
+def _import(package: str, args: argparse.Namespace) -> None:
+    import bpy
+
     load_scene = importlib.import_module(f"{package}.scene_import.load")
     load_result = importlib.import_module(f"{package}.results.load")
-    errors = importlib.import_module(f"{package}.common.errors")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene, tree = bpy.context.scene, None
-    if args.scene is not None:
-        done = load_scene.import_scene(scene, args.scene, args.photos, upright=not args.keep_axes)
+    source = _model_source(args)
+    if source is not None:
+        photos = args.photos or (args.scene if source != args.scene else None)
+        done = load_scene.import_scene(scene, source, photos, upright=not args.keep_axes)
         tree = done.tree
-        print(f"mgf: {done.cameras} cameras, {done.points} points", *done.warnings, sep="\nmgf: ")
+        print(f"{done.cameras} cameras, {done.points} points", *done.warnings, sep="\n")
     if args.job is not None:
         result = load_result.import_result(scene, args.job, tree)
         tree = result.tree
         faces = len(result.mesh.data.polygons) if result.mesh is not None else 0
-        print(f"mgf: mesh of {faces} faces, {result.renders} renders")
+        print(f"Mesh of {faces} faces, {result.renders} renders")
     _dress(scene)
     if args.picture is not None:
-        if not tree.objects("Mesh"):
-            raise errors.UserError("There is no mesh to make a picture of; give --job with a finished job.")
-        picture = importlib.import_module(f"{package}.results.picture")
-        path = args.picture.absolute()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        picture.render_picture(
-            scene, tree, path, tuple(args.picture_size), args.picture_samples, args.picture_engine.upper(),
-            args.picture_turn,
-        )  # fmt: skip
-        print(f"mgf: picture {path}")
+        _picture(package, args, scene, tree)
+    errors = importlib.import_module(f"{package}.common.errors")
     save(bpy, args.out.absolute(), errors.UserError)
-    print(f"mgf: saved {args.out}")
+    print(f"Saved {args.out}")
+
+
+def _model_source(args: argparse.Namespace) -> Path | None:
+    """The COLMAP model to import: the scene's own, or the one the engine found for a folder of photos."""
+    found = args.job / "scene" / "sfm" / "model" if args.job is not None else None
+    if args.scene is not None and found is not None and (found / "images.bin").is_file():
+        return found
+    return args.scene
+
+
+def _picture(package: str, args: argparse.Namespace, scene: Any, tree: Any) -> None:
+    if not tree.objects("Mesh"):
+        errors = importlib.import_module(f"{package}.common.errors")
+        raise errors.UserError("There is no mesh to make a picture of; give --job with a finished job.")
+    picture = importlib.import_module(f"{package}.results.picture")
+    path = args.picture.absolute()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    size, engine = tuple(args.picture_size), args.picture_engine.upper()
+    picture.render_picture(scene, tree, path, size, args.picture_samples, engine, args.picture_turn)
+    print(f"Picture {path}")
 
 
 def _dress(scene) -> None:

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import bpy
@@ -62,6 +65,38 @@ def test_bad_input_is_one_sentence_and_code_2(tmp_path, arguments, words):
     assert done.returncode == 2
     assert words in done.stderr and "Traceback" not in done.stderr and len(done.stderr.strip().splitlines()) == 1
     assert not out.exists()
+
+
+def test_reconstruct_runs_the_engine_and_passes_its_code_on(house, engine, tmp_path):
+    engine("ok", FAKE_RESULT=house.job)
+    job, out = tmp_path / "new job", tmp_path / "a.blend"
+    arguments = ["--reconstruct", "--scene", house.folder, "--job", job, "--out", out, "--set", "preset=draft"]
+    done = run(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert "[3/5] field" in done.stdout and "Mesh of 16 faces" in done.stdout and out.is_file()
+    given = json.loads((job / "arguments.json").read_text())
+    assert "preset=draft" in given and "--resume" not in given
+    done = run(*arguments, "--progress", "json")
+    types = [json.loads(line)["type"] for line in done.stdout.splitlines() if line.startswith("{")]
+    assert types[0] == "started" and types[-1] == "result"
+    assert "--resume" in json.loads((job / "arguments.json").read_text())
+    for mode, code, words in (("bad", 2, "no photos"), ("silent", 1, "without a word")):
+        engine(mode)
+        done = run(*arguments)
+        assert done.returncode == code and words in done.stderr and "Traceback" not in done.stderr
+
+
+def test_ctrl_c_cancels_the_engine(house, engine, tmp_path):
+    engine("slow")
+    job = tmp_path / "job"
+    command = [sys.executable, str(BATCH), "--reconstruct", "--scene", str(house.folder), "--job", str(job)]
+    process = subprocess.Popen([*command, "--out", str(tmp_path / "a.blend")], stderr=subprocess.PIPE, text=True)
+    while not (job / "arguments.json").exists() and process.poll() is None:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 3 and "Cancelled" in errors and "Traceback" not in errors
+    assert not (tmp_path / "a.blend").exists()
 
 
 def test_unwritable_place(house):
