@@ -77,6 +77,31 @@ def make_scene(name: str, spec: SceneSpec, blender: Path | None = None, threads:
 
 
 def _make(folder: Path, name: str, spec: SceneSpec, blender: Path | None, threads: int, say: Say) -> None:
+    building, extent, shots, labels = render_views(folder, spec, blender, threads, say)
+    _write_truth(folder / "truth.ply", building)
+    _write_models(folder, spec, shots, say)
+    click_prompts(folder / "prompts.json", [s.name for s in shots], _poses(shots), labels)
+    middle = [*extent.mean(0), 5.0]
+    distance = float(np.median([np.linalg.norm(eye - middle) for eye in _poses(shots)[:, :3]]))
+    camera = camera_of(spec)
+    record = {
+        "name": name, "version": GENERATOR_VERSION, "unit": "metre", "up": "z", "spec": spec_dict(spec),
+        "camera": dict(zip(("width", "height", "fx", "fy", "cx", "cy"), camera, strict=True)),
+        "ground_pixel": distance / camera[2],
+        "elements": {key: value for key, value in element_ids(building).items() if value >= FIRST_ELEMENT},
+    }  # fmt: skip
+    write_text(folder / "scene.json", json.dumps(record, indent=1))
+
+
+def render_views(
+    folder: Path, spec: SceneSpec, blender: Path | None, threads: int, say: Say
+) -> tuple[list[Part], NDArray[np.float64], list[Shot], list[NDArray[np.uint8]]]:
+    """Photos and true masks of a scene; pictures that are there already are kept.
+
+    Returns:
+        the building's parts, its extent [2, 2] on the ground, the shots, and the true level-one masks.
+    """
+    (folder / "work").mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(spec.seed)
     building = BUILDINGS[spec.building](spec.wall)
     corners = np.concatenate([p.vertices[:, :2] for p in building])
@@ -85,23 +110,10 @@ def _make(folder: Path, name: str, spec: SceneSpec, blender: Path | None, thread
     shots = plan(spec.photos, extent, spec.rings, nadir, spec.exposure, spec.exposure_spread, rng)
     eyes = _poses(shots)[:, :3]
     around = surroundings(extent, eyes, rng, spec.trees, spec.trees_in_front, spec.neighbours, spec.cars, spec.wall)
-    ids = element_ids(building)
-    _write_job(folder, spec, [*building, *around], ids, shots, threads)
+    _write_job(folder, spec, [*building, *around], element_ids(building), shots, threads)
     _run_blender(folder, blender, say)
     _develop(folder, spec, shots)
-    labels = _write_masks(folder, shots)
-    _write_truth(folder / "truth.ply", building)
-    _write_models(folder, spec, shots, say)
-    click_prompts(folder / "prompts.json", [s.name for s in shots], _poses(shots), labels)
-    elements = {key: value for key, value in ids.items() if value >= FIRST_ELEMENT}
-    ground_pixel = float(
-        np.median([np.linalg.norm(-s.rotation.T @ s.translation - [*extent.mean(0), 5.0]) for s in shots])
-        / camera_of(spec)[2]
-    )
-    record = {"name": name, "version": GENERATOR_VERSION, "spec": spec_dict(spec), "elements": elements,
-              "camera": dict(zip(("width", "height", "fx", "fy", "cx", "cy"), camera_of(spec), strict=True)),
-              "ground_pixel": ground_pixel, "unit": "metre", "up": "z"}  # fmt: skip
-    write_text(folder / "scene.json", json.dumps(record, indent=1))
+    return building, extent, shots, _write_masks(folder, shots)
 
 
 def camera_of(spec: SceneSpec) -> tuple[int, int, float, float, float, float]:

@@ -106,6 +106,12 @@ class Surface:
         squared, face, spot = self._tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         return squared, face, spot
 
+    def first_hits(self, eye: Points, rays: Points) -> tuple[Faces, Points]:
+        """First face each ray from one eye meets [N] (-1: none), and where along the ray (1: at its end) [N]."""
+        origins = np.repeat(eye[None], len(rays), axis=0)
+        face, share, _ = self._tree.intersect_ray_first(self.vertices, self.faces, origins, rays)
+        return face, share
+
     def seen_by(self, points: Points, cameras: Sequence[SeeingCamera]) -> NDArray[np.bool_]:
         """Which points on this surface some camera sees: in front, in frame, in its mask, nothing between; [N]."""
         seen = np.zeros(len(points), dtype=bool)
@@ -117,9 +123,7 @@ class Surface:
             if len(left) == 0:
                 continue
             eye = -camera.rotation.T @ camera.translation
-            rays = points[left] - eye
-            origins = np.repeat(eye[None], len(left), axis=0)
-            face, share, _ = self._tree.intersect_ray_first(self.vertices, self.faces, origins, rays)
+            face, share = self.first_hits(eye, points[left] - eye)
             seen[left[(face < 0) | (share > 1.0 - 1e-4)]] = True
         return seen
 
