@@ -8,6 +8,7 @@ import contextlib
 import errno
 import json
 import logging
+import os
 import signal
 import sys
 import threading
@@ -120,6 +121,8 @@ def _given_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _job_command(args: argparse.Namespace) -> int:
+    # Must be set before torch is loaded: idle OpenMP threads would spin and take the cores from the kernels.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     reporter = Reporter(make_sink(args.progress))
     log_path: Path | None = None
     try:

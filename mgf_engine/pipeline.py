@@ -109,11 +109,12 @@ def _run_masks(job: Job, reporter: Reporter) -> Figures:
 
 def _run_field(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.field.export import write_splats
-    from mgf_engine.field.trainer import train
+    from mgf_engine.field.trainer import CHECKPOINT, train
 
     scene, masks = load_inputs(job)
     field, figures = train(scene, masks, job.config, job.path("checkpoints"), reporter)
     write_splats(field, scene.to_normalised, job.path("field.ply"))
+    job.path("checkpoints", CHECKPOINT).unlink(missing_ok=True)
     return figures
 
 

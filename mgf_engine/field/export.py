@@ -58,8 +58,8 @@ def rotate_sh(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     directions = np.random.default_rng(0).normal(size=(200, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    here = sh_basis(torch.from_numpy(directions), 3).numpy()
-    there = sh_basis(torch.from_numpy(directions @ rotation.T), 3).numpy()
+    here = sh_basis(torch.from_numpy(directions)).numpy()
+    there = sh_basis(torch.from_numpy(directions @ rotation.T)).numpy()
     return np.linalg.lstsq(here, there, rcond=None)[0]
 
 

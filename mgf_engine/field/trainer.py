@@ -34,6 +34,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.scene.model import Scene
 
+CHECKPOINT = "training.npz"
 _PREVIEW_SECONDS = 15.0
 _CURVE_POINTS = 200
 _DENSE_SHARE = 0.5  # of the Gaussians' budget may be dense starting points
@@ -67,7 +68,7 @@ class _Trainer:
         self.targets: dict[int, Target | None] = {}
         self.factor = 0
         self.seconds: dict[str, float] = defaultdict(float)
-        self.checkpoint_path = folder / "training.npz"
+        self.checkpoint_path = folder / CHECKPOINT
         found = read_checkpoint(self.checkpoint_path)
         if found is None:
             field = start_field(scene, masks, self.views, config, reporter)
@@ -104,8 +105,8 @@ class _Trainer:
                 shown = now
             self._report(share)
         field = self.optimiser.field
+        self._save()  # a stop between here and the end of the stage costs no training
         write_field(field, self.folder / "field.npz")
-        self.checkpoint_path.unlink(missing_ok=True)
         return field, self._final_figures()
 
     @contextmanager

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from mgf_engine.field.density import rotation_matrices
+from mgf_engine.field.export import rotate_sh, write_splats
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.raster.reference import sh_basis
+from mgf_engine.scene.model import Similarity
+
+
+def random_field(count: int = 30) -> Gaussians:
+    random = torch.Generator().manual_seed(0)
+    return Gaussians(
+        *(torch.randn(count, *s, generator=random) for s in ((3,), (3,), (4,), (), (16, 3))),
+        filter_3d=torch.rand(count, generator=random) * 0.1,
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rotated_harmonics_give_the_same_colour_in_the_turned_direction(seed: int) -> None:
+    rotation = Rotation.random(random_state=seed).as_matrix()
+    directions = np.random.default_rng(seed).normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    coefficients = np.random.default_rng(9).normal(size=16)
+    before = sh_basis(torch.from_numpy(directions @ rotation.T)).numpy() @ coefficients
+    after = sh_basis(torch.from_numpy(directions)).numpy() @ (rotate_sh(rotation) @ coefficients)
+    np.testing.assert_allclose(after, before, atol=1e-10)
+
+
+def test_splats_are_the_same_gaussians_in_the_scene_frame(tmp_path) -> None:
+    field = random_field()
+    frame = Similarity(2.5, Rotation.random(random_state=1).as_matrix(), np.array([1.0, -2, 3]))
+    path = tmp_path / "field Ü.ply"
+    write_splats(field, frame, path)
+    raw = path.read_bytes()
+    header, body = raw.split(b"end_header\n", 1)
+    names = [line.split()[2].decode() for line in header.splitlines() if line.startswith(b"property")]
+    table = np.frombuffer(body, "<f4").reshape(len(field), len(names))
+    column = {name: table[:, i] for i, name in enumerate(names)}
+    assert len(names) == 62
+    position = np.stack([column[n] for n in "xyz"], 1)
+    np.testing.assert_allclose(frame.apply(position.astype(float)), field.positions.numpy(), atol=1e-5)
+    opacity = 1 / (1 + np.exp(-column["opacity"]))
+    np.testing.assert_allclose(opacity, field.opacities.numpy(), rtol=1e-4, atol=2e-6)
+    quaternion = torch.from_numpy(np.stack([column[f"rot_{i}"] for i in range(4)], 1))
+    scales = np.exp(np.stack([column[f"scale_{i}"] for i in range(3)], 1)) * frame.scale
+    turned = frame.rotation @ rotation_matrices(quaternion).numpy()
+    covariance = np.einsum("nij,nj,nkj->nik", turned, scales**2, turned)
+    own = rotation_matrices(field.rotations)
+    expected = torch.einsum("nij,nj,nkj->nik", own, field.scales**2, own).numpy()
+    np.testing.assert_allclose(covariance, expected, rtol=2e-3, atol=1e-4)
