@@ -53,15 +53,49 @@ INLINE v16 shifted_depth(v16 inv_t, v16 before, v16 *first, float scale) {
     return scale * (*first - inv_t);
 }
 
-// Blocks of the tile at (ox, oy) that the extents of the footprint overlap, one bit each, row by row.
+typedef float v8 __attribute__((vector_size(32), aligned(32)));
+typedef int32_t i8 __attribute__((vector_size(32), aligned(32)));
+
+INLINE v8 choose8(i8 m, v8 a, v8 b) { return (v8)((m & (i8)a) | (~m & (i8)b)); }
+INLINE v8 limit8(v8 x, v8 low, v8 high) {
+    x = choose8(x > low, x, low);
+    return choose8(x < high, x, high);
+}
+INLINE v8 sqrt8(v8 x) {
+#if defined(__AVX2__)
+    return (v8)_mm256_sqrt_ps((__m256)x);
+#else
+    for (int i = 0; i < 8; i++) x[i] = __builtin_sqrtf(x[i]);
+    return x;
+#endif
+}
+INLINE v8 floor8(v8 x) {
+#if defined(__AVX2__)
+    return (v8)_mm256_floor_ps((__m256)x);
+#else
+    for (int i = 0; i < 8; i++) x[i] = __builtin_floorf(x[i]);
+    return x;
+#endif
+}
+
+// Blocks of the tile at (ox, oy) that the footprint touches, one bit each, row by row. The footprint spans one interval of
+// columns in each of the four rows of blocks (footprint.h, tile_columns): lanes 0-3 find its right end, lanes 4-7 its left.
 INLINE uint32_t blocks_of(const float *g, float ox, float oy) {
-    int x0 = (int)__builtin_floorf(g[REC_X0] - ox), x1 = (int)__builtin_floorf(g[REC_X1] - ox);
-    int y0 = (int)__builtin_floorf(g[REC_Y0] - oy), y1 = (int)__builtin_floorf(g[REC_Y1] - oy);
-    if (x1 < 0 || y1 < 0 || x0 > TILE - 1 || y0 > TILE - 1) return 0;
-    x0 = x0 < 0 ? 0 : x0 >> 2, x1 = x1 > TILE - 1 ? 3 : x1 >> 2;
-    y0 = y0 < 0 ? 0 : y0 >> 2, y1 = y1 > TILE - 1 ? 3 : y1 >> 2;
-    const uint32_t columns = ((2u << x1) - (1u << x0)) * 0x1111u, rows = (16u << (4 * y1)) - (1u << (4 * y0));
-    return columns & rows;
+    const float y = 0.5f * (g[REC_Y0] + g[REC_Y1]) - oy, half_y = 0.5f * (g[REC_Y1] - g[REC_Y0]);
+    const float x = 0.5f * (g[REC_X0] + g[REC_X1]) - ox;
+    const v8 side = {1, 1, 1, 1, -1, -1, -1, -1};
+    const v8 top = (v8){.48f, 4.48f, 8.48f, 12.48f, .48f, 4.48f, 8.48f, 12.48f} - y;  // half a pixel less the margin
+    const v8 bottom = top + 3.04f;
+    const i8 inside = (top < half_y) & (bottom > -half_y);
+    const v8 at = limit8(side * g[REC_Y_RIGHT], top, bottom);
+    const v8 square = g[REC_WIDTH2] - g[REC_FALL] * at * at;
+    const v8 reach = sqrt8(choose8(square > 0.0f, square, (v8){0})) + (0.02f + 1e-3f * __builtin_sqrtf(g[REC_WIDTH2]));
+    // right: last column = floor((end - 0.5) / 4); left: first column = ceil((end - 3.5) / 4) = floor((end - 0.5 + 0.25 - ..) / 4)
+    const v8 end = x + g[REC_SLOPE] * at + side * reach;
+    v8 column = floor8(side * (0.25f * end - (v8){.125f, .125f, .125f, .125f, .875f, .875f, .875f, .875f}));
+    column = limit8(side * column + (v8){1, 1, 1, 1, 0, 0, 0, 0}, (v8){0}, (v8){4, 4, 4, 4, 4, 4, 4, 4});
+    const i8 bits = (((i8){1, 1, 1, 1, 1, 1, 1, 1} << __builtin_convertvector(column, i8)) & inside) << (i8){0, 4, 8, 12, 0, 4, 8, 12};
+    return (uint32_t)((bits[0] - bits[4]) + (bits[1] - bits[5]) + (bits[2] - bits[6]) + (bits[3] - bits[7]));
 }
 
 // Records that come soon are fetched while the present one is blended.

@@ -39,6 +39,7 @@ static inline void make_footprint(float *record, double k, const Camera *camera,
           __builtin_fabs(y) < FOOTPRINT_FAR)) {
         *out = (Footprint){.whole = 1};
         record[REC_X0] = record[REC_Y0] = -FOOTPRINT_FAR, record[REC_X1] = record[REC_Y1] = FOOTPRINT_FAR;
+        record[REC_SLOPE] = record[REC_FALL] = record[REC_Y_RIGHT] = 0.0f, record[REC_WIDTH2] = FOOTPRINT_FAR * FOOTPRINT_FAR;
         record[REC_RADIUS] = diagonal;
         return;
     }
@@ -46,6 +47,8 @@ static inline void make_footprint(float *record, double k, const Camera *camera,
     out->slope = (float)(-b / a), out->width2 = (float)(v / a), out->fall = (float)(det / (a * a));
     out->y_right = (float)(-b / d * half_x), out->half_y = (float)half_y;
     out->whole = 0;
+    record[REC_SLOPE] = out->slope, record[REC_WIDTH2] = out->width2;
+    record[REC_FALL] = out->fall, record[REC_Y_RIGHT] = out->y_right;
     record[REC_X0] = (float)(x - half_x) - FOOTPRINT_MARGIN, record[REC_X1] = (float)(x + half_x) + FOOTPRINT_MARGIN;
     record[REC_Y0] = (float)(y - half_y) - FOOTPRINT_MARGIN, record[REC_Y1] = (float)(y + half_y) + FOOTPRINT_MARGIN;
     const float radius = (float)(half_x > half_y ? half_x : half_y);

@@ -29,6 +29,7 @@ enum {
     REC_RAY2 = 23,                                 // |r_c|^2 = d_c' S^-1 d_c; |r|^2 = REC_RAY2 * A
     REC_X0 = 24, REC_X1 = 25,                      // footprint in x
     REC_RADIUS = 26,                               // larger half extent of the footprint, pixels (half the diagonal at most)
+    REC_SLOPE = 27, REC_WIDTH2 = 28, REC_FALL = 29, REC_Y_RIGHT = 30,  // shape of the footprint (footprint.h)
     REC_SIZE = 32,
 };
 
