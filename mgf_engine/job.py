@@ -48,7 +48,7 @@ class Job:
         masks: the user's folder of masks, or None.
         given: the options the user gave, name -> value.
         config: the validated options.
-        stages: stage name -> {"key", "seconds", "peak_memory", "figures"} for the stages that are done.
+        stages: stage name -> key, seconds, peak_memory, figures, warnings, for the stages that are done.
     """
 
     def __init__(
@@ -143,9 +143,13 @@ class Job:
             started.write_text(key)
         return key
 
-    def finish(self, stage: str, key: str, seconds: float, peak: int, figures: dict[str, Any]) -> None:
-        """Record the stage as done."""
-        self.stages[stage] = {"key": key, "seconds": round(seconds, 2), "peak_memory": peak, "figures": figures}
+    def finish(
+        self, stage: str, key: str, seconds: float, peak: int, figures: dict[str, Any], warnings: list[str]
+    ) -> None:
+        """Record the stage as done, with its cost (wall seconds, bytes), figures and warnings."""
+        self.stages[stage] = {
+            "key": key, "seconds": round(seconds, 2), "peak_memory": peak, "figures": figures, "warnings": warnings,
+        }  # fmt: skip
         self.save()
 
     def save(self) -> None:

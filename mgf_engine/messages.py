@@ -55,6 +55,7 @@ class Reporter:
         self.sinks = list(sinks)
         self.stage_name = ""
         self.stages: tuple[str, ...] = STAGES
+        self.warnings: list[str] = []
         self._min_interval = min_interval
         self._last = 0.0
         self._stage_started = time.monotonic()
@@ -103,6 +104,7 @@ class Reporter:
     def warning(self, text: str) -> None:
         """Say one sentence the user should read: the cause and the cure."""
         log.warning(text)
+        self.warnings.append(text)
         self.send("warning", text=text)
 
     def cancel(self) -> None:

@@ -84,10 +84,11 @@ def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
     key = job.begin(name)
     log.info("stage %s begins", name)
     started = time.perf_counter()
+    reporter.warnings.clear()
     figures = _RUNNERS[name](job, reporter)
     seconds = time.perf_counter() - started
     reporter.progress(1.0, 0.0, **{k: v for k, v in figures.items() if isinstance(v, int | float | str)})
-    job.finish(name, key, seconds, peak_memory(), figures)
+    job.finish(name, key, seconds, peak_memory(), figures, list(reporter.warnings))
     log.info("stage %s took %.1f s: %s", name, seconds, figures)
 
 

@@ -23,7 +23,7 @@ def source(tmp_path: Path) -> Path:
 
 def finish_all(job: Job) -> None:
     for stage in STAGES:
-        job.finish(stage, job.keys()[stage], 1.0, 1, {})
+        job.finish(stage, job.keys()[stage], 1.0, 1, {}, [])
 
 
 def test_a_finished_job_is_done_after_reopening(tmp_path: Path, source: Path) -> None:

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fills the report of a finished job from its folder: measures held-out views, gathers counts, times and pictures."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import as_dict
+from mgf_engine.deliver import render_view
+from mgf_engine.evaluate.images import mean_scores, score
+from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
+from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, write_report
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.job import Job
+from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.mesh.export import read_ply
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import shaded
+from mgf_engine.messages import Reporter
+from mgf_engine.raster.library import variant
+from mgf_engine.scene.model import Scene
+from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
+
+_TRAINING_VIEWS_SHOWN = 3
+
+
+def report_job(job: Job, scene: Scene, masks: MaskSet, field: Gaussians, reporter: Reporter) -> dict[str, Any]:
+    """Measure and write ``report.html`` and ``report.json``; returns the headline figures."""
+    mesh = read_ply(job.path("mesh.ply"))
+    mesh = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
+    shown = _shown_views(scene, masks)
+    views = []
+    for index in range(len(scene.views)):
+        reporter.progress(0.5 + 0.4 * index / len(scene.views))
+        views.append(_view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown))
+    data = _report_data(job, scene, masks, mesh, views)
+    data.turntable = list(turntable(mesh, scene))
+    write_report(job.folder, data)
+    held_out = mean_scores([v.scores for v in views if v.held_out and v.scores])
+    return {
+        "psnr": _rounded(held_out.psnr, 2), "ssim": _rounded(held_out.ssim, 4), "held_out": len(scene.held_out),
+        "gaussians": len(field), "faces": len(mesh.faces),
+    }  # fmt: skip
+
+
+def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:
+    training = [i for i in range(len(scene.views)) if masks.used[i] and i not in scene.held_out]
+    step = max(1, len(training) // _TRAINING_VIEWS_SHOWN)
+    return {*scene.held_out, *training[::step][:_TRAINING_VIEWS_SHOWN]}
+
+
+def _view_report(
+    index: int, scene: Scene, masks: MaskSet, field: Gaussians, mesh: Mesh, sh_degree: int, shown: bool
+) -> ViewReport:
+    """Scores of held-out and shown views; the others only appear in the table, with a note when left out."""
+    view = scene.views[index]
+    note = "" if masks.used[index] else "mask too weak, not used"
+    report = ViewReport(view.name, index in scene.held_out, note=note)
+    if not shown:
+        return report
+    photo, mask = scene.photo(index), building(masks.labels[index])
+    rendering = render_view(field, view, sh_degree)
+    render = _to_picture(rendering.colour.numpy())
+    if masks.used[index]:
+        report.scores = score(photo, render, mask)
+    assert rendering.normal is not None
+    normals = rendering.normal.permute(1, 2, 0).numpy()
+    report.pictures = {
+        "photo": photo,
+        "mask": mask_overlay(photo, masks.labels[index]),
+        "render": on_white(render, mask),
+        "normals": normal_picture(normals, rendering.alpha.numpy()),
+        "mesh": shaded(mesh, view),
+        "error": error_picture(photo, render, mask),
+    }
+    return report
+
+
+def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list[ViewReport]) -> ReportData:
+    trained = job.stages["field"]["figures"]
+    memory = total_memory()
+    stages = [StageReport(n, s["seconds"], s["peak_memory"]) for n, s in job.stages.items()]
+    contact = job.path("masks", "contact_sheet.jpg")
+    return ReportData(
+        title=job.source.name,
+        command=_command(job),
+        config=as_dict(job.config),
+        given=job.given,
+        views=views,
+        counts={
+            "photos": len(scene.views), "photos with a usable mask": int(masks.used.sum()),
+            "sparse points": len(scene.points), "points on the building": int(masks.point_mask.sum()),
+            "Gaussians at the start": trained["start_gaussians"], "Gaussians": trained["gaussians"],
+            "vertices": len(mesh.vertices), "faces": len(mesh.faces),
+        },
+        stages=stages,
+        iterations=trained["iterations"],
+        seconds_per_part=trained["seconds_per_part"],
+        curve=trained["curve"],
+        versions=versions(),
+        machine={
+            "processor": cpu_name(), "cores": str(cores()), "threads": str(job.config.threads or cores()),
+            "memory": "unknown" if memory is None else f"{memory / 2**30:.1f} GiB", "device": "cpu",
+        },
+        kernel=variant(),
+        peak_memory=max([peak_memory(), *(s.peak_memory or 0 for s in stages)]),
+        warnings=[text for s in job.stages.values() for text in s.get("warnings", [])],
+        contact_sheet=contact if contact.exists() else None,
+        files=_files(job),
+    )  # fmt: skip
+
+
+def _files(job: Job) -> dict[str, str]:
+    names = ("mesh.ply", "mesh.obj", "mesh.glb", "field.ply", "renders", "report.json", "log.txt")
+    return {Path(name).stem if name != "mesh.ply" else "mesh": name for name in names if job.path(name).exists()}
+
+
+def _command(job: Job) -> str:
+    parts = ["mgf", "reconstruct", str(job.source)]
+    for flag, path in (("--prompts", job.prompts), ("--masks", job.masks)):
+        parts += [flag, str(path)] if path else []
+    for name, value in job.given.items():
+        parts += ["--set", f"{name}={value}"]
+    join = shlex.join if sys.platform != "win32" else " ".join
+    return join([*parts, "--out", str(job.folder)])
+
+
+def _to_picture(colour: NDArray[np.float32]) -> NDArray[np.uint8]:
+    picture: NDArray[np.uint8] = (colour.clip(0, 1).transpose(1, 2, 0) * 255).round().astype(np.uint8)
+    return picture
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
