@@ -31,18 +31,18 @@ def curve_svg(curve: list[dict[str, Any]]) -> str:
     iteration = np.array([entry["iteration"] for entry in curve], np.float64)
     psnr = np.array([entry["psnr"] for entry in curve], np.float64)
     gaussians = np.array([entry["gaussians"] for entry in curve], np.float64)
-    style = {
+    style: dict[Any, Any] = {
         "svg.fonttype": "none", "svg.hashsalt": "mgf", "font.family": "sans-serif", "font.size": 10, "text.color": _INK,
         "axes.edgecolor": _INK, "axes.labelcolor": _INK, "xtick.color": _INK, "ytick.color": _INK,
         "axes.linewidth": 0.6,
     }  # fmt: skip
     with rc_context(style):
-        figure = Figure(figsize=(9.5, 3.2), layout="constrained")
+        figure = Figure(figsize=(12.5, 3.6), layout="constrained")
         left = figure.add_subplot()
         left.plot(iteration, psnr, color=_BLUE, alpha=0.25, linewidth=0.8)
         left.plot(iteration, smoothed(psnr), color=_BLUE, linewidth=2)
         left.set_xlabel("iteration")
-        left.set_ylabel("PSNR inside the mask, training views (dB)", color=_BLUE)
+        left.set_ylabel("PSNR (dB), training views", color=_BLUE)
         left.grid(True, color=_INK, alpha=0.12, linewidth=0.6)
         right = left.twinx()
         right.plot(iteration, gaussians / 1000, color=_ORANGE, linewidth=2)

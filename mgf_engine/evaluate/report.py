@@ -8,7 +8,6 @@ the page can be moved or sent as it is.
 from __future__ import annotations
 
 import base64
-import json
 import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -126,8 +125,8 @@ def write_report(folder: Path, data: ReportData) -> tuple[Path, Path]:
 def report_figures(data: ReportData) -> dict[str, Any]:
     """The content of ``report.json``: every figure of the page, without the pictures; numbers are finite or null.
 
-    Keys: ``format, title, command, seed, config, given, held_out`` and ``training`` (mean scores), ``views`` (scores per
-    view), ``counts, stages, seconds, iterations, seconds_per_part, curve, versions, machine, kernel, peak_memory,
+    Keys: ``format, title, command, seed, config, given, held_out`` and ``training`` (mean scores), ``views`` (scores
+    per view), ``counts, stages, seconds, iterations, seconds_per_part, curve, versions, machine, kernel, peak_memory,
     warnings, files, figures``.
     """
     held_out, training = _means(data)
@@ -155,7 +154,9 @@ def _render(data: ReportData) -> str:
         loader=PackageLoader("mgf_engine", "evaluate"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters.update(duration=duration, memory=memory, score=_score_text, count=_count_text, value=_value_text)
+    environment.filters.update(
+        duration=duration, memory=memory, score=_score_text, count=_count_text, value=_value_text
+    )
     held_out, training = _means(data)
     shown = sorted((v for v in data.views if v.pictures), key=lambda v: not v.held_out)
     return environment.get_template("report.html.j2").render(

@@ -124,7 +124,7 @@ class _Worker:
             ),
             "cameras": lambda: _MATCHES_END + (1.0 - _MATCHES_END) * min(1.0, self.placed / self.photos),
         }.get(self.step, lambda: 0.0)()
-        self.reporter.progress(self.share(done), **({"doing": self.step} if self.step else {}))
+        self.reporter.progress(self.share(done), None, doing=self.step or "starting")
 
     def _rows(self, table: str) -> int:
         """Rows of a table in the database that the worker is writing; 0 while it cannot be read."""

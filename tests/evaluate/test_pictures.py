@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures for the report show what they say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from mgf_engine.evaluate.pictures import (
+    ERROR_LIMIT,
+    error_picture,
+    mask_overlay,
+    normal_picture,
+    on_white,
+    turntable_views,
+)
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.scene.model import Scene, Similarity, View
+
+
+def test_overlay_dims_the_surroundings_and_tints_elements() -> None:
+    photo = np.full((100, 120, 3), 200, np.uint8)
+    labels = np.zeros((100, 120), np.uint8)
+    labels[20:80, 20:100] = 1
+    labels[30:40, 30:40] = 2
+    labels[50:60, 50:60] = 255
+    picture = mask_overlay(photo, labels)
+    assert (picture[:10] == 60).all()
+    assert (picture[70, 70] == 200).all()
+    assert (picture[35, 35] != 200).any() and (picture[55, 55] != picture[35, 35]).any()
+    assert picture[20, 60].tolist() == [255, 170, 40]  # the outline
+    assert (photo == 200).all()
+
+
+def test_normals_are_colors_of_directions() -> None:
+    normals = np.zeros((1, 4, 3))
+    normals[0, 0] = (0, 0, -2.0)  # towards the camera, any length
+    normals[0, 1] = (1, 0, 0)
+    normals[0, 2] = (0, -1, 0)  # up
+    normals[0, 3] = (1, 0, 0)
+    picture = normal_picture(normals, np.array([[1.0, 1.0, 1.0, 0.0]]))
+    assert picture[0].tolist() == [[127, 127, 255], [255, 127, 127], [127, 255, 127], [255, 255, 255]]
+
+
+def test_error_grows_brighter_and_stays_inside() -> None:
+    photo = np.full((4, 40, 3), 100, np.uint8)
+    render = photo + np.linspace(0, ERROR_LIMIT * 255, 40).astype(np.uint8)[None, :, None]
+    mask = np.ones((4, 40), bool)
+    mask[3] = False
+    picture = error_picture(photo, render, mask).astype(int).sum(-1)
+    assert picture[0, -1] > picture[0, 20] > picture[0, 0]
+    assert (picture[3] == picture[3, 0]).all()
+    assert (on_white(render, mask)[3] == 255).all()
+
+
+def scene_of(centres: np.ndarray) -> Scene:
+    """Upright cameras (world y is down) at the given centres."""
+    views = tuple(
+        View(f"{i}", "", 60, 40, 50.0, 50.0, 30.0, 20.0, np.eye(3), -np.eye(3) @ c, 60, 40)
+        for i, c in enumerate(centres)
+    )
+    empty = np.empty((0, 3))
+    return Scene(
+        views, empty, empty.astype(np.uint8), np.empty(0, np.float32), np.zeros(1, np.int64), np.empty(0, np.int32),
+        np.empty((0, 2), np.float32), Similarity(1.0, np.eye(3), np.zeros(3)), (), (), Path(),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "centres",
+    [
+        np.array([[0.0, 0, -5], [1, 0, -5]]),  # one side only
+        np.array([[0.0, 0, -5], [0, 0, 5], [5, 0, 0], [-5, 0, 0]]),  # all around
+        np.array([[0.0, -5, 0]]),  # straight above
+    ],
+)
+def test_the_whole_mesh_is_in_every_picture_upright(centres: np.ndarray) -> None:
+    box = trimesh.creation.box((1.0, 2.0, 0.5)).subdivide().subdivide()
+    mesh = Mesh(np.asarray(box.vertices), np.asarray(box.faces, np.int32), np.zeros((len(box.vertices), 3), np.uint8))
+    views = turntable_views(mesh, scene_of(centres), 8, (160, 120))
+    assert len(views) == 8
+    for view in views:
+        assert np.allclose(view.rotation @ view.rotation.T, np.eye(3)) and np.linalg.det(view.rotation) > 0
+        uv, depth = view.project(mesh.vertices)
+        assert (depth > 0).all() and (uv >= 0).all() and (uv <= (160, 120)).all()
+        assert np.ptp(uv, axis=0).max() > 50  # and it fills a good part of the frame
+        top, bottom = uv[mesh.vertices[:, 1] < -0.99].mean(0), uv[mesh.vertices[:, 1] > 0.99].mean(0)
+        assert top[1] < bottom[1]
+    spots = np.array([view.centre for view in views])
+    assert np.linalg.norm(spots - np.roll(spots, 1, 0), axis=1).min() > 0.5

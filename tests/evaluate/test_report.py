@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The report says everything, survives odd values, and needs no network."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mgf_engine.config import as_dict, make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.evaluate.curve import curve_svg, smoothed
+from mgf_engine.evaluate.images import score
+from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
+from mgf_engine.scene.images import write_png
+
+
+def view(name: str, held_out: bool, shift: int, pictures: bool = True) -> ViewReport:
+    photo = np.random.default_rng(shift).integers(0, 256, (30, 40, 3)).astype(np.uint8)
+    scores = score(photo, np.roll(photo, shift, 1), np.ones((30, 40), bool))
+    return ViewReport(name, held_out, scores, {"Photo": photo, "Render": photo} if pictures else {})
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> ReportData:
+    config = make_config({"preset": "draft"})
+    write_png(tmp_path / "sheet.png", np.zeros((20, 30, 3), np.uint8))
+    return ReportData(
+        title="St. <Mary> & Söhne", command="mgf reconstruct 'a b' --out job", config=as_dict(config),
+        given={"preset": "draft"},
+        views=[view("a.jpg", False, 1), view("b.jpg", True, 2), view("c.jpg", True, 3), view("d.jpg", False, 1, False)],
+        counts={"photos": 4, "Gaussians": 123456, "faces": 98765},
+        stages=[StageReport("scene", 1.5, 10**8), StageReport("field", 240.0, 2 * 10**9)], iterations=1500,
+        seconds_per_part={"forward": 60.0, "backward": 120.0},
+        curve=[{"iteration": i, "psnr": 20 + i / 100, "gaussians": 1000 + i} for i in range(0, 1500, 10)],
+        versions={"python": "3.11"}, machine={"processor": "Fast One"}, kernel="avx2", peak_memory=2_100_000_000,
+        warnings=["One photo is <odd>; look at it."], turntable=[np.zeros((12, 16, 3), np.uint8)] * 8,
+        contact_sheet=tmp_path / "sheet.png", files={"mesh": "mesh.ply"}, figures={"f1": np.float32(0.5)},
+    )  # fmt: skip
+
+
+class Page(HTMLParser):
+    """Tags must nest; text and addresses are collected."""
+
+    VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.sources: list[str] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for key, value in attrs if key in ("src", "href", "xlink:href")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for key, value in attrs if key in ("src", "href", "xlink:href")]
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_page(data: ReportData, tmp_path: Path) -> None:
+    _, path = write_report(tmp_path, data)
+    html = path.read_text(encoding="utf-8")
+    page = Page(html)
+    for text in ("St. <Mary> & Söhne", "One photo is <odd>", "123\u202f456", "b.jpg", "2.10 GB", "4 min 02 s", "avx2"):
+        assert text in page.text
+    assert page.text.index("b.jpg") < page.text.index("a.jpg")  # held-out views come first
+    pictures = [s for s in page.sources if s.startswith("data:")]
+    assert len(pictures) == 6 + 8 + 1
+    assert "80.0 ms" in page.text  # 120 s of backward in 1500 iterations
+    for name in data.config:
+        assert name in page.text
+
+
+def test_page_needs_no_network(data: ReportData, tmp_path: Path) -> None:
+    html = write_report(tmp_path, data)[1].read_text(encoding="utf-8")
+    for source in Page(html).sources:
+        assert source.startswith(("data:image/jpeg;base64,", "#", "mesh.ply"))
+    assert "@import" not in html and "url(http" not in html
+    assert not re.search(r"<(script|link|iframe)[^>]+(src|href)=", html)
+
+
+def test_figures(data: ReportData, tmp_path: Path) -> None:
+    figures = json.loads(write_report(tmp_path, data)[0].read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    held_out = [v["scores"]["psnr"] for v in figures["views"] if v["held_out"]]
+    assert figures["held_out"]["psnr"] == pytest.approx(np.mean(held_out))
+    assert figures["training"]["lpips"] is None
+    assert figures["seconds"] == 241.5 and figures["seed"] == 0 and figures["figures"] == {"f1": 0.5}
+    assert figures["config"]["preset"] == "draft" and len(figures["views"]) == 4
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "report.json", "sheet.png"]
+
+
+def test_a_bare_report(tmp_path: Path) -> None:
+    figures, page = write_report(tmp_path, ReportData("empty", "", {}))
+    Page(page.read_text(encoding="utf-8"))
+    assert json.loads(figures.read_text())["held_out"] is None
+
+
+def test_odd_values(data: ReportData, tmp_path: Path) -> None:
+    data.figures = {
+        "nan": float("nan"),
+        "inf": np.inf,
+        "array": np.arange(3),
+        "path": Path("a"),
+        "deep": [{"x": -np.inf}],
+    }
+    data.views[0].scores = score(np.zeros((9, 9, 3), np.uint8), np.ones((9, 9, 3), np.uint8), np.zeros((9, 9), bool))
+    data.peak_memory, data.curve = None, data.curve[:1]
+    figures, page = write_report(tmp_path, data)
+    Page(page.read_text(encoding="utf-8"))
+    assert json.loads(figures.read_text(), parse_constant=pytest.fail)["figures"] == {
+        "nan": None, "inf": None, "array": [0, 1, 2], "path": "a", "deep": [{"x": None}],
+    }  # fmt: skip
+
+
+def test_a_missing_picture_leaves_the_old_report(data: ReportData, tmp_path: Path) -> None:
+    write_report(tmp_path, data)
+    before = (tmp_path / "report.html").read_bytes(), (tmp_path / "report.json").read_bytes()
+    data.title = "new"
+    data.turntable = [tmp_path / "none.png"]
+    with pytest.raises(BadInput):
+        write_report(tmp_path, data)
+    assert ((tmp_path / "report.html").read_bytes(), (tmp_path / "report.json").read_bytes()) == before
+
+
+def test_pictures_are_shrunk_not_enlarged() -> None:
+    def size(address: str) -> tuple[int, ...]:
+        raw = np.frombuffer(base64.b64decode(address.split(",")[1]), np.uint8)
+        return cv2.imdecode(raw, cv2.IMREAD_COLOR).shape[:2]
+
+    assert size(embed(np.zeros((900, 1600, 3), np.uint8))) == (360, 640)
+    assert size(embed(np.zeros((9, 16, 3), np.uint8))) == (9, 16)
+
+
+def test_curve() -> None:
+    entries = [{"iteration": i, "psnr": 20.0, "gaussians": 10} for i in range(5)]
+    svg = curve_svg(entries)
+    assert svg.startswith("<svg ") and "currentColor" in svg and svg == curve_svg(entries)
+    assert 'width="' not in svg.split(">")[0] and 'class="plot"' in svg.split(">")[0]
+    assert curve_svg(entries[:1]) == ""
+    values = np.arange(100.0)
+    assert np.allclose(smoothed(values)[5:-5], values[5:-5]) and len(smoothed(values)) == 100
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.049, "0.05 s"),
+        (12.34, "12.3 s"),
+        (59.97, "1 min 00 s"),
+        (245.4, "4 min 05 s"),
+        (7385, "2 h 03 min"),
+        (None, "–"),
+    ],
+)
+def test_durations(seconds: float | None, text: str) -> None:
+    assert duration(seconds) == text
+
+
+def test_memory() -> None:
+    assert [memory(n) for n in (5_300_000, 1_234_000_000, None)] == ["5 MB", "1.23 GB", "–"]
