@@ -75,8 +75,7 @@ def turntable(mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = 
 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:
     """Cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side."""
-    up = -np.mean([view.rotation[1] for view in scene.views], axis=0)
-    up = up / np.linalg.norm(up) if np.linalg.norm(up) > 1e-6 else np.array([0.0, -1.0, 0.0])
+    up = upward(scene)
     low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
     towards = np.mean([view.centre for view in scene.views], axis=0) - centre
@@ -90,6 +89,20 @@ def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int])
     other = np.cross(up, side)
     angles = np.arange(count) * 2 * np.pi / count
     return [_looking_at(centre, side * np.cos(a) + other * np.sin(a), up, radius, size) for a in angles]
+
+
+def upward(scene: Scene) -> NDArray[np.float64]:
+    """The unit direction that is up, from how people hold cameras: their right-hand side is level.
+
+    Where the cameras look in too few directions to tell (a facade), the mean of what is up in the photos.
+    """
+    mean = -np.mean([view.rotation[1] for view in scene.views], axis=0)
+    mean = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-6 else np.array([0.0, -1.0, 0.0])
+    right = np.array([view.rotation[0] for view in scene.views])
+    spread, axes = np.linalg.eigh(right.T @ right / len(right))
+    up = axes[:, 0] * np.sign(axes[:, 0] @ mean)
+    told = spread[1] > 0.05 and spread[1] > 4 * spread[0] and up @ mean > 0.5
+    return np.asarray(up if told else mean)
 
 
 def _looking_at(

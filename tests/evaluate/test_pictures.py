@@ -16,6 +16,7 @@ from mgf_engine.evaluate.pictures import (
     normal_picture,
     on_white,
     turntable_views,
+    upward,
 )
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.scene.model import Scene, Similarity, View
@@ -56,17 +57,33 @@ def test_error_grows_brighter_and_stays_inside() -> None:
     assert (on_white(render, mask)[3] == 255).all()
 
 
-def scene_of(centres: np.ndarray) -> Scene:
-    """Upright cameras (world y is down) at the given centres."""
+def scene_of(centres: np.ndarray, rotations: list[np.ndarray] | None = None) -> Scene:
+    """Cameras at the given centres, upright (world y is down) where no rotations are given."""
+    rotations = rotations or [np.eye(3)] * len(centres)
     views = tuple(
-        View(f"{i}", "", 60, 40, 50.0, 50.0, 30.0, 20.0, np.eye(3), -np.eye(3) @ c, 60, 40)
-        for i, c in enumerate(centres)
+        View(f"{i}", "", 60, 40, 50.0, 50.0, 30.0, 20.0, r, -r @ c, 60, 40)
+        for i, (c, r) in enumerate(zip(centres, rotations, strict=True))
     )
     empty = np.empty((0, 3))
     return Scene(
         views, empty, empty.astype(np.uint8), np.empty(0, np.float32), np.zeros(1, np.int64), np.empty(0, np.int32),
         np.empty((0, 2), np.float32), Similarity(1.0, np.eye(3), np.zeros(3)), (), (), Path(),
     )  # fmt: skip
+
+
+def test_up_is_found_although_all_cameras_look_down() -> None:
+    """Half a ring of cameras tilted by 40 degrees: the mean of the photos' up leans over, their sides stay level."""
+    views = []
+    for angle in np.linspace(0, np.pi, 9):
+        forward = np.array([-np.cos(angle), 0.84, -np.sin(angle)])
+        forward /= np.linalg.norm(forward)
+        right = np.cross([0.0, 1.0, 0.0], forward)
+        right /= np.linalg.norm(right)
+        views.append(np.stack([right, np.cross(forward, right), forward]))
+    scene = scene_of(np.zeros((9, 3)), views)
+    assert np.allclose(upward(scene), [0, -1, 0], atol=1e-9)
+    mean = -np.mean([v[1] for v in views], axis=0)
+    assert mean[1] / np.linalg.norm(mean) > -0.95
 
 
 @pytest.mark.parametrize(
