@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The training losses, eq. 16-20.
+"""The training losses, eq. 16-20: which terms act with which weight. :mod:`mgf_engine.raster.loss` computes them.
 
 Pixels are pooled over the mask only: a mean over the whole frame would count the outside as perfect. The
 boundary weight of eq. 12 acts once, as a weighted mean, which is what eq. 13, 15 and 17 say together when both
@@ -11,19 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from mgf_engine.config import Config
-from mgf_engine.field.targets import Pixels, Target
+from mgf_engine.field.targets import Target
 from mgf_engine.raster.api import Rendering
-from mgf_engine.raster.geometry import normal_consistency
-from mgf_engine.raster.ssim import ssim_maps
-
-#: Exponents of multi-scale SSIM (Wang, Simoncelli and Bovik 2003), finest scale first.
-MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
-_WINDOW = 11
-_FLOOR = 0.01  # pooled similarity is kept positive so that its powers have a slope
+from mgf_engine.raster.loss import LossWeights, image_loss
 
 
 @dataclass
@@ -37,103 +30,43 @@ class LossTerms:
     error: Tensor  # float32 [h, w] absolute colour error inside the box, no gradient
 
 
-def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: Tensor, geometry: bool) -> LossTerms:
+def total_loss(
+    rendering: Rendering,
+    target: Target,
+    config: Config,
+    backdrop: Tensor,
+    geometry: bool,
+    error_map: Tensor | None = None,
+) -> LossTerms:
     """Eq. 20, plus the term that keeps certain background empty.
 
     Args:
         rendering: maps of the whole frame.
         backdrop: [3] colour behind the field for this iteration.
         geometry: whether the distortion and normal terms act yet.
+        error_map: float32 [H, W]; its box receives the error, which is a view of it then.
     """
-    pixels = target.pixels()
-    alpha = target.crop(rendering.alpha)
-    color = target.crop(rendering.colour) + (1.0 - alpha) * backdrop[:, None, None]
-    # Outside the mask the photo stands in for the render, so that no window reaches over the edge.
-    color = torch.where(pixels.inside > 0, color, pixels.photo)
-    l1 = (color - pixels.photo).abs().mean(0)
-    color_loss = _color_loss(color, l1, pixels, target.label_weight, config)
-    geometry_loss = _geometry_loss(rendering, target, pixels, alpha, config) if geometry else alpha.new_zeros(())
-    background = config.background_lambda * (alpha * pixels.ring).sum() / pixels.ring.sum().clamp_min(1.0)
-    error = l1.detach() + alpha.detach() * pixels.ring
-    total = color_loss + geometry_loss + background
-    return LossTerms(total, color_loss.detach(), geometry_loss.detach(), background.detach(), error)
+    y0, y1, x0, x1 = target.box
+    error = torch.empty(y1 - y0, x1 - x0) if error_map is None else target.crop(error_map)
+    weights = loss_weights(target, config, geometry)
+    terms = image_loss(rendering, target.photo_side, weights, backdrop, target.camera, error)
+    color, geometric, background = (torch.tensor(v) for v in (terms.color, terms.geometry, terms.background))
+    return LossTerms(terms.total, color, geometric, background, error)
 
 
-def _color_loss(color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor, config: Config) -> Tensor:
-    """lambda_1 Loss_mlpm + lambda_2 Loss_boundary; a term switched off hands its weight to the plain eq. 16."""
+def loss_weights(target: Target, config: Config, geometry: bool) -> LossWeights:
+    """Factors of the terms; a colour term that is switched off hands its weight to the plain eq. 16."""
     multilevel = config.multilevel_lambda if config.multilevel_loss else 0.0
     boundary = config.boundary_lambda if config.boundary_loss else 0.0
-    plain = config.multilevel_lambda + config.boundary_lambda - multilevel - boundary
-    per_pixel = plain * pixels.inside / pixels.inside.sum() + boundary * pixels.edge_weight / pixels.edge_weight.sum()
-    ssim, contrast = ssim_maps(color, pixels.photo)
-    l1_weight = per_pixel
-    loss = config.ssim_weight * (per_pixel * (1.0 - ssim)).sum()
-    if multilevel > 0:
-        area = _areas(pixels.labels, len(label_weight)).clamp_min(1)
-        l1_weight = per_pixel + multilevel * (label_weight / area)[pixels.labels]
-        similarity = ms_ssim_per_label(color, pixels, len(label_weight), ssim, contrast)
-        loss = loss + multilevel * config.ssim_weight * (label_weight * (1.0 - similarity)).sum()
-    return loss + config.l1_weight * (l1_weight * l1).sum()
-
-
-def _areas(labels: Tensor, count: int) -> Tensor:
-    return torch.bincount(labels.flatten(), minlength=count)
-
-
-def ms_ssim_per_label(color: Tensor, pixels: Pixels, count: int, ssim: Tensor, contrast: Tensor) -> Tensor:
-    """Multi-scale SSIM pooled per label, [count]; entry 0 (outside) and labels below 11 px are 1 (no loss).
-
-    A label takes part at a scale while a square of its area is at least one window wide there; exponents of
-    the scales it takes part in are scaled to sum to one.
-    """
-    labels, photo = pixels.labels, pixels.photo
-    area = _areas(labels, count).float()
-    scales = max(1, min(len(MS_SSIM_WEIGHTS), int(torch.log2(area[1:].max().sqrt() / _WINDOW).floor()) + 1))
-    exponents = color.new_tensor(MS_SSIM_WEIGHTS[:scales])
-    side = area.sqrt()
-    takes_part = side[None, :] >= _WINDOW * 2.0 ** torch.arange(scales)[:, None]  # [scales, count]
-    takes_part[:, 0] = False
-    share = exponents[:, None] * takes_part
-    share = share / share.sum(0).clamp_min(1e-9)
-    last = takes_part.sum(0) - 1
-    log_similarity = color.new_zeros(count)
-    for scale in range(scales):
-        if scale > 0:
-            color, photo = F.avg_pool2d(color[None], 2)[0], F.avg_pool2d(photo[None], 2)[0]
-            labels = labels[: labels.shape[0] // 2 * 2 : 2, : labels.shape[1] // 2 * 2 : 2]
-            ssim, contrast = ssim_maps(color, photo)
-        pooled_ssim, pooled_contrast = _pool(ssim, labels, count), _pool(contrast, labels, count)
-        value = torch.where(last == scale, pooled_ssim, pooled_contrast).clamp_min(_FLOOR)
-        log_similarity = log_similarity + share[scale] * torch.log(value)
-    return torch.exp(log_similarity)
-
-
-def _pool(map: Tensor, labels: Tensor, count: int) -> Tensor:
-    """Mean of a map over each label, [count]; 1 for labels without a pixel."""
-    flat = labels.flatten()
-    total = map.new_zeros(count).index_add(0, flat, map.flatten())
-    area = torch.bincount(flat, minlength=count)
-    return torch.where(area > 0, total / area.clamp_min(1), 1.0)
-
-
-@dataclass(frozen=True)
-class _Intrinsics:
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-
-
-def _geometry_loss(rendering: Rendering, target: Target, pixels: Pixels, alpha: Tensor, config: Config) -> Tensor:
-    """lambda_3 Loss_depth + lambda_4 Loss_normal (both from 2DGS), means over the mask."""
-    distortion = (target.crop(rendering.distortion) * pixels.inside).sum() / pixels.inside.sum()
-    loss = config.distortion_lambda * distortion
-    if config.normal_lambda > 0:
-        depth = target.crop(rendering.depth) / alpha.clamp_min(1e-4)
-        weight = pixels.inside * (alpha.detach() > 0.5)
-        camera, (y0, _, x0, _) = target.camera, target.box
-        cut = _Intrinsics(camera.fx, camera.fy, camera.cx - x0, camera.cy - y0)
-        loss = loss + config.normal_lambda * normal_consistency(
-            depth, target.crop(rendering.normal), weight, cut, alpha
-        )
-    return loss
+    return LossWeights(
+        plain=config.multilevel_lambda + config.boundary_lambda - multilevel - boundary,
+        multilevel=multilevel,
+        labels=target.label_weight.double().numpy(),
+        boundary=boundary,
+        edge=target.w_edge,
+        l1=config.l1_weight,
+        ssim=config.ssim_weight,
+        background=config.background_lambda,
+        distortion=config.distortion_lambda if geometry else 0.0,
+        normals=config.normal_lambda if geometry else 0.0,
+    )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.boundaries import boundaries
 from mgf_engine.masks.model import BACKGROUND, building
 from mgf_engine.raster.api import Camera
+from mgf_engine.raster.loss import PhotoSide, photo_side
 from mgf_engine.scene.model import View
 
 _RING = 24  # px of certain background around the building that is kept empty
@@ -24,14 +26,14 @@ _TILE = 16
 
 @dataclass(frozen=True)
 class Pixels:
-    """A target's maps as the losses want them, cut to its box.
+    """A target's maps as floats, cut to its box.
 
     Attributes:
-        photo: float32 [3, h, w] in 0..1.
+        photo: float [3, h, w] in 0..1.
         labels: int64 [h, w]; 0 where nothing is compared, else 1..count (ids made consecutive).
-        inside: float32 [h, w]; 1 on the building.
-        edge_weight: float32 [h, w]; w of eq. 12, zero outside.
-        ring: float32 [h, w]; 1 on certain background near the building.
+        inside: float [h, w]; 1 on the building.
+        edge_weight: float [h, w]; w of eq. 12, zero outside.
+        ring: float [h, w]; 1 on certain background near the building.
     """
 
     photo: Tensor
@@ -71,15 +73,21 @@ class Target:
         y0, y1, x0, x1 = self.box
         return plane[..., y0:y1, x0:x1]
 
-    def pixels(self) -> Pixels:
-        """The maps in the types the losses compute with."""
-        inside = (self.labels > 0).float()
+    @cached_property
+    def photo_side(self) -> PhotoSide:
+        """The same maps as the loss kernels take them."""
+        origin = (self.box[0], self.box[2])
+        return photo_side(self.image, self.labels, self.edges, self.ring, len(self.label_weight), origin)
+
+    def pixels(self, dtype: torch.dtype = torch.float32) -> Pixels:
+        """The maps as floats."""
+        inside = (self.labels > 0).to(dtype)
         return Pixels(
-            photo=self.image.float() / 255.0,
+            photo=self.image.to(dtype) / 255.0,
             labels=self.labels.long(),
             inside=inside,
             edge_weight=torch.where(self.edges, inside * self.w_edge, inside),
-            ring=self.ring.float(),
+            ring=self.ring.to(dtype),
         )
 
 

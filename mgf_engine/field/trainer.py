@@ -72,6 +72,7 @@ class _Trainer:
         found = read_checkpoint(self.checkpoint_path)
         if found is None:
             field = start_field(scene, masks, self.views, config, reporter)
+            update_filter(field, [scene.views[i] for i in self.views])
             figures = {"start_gaussians": len(field), "curve": [], "seconds": {}}
             found = Checkpoint(Optimiser(field), RenderStats.zeros(len(field)), 0, figures)
         self.optimiser, self.stats = found.optimiser, found.stats
@@ -81,7 +82,6 @@ class _Trainer:
     def run(self) -> tuple[Gaussians, dict[str, Any]]:
         config, total = self.config, self.config.iterations
         saved = shown = time.monotonic()
-        update_filter(self.optimiser.field, [self.scene.views[i] for i in self.views])
         order: list[int] = []
         while self.iteration < total:
             share = self.iteration / total
@@ -139,8 +139,7 @@ class _Trainer:
                 heads="all" if geometry else "basic",
             )  # fmt: skip
         with self._timed("losses"):
-            terms = total_loss(rendering, target, config, backdrop, geometry)
-            target.crop(error_map).copy_(terms.error)
+            terms = total_loss(rendering, target, config, backdrop, geometry, error_map)
         with self._timed("backward"):
             terms.total.backward()
         with self._timed("optimiser"):

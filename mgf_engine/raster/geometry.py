@@ -22,10 +22,14 @@ STRIP = 16  # rows of a strip, as in the kernel; one partial sum each, so the su
 class Intrinsics(Protocol):
     """What is needed of a camera: focal lengths and principal point in pixels (first pixel's centre 0.5, 0.5)."""
 
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    @property
+    def fx(self) -> float: ...
+    @property
+    def fy(self) -> float: ...
+    @property
+    def cx(self) -> float: ...
+    @property
+    def cy(self) -> float: ...
 
 
 def normal_consistency(

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Plain torch twin of the training losses (eq. 16-20): same arguments, any float type, autograd; for tests."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from mgf_engine.config import Config
+from mgf_engine.field.losses import LossTerms
+from mgf_engine.field.targets import Pixels, Target
+from mgf_engine.raster.api import Rendering
+from mgf_engine.raster.loss import FLOOR, MS_SSIM_WEIGHTS, WINDOW
+from mgf_engine.raster.reference_losses import normal_consistency, ssim_maps
+
+
+def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: Tensor, geometry: bool) -> LossTerms:
+    """Twin of :func:`mgf_engine.field.losses.total_loss`, in the type of ``rendering.colour``."""
+    pixels = target.pixels(rendering.colour.dtype)
+    alpha = target.crop(rendering.alpha)
+    color = target.crop(rendering.colour) + (1.0 - alpha) * backdrop[:, None, None]
+    # Outside the mask the photo stands in for the render, so that no window reaches over the edge.
+    color = torch.where(pixels.inside > 0, color, pixels.photo)
+    l1 = (color - pixels.photo).abs().mean(0)
+    color_loss = _color_loss(color, l1, pixels, target.label_weight, config)
+    geometry_loss = _geometry_loss(rendering, target, pixels, alpha, config) if geometry else alpha.new_zeros(())
+    background = config.background_lambda * (alpha * pixels.ring).sum() / pixels.ring.sum().clamp_min(1.0)
+    error = l1.detach() + alpha.detach() * pixels.ring
+    total = color_loss + geometry_loss + background
+    return LossTerms(total, color_loss.detach(), geometry_loss.detach(), background.detach(), error)
+
+
+def _color_loss(color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor, config: Config) -> Tensor:
+    """lambda_1 Loss_mlpm + lambda_2 Loss_boundary; a term switched off hands its weight to the plain eq. 16."""
+    multilevel = config.multilevel_lambda if config.multilevel_loss else 0.0
+    boundary = config.boundary_lambda if config.boundary_loss else 0.0
+    plain = config.multilevel_lambda + config.boundary_lambda - multilevel - boundary
+    per_pixel = plain * pixels.inside / pixels.inside.sum() + boundary * pixels.edge_weight / pixels.edge_weight.sum()
+    ssim, contrast = ssim_maps(color, pixels.photo)
+    l1_weight = per_pixel
+    loss = config.ssim_weight * (per_pixel * (1.0 - ssim)).sum()
+    if multilevel > 0:
+        area = _areas(pixels.labels, len(label_weight)).clamp_min(1)
+        l1_weight = per_pixel + multilevel * (label_weight / area)[pixels.labels]
+        similarity = ms_ssim_per_label(color, pixels, len(label_weight), ssim, contrast)
+        loss = loss + multilevel * config.ssim_weight * (label_weight * (1.0 - similarity)).sum()
+    return loss + config.l1_weight * (l1_weight * l1).sum()
+
+
+def _areas(labels: Tensor, count: int) -> Tensor:
+    return torch.bincount(labels.flatten(), minlength=count)
+
+
+def ms_ssim_per_label(color: Tensor, pixels: Pixels, count: int, ssim: Tensor, contrast: Tensor) -> Tensor:
+    """Multi-scale SSIM pooled per label, [count]; see :func:`mgf_engine.raster.loss.ms_ssim`."""
+    labels, photo = pixels.labels, pixels.photo
+    area = _areas(labels, count).to(color.dtype)
+    scales = max(1, min(len(MS_SSIM_WEIGHTS), int(torch.log2(area[1:].max().sqrt() / WINDOW).floor()) + 1))
+    scales = min(scales, int(math.log2(min(labels.shape))) + 1)
+    exponents = color.new_tensor(MS_SSIM_WEIGHTS[:scales])
+    side = area.sqrt()
+    takes_part = side[None, :] >= WINDOW * 2.0 ** torch.arange(scales)[:, None]  # [scales, count]
+    takes_part[:, 0] = False
+    share = exponents[:, None] * takes_part
+    share = share / share.sum(0).clamp_min(1e-9)
+    last = takes_part.sum(0) - 1
+    log_similarity = color.new_zeros(count)
+    for scale in range(scales):
+        if scale > 0:
+            color, photo = F.avg_pool2d(color[None], 2)[0], F.avg_pool2d(photo[None], 2)[0]
+            labels = labels[: labels.shape[0] // 2 * 2 : 2, : labels.shape[1] // 2 * 2 : 2]
+            ssim, contrast = ssim_maps(color, photo)
+        pooled_ssim, pooled_contrast = _pool(ssim, labels, count), _pool(contrast, labels, count)
+        value = torch.where(last == scale, pooled_ssim, pooled_contrast).clamp_min(FLOOR)
+        log_similarity = log_similarity + share[scale] * torch.log(value)
+    return torch.exp(log_similarity)
+
+
+def _pool(map: Tensor, labels: Tensor, count: int) -> Tensor:
+    """Mean of a map over each label, [count]; 1 for labels without a pixel."""
+    flat = labels.flatten()
+    total = map.new_zeros(count).index_add(0, flat, map.flatten())
+    area = torch.bincount(flat, minlength=count)
+    return torch.where(area > 0, total / area.clamp_min(1), 1.0)
+
+
+@dataclass(frozen=True)
+class _Intrinsics:
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+def _geometry_loss(rendering: Rendering, target: Target, pixels: Pixels, alpha: Tensor, config: Config) -> Tensor:
+    """lambda_3 Loss_depth + lambda_4 Loss_normal (both from 2DGS), means over the mask."""
+    assert rendering.distortion is not None and rendering.normal is not None
+    distortion = (target.crop(rendering.distortion) * pixels.inside).sum() / pixels.inside.sum()
+    loss = config.distortion_lambda * distortion
+    if config.normal_lambda > 0:
+        depth = target.crop(rendering.depth) / alpha.clamp_min(1e-4)
+        weight = pixels.inside * (alpha.detach() > 0.5)
+        camera, (y0, _, x0, _) = target.camera, target.box
+        cut = _Intrinsics(camera.fx, camera.fy, camera.cx - x0, camera.cy - y0)
+        loss = loss + config.normal_lambda * normal_consistency(
+            depth, target.crop(rendering.normal), weight, cut, alpha
+        )
+    return loss

@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The terms of the training loss (eq. 16-20) and their gradients in one go, by the kernels ``loss*.c``.
+
+Value and gradients are made together in the forward pass; the backward pass only hands them over. Sums are added per
+tile and then over tiles in a fixed order, so nothing depends on the number of threads. The twin in plain torch is
+:func:`mgf_engine.field.reference_losses.total_loss`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mgf_engine.raster.api import Rendering
+from mgf_engine.raster.buffers import Frame
+from mgf_engine.raster.geometry import STRIP, Intrinsics
+from mgf_engine.raster.library import parallel
+
+#: Exponents of multi-scale SSIM (Wang, Simoncelli and Bovik 2003), finest scale first.
+MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
+WINDOW = 11
+FLOOR = 0.01  # pooled similarity is kept positive so that its powers have a slope
+_TILE_H, _TILE_W = 32, 128  # kernels/loss.h, as everything up to _ALPHA
+_LEVEL_FIELDS, _SAVED = 9, 4
+_HAS_LABEL, _COVERS_LABEL, _HAS_RING = 1, 2, 4
+_ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
+
+
+@dataclass(frozen=True)
+class PhotoSide:
+    """What a render is compared with, cut to a box of the frame; make it with :func:`photo_side`.
+
+    Attributes:
+        image: uint8 [3, h, w].
+        labels: uint8 [h, w]; 0 where nothing is compared, else 1..ids - 1.
+        edges, ring: uint8 [h, w]; boundaries of labels, and certain background near the building.
+        origin: first row and column of the box in the frame.
+        area: int64 [scales, ids], pixels of each label at the scales of MS-SSIM.
+        edge_area, ring_area: labelled edge pixels, ring pixels.
+        levels: int64 [scales, 9], struct Level of ``kernels/loss.h``.
+        flags: uint8 [tiles of all levels].
+        strips: uint8, whether 16 rows hold a label.
+        scratch: floats of scratch memory the kernels need.
+    """
+
+    image: Tensor
+    labels: Tensor
+    edges: Tensor
+    ring: Tensor
+    origin: tuple[int, int]
+    area: NDArray[np.int64]
+    edge_area: int
+    ring_area: int
+    levels: NDArray[np.int64]
+    flags: NDArray[np.uint8]
+    strips: NDArray[np.uint8]
+    scratch: int
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Factors of the terms, and how MS-SSIM is weighted per label.
+
+    Attributes:
+        plain: of the RGB loss, eq. 16.
+        multilevel: of the multi-level perceptual mask loss, eq. 18-19; ``labels``: float [ids], share of each label.
+        boundary: of the boundary loss, eq. 17; ``edge``: weight of a boundary pixel, eq. 12.
+        l1, ssim: of the two parts of each of them.
+        background: of the mean alpha over the ring.
+        distortion, normals: of the two geometry terms of eq. 20.
+    """
+
+    plain: float
+    multilevel: float
+    labels: NDArray[np.float64]
+    boundary: float
+    edge: float
+    l1: float
+    ssim: float
+    background: float
+    distortion: float
+    normals: float
+
+
+def scales_of(area: NDArray[np.int64], height: int, width: int) -> int:
+    """Number of scales of MS-SSIM: of the largest label's area, 11 px wide or more at each; area [ids]."""
+    largest = int(area[1:].max(initial=0))
+    fitting = int(np.floor(np.log2(max(np.sqrt(largest) / WINDOW, 1.0)))) + 1
+    return min(len(MS_SSIM_WEIGHTS), fitting, int(np.log2(min(height, width))) + 1)
+
+
+def photo_side(
+    image: Tensor, labels: Tensor, edges: Tensor, ring: Tensor, ids: int, origin: tuple[int, int]
+) -> PhotoSide:
+    """Sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`."""
+    mask, (height, width) = labels.numpy(), labels.shape
+    scales = scales_of(np.bincount(mask.ravel(), minlength=ids), height, width)
+    levels, flags, area = np.zeros((scales, _LEVEL_FIELDS), np.int64), [], np.zeros((scales, ids), np.int64)
+    tiles = floats = 0
+    for scale in range(scales):
+        h, w = height >> scale, width >> scale
+        here = mask[: h << scale : 1 << scale, : w << scale : 1 << scale]
+        area[scale] = np.bincount(here.ravel(), minlength=ids)
+        has = _in_tiles(here > 0, 1) * _HAS_LABEL
+        covers = _in_tiles(mask > 0, 1 << scale)[: has.shape[0], : has.shape[1]] * _COVERS_LABEL
+        extra = _in_tiles(ring.numpy() > 0, 1) * _HAS_RING if scale == 0 else 0
+        flags.append((has + covers + extra).astype(np.uint8).ravel())
+        planes = (3, 3, 3 * _SAVED, 3 if scale else 0)
+        starts = floats + np.cumsum((0, *planes)) * h * w
+        levels[scale] = h, w, *has.shape, tiles, *starts[:4]
+        tiles, floats = tiles + has.size, int(starts[4])
+    image, labels, edges, ring = (t.view(torch.uint8).contiguous() for t in (image, labels, edges, ring))
+    return PhotoSide(
+        image=image, labels=labels, edges=edges, ring=ring, origin=origin, area=area,
+        edge_area=int(np.count_nonzero(edges.numpy() * mask)), ring_area=int(np.count_nonzero(ring.numpy())),
+        levels=levels, flags=np.concatenate(flags), strips=_blocks(mask > 0, STRIP, width)[:, 0].astype(np.uint8),
+        scratch=floats,
+    )  # fmt: skip
+
+
+def _in_tiles(mask: NDArray[np.bool_], factor: int) -> NDArray[np.int64]:
+    return _blocks(mask, _TILE_H * factor, _TILE_W * factor).astype(np.int64)
+
+
+def _blocks(mask: NDArray[np.bool_], height: int, width: int) -> NDArray[np.bool_]:
+    """Whether each block of the given size holds a true pixel."""
+    rows, columns = -(-mask.shape[0] // height), -(-mask.shape[1] // width)
+    full = np.zeros((rows * height, columns * width), bool)
+    full[: mask.shape[0], : mask.shape[1]] = mask
+    return np.asarray(full.reshape(rows, height, columns, width).any((1, 3)))
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The total (scalar, differentiable) and its parts, floats that are already weighted."""
+
+    total: Tensor
+    color: float
+    geometry: float
+    background: float
+
+
+def image_loss(
+    rendering: Rendering, photo: PhotoSide, weights: LossWeights, backdrop: Tensor, camera: Intrinsics, error: Tensor
+) -> Terms:
+    """Compare a rendering with a photo; differentiable in colour, alpha, depth, normal and distortion.
+
+    Args:
+        rendering: maps of the whole frame; depth, normal and distortion only count where their factor is not zero.
+        backdrop: float32 [3], colour behind the field inside the mask.
+        camera: intrinsics of the whole frame.
+        error: float32 [h, w], rows may be apart; receives the absolute colour error inside the box plus alpha on the
+            ring.
+    """
+    maps = [rendering.colour, rendering.alpha]
+    if weights.distortion > 0:
+        maps.append(_needed(rendering.distortion))
+    if weights.normals > 0:
+        maps += [rendering.depth, _needed(rendering.normal)]
+    if any(m.device.type != "cpu" for m in maps):
+        raise ValueError("the loss kernels work on the CPU")
+    parts: dict[str, float] = {}
+    total = _ImageLoss.apply(photo, weights, backdrop, camera, error, parts, *maps)  # type: ignore[no-untyped-call]
+    return Terms(total, **parts)
+
+
+def _needed(map: Tensor | None) -> Tensor:
+    if map is None:
+        raise ValueError("the geometry terms need a rendering with all heads")
+    return map
+
+
+class _ImageLoss(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, *arguments: Any) -> Tensor:
+        photo, weights, backdrop, camera, error, parts, *maps = arguments
+        work = _Pass(photo, weights, backdrop, error, _aligned(maps))
+        parts.update(work.run(camera))
+        ctx.gradients = work.gradients()
+        return torch.tensor(sum(parts.values()), dtype=torch.float32)
+
+    @staticmethod
+    def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
+        slope = float(slopes[0])
+        scaled = (g if slope == 1.0 else g * slope for g in ctx.gradients)
+        return (*(None,) * 6, *scaled)
+
+
+def _aligned(maps: list[Tensor]) -> list[Tensor]:
+    """The maps as the kernels take them: float32, and rows equally far apart in all of them."""
+    maps = [m.detach().to(torch.float32) for m in maps]
+    if len({m.stride(-2) for m in maps}) == 1 and all(m.stride(-1) == 1 for m in maps):
+        return maps
+    return [m.contiguous() for m in maps]
+
+
+class _Pass:
+    """One comparison: scratch memory, gradients, and the kernels in order."""
+
+    def __init__(
+        self, photo: PhotoSide, weights: LossWeights, backdrop: Tensor, error: Tensor, maps: list[Tensor]
+    ) -> None:
+        self.photo, self.weights, self.error = photo, weights, error
+        self.backdrop = backdrop.to(torch.float32).contiguous()
+        self.colour, self.alpha, *others = maps
+        self.distortion = others.pop(0) if weights.distortion > 0 else None
+        self.depth: Tensor | None = others[0] if weights.normals > 0 else None
+        self.normal: Tensor | None = others[1] if weights.normals > 0 else None
+        self.frame = Frame()
+        self.scratch = self.frame.array(torch.float32, photo.scratch)
+        planes = _PLANES if weights.normals > 0 else _DEPTH if weights.distortion > 0 else _DISTORTION
+        self.gradient = torch.empty(planes, *self.alpha.shape)
+        self.scales = len(photo.levels) if weights.multilevel > 0 else 1
+        self.ids = photo.area.shape[1]
+        self.inside = max(int(photo.area[0, 1:].sum()), 1)
+        self.failed = np.zeros(1, np.int32)
+
+    def run(self, camera: Intrinsics) -> dict[str, float]:
+        """The parts of the loss; :meth:`gradients` has theirs then."""
+        photo, scratch = self.photo, self.scratch
+        levels = (photo.levels, self.scales)
+        colour = self._at_box(self.colour), self.colour.stride(0), self.colour.stride(1)
+        alpha = self._at_box(self.alpha), self.alpha.stride(0)
+        parallel("loss_prepare_work", *levels, *colour, *alpha, photo.image, photo.labels, self.backdrop, scratch)
+        similarity, slopes, edge_slope = self._similarity() if self.weights.ssim > 0 else (0.0, None, 0.0)
+        if slopes is not None and self.scales > 1:
+            given = (photo.flags, photo.labels, self.ids, slopes, scratch)
+            parallel("loss_coarse_work", *levels, *given, self.failed)
+        consistency, normals = self._normals(camera) if self.depth is not None else (0.0, 0.0)
+        l1, on_ring, distortion = self._finish(slopes, edge_slope, normals)
+        if self.failed[0]:
+            raise MemoryError("Not enough memory to compare the render with the photo; work at a lower resolution.")
+        return {
+            "color": similarity + l1,
+            "geometry": consistency + self.weights.distortion * distortion / self.inside,
+            "background": self.weights.background * on_ring / max(photo.ring_area, 1),
+        }
+
+    def gradients(self) -> list[Tensor]:
+        """Of the maps, in the order they came."""
+        g = self.gradient
+        found = [g[:_ALPHA], g[_ALPHA]]
+        if self.distortion is not None:
+            found.append(g[_DISTORTION])
+        return [*found, g[_DEPTH], g[_NORMAL:]] if self.depth is not None else found
+
+    def _at_box(self, map: Tensor | None) -> Any:
+        """Address of a map's first pixel in the box."""
+        if map is None:
+            return None
+        y, x = self.photo.origin
+        return ctypes.c_void_p(map.data_ptr() + 4 * (y * map.stride(-2) + x))
+
+    def _pixel_weights(self) -> tuple[float, float, float]:
+        """Weight of a labelled pixel by eq. 16 and 17, what an edge adds to it, and the sum of the latter."""
+        extra, w = self.weights.edge - 1.0, self.weights
+        total = self.inside + extra * self.photo.edge_area
+        edge = w.boundary * extra / total
+        return w.plain / self.inside + w.boundary / total, edge, edge * self.photo.edge_area
+
+    def _similarity(self) -> tuple[float, NDArray[np.float32], float]:
+        """The SSIM terms, their slopes by label [scales, 2, ids] and the extra slope of an edge."""
+        photo, ids, weights = self.photo, self.ids, self.weights
+        sums = np.zeros((len(photo.flags), 2 * ids + 1))
+        given = (photo.flags, photo.labels, photo.edges, ids, self.scratch, sums)
+        parallel("loss_forward_work", photo.levels, self.scales, *given, self.failed)
+        ends = [*photo.levels[1 : self.scales, 4], len(sums)]
+        pooled = np.stack([part.sum(0) for part in np.split(sums, ends[:-1])])[: self.scales] / 3
+        base, edge, edges = self._pixel_weights()
+        loss = weights.ssim * (base * (self.inside - pooled[0, 1:ids].sum()) + edges - edge * pooled[0, 2 * ids])
+        slopes = np.zeros((self.scales, 2, ids))
+        if weights.multilevel > 0:
+            value, slopes = ms_ssim(pooled[:, : 2 * ids].reshape(-1, 2, ids), photo.area)
+            share = weights.multilevel * weights.ssim * weights.labels
+            loss += float((share * (1.0 - value)).sum())
+            slopes *= -share
+        slopes[0, 0, 1:] -= weights.ssim * base
+        return float(loss), (slopes / 3).astype(np.float32), -weights.ssim * edge / 3
+
+    def _normals(self, camera: Intrinsics) -> tuple[float, float]:
+        """The normal term, and the factor its gradients still need."""
+        assert self.depth is not None and self.normal is not None
+        photo, sums, (y, x) = self.photo, np.zeros((len(self.photo.strips), 2)), self.photo.origin
+        height, width = photo.labels.shape
+        if min(height, width) < 3:
+            self.gradient[_DEPTH:].zero_()
+            self.gradient[_ALPHA].zero_()
+            return 0.0, 0.0
+        intrinsics = (float(camera.fx), float(camera.fy), float(camera.cx - x), float(camera.cy - y))
+        images = (self._at_box(self.depth), self._at_box(self.normal), self._at_box(self.alpha))
+        goals = [self._at_box(self.gradient[plane]) for plane in (_DEPTH, _NORMAL, _ALPHA)]
+        parallel(
+            "loss_normals_work", *images, self.normal.stride(0), self.normal.stride(1), photo.labels, photo.strips,
+            height, width, *intrinsics, sums, *goals, self.gradient.stride(1), self.gradient.stride(0), self.failed,
+        )  # fmt: skip
+        loss, total = sums.sum(0)
+        factor = self.weights.normals / total if total > 0 else 0.0
+        return float(loss * factor), float(factor)
+
+    def _finish(self, slopes: NDArray[np.float32] | None, edge_slope: float, normals: float) -> NDArray[np.float64]:
+        """All gradients; returns the L1 terms, the sum of alpha over the ring and of the distortion inside."""
+        photo, weights, (y, x) = self.photo, self.weights, self.photo.origin
+        base, edge, _ = self._pixel_weights()
+        l1 = np.zeros(self.ids)
+        l1[1:] = base + weights.multilevel * weights.labels[1:] / np.maximum(photo.area[0, 1:], 1)
+        l1 = (weights.l1 * l1 / 3).astype(np.float32)
+        addresses = [
+            self._at_box(self.alpha), self._at_box(self.distortion), self._at_box(self.depth), photo.labels,
+            photo.edges, photo.ring, slopes, l1, self.gradient, self.error,
+        ]  # fmt: skip
+        sizes = (self.alpha.stride(0), self.error.stride(0), *self.alpha.shape, y, x, len(self.gradient))
+        finish = np.array([*map(_address, addresses), *sizes], np.int64)
+        factors = np.array([
+            *self.backdrop.tolist(), edge_slope, weights.l1 * edge / 3, weights.background / max(photo.ring_area, 1),
+            weights.distortion / self.inside, normals,
+        ], np.float32)  # fmt: skip
+        tiles = int(photo.levels[0, 2] * photo.levels[0, 3])
+        sums = np.zeros((tiles, 3))
+        given = (photo.flags, self.ids, finish, factors, self.scratch, sums)
+        parallel("loss_finish_work", photo.levels, self.scales, *given, self.failed)
+        total: NDArray[np.float64] = sums.sum(0)
+        return total
+
+
+def _address(value: Any) -> int:
+    if isinstance(value, Tensor):
+        return value.data_ptr()
+    if isinstance(value, np.ndarray):
+        return value.ctypes.data
+    return (value.value or 0) if value is not None else 0
+
+
+def ms_ssim(sums: NDArray[np.float64], area: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Multi-scale SSIM of each label, and its slope in every pixel's similarity and contrast-structure.
+
+    A label takes part at a scale while a square of its area is at least one window wide there; exponents of the scales
+    it takes part in are scaled to sum to one. Label 0 (outside) and labels below 11 px are 1 and have no slope.
+
+    Args:
+        sums: [scales, 2, ids], both maps summed over each label.
+        area: [scales or more, ids], pixels of each label.
+
+    Returns:
+        [ids] and [scales, 2, ids].
+    """
+    scales = len(sums)
+    area = area[:scales]
+    takes_part = np.sqrt(area[0])[None] >= WINDOW * 2.0 ** np.arange(scales)[:, None]
+    takes_part[:, 0] = False
+    share = np.array(MS_SSIM_WEIGHTS[:scales])[:, None] * takes_part
+    share /= np.maximum(share.sum(0), 1e-9)
+    kind = np.where(takes_part.sum(0) - 1 == np.arange(scales)[:, None], 0, 1)[:, None]  # similarity at its last scale
+    mean = np.take_along_axis(sums, kind, 1)[:, 0] / np.maximum(area, 1)
+    mean[area == 0] = 1.0
+    kept = np.maximum(mean, FLOOR)
+    value = np.exp((share * np.log(kept)).sum(0))
+    slope = np.where((mean >= FLOOR) & (area > 0), value * share / (kept * np.maximum(area, 1)), 0.0)
+    slopes = np.zeros_like(sums)
+    np.put_along_axis(slopes, kind, slope[:, None], 1)
+    return value, slopes
