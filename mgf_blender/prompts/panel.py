@@ -16,12 +16,12 @@ class MGF_UL_photos(bpy.types.UIList):
     bl_idname = "MGF_UL_photos"
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        row = layout.row(align=True)
-        row.label(text=item.name, icon="CHECKBOX_HLT" if item.done() else "CHECKBOX_DEHLT", translate=False)
+        split = layout.split(factor=0.85)
+        split.label(text=item.name, icon="CHECKBOX_HLT" if item.done() else "CHECKBOX_DEHLT", translate=False)
         entry = overlay.mask_entry(context.scene, item.name)
-        if entry is not None and not entry.get("used", True):
-            row.label(text="", icon="ERROR")
-        row.label(text=str(len(item.clicks)) if len(item.clicks) else "")
+        weak = entry is not None and not entry.get("used", True)
+        count = str(len(item.clicks)) if len(item.clicks) else ""
+        split.label(text=count, icon="ERROR" if weak else "NONE", translate=False)
 
 
 class MGF_PT_prompts(bpy.types.Panel):

@@ -58,7 +58,7 @@ class MGF_PT_reconstruct(bpy.types.Panel):
         column = layout.column()
         column.scale_y = 1.6
         column.operator("mgf.reconstruct", icon="HOME")
-        if interrupted(context.scene):
+        if interrupted(context.scene) and (job is None or job.status != DONE):
             if job is None:
                 layout.label(text="An earlier job was interrupted", icon="INFO")
             layout.operator("mgf.resume", icon="PLAY")
@@ -115,7 +115,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
             box.label(text=line, icon="INFO" if i == 0 else "BLANK1")
     row = layout.row(align=True)
     row.operator("mgf.open_job_file", text="Open Log", icon="TEXT").name = "log.txt"
-    if job.status == DONE:
+    if job.status == DONE and job.kind == "reconstruct":
         row.operator("mgf.open_job_file", text="Open Report", icon="URL").name = "report.html"
 
 

@@ -8,6 +8,7 @@ import bpy
 from ..common import options
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.tree import Tree
+from . import switch
 
 
 class MGF_PT_results(bpy.types.Panel):
@@ -32,7 +33,9 @@ class MGF_PT_results(bpy.types.Panel):
         if camera is not None and PHOTO_KEY in camera:
             column = layout.column(align=True)
             column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
-            column.row(align=True).operator_enum("mgf.show_in_camera", "kind")
+            row = column.row(align=True)
+            for kind in switch.KINDS:
+                row.operator("mgf.show_in_camera", text=kind.capitalize()).kind = kind
         _draw_figures(layout, scene.mgf.figures)
 
 

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a camera shows, the error map, and the field as points."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+import synthetic
+
+from mgf_blender.results import switch
+from mgf_blender.scene_import.tree import Tree
+
+
+@pytest.fixture
+def tree(addon, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.job)
+    bpy.ops.mgf.import_result()
+    tree = Tree.find(bpy.context.scene)
+    bpy.context.scene.camera = tree.objects("Renders")[0].parent
+    return tree
+
+
+def shown() -> list[str]:
+    slots = bpy.context.scene.camera.data.background_images
+    return [s.image["mgf_image"] for s in slots if s.show_background_image]
+
+
+def test_switch_shows_one_at_a_time(tree):
+    for kind in ("RENDER", "PHOTO", "ERROR"):
+        bpy.ops.mgf.show_in_camera(kind=kind)
+        assert shown() == [kind.lower()]
+        assert tree.objects("Mesh")[0].hide_get() == (kind != "PHOTO")
+    bpy.ops.mgf.show_in_camera(kind="MESH")
+    assert shown() == [] and not tree.objects("Mesh")[0].hide_get()
+
+
+def test_a_camera_without_render_says_so(tree):
+    bare = next(o for o in tree.objects("Cameras") if len(o.data.background_images) == 1)
+    bpy.context.scene.camera = bare
+    for kind in ("RENDER", "ERROR"):
+        with pytest.raises(RuntimeError, match="has no render"):
+            bpy.ops.mgf.show_in_camera(kind=kind)
+
+
+def test_error_map_measures_the_difference(tree):
+    camera = bpy.context.scene.camera
+    image = switch.make_error_map(camera)
+    width, height = image.size
+    pixels = np.array(image.pixels[:]).reshape(height, width, 4)
+    # The render is the photo upside down: equal in the middle row, far apart at top and bottom.
+    assert pixels[height // 2, :, :3].mean() < 0.1 < 0.5 < pixels[2, :, :3].mean()
+    assert image.packed_file is not None
+    again = switch.make_error_map(camera)
+    assert again == image and sum(s.image == image for s in camera.data.background_images) == 1
+
+
+def test_box_filter_keeps_the_mean():
+    pixels = np.random.default_rng(1).random((40, 60, 3)).astype(np.float32)
+    small = switch._resized(pixels, 30, 20)
+    assert small.shape == (20, 30, 3)
+    np.testing.assert_allclose(small[0, 0], pixels[:2, :2].mean(axis=(0, 1)), atol=1e-6)
+    np.testing.assert_allclose(small.mean(), pixels.mean(), atol=1e-6)
+
+
+def test_field_comes_as_coloured_points(tree, house):
+    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
+    rows = np.random.default_rng(2).normal(size=(50, len(names))).astype("<f4")
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 50\n" + "".join(f"property float {n}\n" for n in names)
+    (house.job / "field.ply").write_bytes(head.encode() + b"end_header\n" + rows.tobytes())
+    content = json.loads((house.job / "deliver.json").read_text())
+    (house.job / "deliver.json").write_text(json.dumps({**content, "field": "field.ply"}))
+    for _ in range(2):
+        bpy.ops.mgf.import_field()
+    found = [o for o in tree.objects("Points") if o.get("mgf_field")]
+    assert len(found) == 1 and len(tree.objects("Points")) == 2
+    opacity = np.empty(50, np.float32)
+    found[0].data.attributes["opacity"].data.foreach_get("value", opacity)
+    np.testing.assert_allclose(opacity, 1 / (1 + np.exp(-rows[:, 6])), atol=1e-5)
+    (house.job / "field.ply").write_bytes((house.job / "mesh.ply").read_bytes())
+    with pytest.raises(RuntimeError, match="not a Gaussian field"):
+        bpy.ops.mgf.import_field()
+
+
+def test_undistorted_view_replaces_the_distorted_camera(addon, tmp_path, monkeypatch):
+    monkeypatch.setitem(synthetic.CAMERAS, 4, ("SIMPLE_RADIAL", 800, 600, (700.0, 410.0, 290.0, 0.1)))
+    house = synthetic.write_house(tmp_path / "house")
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    tree = Tree.find(bpy.context.scene)
+    assert sum(bool(o["mgf_distorted"]) for o in tree.objects("Cameras")) == 2
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    assert len(tree.objects("Cameras")) == 12 and not any(o["mgf_distorted"] for o in tree.objects("Cameras"))
+    assert Path(addon.job_folder) == house.job

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Runs inside the real Blender: says where things are and changes the layout; it presses nothing itself.
+
+Commands come as files ``cmd`` (one word and an argument), the state goes to ``state.json``.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import bpy
+
+OUT = Path(os.environ["MGF_WINDOW_OUT"])
+bpy.context.preferences.view.show_splash = False
+bpy.context.preferences.view.use_save_prompt = False
+
+
+def main_area():
+    """The large editor of the window."""
+    areas = bpy.context.window_manager.windows[0].screen.areas
+    return max(
+        (a for a in areas if a.type in {"VIEW_3D", "IMAGE_EDITOR", "PREFERENCES"}), key=lambda a: a.width * a.height
+    )
+
+
+def region(area, kind):
+    return next(r for r in area.regions if r.type == kind)
+
+
+def obey(text):
+    """Change what is shown."""
+    window = bpy.context.window_manager.windows[0]
+    word, _, argument = text.partition(" ")
+    area = main_area()
+    if word == "editor":
+        area.type = argument
+        area.spaces.active.show_region_ui = True
+    elif word == "tab":
+        region(area, "UI").active_panel_category = "MGF"
+    elif word == "fit":
+        with bpy.context.temp_override(window=window, area=area, region=region(area, "WINDOW")):
+            if area.type == "IMAGE_EDITOR":
+                bpy.ops.image.view_all(fit_view=True)
+            else:
+                bpy.ops.view3d.view_all()
+    elif word == "shading":
+        area.spaces.active.shading.type = argument
+    elif word == "py":
+        exec(argument, {"bpy": bpy, "area": area, "window": window})  # set-up only, see drive.py
+    elif word == "quit":
+        bpy.ops.wm.quit_blender()
+    for r in area.regions:
+        r.tag_redraw()
+
+
+def state():
+    """What the driver needs to aim and to check."""
+    area = main_area()
+    window = bpy.context.window_manager.windows[0]
+    found = {
+        "size": [window.width, window.height],
+        "area": area.type,
+        "windows": len(bpy.context.window_manager.windows),
+    }
+    found["regions"] = {r.type: [r.x, r.y, r.width, r.height] for r in area.regions}
+    found["tab"] = getattr(region(area, "UI"), "active_panel_category", None)
+    scene = window.scene
+    mgf = getattr(scene, "mgf", None)
+    if mgf is not None:
+        found["photos"] = [
+            {"name": p.name, "size": [p.width, p.height], "clicks": [[*c.uv, c.negative, c.part] for c in p.clicks]}
+            for p in mgf.photos
+        ]
+        found["photo_index"], found["job_folder"], found["source"] = mgf.photo_index, mgf.job_folder, mgf.source
+        found["objects"] = {
+            k: sum(o.get("mgf_kind") == k for o in bpy.data.objects) for k in ("Cameras", "Points", "Mesh", "Renders")
+        }
+        import sys
+
+        runner = next((m for n, m in sys.modules.items() if n.endswith(".mgf.common.runner")), None)
+        if runner is not None:
+            found["jobs"] = [[j.kind, j.status, j.stage, j.overall, j.text] for j in runner.jobs()]
+            found["longest_tick"] = runner.longest_tick()
+        operators = next((m for n, m in sys.modules.items() if n.endswith(".mgf.engine.operators")), None)
+        task = operators.current()[1] if operators is not None else None
+        found["task"] = None if task is None else [task.status, task.title, task.text]
+    if area.type == "IMAGE_EDITOR" and area.spaces.active.image is not None:
+        win = region(area, "WINDOW")
+        found["image"] = area.spaces.active.image.name
+        a, b = win.view2d.view_to_region(0, 1, clip=False), win.view2d.view_to_region(1, 0, clip=False)
+        found["image_px"] = [win.x + a[0], win.y + a[1], win.x + b[0], win.y + b[1]]
+        tool = window.workspace.tools.from_space_image_mode("VIEW")
+        found["tool"] = tool.idname if tool is not None else ""
+    return found
+
+
+def tick():
+    command = OUT / "cmd"
+    try:
+        if command.exists():
+            text = command.read_text()
+            command.unlink()
+            obey(text)
+        text = json.dumps(state())
+    except Exception as error:
+        import traceback
+
+        text = json.dumps({"error": f"{error}\n{traceback.format_exc()}"})
+    (OUT / "state.tmp").write_text(text)
+    (OUT / "state.tmp").replace(OUT / "state.json")
+    return 0.25
+
+
+bpy.app.timers.register(tick, first_interval=0.5, persistent=True)
