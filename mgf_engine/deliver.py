@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mgf_engine.field.checkpoint import read_field
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
+from mgf_engine.mesh.export import read_ply, write_glb, write_obj
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Camera, Rendering, render
 from mgf_engine.scene.model import Scene, View
@@ -34,9 +35,19 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
         name = f"renders/{Path(scene.views[index].file).stem}.png"
         _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
         renders[index] = name
+    _write_other_formats(job)
     figures = report_job(job, scene, masks, field, reporter)
     write_json(job.path("deliver.json"), _manifest(scene, renders, figures))
     return figures
+
+
+def _write_other_formats(job: Job) -> None:
+    if job.config.export_obj or job.config.export_glb:
+        mesh = read_ply(job.path("mesh.ply"))
+        if job.config.export_obj:
+            write_obj(mesh, job.path("mesh.obj"))
+        if job.config.export_glb:
+            write_glb(mesh, job.path("mesh.glb"))
 
 
 def render_view(field: Gaussians, view: View, sh_degree: int) -> Rendering:

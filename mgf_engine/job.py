@@ -29,8 +29,8 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "scene": ("scene",),
     "masks": ("masks",),
     "field": ("checkpoints", "field.ply"),
-    "mesh": ("mesh.ply", "mesh.obj", "mesh.glb"),
-    "deliver": ("renders", "report", "deliver.json", "report.json", "report.html", "points.ply"),
+    "mesh": ("mesh.ply",),
+    "deliver": ("renders", "report", "deliver.json", "report.json", "report.html", "mesh.obj", "mesh.glb"),
 }
 #: Options outside a stage's own section that decide its result.
 _CONTENT_KINDS = {".bin", ".txt", ".json"}

@@ -121,13 +121,13 @@ def _run_field(job: Job, reporter: Reporter) -> Figures:
 
 def _run_mesh(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.field.checkpoint import read_field
-    from mgf_engine.mesh.export import write_meshes
+    from mgf_engine.mesh.export import in_scene, write_ply
     from mgf_engine.mesh.extract import extract_mesh
 
     scene, masks = load_inputs(job)
     field = read_field(job.path("checkpoints", "field.npz"))
     mesh = extract_mesh(field, scene, masks, job.config, reporter)
-    write_meshes(mesh, scene.to_normalised, job.folder, job.config)
+    write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
     return {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
 
 

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The whole job on a small painted house: it finds the house and only the house, survives kills, and resumes."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import igl
+import numpy as np
+import pytest
+import trimesh
+from house import House, build_house
+
+OPTIONS = ["--iterations", "250", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
+ENVIRONMENT = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
+
+
+@pytest.fixture(scope="session")
+def house(tmp_path_factory: pytest.TempPathFactory) -> House:
+    return build_house(tmp_path_factory.mktemp("maison à côté"))
+
+
+def start(*args: object) -> subprocess.Popen:
+    command = [sys.executable, "-m", "mgf_engine", *map(str, args), "--progress", "json"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+
+
+def finish(run: subprocess.Popen) -> list[dict]:
+    out, err = run.communicate(timeout=400)
+    assert "Traceback" not in err, err
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def reconstruct(house: House, job: Path, *more: object) -> list[dict]:
+    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", job, *OPTIONS, *more)
+    messages = finish(run)
+    assert run.returncode == 0, messages[-1]
+    return messages
+
+
+def f1(mesh_file: Path, house: House, threshold: float) -> float:
+    """F1 between a mesh and the house, floor and faces below 5 cm left out: no photo shows the floor."""
+    found, true = trimesh.load(mesh_file), trimesh.Trimesh(house.mesh.vertices, house.mesh.faces, process=False)
+    ground = house.mesh.vertices[:, 2].min() + 0.05
+    shares = []
+    for here, there in ((found, true), (true, found)):
+        points = trimesh.sample.sample_surface(here, 4000, seed=1)[0]
+        points = points[points[:, 2] > ground]
+        squared = igl.point_mesh_squared_distance(points, np.asarray(there.vertices), np.asarray(there.faces))[0]
+        shares.append(float((np.sqrt(squared) < threshold).mean()))
+    return 2 * shares[0] * shares[1] / max(sum(shares), 1e-9)
+
+
+@pytest.fixture(scope="session")
+def finished(house: House, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict]]:
+    job = tmp_path_factory.mktemp("jobs") / "whole job"
+    return job, reconstruct(house, job)
+
+
+def test_the_mesh_is_the_house(house: House, finished) -> None:
+    job, _ = finished
+    assert f1(job / "mesh.ply", house, 0.1) > 0.9
+
+
+def test_the_masks_are_the_house(house: House, finished) -> None:
+    job, _ = finished
+    for file in sorted((job / "masks" / "labels").glob("*.png")):
+        labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        true = next(m for name, m in house.masks.items() if Path(name).stem in file.stem)
+        found = (labels > 0) & (labels < 255)
+        assert (found & true).sum() / (found | true).sum() > 0.85, file.name
+
+
+def test_everything_promised_is_in_the_job_folder(finished) -> None:
+    job, messages = finished
+    for name in ("mesh.ply", "field.ply", "report.html", "report.json", "deliver.json", "masks/contact_sheet.jpg"):
+        assert (job / name).stat().st_size > 0, name
+    report = json.loads((job / "report.json").read_text())
+    assert report["held_out"]["psnr"] > 20
+    assert [s["name"] for s in report["stages"]] == ["scene", "masks", "field", "mesh"]
+    manifest = json.loads((job / "deliver.json").read_text())
+    held_out = [v for v in manifest["views"] if v["held_out"]]
+    assert held_out
+    for view in held_out:
+        render = cv2.imread(str(job / view["render"]), cv2.IMREAD_UNCHANGED)
+        assert render.shape == (view["height"], view["width"], 4)
+    assert messages[0]["type"] == "started"
+    assert messages[-1]["type"] == "result"
+    assert not list(job.rglob(".part-*"))
+
+
+def test_messages_go_through_all_stages_and_never_backwards(finished) -> None:
+    _, messages = finished
+    assert [m["stage"] for m in messages if m["type"] == "stage"] == ["scene", "masks", "field", "mesh", "deliver"]
+    overall = [m["overall"] for m in messages if m["type"] == "progress"]
+    assert all(b >= a - 1e-6 for a, b in itertools.pairwise(overall))
+
+
+def test_a_finished_job_is_not_done_again(house: House, finished) -> None:
+    job, _ = finished
+    before = (job / "mesh.ply").stat().st_mtime_ns
+    messages = finish(start("reconstruct", "--out", job, "--resume"))
+    assert all(m["cached"] for m in messages if m["type"] == "stage")
+    assert (job / "mesh.ply").stat().st_mtime_ns == before
+
+
+def test_the_same_job_gives_the_same_mesh(house: House, finished, tmp_path: Path) -> None:
+    job, _ = finished
+    reconstruct(house, tmp_path / "again")
+    assert (tmp_path / "again" / "mesh.ply").read_bytes() == (job / "mesh.ply").read_bytes()
+
+
+@pytest.mark.parametrize("stage", ["scene", "masks", "field", "mesh", "deliver"])
+def test_a_kill_in_any_stage_costs_nothing_but_time(house: House, finished, tmp_path: Path, stage: str) -> None:
+    job = tmp_path / "job"
+    _copy_until(finished[0], job, stage)
+    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", job, *OPTIONS, "--resume",
+                "--checkpoint-seconds", "1")  # fmt: skip
+    assert run.stdout is not None
+    for line in run.stdout:
+        message = json.loads(line)
+        if message["type"] == "progress" and message["stage"] == stage and message["fraction"] >= 0.2:
+            break
+    time.sleep(0.3)
+    run.send_signal(signal.SIGKILL)
+    run.communicate()
+    messages = finish(start("reconstruct", "--out", job, "--resume"))
+    assert messages[-1]["type"] == "result", messages[-1]
+    assert (job / "mesh.ply").read_bytes() == (finished[0] / "mesh.ply").read_bytes()
+
+
+def test_cancel_by_closing_standard_input_leaves_a_job_to_resume(house: House, finished, tmp_path: Path) -> None:
+    job = tmp_path / "job"
+    _copy_until(finished[0], job, "field")
+    command = [sys.executable, "-m", "mgf_engine", "reconstruct", "--out", str(job), "--resume", "--progress", "json",
+               "--cancel-on-eof"]  # fmt: skip
+    run = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    assert run.stdout is not None
+    assert run.stdin is not None
+    for line in run.stdout:
+        message = json.loads(line)
+        if message["type"] == "progress" and message["stage"] == "field" and message["fraction"] > 0.1:
+            run.stdin.close()
+            break
+    rest = [json.loads(line) for line in run.stdout]
+    assert run.wait(60) == 3
+    assert rest[-1]["type"] == "failed"
+    assert "--resume" in rest[-1]["text"]
+    assert (job / "checkpoints" / "training.npz").exists()
+
+
+@pytest.mark.parametrize("format", ["obj", "glb"])
+def test_other_formats_hold_the_same_mesh(finished, tmp_path: Path, format: str) -> None:
+    job = tmp_path / "job"
+    shutil.copytree(finished[0], job)
+    messages = finish(start("reconstruct", "--out", job, "--resume", f"--export-{format}"))
+    assert messages[-1]["type"] == "result"
+    other, mesh = trimesh.load(job / f"mesh.{format}", force="mesh"), trimesh.load(job / "mesh.ply")
+    assert len(other.faces) == len(mesh.faces)
+    np.testing.assert_allclose(other.bounds, mesh.bounds, atol=1e-3)
+
+
+def test_masks_of_the_user_are_taken_as_they_are(house: House, tmp_path: Path) -> None:
+    folder = tmp_path / "masks"
+    folder.mkdir()
+    for name, mask in house.masks.items():
+        cv2.imwrite(str(folder / name), (mask * 255).astype(np.uint8))
+    run = start("masks", house.folder, "--masks", folder, "--out", tmp_path / "job")
+    assert finish(run)[-1]["type"] == "result"
+    labels = cv2.imread(str(next((tmp_path / "job/masks/labels").glob("*photo_03*"))), cv2.IMREAD_UNCHANGED)
+    assert ((labels > 0) == house.masks["photo_03.png"]).mean() > 0.995
+
+
+def _copy_until(finished: Path, job: Path, stage: str) -> None:
+    """A copy of a finished job as it was before ``stage`` began."""
+    shutil.copytree(finished, job)
+    data = json.loads((job / "job.json").read_text())
+    order = ["scene", "masks", "field", "mesh", "deliver"]
+    for name in order[order.index(stage) :]:
+        data["stages"].pop(name, None)
+        (job / f".started-{name}").unlink(missing_ok=True)
+    (job / "job.json").write_text(json.dumps(data))
