@@ -92,34 +92,60 @@ def build_lists(gaussians: Gaussians, camera: Camera, sh_degree: int = 0, tile_m
     return list_tiles(raw, camera, sh_degree, tile_mask)
 
 
+@dataclass
+class Projection:
+    """Projected Gaussians before they are listed; arrays as in :class:`TileLists`."""
+
+    records: Tensor
+    footprints: Tensor
+    tile_counts: Tensor
+    depth_keys: Tensor
+    mask: Tensor
+    camera: Tensor
+    frame: Frame
+
+
 def list_tiles(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> TileLists:
     """As :func:`build_lists`, for parameters that are ready for the kernels."""
+    return bin_tiles(project(raw, camera, sh_degree, tile_mask))
+
+
+def project(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> Projection:
+    """Records, exact footprints and depths of all Gaussians."""
     n, frame, packed = len(raw.positions), Frame(), camera.packed()
     tiles_y, tiles_x = camera.tiles
-    tiles = tiles_x * tiles_y
     mask = torch.ones(tiles_y, tiles_x, dtype=torch.uint8) if tile_mask is None else (tile_mask != 0).to(torch.uint8)
+    mask = mask.contiguous()
     mask_sums = torch.zeros(tiles_y, tiles_x + 1, dtype=torch.int32)
     mask_sums[:, 1:] = mask.cumsum(1)
-    records = frame.array(torch.float32, n, RECORD)
-    footprints = frame.array(torch.int32, n, 8)
-    tile_counts = frame.array(torch.int32, n)
-    keys = frame.array(torch.int32, n)
+    records, footprints = frame.array(torch.float32, n, RECORD), frame.array(torch.int32, n, 8)
+    tile_counts, keys = frame.array(torch.int32, n), frame.array(torch.int32, n)
     outputs = (records, footprints, tile_counts, keys)
     parallel("mgf_project", n, packed, *raw.all, sh_degree, tiles_x, tiles_y, mask_sums, *outputs)
-    order = frame.array(torch.int32, n)
-    slot_starts = frame.array(torch.int64, n + 1)
-    count = call("mgf_sort", n, keys, tile_counts, order, slot_starts, frame.array(torch.int32, 3 * n))
+    return Projection(*outputs, mask, packed, frame)
+
+
+def bin_tiles(seen: Projection) -> TileLists:
+    """The lists of all tiles, front to back."""
+    frame, n = seen.frame, len(seen.records)
+    tiles_y, tiles_x = seen.mask.shape
+    order, slot_starts = frame.array(torch.int32, n), frame.array(torch.int64, n + 1)
+    scratch = frame.array(torch.int32, 3 * n)
+    count = call("mgf_sort", n, seen.depth_keys, seen.tile_counts, order, slot_starts, scratch)
     entries = int(slot_starts[n])
     if entries >= 2**31:
         raise RuntimeError(f"The Gaussians touch {entries} tiles, more than the kernels can list; prune the field.")
-    places = frame.array(torch.int32, _CHUNKS, tiles)
-    ranges = frame.array(torch.int32, tiles + 1)
-    binning = (_CHUNKS, count, order, footprints, mask.contiguous(), tiles_x, tiles_y, places)
+    places, ranges = (
+        frame.array(torch.int32, _CHUNKS, tiles_x * tiles_y),
+        frame.array(torch.int32, tiles_x * tiles_y + 1),
+    )
+    binning = (_CHUNKS, count, order, seen.footprints, seen.mask, tiles_x, tiles_y, places)
     parallel("mgf_bin_count", *binning)
-    call("mgf_bin_ranges", _CHUNKS, tiles, places, ranges)
+    call("mgf_bin_ranges", _CHUNKS, tiles_x * tiles_y, places, ranges)
     gid, slots = frame.array(torch.int32, entries), frame.array(torch.int32, entries)
     parallel("mgf_bin_fill", *binning, slot_starts, gid, slots)
-    return TileLists(records, tile_counts, gid, slots, slot_starts, ranges, tiles_x, tiles_y, packed, frame)
+    found = (seen.records, seen.tile_counts, gid, slots, slot_starts, ranges)
+    return TileLists(*found, tiles_x, tiles_y, seen.camera, frame)
 
 
 def blend(lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:
@@ -171,16 +197,35 @@ def backward(
     Args:
         statistics: (weight, error, grad2d, max_radius, count) to add to, or none.
     """
-    n, level, stats = len(raw.positions), heads.level, statistics is not None
+    sums = blend_backward(lists, image, hits, heads, error_map, statistics is not None)
+    return project_backward(raw, sh_degree, lists, hits, sums, heads.level, statistics)
+
+
+def blend_backward(
+    lists: TileLists, image: Tensor, hits: Tensor, heads: HeadGradients, error_map: Tensor | None, stats: bool
+) -> Tensor:
+    """Sums over each tile's pixels for every list entry, float32 [E, 24] (``kernels/blend_backward.h``)."""
     sums = lists.frame.array(torch.float32, lists.entries, SUMS)
     listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
     given = (heads.colour, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
     tiles = lists.tiles_x * lists.tiles_y
-    parallel("mgf_blend_backward", tiles, lists.camera, *listed, image, hits, *given, level, int(stats), sums)
+    parallel("mgf_blend_backward", tiles, lists.camera, *listed, image, hits, *given, heads.level, int(stats), sums)
+    return sums
+
+
+def project_backward(
+    raw: Parameters,
+    sh_degree: int,
+    lists: TileLists,
+    hits: Tensor,
+    sums: Tensor,
+    level: int,
+    statistics: tuple[Tensor, ...] | None,
+) -> tuple[Tensor, ...]:
+    """Gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
     gradients = tuple(torch.empty_like(t) for t in raw.all[:5])
-    columns = SUMS if stats or level > _LEVEL_COLOUR else 16
+    columns = SUMS if statistics is not None or level > _LEVEL_COLOUR else 16
     entries = (lists.records, lists.tile_counts, lists.slot_starts, hits, sums, columns)
-    parallel(
-        "mgf_project_backward", n, lists.camera, *raw.all, sh_degree, *entries, *gradients, *(statistics or (None,) * 5)
-    )
+    given = (len(raw.positions), lists.camera, *raw.all, sh_degree, *entries)
+    parallel("mgf_project_backward", *given, *gradients, *(statistics or (None,) * 5))
     return gradients

@@ -54,14 +54,22 @@ MGF_API int64_t mgf_sort(int64_t n, const uint32_t *depth_keys, const int32_t *t
 // Bounds of one of `chunks` equal parts of 0..count.
 static inline int64_t part(int64_t count, int64_t chunks, int64_t i) { return count * i / chunks; }
 
+// The order jumps about in memory: footprints that come soon are fetched ahead.
+static inline const Footprint *footprint_at(const Footprint *footprints, const int32_t *order, int64_t i, int64_t end) {
+    enum { AHEAD = 12 };
+    if (i + AHEAD < end) __builtin_prefetch(footprints + order[i + AHEAD]);
+    return footprints + order[i];
+}
+
 // counts [chunks, tiles]: how many entries each chunk of the order adds to each tile.
 MGF_API void mgf_bin_count(int32_t *next, int64_t chunks, int64_t count, const int32_t *order, const Footprint *footprints,
                            const uint8_t *mask, int64_t tiles_x, int64_t tiles_y, int32_t *counts) {
     for (int64_t chunk; (chunk = take_work(next)) < chunks;) {
         int32_t *own = counts + chunk * tiles_x * tiles_y;
         memset(own, 0, (size_t)(tiles_x * tiles_y) * sizeof *own);
-        for (int64_t i = part(count, chunks, chunk); i < part(count, chunks, chunk + 1); i++) {
-            const Footprint *p = footprints + order[i];
+        const int64_t end = part(count, chunks, chunk + 1);
+        for (int64_t i = part(count, chunks, chunk); i < end; i++) {
+            const Footprint *p = footprint_at(footprints, order, i, end);
             int first_y, last_y, first, last;
             tile_rows(p, (int)tiles_y, &first_y, &last_y);
             for (int ty = first_y; ty <= last_y; ty++) {
@@ -91,8 +99,9 @@ MGF_API void mgf_bin_fill(int32_t *next, int64_t chunks, int64_t count, const in
                           int32_t *gid, int32_t *slots) {
     for (int64_t chunk; (chunk = take_work(next)) < chunks;) {
         int32_t *own = places + chunk * tiles_x * tiles_y;
-        for (int64_t i = part(count, chunks, chunk); i < part(count, chunks, chunk + 1); i++) {
-            const Footprint *p = footprints + order[i];
+        const int64_t end = part(count, chunks, chunk + 1);
+        for (int64_t i = part(count, chunks, chunk); i < end; i++) {
+            const Footprint *p = footprint_at(footprints, order, i, end);
             int32_t slot = (int32_t)slot_starts[order[i]];
             int first_y, last_y, first, last;
             tile_rows(p, (int)tiles_y, &first_y, &last_y);

@@ -59,8 +59,7 @@ INLINE void blend_tile(int64_t tile, const Camera *camera, const float *records,
     memset(&s, 0, sizeof s);
     uint32_t live = 0;
     for (int b = 0; b < BLOCKS; b++) {  // pixels outside the frame are full from the start
-        const v16 x = BLOCK_X + (ox + (float)((b & 3) * 4)), y = BLOCK_Y + (oy + (float)((b >> 2) * 4));
-        const i16 inside = (x < camera->width) & (y < camera->height);
+        const i16 inside = (COLUMN_X[b & 3] + ox < camera->width) & (ROW_Y[b >> 2] + oy < camera->height);
         s.t[b] = keep(inside, splat(1.0f));
         if (any(inside)) live |= 1u << b;
     }
@@ -69,12 +68,12 @@ INLINE void blend_tile(int64_t tile, const Camera *camera, const float *records,
     for (; k < end && live; k++) {
         const float *g = records + (int64_t)gid[k] * REC_SIZE;
         prefetch_record(records, gid, k, end);
-        const v16 dx = BLOCK_X + (ox - g[REC_CX]), dy = BLOCK_Y + (oy - g[REC_CY]);
+        const float x = ox - g[REC_CX], y = oy - g[REC_CY];
         uint32_t hit = 0;
         for (uint32_t todo = blocks_of(g, ox, oy) & live; todo; todo &= todo - 1) {
             const int b = __builtin_ctz(todo);
-            const v16 bx = dx + (float)((b & 3) * 4), by = dy + (float)((b >> 2) * 4);
-            hit |= (uint32_t)blend_block(&s, g, bx, by, b, camera, map_scale, &live, level) << b;
+            const v16 dx = COLUMN_X[b & 3] + x, dy = ROW_Y[b >> 2] + y;
+            hit |= (uint32_t)blend_block(&s, g, dx, dy, b, camera, map_scale, &live, level) << b;
         }
         hits[slots[k]] = (uint16_t)hit;
     }

@@ -19,9 +19,13 @@ enum { LEVEL_COLOUR, LEVEL_DEPTH, LEVEL_ALL };
 
 enum { BLOCKS = 16 };      // a tile is 4 x 4 blocks of 4 x 4 pixels; a block is one v16, row by row
 
-// Pixel centres of a block relative to its corner.
-static const v16 BLOCK_X = {.5f, 1.5f, 2.5f, 3.5f, .5f, 1.5f, 2.5f, 3.5f, .5f, 1.5f, 2.5f, 3.5f, .5f, 1.5f, 2.5f, 3.5f};
-static const v16 BLOCK_Y = {.5f, .5f, .5f, .5f, 1.5f, 1.5f, 1.5f, 1.5f, 2.5f, 2.5f, 2.5f, 2.5f, 3.5f, 3.5f, 3.5f, 3.5f};
+// Pixel centres relative to the tile's corner: x in the four columns of blocks, y in the four rows.
+#define PIXELS_X(c) {c + .5f, c + 1.5f, c + 2.5f, c + 3.5f, c + .5f, c + 1.5f, c + 2.5f, c + 3.5f, \
+                     c + .5f, c + 1.5f, c + 2.5f, c + 3.5f, c + .5f, c + 1.5f, c + 2.5f, c + 3.5f}
+#define PIXELS_Y(c) {c + .5f, c + .5f, c + .5f, c + .5f, c + 1.5f, c + 1.5f, c + 1.5f, c + 1.5f, \
+                     c + 2.5f, c + 2.5f, c + 2.5f, c + 2.5f, c + 3.5f, c + 3.5f, c + 3.5f, c + 3.5f}
+static const v16 COLUMN_X[4] = {PIXELS_X(0), PIXELS_X(4), PIXELS_X(8), PIXELS_X(12)};
+static const v16 ROW_Y[4] = {PIXELS_Y(0), PIXELS_Y(4), PIXELS_Y(8), PIXELS_Y(12)};
 
 #define INLINE static inline __attribute__((always_inline))
 

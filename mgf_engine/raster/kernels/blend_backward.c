@@ -157,21 +157,19 @@ INLINE void differentiate_tile(int64_t tile, const Camera *camera, const float *
     Pixels s;
     load_pixels(&s, in, image, plane, tiles_x, tile, level, stats);
     for (int b = 0; b < BLOCKS; b++) {  // as in blend_tile
-        const v16 x = BLOCK_X + (ox + (float)((b & 3) * 4)), y = BLOCK_Y + (oy + (float)((b >> 2) * 4));
-        s.t[b] = keep((x < camera->width) & (y < camera->height), s.t[b]);
+        s.t[b] = keep((COLUMN_X[b & 3] + ox < camera->width) & (ROW_Y[b >> 2] + oy < camera->height), s.t[b]);
     }
     for (int32_t k = start; k < end; k++) {
         uint32_t todo = hits[slots[k]];
         if (!todo) continue;
         const float *g = records + (int64_t)gid[k] * REC_SIZE;
         prefetch_record(records, gid, k, end);
-        const v16 dx = BLOCK_X + (ox - g[REC_CX]), dy = BLOCK_Y + (oy - g[REC_CY]);
+        const float x = ox - g[REC_CX], y = oy - g[REC_CY];
         v16 sum[SUM_SIZE];
         memset(sum, 0, sizeof sum);
         for (; todo; todo &= todo - 1) {
             const int b = __builtin_ctz(todo);
-            differentiate_block(&s, g, dx + (float)((b & 3) * 4), dy + (float)((b >> 2) * 4), b, camera, map_scale, sum, level,
-                                stats);
+            differentiate_block(&s, g, COLUMN_X[b & 3] + x, ROW_Y[b >> 2] + y, b, camera, map_scale, sum, level, stats);
         }
         float *out = sums + (int64_t)slots[k] * SUM_SIZE;
         const v16 low = sums16(sum);

@@ -6,7 +6,7 @@
 // ones the first. Each band belongs to one thread, so the result does not depend on the number of threads.
 #include "export.h"
 
-enum { BAND = 32 };
+enum { BAND = 128 };
 
 typedef struct {
     double x, y, q; // pixels, pixels, 1/depth

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Times the rasterizer's kernels part by part, and against the plain torch twin.
+
+``python -m mgf_engine.bench.kernels`` prints, for every kernel variant of this machine, the milliseconds of each part
+of one training iteration on a synthetic building, and the ratio to the twin on a scene small enough for it. Wall time
+is that of all threads together working; CPU time is what they used: on a busy machine only that means something. The
+best of several rounds counts; variants take turns, so that a change of the machine's pace hits all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.raster import cpu, library
+from mgf_engine.raster.adam import adam_step
+from mgf_engine.raster.api import Camera, render
+
+T = TypeVar("T")
+
+PARTS = ("project", "sort, bin", "blend", "blend backward", "project backward", "adam")
+
+
+def building(n: int, seed: int = 0, size: float = 0.02) -> Gaussians:
+    """n flat Gaussians on the walls and roof of a box 2 wide, 1.4 deep and 2.6 high, and on the ground around it.
+
+    Args:
+        size: typical scale along the surface.
+    """
+    random = np.random.default_rng(seed)
+    half = np.array([1.0, 0.7, 1.3])
+    side = random.integers(0, 6, n)  # four walls, roof, ground
+    axis, sign = np.array([0, 0, 1, 1, 2, 2])[side], np.array([-1, 1, -1, 1, 1, -1])[side]
+    points = (2 * random.random((n, 3)) - 1) * half
+    points[np.arange(n), axis] = sign * half[axis] + random.normal(0, 0.01, n)
+    points[side == 5, :2] *= 2.5
+    scales = size * np.exp(random.normal(0, 0.5, (n, 3)))
+    scales[np.arange(n), axis] *= 0.15
+    tilt = np.concatenate([np.ones((n, 1)), random.normal(0, 0.08, (n, 3))], 1)
+    values = {
+        "positions": points,
+        "log_scales": np.log(scales),
+        "rotations": tilt,
+        "opacity_logits": random.normal(-0.5, 1.6, n),
+        "sh": random.normal(0, 0.2, (n, 16, 3)),
+        "filter_3d": np.full(n, 0.002),
+    }
+    return Gaussians(**{name: torch.from_numpy(v.astype(np.float32)) for name, v in values.items()})
+
+
+def corner_view(width: int, height: int) -> Camera:
+    """A camera that sees two walls and the roof, five units away."""
+    centre = np.array([3.0, -3.4, 2.2])
+    forward = np.array([0.0, 0.0, -0.1]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    focal = 0.96 * width
+    return Camera(width, height, focal, focal, width / 2, height / 2, rotation, -rotation @ centre)
+
+
+@dataclass
+class Clock:
+    """Smallest wall and CPU milliseconds per named part."""
+
+    wall: dict[str, float] = field(default_factory=dict)
+    cpu: dict[str, float] = field(default_factory=dict)
+
+    def time(self, part: str, work: Callable[[], T]) -> T:
+        wall, used = time.perf_counter(), time.process_time()
+        result = work()
+        wall, used = 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - used)
+        self.wall[part] = min(wall, self.wall.get(part, np.inf))
+        self.cpu[part] = min(used, self.cpu.get(part, np.inf))
+        return result
+
+
+class Iteration:
+    """The kernels of one training iteration, run part by part."""
+
+    def __init__(self, n: int, width: int, height: int, heads: str, sh_degree: int) -> None:
+        self.field, self.camera, self.degree = building(n), corner_view(width, height), sh_degree
+        self.geometry = heads == "all"
+        self.raw = cpu.Parameters.of(*vars(self.field).values())
+        self.moments = [torch.zeros(2, *t.shape) for t in self.raw.all[:5]]
+        g = torch.Generator().manual_seed(0)
+        planes = torch.randn(10, height, width, generator=g)
+        rest = (planes[5], planes[6:9], planes[9]) if self.geometry else (None, None, None)
+        depth = planes[4] if self.geometry else None
+        self.heads = cpu.HeadGradients(planes[0:3].contiguous(), planes[3], depth, *rest)
+
+    def run(self, clock: Clock) -> None:
+        seen = clock.time("project", lambda: cpu.project(self.raw, self.camera, self.degree, None))
+        lists = clock.time("sort, bin", lambda: cpu.bin_tiles(seen))
+        image, hits = clock.time("blend", lambda: cpu.blend(lists, self.geometry))
+        sums = clock.time("blend backward", lambda: cpu.blend_backward(lists, image, hits, self.heads, None, False))
+        back = (self.raw, self.degree, lists, hits, sums, self.heads.level, None)
+        gradients = clock.time("project backward", lambda: cpu.project_backward(*back))
+        clock.time("adam", lambda: self._adam(gradients, lists.tile_counts > 0))
+
+    def _adam(self, gradients: tuple[torch.Tensor, ...], visible: torch.Tensor) -> None:
+        active = 3 * (self.degree + 1) ** 2
+        for i, (parameter, moments) in enumerate(zip(self.raw.all[:5], self.moments, strict=True)):
+            columns = active if i == 4 else None
+            adam_step(parameter, gradients[i], moments[0], moments[1], 1e-6, 1, visible, active=columns)
+
+
+def parts_table(n: int, width: int, height: int, heads: str, rounds: int) -> dict[str, Clock]:
+    """Clocks of every variant for one scene."""
+    names = library.runnable_variants()
+    clocks = {name: Clock() for name in names}
+    iteration = Iteration(n, width, height, heads, 3)
+    for _ in range(rounds):
+        for name in names:
+            library.use_variant(name)
+            iteration.run(clocks[name])
+    library.use_variant("")
+    return clocks
+
+
+def ratio_to_twin(n: int, width: int, height: int) -> float:
+    """How many times longer the torch twin takes than the best variant, forward and backward, one small scene."""
+    gaussians, camera = building(n, size=0.1), corner_view(width, height)
+    names = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
+    for name in names:
+        getattr(gaussians, name).requires_grad_()
+    used = {}
+    for backend, rounds in (("cpu", 20), ("reference", 2)):
+        clock = Clock()
+        for _ in range(rounds):
+            clock.time("all", lambda: _forward_and_backward(gaussians, camera, backend))  # noqa: B023
+        used[backend] = clock.cpu["all"]
+    return used["reference"] / used["cpu"]
+
+
+def _forward_and_backward(gaussians: Gaussians, camera: Camera, backend: str) -> None:
+    seen = render(gaussians, camera, sh_degree=3, backend=backend)
+    assert seen.normal is not None and seen.distortion is not None
+    total = seen.colour.sum() + seen.depth.sum() + seen.normal.sum() + seen.distortion.sum()
+    total.backward()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--gaussians", type=int, nargs="+", default=[50_000, 100_000])
+    parser.add_argument("--sizes", nargs="+", default=["750x500", "375x250"])
+    parser.add_argument("--heads", nargs="+", default=["all", "basic"], choices=["all", "basic"])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+    given = parser.parse_args(arguments)
+    library.set_threads(given.threads)
+    results: list[dict[str, Any]] = []
+    for n in given.gaussians:
+        for size in given.sizes:
+            for heads in given.heads:
+                width, height = (int(x) for x in size.split("x"))
+                clocks = parts_table(n, width, height, heads, given.rounds)
+                results.append({"gaussians": n, "size": size, "heads": heads, "variants": clocks})
+                if not given.json:
+                    _print_table(f"{n} Gaussians, {size}, {heads} heads, {library.threads()} threads", clocks)
+    ratio = ratio_to_twin(300, 96, 64)
+    if given.json:
+        plain = [{**r, "variants": {k: vars(v) for k, v in r["variants"].items()}} for r in results]
+        print(json.dumps({"scenes": plain, "ratio_to_twin": ratio}, indent=1))
+    else:
+        print(f"\nThe torch twin takes {ratio:.0f} times the CPU time (300 Gaussians, 96x64, forward and backward).")
+    return 0
+
+
+def _print_table(title: str, clocks: dict[str, Clock]) -> None:
+    print(f"\n{title}: milliseconds, CPU (wall)")
+    print(f"{'':18s}" + "".join(f"{name:>20s}" for name in clocks))
+    for part in PARTS:
+        print(f"{part:18s}" + "".join(f"{c.cpu[part]:10.1f} ({c.wall[part]:7.1f})" for c in clocks.values()))
+    totals = [(sum(c.cpu.values()), sum(c.wall.values())) for c in clocks.values()]
+    print(f"{'together':18s}" + "".join(f"{used:10.1f} ({wall:7.1f})" for used, wall in totals))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
