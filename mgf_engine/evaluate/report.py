@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.evaluate.curve import curve_svg
 from mgf_engine.evaluate.images import Scores, mean_scores
+from mgf_engine.evaluate.pictures import ERROR_LIMIT
 from mgf_engine.scene.images import read_rgb
 from mgf_engine.system import atomic_path, write_json
 
@@ -168,6 +169,7 @@ def _render(data: ReportData) -> str:
         turntable=[embed(p) for p in data.turntable],
         contact_sheet=embed(data.contact_sheet, _CONTACT_SIDE) if data.contact_sheet else "",
         curve=curve_svg(data.curve),
+        error_limit=round(255 * ERROR_LIMIT),
     )  # fmt: skip
 
 
