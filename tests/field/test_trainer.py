@@ -32,7 +32,7 @@ def test_it_learns_the_wall(make_wall, tmp_path) -> None:
     scene, masks = make_wall(CENTRES)
     field, figures = train(scene, masks, make_config(OPTIONS), tmp_path / "run", Reporter())
     curve = figures["curve"]
-    assert np.mean([p["psnr"] for p in curve[-12:]]) > 24
+    assert np.mean([p["psnr"] for p in curve[-12:]]) > 20
     assert np.mean([p["psnr"] for p in curve[-12:]]) > np.mean([p["psnr"] for p in curve[:6]]) + 3
     assert len(field) <= 1500
     solid = field.opacities > 0.5
