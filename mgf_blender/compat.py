@@ -7,5 +7,3 @@ import bpy
 
 #: Render engine id of EEVEE.
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
-#: The physical sky model.
-SKY_TYPE = "MULTIPLE_SCATTERING" if bpy.app.version >= (5, 0, 0) else "NISHITA"

@@ -18,8 +18,8 @@ SCHEMA: dict[str, Any] = json.loads((Path(__file__).parents[1] / "options.json")
 OPTIONS: dict[str, dict[str, Any]] = {o["name"]: o for o in SCHEMA["options"]}
 SECTIONS: list[str] = SCHEMA["sections"]
 PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
-_SPELLED = {"sh": "SH", "ssim": "SSIM", "l1": "L1", "obj": "OBJ", "glb": "GLB", "cpu": "CPU", "cuda": "CUDA",
-            "cpu_": "CPU", "efficientsam": "EfficientSAM", "grabcut": "GrabCut", "sam": "SAM"}  # fmt: skip
+_CAPITALS = {"sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda"}
+_SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM", "grabcut": "GrabCut"}
 _SMALL = {"of", "the", "to", "in", "on", "by", "and", "a"}
 
 

@@ -10,13 +10,17 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..compat import EEVEE, SKY_TYPE
+from ..common.materials import COLOR_ATTRIBUTE
+from ..compat import EEVEE
 from ..scene_import.tree import Tree
 
 Size = tuple[int, int]  # width, height in pixels
 
 _RIG = "MGF Picture"
 _LENS = 45.0  # mm on a 36 mm sensor
+_SKY = (0.74, 0.83, 0.95)
+_OWN_LIGHT = 0.35  # share of the photos' own light in the picture; the sun adds the shape
+_ELEVATION = 16.0  # degrees
 
 
 def render_picture(
@@ -40,19 +44,47 @@ def render_picture(
     meshes = tree.objects("Mesh")
     if not meshes:
         raise ValueError("no mesh to render")
+    for layer in scene.view_layers:
+        layer.update()  # fresh objects have no world matrices yet
     stage = bpy.data.scenes.new(_RIG)
     made: list[bpy.types.ID] = []
     try:
-        for obj in meshes:
-            stage.collection.objects.link(obj)
+        made += _actors(stage, meshes)
         stage.view_layers[0].update()
         corners = _world_vertices(meshes)
-        made += [_camera(stage, tree, corners, turn, size), *_light(stage, corners), _ground(stage, corners)]
+        made += [*_camera(stage, tree, corners, turn, size), *_light(stage, corners), *_ground(stage, corners)]
         _settings(stage, path, size, samples, engine)
         bpy.ops.render.render(write_still=True, scene=stage.name)
     finally:
         bpy.data.scenes.remove(stage, do_unlink=True)
-        bpy.data.batch_remove([i for i in made if i is not None])
+        bpy.data.batch_remove(made)
+
+
+def _actors(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[bpy.types.ID]:
+    """The meshes on the stage, in a material that keeps the light their photos were taken in."""
+    material = bpy.data.materials.new(_RIG)
+    if not material.node_tree:
+        material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    shader = next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
+    color = nodes.new("ShaderNodeAttribute")
+    color.attribute_name = COLOR_ATTRIBUTE
+    for name in ("Base Color", "Emission Color"):
+        links.new(color.outputs["Color"], shader.inputs[name])
+    shader.inputs["Emission Strength"].default_value = _OWN_LIGHT
+    shader.inputs["Roughness"].default_value = 0.9
+    shader.inputs["Specular IOR Level"].default_value = 0.1
+    made: list[bpy.types.ID] = [material]
+    for obj in meshes:
+        actor = obj.copy()
+        actor.parent = None
+        actor.matrix_world = obj.matrix_world
+        actor.hide_render = False
+        for slot in actor.material_slots:
+            slot.link, slot.material = "OBJECT", material
+        stage.collection.objects.link(actor)
+        made.append(actor)
+    return made
 
 
 def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
@@ -79,7 +111,7 @@ def _camera(
     if len(stands) and np.linalg.norm(view[:2]) < 0.3 * np.linalg.norm(around[:, :2], axis=1).mean():
         view = around[0]  # photos all around: any of them is as good a side
     angle = math.atan2(view[1], view[0]) + math.radians(turn)
-    up = math.radians(22)
+    up = math.radians(_ELEVATION)
     direction = np.array([math.cos(angle) * math.cos(up), math.sin(angle) * math.cos(up), math.sin(up)])
     data = bpy.data.cameras.new(_RIG)
     data.lens = _LENS
@@ -92,7 +124,7 @@ def _camera(
     obj.matrix_world = Matrix.Translation(eye.tolist()) @ rotation.to_4x4()
     reach = float(np.linalg.norm(high - low))
     data.clip_start, data.clip_end = 1e-3 * reach, 1e3 * reach
-    return obj
+    return [obj, data]
 
 
 def _frame(
@@ -109,21 +141,16 @@ def _frame(
 
 
 def _light(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
-    """A sky for the world and a warm sun from behind the camera's left shoulder."""
+    """A pale sky and a warm sun from behind the camera's left shoulder."""
     world = bpy.data.worlds.new(_RIG)
     stage.world = world
     if not world.node_tree:
         world.use_nodes = True
-    nodes, links = world.node_tree.nodes, world.node_tree.links
-    background = next(n for n in nodes if n.type == "BACKGROUND")
-    sky = nodes.new("ShaderNodeTexSky")
-    sky.sky_type = SKY_TYPE
-    sky.sun_disc = False
-    sky.sun_elevation = math.radians(38)
-    background.inputs["Strength"].default_value = 0.16
-    links.new(sky.outputs[0], background.inputs["Color"])
+    background = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (*_SKY, 1)
+    background.inputs["Strength"].default_value = 0.75
     sun = bpy.data.lights.new(_RIG, "SUN")
-    sun.energy, sun.angle, sun.color = 3.2, math.radians(2.0), (1.0, 0.94, 0.85)
+    sun.energy, sun.angle, sun.color = 2.6, math.radians(2.0), (1.0, 0.95, 0.87)
     obj = bpy.data.objects.new(_RIG, sun)
     stage.collection.objects.link(obj)
     eye = Vector(stage.camera.matrix_world.translation) - Vector(xyz.mean(axis=0).tolist())
@@ -134,7 +161,7 @@ def _light(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
     return [world, obj, sun]
 
 
-def _ground(stage: bpy.types.Scene, xyz: np.ndarray) -> bpy.types.Object:
+def _ground(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
     """A wide pale disc under the building, so that it stands on something and casts a shadow."""
     low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
     reach = float(np.linalg.norm(high - low)) * 20
@@ -143,16 +170,16 @@ def _ground(stage: bpy.types.Scene, xyz: np.ndarray) -> bpy.types.Object:
     ring = [(middle[0] + reach * math.cos(a), middle[1] + reach * math.sin(a), low[2]) for a in angles]
     mesh = bpy.data.meshes.new(_RIG)
     mesh.from_pydata(ring, [], [tuple(range(64))])
-    material = bpy.data.materials.get(_RIG) or bpy.data.materials.new(_RIG)
+    material = bpy.data.materials.new(_RIG)
     if not material.node_tree:
         material.use_nodes = True
     shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
-    shader.inputs["Base Color"].default_value = (0.42, 0.43, 0.42, 1)
+    shader.inputs["Base Color"].default_value = (0.55, 0.55, 0.53, 1)
     shader.inputs["Roughness"].default_value = 1.0
     mesh.materials.append(material)
     obj = bpy.data.objects.new(_RIG, mesh)
     stage.collection.objects.link(obj)
-    return obj
+    return [obj, mesh, material]
 
 
 def _settings(stage: bpy.types.Scene, path: Path, size: tuple[int, int], samples: int, engine: str) -> None:

@@ -13,6 +13,7 @@ import synthetic
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.ply import read_ply
 from mgf_blender.results.load import import_result
+from mgf_blender.results.picture import render_picture
 from mgf_blender.scene_import.load import import_scene
 
 
@@ -84,6 +85,22 @@ def test_import_again_leaves_no_copies(scene, house):
     before = [len(getattr(bpy.data, k)) for k in kinds]
     import_result(scene, house.job, tree)
     assert before == [len(getattr(bpy.data, k)) for k in kinds]
+
+
+def test_picture_leaves_the_file_as_it_was(scene, house, tmp_path):
+    tree = import_scene(scene, house.folder).tree
+    import_result(scene, house.job, tree)
+    kinds = ("objects", "meshes", "cameras", "lights", "worlds", "materials", "scenes")
+    before = [sorted(b.name for b in getattr(bpy.data, k)) for k in kinds]
+    camera, size = scene.camera, scene.render.resolution_x
+    render_picture(scene, tree, tmp_path / "p.png", (80, 50), samples=1)
+    assert before == [sorted(b.name for b in getattr(bpy.data, k)) for k in kinds]
+    assert scene.camera == camera and scene.render.resolution_x == size
+    image = bpy.data.images.load(str(tmp_path / "p.png"))
+    pixels = np.array(image.pixels[:]).reshape(50, 80, 4)
+    # The walls are red, and the building stands in the middle.
+    middle, corner = pixels[15:35, 25:55, :3].mean(axis=(0, 1)), pixels[:5, :10, :3].mean(axis=(0, 1))
+    assert middle[0] > middle[2] + 0.1 and abs(corner[0] - corner[2]) < 0.12
 
 
 @pytest.mark.parametrize(

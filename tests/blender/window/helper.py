@@ -43,8 +43,12 @@ def obey(text):
                 bpy.ops.image.view_all(fit_view=True)
             else:
                 bpy.ops.view3d.view_all()
-    elif word == "shading":
-        area.spaces.active.shading.type = argument
+    elif word == "frame":
+        with bpy.context.temp_override(window=window, area=area, region=region(area, "WINDOW")):
+            for obj in window.view_layer.objects:
+                obj.select_set(obj.get("mgf_kind") == argument)
+            bpy.ops.view3d.view_selected()
+            bpy.ops.object.select_all(action="DESELECT")
     elif word == "py":
         exec(argument, {"bpy": bpy, "area": area, "window": window})  # set-up only, see drive.py
     elif word == "quit":

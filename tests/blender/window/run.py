@@ -169,7 +169,7 @@ def reconstruct(window: Window) -> None:
     window.wait("the end", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 1800)
     assert window.state()["jobs"][-1][1] == "DONE", window.state()["jobs"][-1]
     window.wait("the mesh", lambda s: s["objects"]["Mesh"] == 1, 60)
-    window.tell("py bpy.ops.object.select_all(action='DESELECT')")
+    window.tell("frame Mesh")
     time.sleep(3)
     window.shot("9-mesh")
 
