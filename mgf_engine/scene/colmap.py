@@ -84,11 +84,13 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
     Raises:
         BadInput: a photo is not there, or two files fit equally well.
     """
-    places = _photo_places(model, source)
-    counts = [sum((place / _portable(name)).is_file() for name in names) for place in places]
-    best = max(range(len(places)), key=lambda i: counts[i]) if places else 0
-    found = {name: places[best] / _portable(name) for name in names} if places else {}
-    missing = [name for name in names if name not in found or not found[name].is_file()]
+    found: dict[str, Path] = {}
+    for place in _photo_places(model, source):
+        here = {name: path for name in names if (path := place / _portable(name)).is_file()}
+        found = here if len(here) > len(found) else found
+        if len(found) == len(names):
+            break
+    missing = [name for name in names if name not in found]
     if missing:
         index = _index(source, exclude)
         for name in list(missing):

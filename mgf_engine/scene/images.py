@@ -117,10 +117,18 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 
 def _is_cut_jpeg(data: NDArray[np.uint8]) -> bool:
-    """Whether a JPEG ends early; OpenCV would fill the rest with grey."""
-    if data[:2].tobytes() != b"\xff\xd8":
+    """Whether a JPEG ends early; OpenCV would fill the rest with grey.
+
+    The end is looked for after the headers (a thumbnail in them has an end of its own), and anything may follow it:
+    phones append videos.
+    """
+    raw = data.tobytes()
+    if raw[:2] != b"\xff\xd8":
         return False
-    return b"\xff\xd9" not in data[-65536:].tobytes()
+    at = 2
+    while at + 4 <= len(raw) and raw[at] == 0xFF and raw[at + 1] != 0xDA:  # until the pixels start
+        at += 1 if raw[at + 1] == 0xFF else 2 + int.from_bytes(raw[at + 2 : at + 4], "big")
+    return raw.find(b"\xff\xd9", at) < 0
 
 
 def _unreadable(path: Path) -> BadInput:

@@ -162,7 +162,7 @@ def test_lists_photos_without_a_model(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def tiny() -> object:
-    return reconstruction(rigs=1, sensors=2, frames=2, points=4)
+    return reconstruction(rigs=1, sensors=2, frames=1, points=3)
 
 
 @pytest.mark.parametrize("part", PARTS)

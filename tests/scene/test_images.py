@@ -80,6 +80,19 @@ def test_cut_off_photos_are_refused(suffix: str, rgb: np.ndarray, tmp_path: Path
             read_rgb(path)
 
 
+def test_a_photo_with_a_thumbnail_and_a_video_behind_it(rgb: np.ndarray, tmp_path: Path) -> None:
+    path = write_photo(tmp_path / "x.jpg", rgb)
+    plain = path.read_bytes()
+    thumbnail = cv2.imencode(".jpg", rgb[::8, ::8])[1].tobytes()
+    comment = b"\xff\xfe" + struct.pack(">H", len(thumbnail) + 2) + thumbnail
+    whole = plain[:2] + comment + plain[2:]
+    path.write_bytes(whole + b"\0ftypmp4" * 30_000)
+    assert np.array_equal(read_rgb(path), cv2.cvtColor(cv2.imdecode(np.frombuffer(plain, np.uint8), 1), 4))
+    path.write_bytes(whole[: len(comment) + 2000])
+    with pytest.raises(BadInput, match="cannot be read"):
+        read_rgb(path)
+
+
 def test_a_header_with_a_mad_size_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.bmp"
     path.write_bytes(
