@@ -85,14 +85,14 @@ class _Bar:
 
     def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+        from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn
 
         self._console = Console(stderr=True)
         self._progress = Progress(
             TextColumn("{task.description:<9}"), BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[left]}"),
             TextColumn("{task.fields[figures]}", style="dim"), console=self._console,
         )  # fmt: skip
-        self._task = None
+        self._task: TaskID | None = None
 
     def __call__(self, message: Message) -> None:
         kind = message["type"]

@@ -68,11 +68,11 @@ def _photo(scene: Scene, masks: MaskSet, index: int) -> Photo:
     view = scene.views[index]
     factor = min(1.0, _LONGEST_SIDE / max(view.width, view.height))
     size = (max(1, round(view.width * factor)), max(1, round(view.height * factor)))
-    grey = cv2.cvtColor(scene.photo(index), cv2.COLOR_RGB2GRAY)
+    grey = np.asarray(cv2.cvtColor(scene.photo(index), cv2.COLOR_RGB2GRAY), np.uint8)
     labels = masks.labels[index]
     if size != (view.width, view.height):
-        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-        labels = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
+        grey = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
+        labels = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint8)
     sx, sy = size[0] / view.width, size[1] / view.height
     intrinsics = np.array([[view.fx * sx, 0, view.cx * sx], [0, view.fy * sy, view.cy * sy], [0, 0, 1]])
     return Photo(view, grey, building(labels), intrinsics)
@@ -143,7 +143,8 @@ def _agreed(
         if other in merged:
             confirmed += _confirms(points, photos[other], merged[other])
     keep = confirmed >= 1
-    colour = cv2.resize(scene.photo(index), photo.grey.shape[::-1], interpolation=cv2.INTER_AREA)
+    height, width = photo.grey.shape
+    colour = np.asarray(cv2.resize(scene.photo(index), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     centre = np.broadcast_to(photo.view.centre, points.shape)
     return points[keep], colour[rows[keep], columns[keep]], centre[keep]
 

@@ -116,7 +116,7 @@ class _Frame:
         half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # pixel index -> continuous coordinate
         matrix = np.linalg.inv(half) @ self.to_photo() @ half
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return cv2.warpPerspective(image, matrix, (self.width, self.height), flags=flags)
+        return np.asarray(cv2.warpPerspective(image, matrix, (self.width, self.height), flags=flags), np.uint8)
 
     def depth_in_photo(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """Depth along the frame's z axis -> depth along the photo's own, sampled at the photo's pixels."""
@@ -144,7 +144,7 @@ def _common_rotation(first: View, second: View) -> NDArray[np.float64]:
 
 def _match(left: NDArray[np.uint8], right: NDArray[np.uint8], lowest: int, count: int) -> NDArray[np.float32]:
     """Disparity in pixels, ``left x - right x``; below ``lowest`` where unknown."""
-    matcher = cv2.StereoSGBM_create(
+    matcher = cv2.StereoSGBM.create(
         minDisparity=lowest, numDisparities=count, blockSize=_BLOCK, P1=_SMOOTHNESS[0] * _BLOCK**2,
         P2=_SMOOTHNESS[1] * _BLOCK**2, disp12MaxDiff=1, uniquenessRatio=8, speckleWindowSize=40, speckleRange=2,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
@@ -152,8 +152,9 @@ def _match(left: NDArray[np.uint8], right: NDArray[np.uint8], lowest: int, count
     # SGBM cannot judge columns whose search leaves the right picture, so both get a margin of the search's width.
     width = max(left.shape[1], right.shape[1])
     before, after = max(0, lowest + count), max(0, -lowest)
-    pad = lambda image: cv2.copyMakeBorder(  # noqa: E731
-        image, 0, 0, before, after + width - image.shape[1], cv2.BORDER_REPLICATE
-    )
-    found = matcher.compute(pad(left), pad(right)).astype(np.float32) / 16.0
+    padded = [
+        cv2.copyMakeBorder(image, 0, 0, before, after + width - image.shape[1], cv2.BORDER_REPLICATE)
+        for image in (left, right)
+    ]
+    found = matcher.compute(padded[0], padded[1]).astype(np.float32) / 16.0
     return np.ascontiguousarray(found[:, before : before + left.shape[1]])

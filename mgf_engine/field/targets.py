@@ -103,15 +103,15 @@ def make_target(
     camera = Camera.from_view(view, 1.0 / factor)
     size = (camera.width, camera.height)
     if factor > 1:
-        photo = cv2.resize(photo, size, interpolation=cv2.INTER_AREA)
-        labels = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
+        photo = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
+        labels = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint8)
     inside = building(labels)
     if not inside.any():
         return None
     ring = _ring(inside, labels, max(2, _RING // factor))
     box = _tile_box(inside | ring)
-    y0, y1, x0, x1 = box
-    photo, labels, inside, ring = (a[y0:y1, x0:x1] for a in (photo, labels, inside, ring))
+    cut = (slice(*box[:2]), slice(*box[2:]))
+    photo, labels, inside, ring = photo[cut], labels[cut], inside[cut], ring[cut]
     compact, label_weight = _label_weights(photo, labels, inside)
     return Target(
         camera=camera,
