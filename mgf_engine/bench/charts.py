@@ -53,7 +53,7 @@ def summary_tables(rows: list[Row]) -> list[dict[str, Any]]:
     for scene in dict.fromkeys(row["scene"] for row in rows):
         mine = [row for row in rows if row["scene"] == scene]
         thresholds = mine[0]["geometry"]["thresholds"]
-        columns = ["variant", "seeds", *(f"F1 {t * 100:.3g} cm" for t in thresholds), "accuracy", "completeness"]
+        columns = ["variant", "seeds", *(f"F1 {t * 100:.3g} cm" for t in thresholds), "accuracy", "completeness", "cut off"]
         columns += ["PSNR", "SSIM", "mask IoU", "Gaussians", "faces", "parts", "holes", "seconds", "CPU s", "MB"]
         lines = [
             _line(name, [r for r in mine if r["variant"] == name]) for name in dict.fromkeys(r["variant"] for r in mine)
@@ -70,6 +70,7 @@ def _line(variant: str, rows: list[Row]) -> list[str]:
         str(len(rows)),
         *(f"{mean(v):.1f}" + (f" ±{(max(v) - min(v)) / 2:.1f}" if len(v) > 1 else "") for v in f1),
         *(_average([row["geometry"][key][0] for row in rows], "{:.1f}") for key in ("accuracy", "completeness")),
+        _average([row["geometry"]["outside_crop"] for row in rows], "{:.1f}"),
         _average([row.get("psnr") for row in rows], "{:.2f}"),
         _average([row.get("ssim") for row in rows], "{:.3f}"),
         _average([row.get("mask_iou") for row in rows], "{:.1f}"),

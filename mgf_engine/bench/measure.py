@@ -25,8 +25,10 @@ from mgf_engine.masks.model import BACKGROUND, UNKNOWN
 
 #: Thresholds in metres always reported; one ground pixel and its double are added.
 THRESHOLDS = (0.05, 0.10, 0.20)
-#: Whole-picture reconstructions are cut to the true mesh's box, grown by this much, metres, and above the ground.
-CROP_MARGIN, CROP_FOOT = 0.5, 0.1
+#: Whole-picture reconstructions are cut to the true mesh's box, grown by this much, metres.
+CROP_MARGIN = 0.5
+#: Nobody can see below the ground: what lies lower is left out of every mesh (``outside_crop`` says how much).
+CROP_FOOT = 0.1
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def measure(run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool) 
         return {**row, "failed": tail or f"exit code {code}"}
     whole_picture = bool(run.command) or str(run.options.get("use_masks", True)).lower() in ("false", "0", "off", "no")
     thresholds = sorted({*THRESHOLDS, round(scene.ground_pixel, 4), round(2 * scene.ground_pixel, 4)})
-    crop = scene.crop if whole_picture else None
+    crop = scene.crop if whole_picture else above_ground(scene.crop)
     scores = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop, seed=run.seed)
     row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)
     if not run.command:
@@ -109,6 +111,12 @@ def measure(run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool) 
     if not keep_job:
         _slim(job)
     return row
+
+
+def above_ground(crop: Points) -> Points:
+    """The crop without its sides and top."""
+    low = np.array([-np.inf, -np.inf, crop[0, 2]])
+    return np.stack([low, np.full(3, np.inf)])
 
 
 def job_figures(job: Path) -> dict[str, Any]:

@@ -132,6 +132,7 @@ def test_tables_average_over_seeds(tmp_path: Path) -> None:
             "seconds": 10.0, "cpu_seconds": 18.0, "peak_memory": 1e9, "gaussians": 5000, "faces": 10,
             "stages": {"scene": 1.0, "field": 8.0, "mesh": 1.0},
             "geometry": {"thresholds": [0.05], "f1": [90.0 + 2 * seed], "accuracy": [90.0], "completeness": [90.0],
+                         "outside_crop": 3.0,
                          "hygiene": hygiene},
         }
         for seed in range(3)
