@@ -53,8 +53,22 @@ def summary_tables(rows: list[Row]) -> list[dict[str, Any]]:
     for scene in dict.fromkeys(row["scene"] for row in rows):
         mine = [row for row in rows if row["scene"] == scene]
         thresholds = mine[0]["geometry"]["thresholds"]
-        columns = ["variant", "seeds", *(f"F1 {t * 100:.3g} cm" for t in thresholds), "accuracy", "completeness", "cut off"]
-        columns += ["PSNR", "SSIM", "mask IoU", "Gaussians", "faces", "parts", "holes", "seconds", "CPU s", "MB"]
+        columns = ["variant", "seeds", *(f"F1 {t * 100:.3g} cm" for t in thresholds)]
+        columns += [
+            "accuracy",
+            "completeness",
+            "cut off",
+            "PSNR",
+            "SSIM",
+            "mask IoU",
+            "Gaussians",
+            "faces",
+            "parts",
+            "holes",
+            "seconds",
+            "CPU s",
+            "MB",
+        ]
         lines = [
             _line(name, [r for r in mine if r["variant"] == name]) for name in dict.fromkeys(r["variant"] for r in mine)
         ]
