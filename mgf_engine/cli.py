@@ -31,7 +31,7 @@ _STAGE_HELP = {
     "mesh": "extract the mesh from the field",
     "deliver": "render novel views and write the report",
 }
-_FULL_DISK = (errno.ENOSPC, errno.EDQUOT)
+_FULL_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NO_ACCESS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 

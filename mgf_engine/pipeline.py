@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mgf_engine import __version__
+from mgf_engine.errors import BadInput
 from mgf_engine.job import Job
 from mgf_engine.messages import STAGES, Reporter
 from mgf_engine.system import cores, peak_memory
@@ -64,7 +65,14 @@ def load_inputs(job: Job) -> tuple[Scene, MaskSet]:
 
 
 def _prepare(job: Job) -> None:
-    """Seed and thread counts; one place, so that a job repeats itself."""
+    """Device, seed and thread counts; one place, so that a job repeats itself.
+
+    Raises:
+        BadInput: CUDA is asked for, which this version cannot do.
+    """
+    if job.config.device == "cuda":
+        raise BadInput("This version trains on the CPU only; use --device cpu or auto.")
+    log.info("device: cpu (asked for: %s)", job.config.device)
     import cv2
     import torch
 

@@ -180,6 +180,71 @@ def test_masks_of_the_user_are_taken_as_they_are(house: House, tmp_path: Path) -
     assert ((labels > 0) == house.masks["photo_03.png"]).mean() > 0.995
 
 
+@pytest.fixture
+def small_disk(tmp_path: Path):
+    """A folder on a disk of two megabytes."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", folder], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("this user may not mount a small disk")
+    yield folder
+    subprocess.run(["umount", folder], check=True)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="mounts a small disk the way of Linux")
+def test_a_full_disk_ends_with_one_sentence_and_the_job_resumes(house: House, finished, small_disk: Path) -> None:
+    (small_disk / "filler").write_bytes(b"0" * 1_400_000)
+    job = small_disk / "job"
+    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", job, *OPTIONS)
+    messages = finish(run)
+    assert run.returncode == 2
+    assert "space" in messages[-1]["text"]
+    assert not list(job.rglob(".part-*"))
+    roomy = small_disk.parent / "roomy"
+    shutil.copytree(job, roomy)
+    assert finish(start("reconstruct", "--out", roomy, "--resume"))[-1]["type"] == "result"
+    assert (roomy / "mesh.ply").read_bytes() == (finished[0] / "mesh.ply").read_bytes()
+
+
+def test_a_card_that_cannot_be_used_is_refused_not_replaced(house: House, tmp_path: Path) -> None:
+    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", tmp_path / "job", "--device", "cuda")
+    assert "CPU only" in finish(run)[-1]["text"]
+    assert run.returncode == 2
+
+
+BAD_PROMPTS = {
+    "unknown image": ('{"nowhere.png": {"positive": [[5, 5]]}}', "nowhere.png"),
+    "outside": ('{"photo_00.png": {"positive": [[5000, 5]]}}', "photo_00.png"),
+    "none": ("{}", "click"),
+    "not json": ("clicks", "JSON"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_PROMPTS)
+def test_bad_prompts_are_refused_by_name(house: House, finished, tmp_path: Path, name: str) -> None:
+    content, part = BAD_PROMPTS[name]
+    prompts = tmp_path / "prompts.json"
+    prompts.write_text(content)
+    run = start("masks", house.folder, "--prompts", prompts, "--out", tmp_path / "job")
+    text = finish(run)[-1]["text"]
+    assert run.returncode == 2
+    assert part.lower() in text.lower()
+    assert not (tmp_path / "job" / "masks" / "labels").exists()
+
+
+@pytest.mark.parametrize("value", [0, 255])
+def test_masks_that_are_empty_or_cover_everything_are_refused(house: House, tmp_path: Path, value: int) -> None:
+    folder = tmp_path / "masks"
+    folder.mkdir()
+    for name, mask in house.masks.items():
+        cv2.imwrite(str(folder / name), np.full(mask.shape, value, np.uint8))
+    run = start("masks", house.folder, "--masks", folder, "--out", tmp_path / "job")
+    text = finish(run)[-1]["text"]
+    assert run.returncode == 2
+    assert "mask" in text
+
+
 def _copy_until(finished: Path, job: Path, stage: str) -> None:
     """A copy of a finished job as it was before ``stage`` began."""
     shutil.copytree(finished, job)
