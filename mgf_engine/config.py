@@ -67,7 +67,7 @@ class Config:
     vote_dilation: int = option(3, "masks", "Masks grow by this much before points are tested against them", low=0, high=100, unit="px")
 
     # field
-    iterations: int = option(7000, "field", "Training iterations", low=1, high=1_000_000)
+    iterations: int = option(3000, "field", "Training iterations", low=1, high=1_000_000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
     dense_start: bool = option(True, "field", "Start from dense points by stereo between neighbouring photos, not from sparse points alone")
     sh_degree: int = option(2, "field", "Degree of the spherical harmonics that make colour depend on the view", low=0, high=3)
@@ -106,9 +106,9 @@ class Config:
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
-    "draft": {"iterations": 1500, "max_gaussians": 40_000, "resolution": 500, "sh_degree": 1},
+    "draft": {"iterations": 1000, "max_gaussians": 50_000, "resolution": 500, "sh_degree": 1},
     "standard": {},
-    "fine": {"iterations": 15000, "max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3},
+    "fine": {"iterations": 10_000, "max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3},
 }
 
 

@@ -21,7 +21,7 @@ from mgf_engine.raster.api import RenderStats
 _SPLIT_OFFSET = 0.55  # of the longest axis, to either side
 _SPLIT_SHRINK = 0.62
 _GROWTH = 0.25  # a round adds at most this share
-_MIN_ERROR = 0.02  # summed colour error per view below which a Gaussian is good enough
+_MIN_ERROR = 0.1  # summed colour error per view below which a Gaussian is good enough
 _HUGE = 2.0  # units of the normalised frame; nothing on a building is one disc this large
 
 
