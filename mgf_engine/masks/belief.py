@@ -20,9 +20,10 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 from scipy.sparse.linalg import cg
+from scipy.spatial import cKDTree
 
 from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
-from mgf_engine.masks.extent import Extent, Place
+from mgf_engine.masks.extent import Extent, Place, Sight
 from mgf_engine.masks.ground import Ground, find_ground
 from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.prompts import Prompts
@@ -35,13 +36,18 @@ Array = NDArray[np.float64]
 TRACK_TIE = 1.0  # point to the region it was observed in
 SPACE_TIE = 0.3  # point to a neighbouring point
 CLICK_WEIGHT = 2.0  # each click counts five times: at its place and 5 px to four sides
-LOOKS_WEIGHT = 0.5  # pull of colour, texture and shape
-PLANT_WEIGHT = 0.3  # pull of leaves and grass towards background
-PLACE_WEIGHT = 0.15  # pull of where the building can be
-FAR_WEIGHT = 1.0  # pull of where it cannot be
-HIDDEN_WEIGHT = 0.3  # pull of points that should be seen and are not
-GROUND_FIRST_WEIGHT = 0.5  # pull of rays that meet the ground first
-GROUND_WEIGHT = 1.0  # pull of the ground's own points towards background
+EVIDENCE_WEIGHT = 1.5  # how hard everything below pulls at a region, once it is certain
+POINT_EVIDENCE_WEIGHT = 2.0  # and at a point, which has as many ties as photos saw it
+# Evidence, as natural logarithms of odds.
+LOOKS_LIMIT = 3.0  # colour, texture and shape say at most this much
+PLANT_ODDS = -2.0  # leaves and grass
+CORE_ODDS = 1.5  # the ray meets the building
+FAR_ODDS = -1.0  # per spacing of the points away from it, beyond the first
+FAR_LIMIT = 4.0
+HIDDEN_ODDS = -2.0  # points that should be seen here are not
+FIRST_ODDS = -3.0  # the ray meets the ground first
+GROUND_ODDS = -4.0  # the ground's own points
+NEAR_CLICK = 0.06  # share of the photo's width within which the nearest point tells what a click is on
 LEAK = 0.02  # how quickly a click's influence fades in the first round
 ROUNDS = 4
 #: Features of points: those of the regions that saw them, how upright their surface is, and how flat.
@@ -63,6 +69,7 @@ class SceneGraph:
     def __init__(self, scene: Scene, regions: Sequence[Regions], shape: Shape) -> None:
         self.scene, self.regions, self.shape = scene, regions, shape
         self.ground: Ground | None = None
+        self.sight = Sight(scene)
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
         self.features = np.concatenate([r.features for r in regions])
@@ -70,53 +77,69 @@ class SceneGraph:
         self.observed = self._observed_regions()
         self.laplacian, self.degree = self._laplacian(shape)
         self.point_features = self._point_features(shape)
-        self.plants = PLANT_WEIGHT * np.concatenate([plants(self.features), plants(self.point_features)])
+        self.evidence_weight = np.repeat([EVIDENCE_WEIGHT, POINT_EVIDENCE_WEIGHT], [self.region_count, self.point_count])
+        self.plants = np.concatenate([plants(self.features), plants(self.point_features)])
 
     def solve(self, prompts: Prompts, seed: int = 0) -> Belief:
         """The belief that follows from the clicks."""
         pull, target = self.click_pull(prompts)
         belief, trust = self._first_guess(pull, target)
-        looks = np.full(self.region_count, 0.5)
+        looks = np.zeros(len(belief))
         for round_ in range(ROUNDS):
-            weight = trust if round_ == 0 else 1.0
-            looks, point_looks = self._looks(belief, weight, seed)
-            wanted = np.concatenate([looks, point_looks])
-            strength = LOOKS_WEIGHT * np.abs(2 * wanted - 1)
-            place, place_target = self._place(belief, seed) if round_ > 0 else (0.0 * belief, belief)
-            stiffness = pull + strength + self.plants + place + 1e-4
-            source = pull * target + strength * wanted + place * place_target + 0.5e-4
-            belief = self._flow(stiffness, source, belief)
+            looks = self._looks(belief, trust if round_ == 0 else 1.0, seed)
+            odds = looks + PLANT_ODDS * self.plants
+            if round_ > 0:
+                odds += self._place(belief, prompts, seed)
+            wanted = 1.0 / (1.0 + np.exp(-odds))
+            strength = self.evidence_weight * np.abs(2 * wanted - 1) + 1e-4
+            belief = self._flow(pull + strength, pull * target + strength * wanted, belief)
         return self._split(belief, looks)
 
-    def _place(self, belief: Array, seed: int) -> tuple[Array, Array]:
-        """Strength and wanted value of what the geometry says, [N] each: ground, reach and cover of the points."""
+    def _place(self, belief: Array, prompts: Prompts, seed: int) -> Array:
+        """Log-odds of what the geometry says, [N]: ground, reach and cover of the points."""
         points = belief[self.region_count :]
-        strength, wanted = np.zeros_like(belief), np.zeros_like(belief)
+        odds = np.zeros(len(belief))
         self.ground = find_ground(self.scene, self.shape, 1 - points, seed)
         if self.ground is not None:
-            height = self.ground.height(self.scene.points)
-            upright = np.abs(self.shape.normals @ self.shape.up)
-            on = np.clip(1.5 - np.abs(height) / self.ground.thickness, 0, 1) * np.clip(2 * upright - 0.6, 0, 1)
-            strength[self.region_count :] = GROUND_WEIGHT * np.where(height < 0, np.maximum(on, height < -self.ground.thickness), on)
+            grounded = self.ground.holds(self.scene, self.shape)
+            if self._clicks_reject(grounded, prompts):
+                odds[self.region_count :] = GROUND_ODDS * grounded
+                points = np.minimum(points, 1 - grounded)
+            else:
+                # A plinth the building stands on, as far as anybody said: no evidence against it.
+                self.ground = None
         keep = points > 0.6
         if keep.sum() < 10:
-            return strength, wanted
-        extent = Extent(self.scene, self.shape, keep, self.ground)
+            return odds
+        extent = Extent(self.scene, self.shape, keep, self.ground, self.sight)
         for index, regions in enumerate(self.regions):
             part = slice(self.start[index], self.start[index + 1])
-            strength[part], wanted[part] = self._region_place(extent.place(index), regions, self.scene.views[index])
-        return strength, wanted
+            odds[part] = self._region_odds(extent.place(index), regions, self.scene.views[index])
+        return odds
+
+    def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
+        """Whether clicks call the ground background: more negative than positive ones on it, or no negative at all."""
+        balance = 0
+        for index, clicks in prompts.items():
+            here = self.scene.track_view == index
+            owner = self.sight.owner[here]
+            if not len(owner):
+                continue
+            tree = cKDTree(self.scene.track_uv[here])
+            for points, sign in ((clicks.negative, 1), (clicks.positive, -1)):
+                distance, nearest = tree.query(points, 1) if len(points) else (np.zeros(0), np.zeros(0, int))
+                near = distance < NEAR_CLICK * self.scene.views[index].width
+                balance += sign * int((near & (grounded[owner[nearest]] > 0.5)).sum())
+        return balance > 0 or (balance == 0 and not any(len(c.negative) for c in prompts.values()))
 
     @staticmethod
-    def _region_place(place: Place, regions: Regions, view: View) -> tuple[Array, Array]:
+    def _region_odds(place: Place, regions: Regions, view: View) -> Array:
         h, w = place.core.shape
         x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
         y = np.clip((regions.centres[:, 1] * h / view.height).astype(int), 0, h - 1)
-        against = FAR_WEIGHT * ~place.reach[y, x] + GROUND_FIRST_WEIGHT * place.ground_first[y, x]
-        against = against + HIDDEN_WEIGHT * place.hidden[y, x]
-        favour = PLACE_WEIGHT * (place.core & ~place.hidden & ~place.ground_first)[y, x]
-        strength = against + favour
-        return strength, favour / np.maximum(strength, 1e-12)
+        odds = CORE_ODDS * (place.core & ~place.hidden & ~place.ground_first)[y, x]
+        odds = odds + FAR_ODDS * np.clip(place.away[y, x] - 1, 0, FAR_LIMIT)
+        return odds + HIDDEN_ODDS * place.hidden[y, x] + FIRST_ODDS * place.ground_first[y, x]
 
     def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
         """Strength and wanted value of the clicks, [N] each."""
@@ -147,11 +170,11 @@ class SceneGraph:
         result, _ = cg(matrix, source, x0=start, rtol=1e-4, maxiter=400, M=inverse)
         return np.clip(result, 0.0, 1.0)
 
-    def _looks(self, belief: Array, trust: Array | float, seed: int) -> tuple[Array, Array]:
-        """Probability of "building" from appearance alone: regions [R], points [P]."""
+    def _looks(self, belief: Array, trust: Array | float, seed: int) -> Array:
+        """Log-odds of "building" from appearance alone, [N]."""
         inside, outside = np.clip(2 * belief - 1.1, 0, 1) * trust, np.clip(0.9 - 2 * belief, 0, 1) * trust
         r = self.region_count
-        answers = []
+        ratios = []
         for features, area, part, scale in (
             (self.features, self.area, slice(0, r), FEATURE_SCALE),
             (self.point_features, np.ones(self.point_count), slice(r, None), POINT_SCALE),
@@ -160,9 +183,8 @@ class SceneGraph:
             for weight, components in ((inside[part] * area, 8), (outside[part] * area, 10)):
                 peak = weight.max(initial=0.0)
                 models.append(fit_mixture(features, weight / max(peak, 1e-12), components, seed, scale))
-            ratio = log_ratio(features, models[0], models[1], scale)
-            answers.append(1.0 / (1.0 + np.exp(-np.clip(ratio, -6, 6) / 2)))
-        return answers[0], answers[1]
+            ratios.append(log_ratio(features, models[0], models[1], scale))
+        return np.clip(np.concatenate(ratios) / 2, -LOOKS_LIMIT, LOOKS_LIMIT)
 
     def _observed_regions(self) -> NDArray[np.int64]:
         """The region node of each observation, [T]."""
@@ -204,5 +226,5 @@ class SceneGraph:
         return Belief(
             tuple(belief[c].astype(np.float32) for c in cut),
             belief[self.region_count :].astype(np.float32),
-            tuple(looks[c].astype(np.float32) for c in cut),
+            tuple((1 / (1 + np.exp(-looks[c]))).astype(np.float32) for c in cut),
         )

@@ -5,7 +5,7 @@ The building is taken as those points and the columns below them: walls reach th
 hid their foot. From that follow, per photo:
 
 * *core*: pixels whose ray meets the building. Background there is an occluder (unknown, never "empty space").
-* *reach*: pixels not far from it; elsewhere the building cannot be.
+* *away*: how far a pixel is from those; a few spacings of the points away the building cannot be.
 * *ground first*: pixels whose ray meets the ground before the building.
 * *hidden*: pixels where points that this photo should have observed were not observed.
 """
@@ -26,8 +26,8 @@ from mgf_engine.scene.model import Scene, View
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
 MAX_COLUMN = 40  # samples between a point and the ground
-CORE, REACH = 1.5, 4.0  # spacings of the points
-SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
+CORE = 1.5  # spacings of the points
+SAME_SIDE = 0.97  # cosine between two viewing directions that should see the same points
 HIDDEN_BLUR = 6.0  # px on the map over which observations are counted
 
 Map = NDArray[np.bool_]
@@ -35,10 +35,10 @@ Map = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Place:
-    """Maps of one photo, bool [h, w] on the reduced photo; see the module's text."""
+    """Maps of one photo on the reduced photo, bool [h, w]; see the module's text."""
 
     core: Map
-    reach: Map
+    away: NDArray[np.float32]  # [h, w], in spacings of the points as they appear in this photo
     ground_first: Map
     hidden: Map
 
@@ -46,10 +46,14 @@ class Place:
 class Extent:
     """Samples of the building [M, 3] with the distance [M] to the next, in normalised units."""
 
-    def __init__(self, scene: Scene, shape: Shape, keep: NDArray[np.bool_], ground: Ground | None) -> None:
+    def __init__(
+        self, scene: Scene, shape: Shape, keep: NDArray[np.bool_], ground: Ground | None, sight: Sight
+    ) -> None:
+        keep = keep & _supported(shape, keep)
         self.scene, self.keep, self.ground = scene, keep, ground
-        self.owner = track_owner(scene)
+        self.sight = sight
         self.samples, self.spacing = _columns(scene, shape, keep, ground)
+        self.floor = ground or _lowest(scene, shape, keep)
 
     def place(self, index: int) -> Place:
         """All maps of view ``index``."""
@@ -57,13 +61,13 @@ class Extent:
         h, w = map_size(view)
         if not len(self.samples):
             empty = np.zeros((h, w), bool)
-            return Place(empty, empty, empty, empty)
+            return Place(empty, empty.astype(np.float32), empty, empty)
         pixels, depth, radius = self._project(view, h, w)
         near = _splat(pixels, depth, CORE * radius, h, w)
-        far = _splat(pixels, depth, np.maximum(REACH * radius, 0.03 * MAP_SIDE), h, w)
-        core = self._take_back(np.isfinite(near), CORE * radius)
-        reach = _fill_holes(np.isfinite(far))
-        return Place(core, reach, self._ground_first(view, near, h, w), self._hidden(index, h, w))
+        core = _close(pixels, CORE * radius, h, w)
+        unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
+        away = cv2.distanceTransform((~_fill_holes(core)).astype(np.uint8), cv2.DIST_L2, 3) / unit
+        return Place(core, away, self._ground_first(view, near, h, w), self._hidden(index, h, w))
 
     def _project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int64], NDArray, NDArray]:
         """Map pixels [M, 2] (x, y), depths and spacings in map pixels of the samples inside the frame."""
@@ -73,30 +77,20 @@ class Extent:
         radius = self.spacing[seen] * view.fx / depth[seen] * w / view.width
         return np.floor(uv[seen]).astype(np.int64), depth[seen], radius
 
-    @staticmethod
-    def _take_back(cover: Map, radius: NDArray) -> Map:
-        """Discs reach beyond the outermost samples by their radius: take that back."""
-        if not len(radius):
-            return cover
-        size = 2 * round(max(1.0, float(np.median(radius)))) + 1
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        return cv2.erode(cover.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)
-
     def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> Map:
-        if self.ground is None:
+        if self.floor is None:
             return np.zeros((h, w), bool)
-        depth = ground_depth(view, self.ground, h, w)
+        depth = ground_depth(view, self.floor, h, w)
         # The plane may be off by its thickness: along the ray that is more the flatter the ray.
-        above = float(self.ground.height(view.centre[None])[0])
-        margin = depth * min(0.5, 1.5 * self.ground.thickness / max(above, 1e-9))
+        above = float(self.floor.height(view.centre[None])[0])
+        margin = depth * min(0.5, 1.5 * self.floor.thickness / max(above, 1e-9))
         return np.isfinite(depth) & (depth + margin < near)
 
     def _hidden(self, index: int, h: int, w: int) -> Map:
         """Many accepted points that cameras close by observed here, and hardly any observed in this photo."""
         view, points = self.scene.views[index], self.scene.points
-        observed = np.zeros(len(points), bool)
-        observed[self.owner[self.scene.track_view == index]] = True
-        expected = (self._neighbours_see(index) | observed) & self.keep
+        observed = self.sight.observed(index)
+        expected = self.sight.expected(index) & self.keep
         uv, depth = view.project(points)
         uv = uv * (w / view.width, h / view.height)
         here = expected & (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
@@ -108,20 +102,34 @@ class Extent:
         usual = float(observed[here].mean()) if here.any() else 0.0
         return (local[0] > 4) & (local[1] < 0.2 * usual * local[0])
 
-    def _neighbours_see(self, index: int) -> NDArray[np.bool_]:
-        """Points that some other camera observed from nearly the same direction and distance."""
-        scene = self.scene
-        towards = scene.points - scene.views[index].centre
-        distance = np.linalg.norm(towards, axis=1)
+
+class Sight:
+    """Which points each photo observed, and which it should have: a camera close by did."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.owner = scene, track_owner(scene)
         centres = np.stack([v.centre for v in scene.views])
-        other = scene.points[self.owner] - centres[scene.track_view]
-        length = np.linalg.norm(other, axis=1)
-        mine = distance[self.owner]
-        cosine = (other * towards[self.owner]).sum(1) / np.maximum(length * mine, 1e-12)
-        alike = (cosine > SAME_SIDE) & (length > 0.7 * mine) & (length < 1.4 * mine) & (scene.track_view != index)
-        result = np.zeros(len(scene.points), bool)
-        result[self.owner[alike]] = True
+        self._rays = scene.points[self.owner] - centres[scene.track_view]
+        self._lengths = np.linalg.norm(self._rays, axis=1)
+        self._expected: dict[int, NDArray[np.bool_]] = {}
+
+    def observed(self, index: int) -> NDArray[np.bool_]:
+        """Points whose track goes through view ``index``, [P]."""
+        result = np.zeros(len(self.scene.points), bool)
+        result[self.owner[self.scene.track_view == index]] = True
         return result
+
+    def expected(self, index: int) -> NDArray[np.bool_]:
+        """Points some camera saw from nearly the same direction and distance, or view ``index`` itself, [P]."""
+        if index not in self._expected:
+            towards = self.scene.points - self.scene.views[index].centre
+            mine = np.linalg.norm(towards, axis=1)[self.owner]
+            cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
+            alike = (cosine > SAME_SIDE) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
+            result = np.zeros(len(self.scene.points), bool)
+            result[self.owner[alike]] = True
+            self._expected[index] = result | self.observed(index)
+        return self._expected[index]
 
 
 def map_size(view: View) -> tuple[int, int]:
@@ -140,6 +148,23 @@ def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float
     with np.errstate(divide="ignore"):
         depth = np.where(slope < -1e-9, -above / np.minimum(slope, -1e-9), np.inf)
     return np.where(depth > 0, depth, np.inf)
+
+
+def _supported(shape: Shape, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Kept points that are not alone: close enough to neighbours of which enough are kept."""
+    if not keep.any():
+        return keep
+    first, second = shape.pairs[:, 0], shape.pairs[:, 1]
+    share = np.bincount(first, keep[second], len(keep)) / np.maximum(np.bincount(first, minlength=len(keep)), 1)
+    return (share >= 0.5) & (shape.spacing < 4 * np.median(shape.spacing[keep]))
+
+
+def _lowest(scene: Scene, shape: Shape, keep: NDArray[np.bool_]) -> Ground | None:
+    """The level plane through the lowest kept points: no part of the building is seen below it."""
+    if keep.sum() < 10:
+        return None
+    level = float(np.percentile(scene.points[keep] @ shape.up, 0.5))
+    return Ground(shape.up, level, float(np.median(shape.spacing[keep])))
 
 
 def _columns(
@@ -177,11 +202,21 @@ def _splat(
     return result
 
 
-def _fill_holes(mask: Map) -> Map:
-    """Close what is enclosed: a white wall between its edges is within reach."""
-    size = 2 * round(0.04 * max(mask.shape)) + 1
+def _close(pixels: NDArray[np.int64], radius: NDArray, h: int, w: int) -> Map:
+    """The samples' pixels and the gaps between them, without reaching beyond the outermost ones."""
+    spots = np.zeros((h, w), np.uint8)
+    spots[pixels[:, 1], pixels[:, 0]] = 1
+    if not len(radius):
+        return spots.astype(bool)
+    size = 2 * round(max(1.0, float(np.percentile(radius, 80)))) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
-    _, labels = cv2.connectedComponents((closed == 0).astype(np.uint8), connectivity=4)
+    # A border as wide as the kernel: at the frame, too, nothing is filled beyond the samples.
+    padded = cv2.copyMakeBorder(spots, size, size, size, size, cv2.BORDER_REPLICATE)
+    return cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)[size : size + h, size : size + w].astype(bool)
+
+
+def _fill_holes(mask: Map) -> Map:
+    """The mask and what it encloses: a white wall between its edges is not away."""
+    _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
     outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    return (closed > 0) | ~np.isin(labels, outer)
+    return mask | ~np.isin(labels, outer)

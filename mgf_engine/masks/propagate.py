@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.extent import Extent
-from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.model import UNKNOWN, MaskSet, building
 from mgf_engine.masks.points import track_owner, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
@@ -70,7 +69,7 @@ class _Work:
         self.owner = track_owner(scene)
         self.regions: list[Regions] = []
         self.shape: Shape
-        self.ground: Ground | None = None
+        self.graph: SceneGraph
 
     def believe(self) -> Belief:
         """Regions of all photos and the belief on them."""
@@ -79,9 +78,8 @@ class _Work:
             self.regions.append(regions)
             self.reporter.progress(0.4 * (index + 1) / len(views))
         self.shape = measure_shape(self.scene)
-        graph = SceneGraph(self.scene, self.regions, self.shape)
-        belief = graph.solve(self.prompts, self.config.seed)
-        self.ground = graph.ground
+        self.graph = SceneGraph(self.scene, self.regions, self.shape)
+        belief = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
         return belief
 
@@ -140,7 +138,7 @@ class _Work:
         voters = [i for i in views if used[i]] or list(views)
         rows = np.arange(len(self.scene.points))
         point_mask = vote(self.scene.points, self.scene, labels, voters, self.config, rows)
-        extent = Extent(self.scene, self.shape, point_mask, self.ground)
+        extent = Extent(self.scene, self.shape, point_mask, self.graph.ground, self.graph.sight)
         for index, view in enumerate(self.scene.views):
             core = cv2.resize(extent.place(index).core.astype(np.uint8), (view.width, view.height))
             labels[index][(core > 0) & (labels[index] == 0)] = UNKNOWN
