@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
+import weakref
 
 import torch
 from torch import Tensor
@@ -32,10 +33,23 @@ class Frame:
         return block[:size].view(dtype).view(shape)
 
     def __del__(self) -> None:
-        with _lock:
-            _free.extend(self._taken)
-            _free.sort(key=len)
-            del _free[:-_POOL_LIMIT]
+        _give_back(self._taken)
+
+
+def lasting_array(dtype: torch.dtype, *shape: int) -> Tensor:
+    """An uninitialised array that goes back to the pool when the last tensor that shares its memory is gone."""
+    size = math.prod(shape) * dtype.itemsize
+    block = _take(max(size, 64))
+    owner = block.numpy()[:size]  # torch holds on to this very object
+    weakref.finalize(owner, _give_back, [block]).atexit = False
+    return torch.from_numpy(owner).view(dtype).view(shape)
+
+
+def _give_back(blocks: list[Tensor]) -> None:
+    with _lock:
+        _free.extend(blocks)
+        _free.sort(key=len)
+        del _free[:-_POOL_LIMIT]
 
 
 def _take(size: int) -> Tensor:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mgf_engine.raster.api import Rendering
-from mgf_engine.raster.buffers import Frame
+from mgf_engine.raster.buffers import Frame, lasting_array
 from mgf_engine.raster.geometry import STRIP, Intrinsics
 from mgf_engine.raster.library import parallel
 
@@ -26,7 +26,7 @@ from mgf_engine.raster.library import parallel
 MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 WINDOW = 11
 FLOOR = 0.01  # pooled similarity is kept positive so that its powers have a slope
-_TILE_H, _TILE_W = 32, 128  # kernels/loss.h, as everything up to _ALPHA
+_TILE_H, _TILE_W = 32, 256  # kernels/loss.h, as everything up to _ALPHA
 _LEVEL_FIELDS, _SAVED = 9, 4
 _HAS_LABEL, _COVERS_LABEL, _HAS_RING = 1, 2, 4
 _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
@@ -215,7 +215,7 @@ class _Pass:
         self.frame = Frame()
         self.scratch = self.frame.array(torch.float32, photo.scratch)
         planes = _PLANES if weights.normals > 0 else _DEPTH if weights.distortion > 0 else _DISTORTION
-        self.gradient = torch.empty(planes, *self.alpha.shape)
+        self.gradient = lasting_array(torch.float32, planes, *self.alpha.shape)
         self.scales = len(photo.levels) if weights.multilevel > 0 else 1
         self.ids = photo.area.shape[1]
         self.inside = max(int(photo.area[0, 1:].sum()), 1)

@@ -16,6 +16,7 @@ from mgf_engine.field.targets import Target, make_target
 from mgf_engine.masks.model import BACKGROUND
 from mgf_engine.raster import library
 from mgf_engine.raster.api import Rendering
+from mgf_engine.raster.buffers import lasting_array
 from mgf_engine.scene.model import View
 
 MAPS = ("colour", "alpha", "depth", "normal", "distortion")
@@ -108,7 +109,7 @@ def compare(target, config=CONFIG, geometry=True, render=None, factor=1.0):
 
 
 @pytest.mark.parametrize("mask", ["full", "ellipse", "dot"])
-@pytest.mark.parametrize("size", [(20, 37), (64, 128), (75, 193), (170, 310)])
+@pytest.mark.parametrize("size", [(20, 37), (64, 128), (75, 293), (170, 310)])
 def test_terms_and_gradients_match_the_twin(size, mask):
     compare(make(*size, mask))
 
@@ -173,6 +174,25 @@ def test_threads_change_nothing_and_padding_is_no_matter():
     for terms, gradients in found[1:]:
         assert terms.total == found[0][0].total and torch.equal(terms.error, found[0][0].error)
         assert all(torch.equal(gradients[name], found[0][1][name]) for name in MAPS)
+
+
+def test_gradients_outlive_their_graph_and_memory_is_used_again():
+    target = make(40, 60)
+    render = rendering(target)
+    _, first = differentiate(total_loss, target, CONFIG, True, torch.float32, render)
+    leaf = render.colour.detach().requires_grad_()
+    terms = total_loss(replace(render, colour=leaf), target, CONFIG, torch.tensor([0.2, 0.9, 0.5]), True)
+    (kept,) = torch.autograd.grad(terms.total, [leaf])
+    del terms
+    for _ in range(3):
+        differentiate(total_loss, target, CONFIG, True, torch.float32, rendering(target, seed=5), factor=2.0)
+    assert torch.equal(kept, first["colour"])
+    block = lasting_array(torch.float32, 3, 1000)
+    view, address = block[1], block.data_ptr()
+    del block
+    assert lasting_array(torch.float32, 3, 1000).data_ptr() != address
+    del view
+    assert lasting_array(torch.float32, 3, 1000).data_ptr() == address
 
 
 def test_error_map_receives_the_error_in_its_box():

@@ -54,10 +54,10 @@ MGF_API void loss_prepare_work(int32_t *next, const Level *levels, int64_t count
 }
 
 /* Horizontal blur of a, b, a*a + b*b and a*b, a tile wide. */
-static void blur_moments(const float *a, const float *b, float *rows) {
+WIDE static void blur_moments(const float *a, const float *b, float *rows) {
   for (int64_t i = 0; i < TILE_W; i += LANES) {
     vec ma = {0}, mb = {0}, squares = {0}, product = {0};
-    for (int j = 0; j <= 2 * R; j++) {
+    UNROLL for (int j = 0; j <= 2 * R; j++) {
       vec x = *(const loose *)(a + i + j), y = *(const loose *)(b + i + j), wx = W[j] * x, wy = W[j] * y;
       ma += wx;
       mb += wy;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What the kernels of the training loss (loss.c, loss_backward.c) share: tiles, levels of the pyramid, line helpers.
 //
-// The box of a target is cut into tiles of 32 x 128 pixels, and so is every coarser level of it. Images of a level lie in
+// The box of a target is cut into tiles of 32 x 256 pixels, and so is every coarser level of it. Images of a level lie in
 // one scratch array: colour (render over the backdrop, the photo outside the mask) and photo [3][h][w], saved
 // [3][h][4][w] (means of both, contrast-structure, 1 / spread), gradient [3][h][w] (levels > 0 only).
 // The label of a coarse pixel is the label of the top left one of the pixels it stands for.
@@ -12,7 +12,7 @@
 #include "window.h"
 
 #define TILE_H 32
-#define TILE_W 128
+#define TILE_W 256
 #define HALO (TILE_H + 2 * R)
 #define LINE (TILE_W + 2 * LANES) /* a line of a tile with its halo and room for whole vectors */
 #define MAX_LEVELS 5

@@ -15,10 +15,10 @@
 #define HALO (STRIP + 2 * R)
 
 /* Horizontal blur of a and a*a. */
-static void blur_squares(const float *a, int64_t n, float *mean, float *square) {
+WIDE static void blur_squares(const float *a, int64_t n, float *mean, float *square) {
   for (int64_t i = 0; i < n; i += LANES) {
     vec m = {0}, s = {0};
-    for (int j = 0; j <= 2 * R; j++) {
+    UNROLL for (int j = 0; j <= 2 * R; j++) {
       vec v = *(const loose *)(a + i + j), wv = W[j] * v;
       m += wv;
       s += wv * v;
@@ -29,10 +29,10 @@ static void blur_squares(const float *a, int64_t n, float *mean, float *square) 
 }
 
 /* Horizontal blur of a, a*a and a*b. */
-static void blur_products(const float *a, const float *b, int64_t n, float *mean, float *square, float *product) {
+WIDE static void blur_products(const float *a, const float *b, int64_t n, float *mean, float *square, float *product) {
   for (int64_t i = 0; i < n; i += LANES) {
     vec m = {0}, s = {0}, p = {0};
-    for (int j = 0; j <= 2 * R; j++) {
+    UNROLL for (int j = 0; j <= 2 * R; j++) {
       vec v = *(const loose *)(a + i + j), wv = W[j] * v;
       m += wv;
       s += wv * v;
