@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 #: Expected scatter of each feature within one material; keeps components from collapsing onto few samples.
 FEATURE_SCALE = np.array([6.0, 2.5, 2.5, 0.25, 0.25, 0.3])
-MAX_SAMPLES = 12_000
+MAX_SAMPLES = 5_000
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,9 @@ def fit_mixture(
     components = max(1, min(components, len(keep) // 12))
     cv2.setRNGSeed(seed)
     _, assigned, _ = cv2.kmeans(
-        x.astype(np.float32), components, None, (cv2.TERM_CRITERIA_MAX_ITER, 12, 0), 1, cv2.KMEANS_PP_CENTERS
-    )
+        x.astype(np.float32), components, np.zeros((len(x), 1), np.int32), (cv2.TERM_CRITERIA_MAX_ITER, 12, 0), 1,
+        cv2.KMEANS_PP_CENTERS,
+    )  # fmt: skip
     share = np.zeros((len(x), components))
     share[np.arange(len(x)), assigned.ravel()] = 1
     mixture = _maximise(x, share * weight[:, None])

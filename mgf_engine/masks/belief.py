@@ -77,15 +77,16 @@ class SceneGraph:
         self.observed = self._observed_regions()
         self.laplacian, self.degree = self._laplacian(shape)
         self.point_features = self._point_features(shape)
-        self.evidence_weight = np.repeat([EVIDENCE_WEIGHT, POINT_EVIDENCE_WEIGHT], [self.region_count, self.point_count])
+        counts = [self.region_count, self.point_count]
+        self.evidence_weight = np.repeat([EVIDENCE_WEIGHT, POINT_EVIDENCE_WEIGHT], counts)
         self.plants = np.concatenate([plants(self.features), plants(self.point_features)])
 
-    def solve(self, prompts: Prompts, seed: int = 0) -> Belief:
+    def solve(self, prompts: Prompts, seed: int = 0, rounds: int = ROUNDS) -> Belief:
         """The belief that follows from the clicks."""
         pull, target = self.click_pull(prompts)
         belief, trust = self._first_guess(pull, target)
         looks = np.zeros(len(belief))
-        for round_ in range(ROUNDS):
+        for round_ in range(rounds):
             looks = self._looks(belief, trust if round_ == 0 else 1.0, seed)
             odds = looks + PLANT_ODDS * self.plants
             if round_ > 0:

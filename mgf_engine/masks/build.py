@@ -5,22 +5,29 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.contact import write_contact_sheet
+from mgf_engine.masks.levels import Part, add_elements, tie_parts
 from mgf_engine.masks.model import BUILDING, MaskSet, building
 from mgf_engine.masks.points import vote
-from mgf_engine.masks.prompts import read_prompts
-from mgf_engine.masks.propagate import Propagation, propagate
+from mgf_engine.masks.prompts import Prompts, read_prompts
+from mgf_engine.masks.propagate import Propagation, consistency, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
+from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
+from mgf_engine.masks.segmenters.efficientsam import EfficientSam
 from mgf_engine.masks.segmenters.grabcut import GrabCut
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.supplied import read_supplied
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
+from mgf_engine.system import cores
+
+_NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks."
 
 
 def build_masks(
@@ -37,26 +44,52 @@ def build_masks(
         BadInput: no clicks, bad clicks or masks, or nothing left of the building.
     """
     started = time.perf_counter()
-    clicked: set[int] = set()
-    name = "none"
+    clicks: Prompts = {}
+    segmenter: Segmenter | None = None
     if not config.use_masks:
         result = _everything(scene)
     elif masks_folder is not None:
-        result, name = _supplied(scene, masks_folder, config, reporter), "supplied"
+        result = _supplied(scene, masks_folder, config)
     elif prompts is not None:
         clicks = read_prompts(prompts, scene)
-        segmenter = _choose_segmenter(config)
-        clicked, name = set(clicks), segmenter.name
+        segmenter = choose_segmenter(config, folder)
         result = propagate(scene, clicks, segmenter, config, reporter)
     else:
-        raise BadInput("There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks.")
-    _check(result, reporter, scene)
-    seconds = (time.perf_counter() - started) / len(scene.views)
-    save_masks(result.masks, scene, folder, result.reasons, {"segmenter": name, "seconds_per_photo": round(seconds, 3)})
+        raise BadInput(_NO_CLICKS)
+    _check(result)
+    masks, parts = result.masks, list[Part]()
+    if segmenter is not None and config.second_level:
+        masks, parts = _second_level(scene, masks, clicks, segmenter, reporter)
+    figures: dict[str, Any] = {
+        "segmenter": segmenter.name if segmenter else "none",
+        "seconds_per_photo": round((time.perf_counter() - started) / len(scene.views), 3),
+        "consistency": round(result.consistency, 4),
+        "warnings": result.warnings,
+    }
+    save_masks(masks, scene, folder, result.reasons, figures, parts)
     sheet = folder / "contact_sheet.jpg"
-    write_contact_sheet(scene, result.masks, result.reasons, clicked, sheet)
+    write_contact_sheet(scene, masks, result.reasons, set(clicks), sheet)
     reporter.preview(str(sheet), "Masks")
-    return result.masks
+    _warn(result, scene, reporter)
+    return masks
+
+
+def choose_segmenter(config: Config, folder: Path) -> Segmenter:
+    """EfficientSAM where its weights are, else the one that needs none; or what the user asked for.
+
+    Raises:
+        BadInput: EfficientSAM is asked for and its weights are missing or damaged.
+    """
+    if config.segmenter == "grabcut":
+        return GrabCut()
+    where = Path(config.weights) if config.weights else default_folder()
+    weights = find_weights(where)
+    if weights is None:
+        if config.segmenter == "efficientsam":
+            raise BadInput(missing_text(where))
+        return GrabCut()
+    threads = config.threads or cores()
+    return EfficientSam(weights[1], weights[2], folder / "embeddings", threads, gpu=config.device != "cpu")
 
 
 def _everything(scene: Scene) -> Propagation:
@@ -64,10 +97,10 @@ def _everything(scene: Scene) -> Propagation:
     labels = tuple(np.full((v.height, v.width), BUILDING, np.uint8) for v in scene.views)
     count = len(scene.views)
     masks = MaskSet(labels, np.ones(count, bool), np.ones(count, np.float32), np.ones(len(scene.points), bool))
-    return Propagation(masks, [""] * count)
+    return Propagation(masks, [""] * count, [], 1.0)
 
 
-def _supplied(scene: Scene, masks_folder: Path, config: Config, reporter: Reporter) -> Propagation:
+def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
     """The user's masks as they are; photos without one stay out of training."""
     given = read_supplied(masks_folder, scene)
     labels, reasons = [], []
@@ -77,20 +110,36 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config, reporter: Report
     used = np.array([not r for r in reasons])
     rows = np.arange(len(scene.points))
     points = vote(scene.points, scene, labels, np.flatnonzero(used).tolist(), config, rows)
-    return Propagation(MaskSet(tuple(labels), used, used.astype(np.float32), points), reasons)
+    masks = MaskSet(tuple(labels), used, used.astype(np.float32), points)
+    return Propagation(masks, reasons, [], consistency(scene, masks, config.vote_dilation))
 
 
-def _choose_segmenter(config: Config) -> Segmenter:
-    return GrabCut()
+def _second_level(
+    scene: Scene, masks: MaskSet, clicks: Prompts, segmenter: Segmenter, reporter: Reporter
+) -> tuple[MaskSet, list[Part]]:
+    sam = segmenter if isinstance(segmenter, EfficientSam) else None
+    labels, names = [], []
+    for index, level_one in enumerate(masks.labels):
+        parts = clicks[index].parts if index in clicks else {}
+        with_elements, named = add_elements(level_one, scene.photo(index), parts, sam)
+        labels.append(with_elements)
+        names.append(named)
+        reporter.check()
+    return MaskSet(tuple(labels), masks.used, masks.scores, masks.point_mask), tie_parts(scene, labels, names)
 
 
-def _check(result: Propagation, reporter: Reporter, scene: Scene) -> None:
-    masks = result.masks
-    if not masks.used.any():
+def _check(result: Propagation) -> None:
+    if not result.masks.used.any():
         raise BadInput("No photo got a usable mask; click more points on the building and beside it, in more photos.")
-    if not masks.point_mask.any():
+    if not result.masks.point_mask.any():
         raise BadInput("No sparse point lies on the building; check that clicks or masks belong to these photos.")
+
+
+def _warn(result: Propagation, scene: Scene, reporter: Reporter) -> None:
+    for text in result.warnings:
+        reporter.warning(text)
     flagged = [v.name for v, reason in zip(scene.views, result.reasons, strict=True) if reason]
     if flagged:
         names = ", ".join(flagged[:5]) + (", ..." if len(flagged) > 5 else "")
-        reporter.warning(f"{len(flagged)} of {len(scene.views)} masks are weak and left out ({names}); see the contact sheet.")
+        count = f"{len(flagged)} of {len(scene.views)}"
+        reporter.warning(f"{count} masks are weak and left out ({names}); look at the contact sheet.")

@@ -28,7 +28,7 @@ def write_contact_sheet(scene: Scene, masks: MaskSet, reasons: list[str], clicke
         tiles.append(_tile(scene.photo(index), masks.labels[index], title, note, bool(masks.used[index])))
     columns = min(len(tiles), max(1, round((len(tiles) * 1.2) ** 0.5)))
     height = max(t.shape[0] for t in tiles)
-    tiles = [cv2.copyMakeBorder(t, 0, height - t.shape[0], 0, 0, cv2.BORDER_CONSTANT) for t in tiles]
+    tiles = [np.pad(t, ((0, height - t.shape[0]), (0, 0), (0, 0))) for t in tiles]
     tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
     rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
     write_png(path, np.vstack(rows))

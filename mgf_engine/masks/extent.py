@@ -66,7 +66,8 @@ class Extent:
         near = _splat(pixels, depth, CORE * radius, h, w)
         core = _close(pixels, CORE * radius, h, w)
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
-        away = cv2.distanceTransform((~_fill_holes(core)).astype(np.uint8), cv2.DIST_L2, 3) / unit
+        outside = (~_fill_holes(core)).astype(np.uint8)
+        away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
         return Place(core, away, self._ground_first(view, near, h, w), self._hidden(index, h, w))
 
     def _project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int64], NDArray, NDArray]:

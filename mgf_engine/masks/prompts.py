@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The user's clicks: ``prompts.json``, checked and brought to working pixels.
+"""The user's clicks: ``prompts.json``, checked and brought to working pixels (undistorted with the photos).
 
 The file holds ``{"photo": {"positive": [[u, v], …], "negative": [[u, v], …], "parts": {"window": [[u, v], …]}}}``;
 u, v are pixels of the user's own photo, (0, 0) its top-left corner.
@@ -52,7 +52,7 @@ def read_prompts(path: Path, scene: Scene) -> Prompts:
         index = _find_view(name, scene, path)
         if index in prompts:
             raise BadInput(f"'{path}' has two entries for the photo '{scene.views[index].name}'; merge them into one.")
-        prompts[index] = _read_clicks(entry, scene.views[index], scene, path)
+        prompts[index] = _read_clicks(entry, scene.views[index], path)
     if not any(len(c.positive) for c in prompts.values()):
         raise BadInput(f"'{path}' has no click on the building; click at least one point on it in one photo.")
     return prompts
@@ -106,7 +106,7 @@ def _find_view(name: str, scene: Scene, path: Path) -> int:
     raise BadInput(f"'{path}' names the photo '{name}', which the scene does not have (it has {some}, ...).")
 
 
-def _read_clicks(entry: Any, view: View, scene: Scene, path: Path) -> Clicks:
+def _read_clicks(entry: Any, view: View, path: Path) -> Clicks:
     where = f"'{view.name}' in '{path}'"
     if not isinstance(entry, dict):
         raise BadInput(f"The entry of {where} should be an object with 'positive' and 'negative', not {_short(entry)}.")
@@ -133,17 +133,13 @@ def _read_points(values: Any, view: View, where: str) -> Points:
         u, v = (float(c) if abs(c) < 1e9 else math.inf for c in value)
         if not (0 <= u <= view.original_width and 0 <= v <= view.original_height):
             raise BadInput(
-                f"{_upper(where)} holds the click ({_short(value[0])}, {_short(value[1])}) outside the photo, which has "
-                f"{view.original_width} x {view.original_height} pixels; click inside it."
+                f"{_upper(where)} holds the click ({_short(value[0])}, {_short(value[1])}) outside the photo, which "
+                f"has {view.original_width} x {view.original_height} pixels; click inside it."
             )
-    points = np.array(values, np.float64).reshape(-1, 2)
-    return to_working(points, view)
-
-
-def to_working(points: Points, view: View) -> Points:
-    """Pixels of the user's photo -> working pixels [N, 2], kept inside the frame."""
-    scaled = points * (view.width / view.original_width, view.height / view.original_height)
-    return np.clip(scaled, 0, (view.width - 1e-3, view.height - 1e-3))
+    points = view.from_original(np.array(values, np.float64).reshape(-1, 2))
+    if not np.isfinite(points).all():
+        raise BadInput(f"{_upper(where)} holds a click beyond what the lens shows; click nearer the photo's centre.")
+    return np.clip(points, 0, (view.width - 1e-3, view.height - 1e-3))
 
 
 def _upper(text: str) -> str:

@@ -7,40 +7,48 @@ points -> a second vote by all photos, which corrects or flags the masks that co
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
-from mgf_engine.masks.belief import Belief, SceneGraph
+from mgf_engine.masks.belief import SceneGraph
+from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
 from mgf_engine.masks.extent import Extent
-from mgf_engine.masks.model import UNKNOWN, MaskSet, building
-from mgf_engine.masks.points import track_owner, vote
+from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
+from mgf_engine.masks.points import Votes, pixel_at, track_owner, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.regions import Regions, cut_regions
-from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter
-from mgf_engine.masks.shape import Shape, measure_shape
+from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
+from mgf_engine.masks.shape import measure_shape
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
 
+T = TypeVar("T")
+
 #: Agreement below which a photo is prompted again, and below which it is flagged and not trained on.
 RETRY_BELOW = 0.9
 FLAG_BELOW = 0.75
+#: Share of a photo's points on which the other photos may say otherwise before the mask is made again.
+DISAGREE_ABOVE = 0.05
 #: A mask below this share of its photo shows too little of the building to train on.
 MIN_BUILDING = 0.005
 
 
 @dataclass(frozen=True)
 class Propagation:
-    """Masks of all photos, and per photo why it is flagged (empty: it is fine)."""
+    """Masks of all photos; per photo why it is flagged (empty: it is fine); sentences the user should read."""
 
     masks: MaskSet
     reasons: list[str]
+    warnings: list[str]
+    consistency: float  # share of the points seen in three photos or more on which all votes agree
 
 
 def propagate(
@@ -52,103 +60,167 @@ def propagate(
         prompts: clicks by view index; at least one on the building.
         segmenter: draws each mask.
     """
-    threads = config.threads or cores()
-    work = _Work(scene, prompts, segmenter, config, reporter, threads)
-    belief = work.believe()
-    return work.masks_from(belief)
+    return _Work(scene, prompts, segmenter, config, reporter).run()
 
 
 class _Work:
-    """One run: the scene, its regions and shape, and the segmenter."""
+    """One run: the scene, its regions, the belief about them, and the masks as they grow."""
 
     def __init__(
-        self, scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter, threads: int
+        self, scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter
     ) -> None:
         self.scene, self.prompts, self.segmenter = scene, prompts, segmenter
-        self.config, self.reporter, self.threads = config, reporter, threads
+        self.config, self.reporter = config, reporter
+        self.threads = config.threads or cores()
+        self.views = range(len(scene.views))
         self.owner = track_owner(scene)
         self.regions: list[Regions] = []
-        self.shape: Shape
-        self.graph: SceneGraph
+        self.labels: list[NDArray[np.uint8]] = [np.zeros((v.height, v.width), np.uint8) for v in scene.views]
+        self.scores = np.zeros(len(scene.views), np.float32)
 
-    def believe(self) -> Belief:
-        """Regions of all photos and the belief on them."""
-        views = range(len(self.scene.views))
-        for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i)), views):
+    def run(self) -> Propagation:
+        """All steps in order."""
+        for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i)), self.views):
             self.regions.append(regions)
-            self.reporter.progress(0.4 * (index + 1) / len(views))
+            self.reporter.progress(0.35 * (index + 1) / len(self.views))
         self.shape = measure_shape(self.scene)
         self.graph = SceneGraph(self.scene, self.regions, self.shape)
-        belief = self.graph.solve(self.prompts, self.config.seed)
+        warnings = self._drop_doubtful()
+        self.belief = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
-        return belief
+        roots = [i for i in self.views if i in self.prompts]
+        believed = self.belief.points > 0.5
+        self._draw(roots, believed, 0.5)
+        accepted = self._vote(roots)
+        children = [i for i in self.views if i not in self.prompts]
+        self._draw(children, accepted, 0.5 + 0.35 * len(roots) / len(self.views))
+        disagreement = self._second_vote()
+        return self._finish(disagreement, warnings)
 
-    def masks_from(self, belief: Belief) -> Propagation:
-        """Roots, vote, children, second vote."""
-        views = range(len(self.scene.views))
-        accepted = belief.points > 0.5
-        roots = [i for i in views if i in self.prompts]
-        labels: list[NDArray[np.uint8]] = [np.zeros((v.height, v.width), np.uint8) for v in self.scene.views]
-        segments: dict[int, Segment] = {}
-        for index, segment in self._parallel(lambda i: self._segment(i, belief, accepted), roots):
-            segments[index] = segment
-            labels[index] = segment.mask.astype(np.uint8)
-            self.reporter.progress(0.5 + 0.4 * len(segments) / len(views))
-        accepted = self._accepted(labels, roots, belief)
-        children = [i for i in views if i not in self.prompts]
-        for index, segment in self._parallel(lambda i: self._segment(i, belief, accepted), children):
-            segments[index] = segment
-            labels[index] = segment.mask.astype(np.uint8)
-            self.reporter.progress(0.5 + 0.4 * len(segments) / len(views))
-        return self._finish(labels, segments)
+    def _drop_doubtful(self) -> list[str]:
+        """Leave out clicks that the other photos contradict, and say so."""
+        doubts = doubtful_clicks(self.graph, self.prompts, self.config.seed)
+        kept = without(self.prompts, doubts)
+        if not any(len(c.positive) for c in kept.values()):
+            names = ", ".join(self.scene.views[i].name for i in sorted({d.view for d in doubts}))
+            return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
+        self.original, self.prompts = self.prompts, kept
+        return [self._doubt_text(i, [d for d in doubts if d.view == i]) for i in sorted({d.view for d in doubts})]
 
-    def _accepted(self, labels: list[NDArray[np.uint8]], voters: list[int], belief: Belief) -> NDArray[np.bool_]:
-        """Points accepted by the voters; the belief speaks for points in no voter's frame."""
-        rows = np.arange(len(self.scene.points))
-        kept = vote(self.scene.points, self.scene, labels, voters, self.config, rows)
-        seen = np.zeros(len(rows), bool)
-        seen[self.owner[np.isin(self.scene.track_view, voters)]] = True
-        return np.where(seen, kept, belief.points > 0.5)
+    def _doubt_text(self, index: int, doubts: list[Doubt]) -> str:
+        view, clicks = self.scene.views[index], self.original[index]
+        chosen = [(clicks.positive if d.positive else clicks.negative)[d.row] for d in doubts]
+        spots = view.to_original(np.stack(chosen))
+        text = ", ".join(f"({u:.0f}, {v:.0f})" for u, v in spots)
+        if sum(d.positive for d in doubts) == len(clicks.positive) > 0:
+            return f"'{view.name}' seems to be clicked on another building; its clicks {text} were left out."
+        return f"The clicks {text} in '{view.name}' contradict the other photos and were left out; click them again."
 
-    def _segment(self, index: int, belief: Belief, accepted: NDArray[np.bool_]) -> Segment:
-        photo = self.scene.photo(index)
-        return self.segmenter.segment(index, photo, self._hints(index, belief, accepted))
+    def _draw(self, indices: list[int], accepted: NDArray[np.bool_], done: float) -> None:
+        """Masks of some views, prompted again where they agree badly."""
+        for index, segment in self._parallel(lambda i: self._segment(i, accepted), indices):
+            self.labels[index] = segment.mask.astype(np.uint8)
+            self.scores[index] = segment.score
+            done += 0.35 / len(self.views)
+            self.reporter.progress(done)
 
-    def _hints(self, index: int, belief: Belief, accepted: NDArray[np.bool_]) -> Hints:
+    def _segment(self, index: int, accepted: NDArray[np.bool_]) -> Segment:
+        photo, hints = self.scene.photo(index), self._hints(index, accepted)
+        segment = self.segmenter.segment(index, photo, hints)
+        if segment.score < RETRY_BELOW:
+            again = self.segmenter.segment(index, photo, hints, attempt=1)
+            if again.score > segment.score + 0.02:
+                return again
+        return segment
+
+    def _hints(self, index: int, accepted: NDArray[np.bool_]) -> Hints:
         view, regions = self.scene.views[index], self.regions[index]
         clicks = self.prompts.get(index, Clicks())
         here = np.flatnonzero(self.scene.track_view == index)
         good = accepted[self.owner[here]]
         uv = self.scene.track_uv[here]
-        small = belief.regions[index][regions.labels]
-        return Hints(
-            clicks.positive,
-            clicks.negative,
-            uv[good],
-            uv[~good],
-            _box(uv[good]),
-            cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_LINEAR),
-        )
+        small = self.belief.regions[index][regions.labels]
+        belief = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_LINEAR).astype(np.float32)
+        return Hints(clicks.positive, clicks.negative, uv[good], uv[~good], _box(uv[good]), belief)
 
-    def _finish(self, labels: list[NDArray[np.uint8]], segments: dict[int, Segment]) -> Propagation:
-        views = range(len(self.scene.views))
-        scores = np.array([segments[i].score for i in views], np.float32)
-        reasons = [_reason(labels[i], float(scores[i])) for i in views]
-        used = np.array([not r for r in reasons], bool)
-        voters = [i for i in views if used[i]] or list(views)
+    def _vote(self, voters: list[int]) -> NDArray[np.bool_]:
+        """Points the voters' masks accept; the belief speaks for points that none of them observed."""
         rows = np.arange(len(self.scene.points))
-        point_mask = vote(self.scene.points, self.scene, labels, voters, self.config, rows)
+        kept = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
+        seen = np.zeros(len(rows), bool)
+        seen[self.owner[np.isin(self.scene.track_view, voters)]] = True
+        return np.where(seen, kept, self.belief.points > 0.5)
+
+    def _second_vote(self) -> NDArray[np.float64]:
+        """Compare each mask with what all others say about its points; make it again where they differ.
+
+        Returns:
+            [V], share of each photo's points on which the others still disagree.
+        """
+        result = np.zeros(len(self.views))
+        votes = track_votes(self.scene, self.labels, list(self.views), self.config.vote_dilation)
+        for index in self.views:
+            result[index], accepted = self._disagreement(index, votes)
+            if result[index] <= DISAGREE_ABOVE:
+                continue
+            hints = self._hints(index, accepted)
+            before = agreement(building(self.labels[index]), hints)
+            again = self.segmenter.segment(index, self.scene.photo(index), hints, attempt=1)
+            if again.score > max(before, self.scores[index] - 0.02):
+                self.labels[index] = again.mask.astype(np.uint8)
+                self.scores[index] = again.score
+                result[index], _ = self._disagreement(index, votes)
+        return result
+
+    def _disagreement(self, index: int, votes: Votes) -> tuple[float, NDArray[np.bool_]]:
+        """Share of this photo's points on which two others or more say otherwise, and what the others accept."""
+        here = np.flatnonzero(self.scene.track_view == index)
+        points = self.owner[here]
+        if not len(points):
+            return 0.0, self.belief.points > 0.5
+        own = track_votes(self.scene, self.labels, [index], self.config.vote_dilation)
+        others = Votes(votes.inside - own.inside, votes.outside - own.outside)
+        known = others.inside + others.outside > 0
+        accepted = np.where(known, others.inside > others.outside, self.belief.points > 0.5)
+        sure = np.abs(others.inside - others.outside)[points] >= 2
+        y, x = pixel_at(self.labels[index].shape, self.scene.track_uv[here])
+        mine = own.inside[points] > 0
+        differ = (mine != accepted[points]) & sure & (self.labels[index][y, x] != UNKNOWN)
+        return float(differ.sum() / max(1, sure.sum())), accepted
+
+    def _finish(self, disagreement: NDArray[np.float64], warnings: list[str]) -> Propagation:
+        reasons = [_reason(self.labels[i], float(self.scores[i]), float(disagreement[i])) for i in self.views]
+        used = np.array([not r for r in reasons], bool)
+        voters = [i for i in self.views if used[i]] or list(self.views)
+        rows = np.arange(len(self.scene.points))
+        point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
         extent = Extent(self.scene, self.shape, point_mask, self.graph.ground, self.graph.sight)
         for index, view in enumerate(self.scene.views):
             core = cv2.resize(extent.place(index).core.astype(np.uint8), (view.width, view.height))
-            labels[index][(core > 0) & (labels[index] == 0)] = UNKNOWN
-            self.reporter.progress(0.9 + 0.1 * (index + 1) / len(views))
-        return Propagation(MaskSet(tuple(labels), used, scores, point_mask), reasons)
+            self.labels[index][(core > 0) & (self.labels[index] == BACKGROUND)] = UNKNOWN
+            self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
+        masks = MaskSet(tuple(self.labels), used, self.scores, point_mask)
+        return Propagation(masks, reasons, warnings, consistency(self.scene, masks, self.config.vote_dilation))
 
-    def _parallel(self, task, indices) -> Iterator[tuple[int, object]]:  # type: ignore[no-untyped-def]
+    def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
         """(index, result) in order, on a few threads; OpenCV and NumPy release the interpreter."""
         with ThreadPoolExecutor(max(1, self.threads)) as pool:
+            indices = list(indices)
             yield from zip(indices, pool.map(task, indices), strict=True)
+
+
+def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
+    """Share of the sparse points observed in three used photos or more on which those photos agree.
+
+    Photos agree when at most one in ten votes differs (one noisy keypoint in a long track is no contradiction).
+    """
+    voters = np.flatnonzero(masks.used).tolist()
+    votes = track_votes(scene, masks.labels, voters, dilation)
+    total = votes.inside + votes.outside
+    many = total >= 3
+    if not many.any():
+        return 1.0
+    return float((np.minimum(votes.inside, votes.outside) <= 0.1 * total)[many].mean())
 
 
 def _box(points: NDArray[np.floating]) -> tuple[float, float, float, float] | None:
@@ -158,10 +230,12 @@ def _box(points: NDArray[np.floating]) -> tuple[float, float, float, float] | No
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _reason(labels: NDArray[np.uint8], score: float) -> str:
+def _reason(labels: NDArray[np.uint8], score: float, disagreement: float) -> str:
     share = float(building(labels).mean())
     if share < MIN_BUILDING:
         return "hardly any building in this photo"
     if score < FLAG_BELOW:
         return f"mask and points agree only to {score:.0%}"
+    if disagreement > 1 - FLAG_BELOW:
+        return f"other photos contradict {disagreement:.0%} of its points"
     return ""

@@ -58,8 +58,8 @@ def cut_regions(photo: NDArray[np.uint8]) -> Regions:
     h, w = photo.shape[:2]
     factor = min(1.0, REDUCED_SIDE / max(h, w))
     size = (max(1, round(w * factor)), max(1, round(h * factor)))
-    small = photo if size == (w, h) else cv2.resize(photo, size, interpolation=cv2.INTER_AREA)
-    lab = cv2.cvtColor(small.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
+    lab = np.asarray(cv2.cvtColor(small.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
     labels = _superpixels(small)
     count = int(labels.max()) + 1
     flat = labels.ravel()
@@ -111,7 +111,7 @@ def _gradient(light: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
     """Gradient magnitude, averaged over a small neighbourhood so that it describes texture, not one edge."""
     base = cv2.GaussianBlur(light, (0, 0), sigma) if sigma else light
     gx, gy = cv2.Sobel(base, cv2.CV_32F, 1, 0, scale=0.25), cv2.Sobel(base, cv2.CV_32F, 0, 1, scale=0.25)
-    return cv2.blur(np.sqrt(gx * gx + gy * gy), (7, 7))
+    return np.asarray(cv2.blur(np.sqrt(gx * gx + gy * gy), (7, 7)), np.float32)
 
 
 def _neighbours(

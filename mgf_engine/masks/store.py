@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The masks on disk: ``labels/<photo>.png``, ``scores.json``, ``points.bin``.
+"""The masks on disk: ``labels/<photo>.png``, ``scores.json``, ``points.bin``, ``parts.json``.
 
 Label maps are 8-bit grey PNGs whose values are the labels. ``points.bin`` is one byte per sparse point, 1 for
-the masked points P'. Everything is written beside and moved into place; ``scores.json`` comes last and says
-that the rest is whole.
+the masked points P'; ``parts.json`` lists second-level parts with their elements and points. Everything is written
+beside and moved into place; ``scores.json`` comes last and says that the rest is whole.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.masks.levels import Part
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import atomic_path, write_json
@@ -33,13 +35,19 @@ def label_files(scene: Scene) -> list[str]:
 
 
 def save_masks(
-    masks: MaskSet, scene: Scene, folder: Path, reasons: list[str], figures: dict[str, Any] | None = None
+    masks: MaskSet,
+    scene: Scene,
+    folder: Path,
+    reasons: list[str],
+    figures: dict[str, Any] | None = None,
+    parts: Sequence[Part] = (),
 ) -> None:
     """Write a mask set.
 
     Args:
         reasons: per view, why it is flagged (empty where it is fine).
         figures: whatever else is worth keeping in ``scores.json``.
+        parts: scene-wide second-level parts, for ``parts.json``.
     """
     files = label_files(scene)
     (folder / "labels").mkdir(parents=True, exist_ok=True)
@@ -50,6 +58,11 @@ def save_masks(
         write_png(folder / file, labels)
     with atomic_path(folder / "points.bin") as temporary:
         temporary.write_bytes(masks.point_mask.astype(np.uint8).tobytes())
+    listed = [
+        {"name": p.name, "elements": [[scene.views[v].name, label] for v, label in p.elements], "points": p.points}
+        for p in parts
+    ]
+    write_json(folder / "parts.json", {"version": VERSION, "parts": listed})
     views = [
         {
             "name": view.name,

@@ -17,7 +17,6 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,7 +42,7 @@ def read_supplied(folder: Path, scene: Scene) -> list[NDArray[np.uint8] | None]:
     if not any(building(labels).any() for labels in given):
         raise BadInput(f"Every mask in '{folder}' is empty; the building should be white, the rest black.")
     if all(building(labels).all() for labels in given):
-        raise BadInput(f"Every mask in '{folder}' covers its whole photo; leave masks off with use_masks=false instead.")
+        raise BadInput(f"Every mask in '{folder}' covers its whole photo; switch masks off with use_masks=false.")
     return result
 
 
@@ -56,14 +55,14 @@ def _read_one(folder: Path, view: View) -> NDArray[np.uint8] | None:
         raise BadInput(f"The mask '{path}' cannot be read; save it as a PNG again.")
     labels = to_labels(image, path)
     size = (labels.shape[1], labels.shape[0])
-    if size == (view.width, view.height):
-        return labels
+    if size == (view.width, view.height) and size != (view.original_width, view.original_height):
+        return labels  # made on the working photo
     if size != (view.original_width, view.original_height):
         raise BadInput(
             f"The mask '{path}' has {size[0]} x {size[1]} pixels, but its photo has {view.original_width} x "
             f"{view.original_height}; make the mask from the photo itself."
         )
-    return cv2.resize(labels, (view.width, view.height), interpolation=cv2.INTER_NEAREST).astype(np.uint8)
+    return view.warp_labels(labels)
 
 
 def _find(folder: Path, name: str) -> Path | None:
@@ -94,7 +93,7 @@ def to_labels(image: NDArray[Any], path: Path) -> NDArray[np.uint8]:
             inside = image.any(2)
             if inside.all():
                 raise BadInput(f"The colour mask '{path}' has no black; paint everything but the building black.")
-            return inside.astype(np.uint8)
+            return np.asarray(inside, np.uint8)
     return _grey_labels(image)
 
 
@@ -103,8 +102,8 @@ def _grey_labels(image: NDArray[Any]) -> NDArray[np.uint8]:
     if len(values) == 1:
         return np.full(image.shape, BUILDING if values[0] > 0 else 0, np.uint8)
     if len(values) == 2 and not (values[0] == BUILDING and values[1] == UNKNOWN):
-        return (image == values[1]).astype(np.uint8)
+        return np.asarray(image == values[1], np.uint8)
     elements = values[(values > 0) & (values != UNKNOWN)]
     if BUILDING in values and elements.max() < 64:
         return image.astype(np.uint8)
-    return (image >= values[-1] / 2).astype(np.uint8)
+    return np.asarray(image >= float(values[-1]) / 2, np.uint8)

@@ -25,17 +25,32 @@ class GrabCut:
 
     name = "grabcut"
 
-    def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints) -> Segment:
-        """See :class:`mgf_engine.masks.segmenters.base.Segmenter`."""
-        mask = clean(to_edges(photo, hints.belief) > 0.5, hints)
+    def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
+        """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt follows the points closer."""
+        belief = hints.belief if attempt == 0 else follow_points(hints)
+        mask = clean(to_edges(photo, belief) > 0.5, hints)
         return Segment(mask, agreement(mask, hints))
+
+
+def follow_points(hints: Hints) -> NDArray[np.float32]:
+    """The belief bent towards the points of this photo: each speaks for the pixels around it."""
+    h, w = hints.belief.shape
+    radius = 0.02 * max(h, w)
+    votes = np.zeros((2, h, w), np.float32)
+    for plane, points in zip(votes, (hints.rejected, hints.accepted), strict=True):
+        x = np.clip(np.floor(points[:, 0]).astype(int), 0, w - 1)
+        y = np.clip(np.floor(points[:, 1]).astype(int), 0, h - 1)
+        np.add.at(plane, (y, x), 1)
+    near = [cv2.GaussianBlur(v, (0, 0), radius) * (2 * np.pi * radius**2) for v in votes]
+    weight = 0.5  # the belief counts like half a point
+    return ((near[1] + weight * hints.belief) / (near[0] + near[1] + weight)).astype(np.float32)
 
 
 def to_edges(photo: NDArray[np.uint8], belief: NDArray[np.float32]) -> NDArray[np.float32]:
     """The belief drawn to the photo's edges, float32 [H, W]."""
     radius = max(4, round(max(photo.shape[:2]) / 100))
     guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
-    return cv2.ximgproc.guidedFilter(guide, belief, radius, (0.03 * 255) ** 2)
+    return np.asarray(cv2.ximgproc.guidedFilter(guide, belief, radius, (0.03 * 255) ** 2), np.float32)
 
 
 def clean(mask: NDArray[np.bool_], hints: Hints) -> NDArray[np.bool_]:

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clicks that contradict all others: a slip of the mouse, or a photo clicked on another building.
+
+The clicked photos are split into a few groups; what the other groups say about a group's clicks is the test. A
+click is doubted only when they are sure of the opposite: clicks on parts that no other photo explains are kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mgf_engine.masks.belief import SceneGraph
+from mgf_engine.masks.prompts import Clicks, Prompts
+
+GROUPS = 5
+ROUNDS = 2
+SURE = 0.12  # belief below which a positive click, and above one minus which a negative click, is doubted
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One doubted click: view, kind, its row among the clicks of that kind, and what the others believe there."""
+
+    view: int
+    positive: bool
+    row: int
+    belief: float
+
+
+def doubtful_clicks(graph: SceneGraph, prompts: Prompts, seed: int) -> list[Doubt]:
+    """The clicks that the other photos' clicks contradict; empty with fewer than three clicked photos."""
+    clicked = [i for i in sorted(prompts) if len(prompts[i].positive) or len(prompts[i].negative)]
+    if len(clicked) < 3:
+        return []
+    doubts = []
+    count = min(GROUPS, len(clicked))
+    for group in range(count):
+        held = clicked[group::count]
+        others = {i: c for i, c in prompts.items() if i not in held}
+        if not any(len(c.positive) for c in others.values()):
+            continue
+        belief = graph.solve(others, seed, ROUNDS)
+        for index in held:
+            doubts += _against(graph, belief.regions[index], index, prompts[index])
+    return doubts
+
+
+def without(prompts: Prompts, doubts: list[Doubt]) -> Prompts:
+    """The prompts less the doubted clicks."""
+    result = dict(prompts)
+    for index in {d.view for d in doubts}:
+        clicks, kept = prompts[index], []
+        for positive, points in ((True, clicks.positive), (False, clicks.negative)):
+            drop = [d.row for d in doubts if d.view == index and d.positive == positive]
+            kept.append(np.delete(points, drop, axis=0))
+        result[index] = Clicks(kept[0], kept[1], clicks.parts)
+    return result
+
+
+def _against(graph: SceneGraph, regions: np.ndarray, index: int, clicks: Clicks) -> list[Doubt]:
+    doubts = []
+    around = np.array([[0, 0], [10, 0], [-10, 0], [0, 10], [0, -10]])
+    for positive, points in ((True, clicks.positive), (False, clicks.negative)):
+        for row, click in enumerate(points):
+            # A click a few pixels over the edge is no contradiction: take the kindest neighbour.
+            here = regions[graph.regions[index].at(click + around)]
+            belief = float(here.max() if positive else here.min())
+            if (belief < SURE) if positive else (belief > 1 - SURE):
+                doubts.append(Doubt(index, positive, row, belief))
+    return doubts

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The EfficientSAM weights: where they lie, how they are fetched once, and how they are checked."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import urllib.error
+import urllib.request
+from dataclasses import dataclass
+from pathlib import Path
+
+from mgf_engine.errors import BadInput
+from mgf_engine.messages import Reporter
+
+#: Apache-2.0, exported to ONNX by the labelme project.
+BASE_URL = "https://github.com/labelmeai/efficient-sam/releases/download/onnx-models-20231225"
+CHUNK = 1 << 20
+TIMEOUT = 30.0  # seconds without a byte
+
+
+@dataclass(frozen=True)
+class WeightFile:
+    """One file of the release."""
+
+    name: str
+    size: int
+    sha256: str
+
+
+#: Model -> encoder, decoder. "vits" is larger and more accurate.
+WEIGHTS: dict[str, tuple[WeightFile, WeightFile]] = {
+    "vitt": (
+        WeightFile("efficient_sam_vitt_encoder.onnx", 24799761,
+                   "7a73ee65aa2c37237c89b4b18e73082f757ffb173899609c5d97a2bbd4ebb02d"),
+        WeightFile("efficient_sam_vitt_decoder.onnx", 16565728,
+                   "e1afe46232c3bfa3470a6a81c7d3181836a94ea89528aff4e0f2d2c611989efd"),
+    ),
+    "vits": (
+        WeightFile("efficient_sam_vits_encoder.onnx", 89558337,
+                   "4cacbb23c6903b1acf87f1d77ed806b840800c5fcd4ac8f650cbffed474b8896"),
+        WeightFile("efficient_sam_vits_decoder.onnx", 16565728,
+                   "4727baf23dacfb51d4c16795b2ac382c403505556d0284e84c6ff3d4e8e36f22"),
+    ),
+}  # fmt: skip
+
+
+def default_folder() -> Path:
+    """The user's cache folder for weights."""
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local")
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library/Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "mgf" / "weights"
+
+
+def find_weights(folder: Path) -> tuple[str, Path, Path] | None:
+    """Model name, encoder and decoder of the best complete pair in a folder, or None.
+
+    Raises:
+        BadInput: a pair is there but a file is damaged or of another version.
+    """
+    for model in ("vits", "vitt"):
+        files = WEIGHTS[model]
+        if all((folder / f.name).is_file() for f in files):
+            for file in files:
+                _check(folder / file.name, file, folder)
+            return model, folder / files[0].name, folder / files[1].name
+    return None
+
+
+def missing_text(folder: Path) -> str:
+    """What to say when the weights are asked for and absent."""
+    names = " and ".join(f.name for f in WEIGHTS["vitt"])
+    return (
+        f"The EfficientSAM weights are not in '{folder}'; run 'mgf weights', or put {names} there by hand "
+        f"(from {BASE_URL}), or choose segmenter=grabcut, which needs none."
+    )
+
+
+def download_weights(model: str, folder: Path | None, reporter: Reporter, base_url: str = BASE_URL) -> Path:
+    """Fetch the two files of a model, going on where a broken download stopped; returns their folder.
+
+    Raises:
+        BadInput: unknown model, no network, a full disk, or a file whose checksum is wrong.
+    """
+    if model not in WEIGHTS:
+        raise BadInput(f"There is no EfficientSAM model '{model}'; take vitt or vits.")
+    folder = folder or default_folder()
+    files = WEIGHTS[model]
+    total, done = sum(f.size for f in files), 0
+    for file in files:
+        target = folder / file.name
+        if not (target.is_file() and _digest(target) == file.sha256):
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                _fetch(file, target, base_url, reporter, done, total)
+            except urllib.error.URLError as error:
+                raise BadInput(
+                    f"Cannot download {file.name} ({error.reason}); check the network and run again (it goes on where "
+                    f"it stopped), or put the file from {base_url} into '{folder}' by hand."
+                ) from error
+            except OSError as error:
+                reason = error.strerror or str(error)
+                raise BadInput(f"Cannot write {file.name} to '{folder}' ({reason}); choose another folder.") from error
+        done += file.size
+        reporter.progress(done / total)
+    return folder
+
+
+def _fetch(file: WeightFile, target: Path, base_url: str, reporter: Reporter, done: int, total: int) -> None:
+    partial = target.with_suffix(".part")
+    have = partial.stat().st_size if partial.exists() else 0
+    if have < file.size:
+        request = urllib.request.Request(f"{base_url}/{file.name}", headers={"Range": f"bytes={have}-"} if have else {})
+        with urllib.request.urlopen(request, timeout=TIMEOUT) as answer:
+            # A server that ignores the range sends the whole file again.
+            if answer.status != 206:
+                have = 0
+            with partial.open("ab" if have else "wb") as out:
+                while chunk := answer.read(CHUNK):
+                    out.write(chunk)
+                    have += len(chunk)
+                    reporter.progress(min(1.0, (done + have) / total), file=file.name)
+    if have < file.size:
+        raise urllib.error.URLError(f"the connection ended after {have} of {file.size} bytes")
+    if _digest(partial) != file.sha256:
+        partial.unlink()
+        raise BadInput(f"{file.name} arrived damaged (wrong SHA-256) and was removed; download it again.")
+    os.replace(partial, target)
+
+
+def _check(path: Path, file: WeightFile, folder: Path) -> None:
+    if path.stat().st_size != file.size or _digest(path) != file.sha256:
+        raise BadInput(
+            f"'{path}' is damaged or of another version (wrong size or SHA-256); delete it and run 'mgf weights "
+            f"--folder {folder}' again."
+        )
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

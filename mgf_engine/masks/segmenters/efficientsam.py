@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""EfficientSAM through ONNX Runtime: one embedding per photo, many cheap queries on it.
+
+The model takes at most six points (more are silently dropped) and was not trained on negative ones. So several
+queries of up to six points are asked, and everything else that is known (negative clicks, rejected points) acts
+through the score that chooses among their candidates.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.segmenters.base import Hints, Points, Segment, agreement
+from mgf_engine.masks.segmenters.grabcut import clean
+from mgf_engine.system import atomic_path
+
+#: The graph resizes to 1024 x 1024 itself; larger photos only cost memory.
+LONGEST_SIDE = 1024
+MAX_POINTS = 6
+POINT, BOX_START, BOX_END = 1.0, 2.0, 3.0
+ENCODER_INPUT, ENCODER_OUTPUT = "batched_images", "image_embeddings"
+DECODER_INPUTS = ("image_embeddings", "batched_point_coords", "batched_point_labels", "orig_im_size")
+DECODER_OUTPUTS = ("output_masks", "iou_predictions")
+
+
+class EfficientSam:
+    """The segmenter; safe to call from several threads.
+
+    Args:
+        encoder, decoder: ONNX files, see :mod:`mgf_engine.masks.segmenters.download`.
+        cache: folder for embeddings, kept between runs; 2 MB per photo.
+        threads: of ONNX Runtime.
+        gpu: use a GPU provider where ONNX Runtime offers one.
+
+    Raises:
+        BadInput: a file is no ONNX model or not EfficientSAM.
+    """
+
+    name = "efficientsam"
+
+    def __init__(self, encoder: Path, decoder: Path, cache: Path, threads: int = 0, gpu: bool = True) -> None:
+        self._encoder = _session(encoder, threads, gpu, {ENCODER_INPUT}, {ENCODER_OUTPUT})
+        self._decoder = _session(decoder, threads, gpu, set(DECODER_INPUTS), set(DECODER_OUTPUTS))
+        self._model = f"{encoder.name}:{encoder.stat().st_size}"
+        self._cache = cache
+        self._encoding = threading.Lock()  # one image at a time bounds the memory
+
+    def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
+        """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt asks with other points."""
+        embedding = self.embed(photo)
+        size = (photo.shape[0], photo.shape[1])
+        best = Segment(np.zeros(size, bool), -1.0)
+        for points, labels in queries(hints, attempt):
+            masks, _ = self.ask(embedding, size, points, labels)
+            for logits in masks:
+                mask = clean(_enlarge(logits, size) > 0, hints)
+                score = agreement(mask, hints)
+                if score > best.score:
+                    best = Segment(mask, score)
+        return Segment(best.mask, max(0.0, best.score))
+
+    def embed(self, photo: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The embedding [1, 256, 64, 64] of a photo RGB uint8 [H, W, 3], from the cache where it is."""
+        key = hashlib.sha256(self._model.encode() + str(photo.shape).encode() + photo.tobytes()).hexdigest()[:24]
+        path = self._cache / f"{key}.npy"
+        try:
+            return np.load(path, allow_pickle=False).astype(np.float32)
+        except (OSError, ValueError, EOFError):
+            pass
+        height, width = _reduced(photo.shape[0], photo.shape[1])
+        small = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA)
+        image = np.ascontiguousarray(small.transpose(2, 0, 1)[None], np.float32) / np.float32(255)
+        with self._encoding:
+            embedding = self._encoder.run([ENCODER_OUTPUT], {ENCODER_INPUT: image})[0]
+        with atomic_path(path) as temporary, temporary.open("wb") as stream:
+            np.save(stream, embedding.astype(np.float16), allow_pickle=False)
+        return embedding.astype(np.float16).astype(np.float32)
+
+    def ask(
+        self, embedding: NDArray[np.float32], size: tuple[int, int], points: Points, labels: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Candidates for up to six points.
+
+        Args:
+            embedding: [1, 256, 64, 64].
+            size: height and width of the photo the points are in.
+            points: [N, 2] pixels; labels: [N], 1 point, 2 and 3 box corners.
+
+        Returns:
+            Logits [3, h, w] on the reduced photo (above 0 is inside), and the model's own quality estimates [3].
+        """
+        height, width = _reduced(*size)
+        scaled = points[:MAX_POINTS] * (width / size[1], height / size[0])
+        feed = {
+            "image_embeddings": embedding,
+            "batched_point_coords": scaled.astype(np.float32)[None, None],
+            "batched_point_labels": labels[:MAX_POINTS].astype(np.float32)[None, None],
+            "orig_im_size": np.array([height, width], np.int64),
+        }
+        masks, quality = self._decoder.run(list(DECODER_OUTPUTS), feed)
+        return masks[0, 0], quality[0, 0]
+
+
+def queries(hints: Hints, attempt: int) -> Iterator[tuple[Points, NDArray[np.float64]]]:
+    """Point sets of at most six: the clicks, the box with four spread points, six spread points, and halves of it."""
+    if len(hints.positive):
+        chosen = spread(hints.positive, MAX_POINTS, attempt)
+        yield chosen, np.full(len(chosen), POINT)
+    accepted = hints.accepted if len(hints.accepted) else hints.positive
+    if not len(accepted):
+        return
+    if hints.box is not None:
+        corners = np.array(hints.box).reshape(2, 2)
+        chosen = spread(accepted, MAX_POINTS - 2, attempt)
+        labels = np.concatenate([[BOX_START, BOX_END], np.full(len(chosen), POINT)])
+        yield np.concatenate([corners, chosen]), labels
+    for start in (attempt, attempt + 1):
+        chosen = spread(accepted, MAX_POINTS, 2 * start + 1)
+        yield chosen, np.full(len(chosen), POINT)
+
+
+def spread(points: Points, count: int, skip: int = 0) -> Points:
+    """Farthest-point choice of ``count`` points [N, 2], starting nearest the median or ``skip`` places on."""
+    if len(points) <= count and not skip:
+        return points
+    gap = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    chosen = [int(np.argsort(gap, kind="stable")[min(skip * max(1, len(points) // 16), len(points) - 1)])]
+    gap = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < min(count, len(points)):
+        # The farthest tenth are often outliers: take the nearest of them.
+        chosen.append(int(np.argsort(gap, kind="stable")[int(0.97 * (len(points) - 1))]))
+        gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen]
+
+
+def _reduced(height: int, width: int) -> tuple[int, int]:
+    factor = min(1.0, LONGEST_SIDE / max(height, width))
+    return max(1, round(height * factor)), max(1, round(width * factor))
+
+
+def _enlarge(logits: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    if logits.shape == size:
+        return logits
+    return cv2.resize(logits, (size[1], size[0]), interpolation=cv2.INTER_LINEAR).astype(np.float32)
+
+
+def _session(path: Path, threads: int, gpu: bool, inputs: set[str], outputs: set[str]) -> Any:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 3
+    options.enable_cpu_mem_arena = False  # give the encoder's memory back after each image
+    wanted = ["CUDAExecutionProvider", "CoreMLExecutionProvider"] if gpu else []
+    providers = [p for p in wanted if p in onnxruntime.get_available_providers()] + ["CPUExecutionProvider"]
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
+    except Exception as error:  # ONNX Runtime raises its own types, one per kind of damage
+        reason = _first_line(error)
+        raise BadInput(f"'{path}' cannot be loaded as an ONNX model ({reason}); download it again.") from error
+    have_in, have_out = {i.name for i in session.get_inputs()}, {o.name for o in session.get_outputs()}
+    if not (inputs <= have_in and outputs <= have_out):
+        lacking = ", ".join(sorted((inputs - have_in) | (outputs - have_out)))
+        raise BadInput(f"'{path}' is not an EfficientSAM model (it lacks {lacking}); use the files of 'mgf weights'.")
+    return session
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0][:160] if str(error).strip() else type(error).__name__

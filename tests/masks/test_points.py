@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.config import make_config
+from mgf_engine.masks.model import BUILDING, UNKNOWN, MaskSet
+from mgf_engine.masks.points import Votes, decide, project_votes, track_votes, vote
+from mgf_engine.scene.model import Scene, Similarity, View
+
+CONFIG = make_config({"vote_dilation": 0})
+
+
+def view(name: str, x: float, **changes: object) -> View:
+    """A camera at (x, 0, 0) looking along +z; a point at depth 1 on the axis falls on the middle of 20 x 10 px."""
+    base = View(name, name, 20, 10, 10.0, 10.0, 10.0, 5.0, np.eye(3), np.array([-x, 0, 0.0]), 20, 10)
+    return replace(base, **changes)
+
+
+def make_scene(views: list[View], points: np.ndarray, tracks: list[list[tuple[int, float, float]]]) -> Scene:
+    flat = [o for t in tracks for o in t]
+    return Scene(
+        tuple(views), points, np.zeros((len(points), 3), np.uint8), np.zeros(len(points), np.float32),
+        np.cumsum([0] + [len(t) for t in tracks]), np.array([o[0] for o in flat], np.int32),
+        np.array([o[1:] for o in flat], np.float32).reshape(-1, 2), Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (),
+        Path("."),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def pair() -> Scene:
+    points = np.array([[0, 0, 1.0], [0.55, 0, 1.0], [0, 0, -1.0], [5, 0, 1.0]])
+    tracks = [[(0, 10, 5), (1, 10, 5)], [(1, 2.5, 5.5)], [], []]
+    return make_scene([view("a", 0), view("b", 0)], points, tracks)
+
+
+def left_half() -> np.ndarray:
+    labels = np.zeros((10, 20), np.uint8)
+    labels[:, :11] = BUILDING
+    return labels
+
+
+def test_projection_counts_only_points_in_front_and_in_frame(pair: Scene):
+    votes = project_votes(pair.points, pair, [left_half(), left_half()], [0, 1], 0)
+    assert votes.inside.tolist() == [2, 0, 0, 0]
+    assert votes.outside.tolist() == [0, 2, 0, 0]
+
+
+def test_track_votes_use_the_observed_keypoint(pair: Scene):
+    # Point 1 projects outside the mask, but was observed inside it.
+    votes = track_votes(pair, [left_half(), left_half()], [0, 1], 0)
+    assert votes.inside.tolist() == [2, 1, 0, 0]
+    kept = vote(pair.points, pair, [left_half(), left_half()], [0, 1], CONFIG, np.arange(4))
+    assert kept.tolist() == [True, True, False, False]
+    assert vote(pair.points, pair, [left_half(), left_half()], [0, 1], CONFIG).tolist() == [True, False, False, False]
+
+
+def test_unknown_pixels_abstain(pair: Scene):
+    hidden = np.full((10, 20), UNKNOWN, np.uint8)
+    votes = project_votes(pair.points[:1], pair, [left_half(), hidden], [0, 1], 0)
+    assert (votes.inside[0], votes.outside[0]) == (1, 0)
+
+
+def test_dilation_reaches_exactly_so_far(pair: Scene):
+    # Point 1 falls on column 15; the mask ends with column 10.
+    for dilation, hits in ((4, 0), (5, 1)):
+        assert project_votes(pair.points[1:2], pair, [left_half()], [0], dilation).inside[0] == hits
+
+
+def test_strict_asks_every_view(pair: Scene):
+    strict = make_config({"vote_dilation": 0, "strict_vote": True})
+    full, half = np.ones((10, 20), np.uint8), left_half()
+    assert vote(pair.points, pair, [full, half], [0, 1], strict).tolist() == [True, False, False, False]
+    # Point 3 is outside both frames: the literal rule drops it, as it drops nearly all points of a real scene.
+    assert not vote(pair.points[3:], pair, [full, full], [0, 1], strict)[0]
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "kept"),
+    [(0, 0, False), (1, 0, True), (1, 1, False), (2, 1, True), (8, 4, True), (8, 5, False), (90, 10, True), (90, 11, False)],
+)  # fmt: skip
+def test_tolerance(inside: int, outside: int, kept: bool):
+    votes = Votes(np.array([inside], np.int32), np.array([outside], np.int32))
+    assert decide(votes, 0.1)[0] == kept
+
+
+def test_accepts_a_mask_set(pair: Scene):
+    labels = (left_half(), left_half())
+    masks = MaskSet(labels, np.ones(2, bool), np.ones(2, np.float32), np.ones(4, bool))
+    assert vote(pair.points, pair, masks, [0, 1], CONFIG).tolist() == [True, False, False, False]
+
+
+def test_no_points_no_views(pair: Scene):
+    assert vote(np.zeros((0, 3)), pair, [left_half()] * 2, [0, 1], CONFIG).shape == (0,)
+    assert not vote(pair.points, pair, [left_half()] * 2, [], CONFIG).any()

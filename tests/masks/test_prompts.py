@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.prompts import read_prompts
+from mgf_engine.scene.model import Lens, Scene
+from tests.masks.test_points import make_scene, view
+
+
+@pytest.fixture
+def scene() -> Scene:
+    wide = {"original_width": 40, "original_height": 20}
+    views = [view("east/IMG_1.JPG", 0, **wide), view("west/IMG_1.JPG", 0, **wide), view("west/Tür 2.jpg", 0, **wide)]
+    return make_scene(views, np.zeros((0, 3)), [])
+
+
+def write(tmp_path: Path, data: object) -> Path:
+    path = tmp_path / "prompts.json"
+    path.write_text(data if isinstance(data, str) else json.dumps(data), encoding="utf-8")
+    return path
+
+
+def test_clicks_come_in_working_pixels(tmp_path: Path, scene: Scene):
+    data = {"west/Tür 2.jpg": {"positive": [[20, 10], [40, 20]], "negative": [[1, 2.5]], "parts": {"door": [[4, 4]]}}}
+    clicks = read_prompts(write(tmp_path, data), scene)[2]
+    assert clicks.positive[0].tolist() == [10, 5]
+    assert clicks.positive[1] == pytest.approx([20, 10], abs=0.01) and (clicks.positive[1] < [20, 10]).all()
+    assert clicks.negative.tolist() == [[0.5, 1.25]]
+    assert clicks.parts["door"].tolist() == [[2, 2]]
+
+
+def test_distorted_photos(tmp_path: Path, scene: Scene):
+    lens = Lens("SIMPLE_RADIAL", 40, 20, (20.0, 20.0, 10.0, -0.2))
+    bent = replace(scene.views[2], lens=lens)
+    scene = replace(scene, views=(*scene.views[:2], bent))
+    data = {"Tür 2.jpg": {"positive": [[30, 10]]}}
+    clicks = read_prompts(write(tmp_path, data), scene)[2]
+    back = bent.to_original(clicks.positive)
+    assert np.allclose(back, [[30, 10]], atol=1e-6)
+    assert abs(clicks.positive[0, 0] - 15) > 0.05  # not the mere scaling
+
+
+@pytest.mark.parametrize("name", ["west/Tür 2.jpg", "Tür 2.jpg", "WEST/TÜR 2.JPG", "tür 2.JPG", "west\\Tür 2.jpg", "Tür 2.png"])
+def test_names_match_with_and_without_folder_case_and_ending(tmp_path: Path, scene: Scene, name: str):
+    assert set(read_prompts(write(tmp_path, {name: {"positive": [[1, 1]]}}), scene)) == {2}
+
+
+BAD = [
+    ('{"a"', "not valid JSON"),
+    ("[1]", "one entry per photo"),
+    ("[" * 100_000, "not valid JSON"),
+    ({"other.jpg": {"positive": [[1, 1]]}}, "'other.jpg', which the scene does not have"),
+    ({"IMG_1.JPG": {"positive": [[1, 1]]}}, "could be any of east/IMG_1.JPG, west/IMG_1.JPG"),
+    ({"Tür 2.jpg": {"positive": [[1, 1]]}, "west/Tür 2.jpg": {"positive": [[1, 1]]}}, "two entries"),
+    ('{"Tür 2.jpg": {"positive": [[1, 1]]}, "Tür 2.jpg": {}}', "twice"),
+    ({"Tür 2.jpg": {"positive": [[41, 1]]}}, "(41, 1) outside the photo, which has 40 x 20 pixels"),
+    ({"Tür 2.jpg": {"negative": [[3, -1]]}}, "(3, -1) outside"),
+    ('{"Tür 2.jpg": {"positive": [[NaN, 1]]}}', "outside"),
+    ('{"Tür 2.jpg": {"positive": [[1e999, 1]]}}', "outside"),
+    ({"Tür 2.jpg": {"positive": [[1]]}}, "not a pair of numbers"),
+    ({"Tür 2.jpg": {"positive": [["1", 2]]}}, "not a pair of numbers"),
+    ({"Tür 2.jpg": {"positive": [[True, 2]]}}, "not a pair of numbers"),
+    ({"Tür 2.jpg": {"positive": 7}}, "list of [u, v] pairs"),
+    ({"Tür 2.jpg": [[1, 2]]}, "should be an object"),
+    ({"Tür 2.jpg": {"positiv": [[1, 2]]}}, "'positiv'"),
+    ({"Tür 2.jpg": {"parts": [[1, 2]]}}, "'parts'"),
+    ({"Tür 2.jpg": {"parts": {"door": [[99, 2]]}}}, "The part 'door'"),
+    ({"Tür 2.jpg": {"negative": [[1, 2]]}}, "no click on the building"),
+    ({}, "no click on the building"),
+]
+
+
+@pytest.mark.parametrize(("data", "part"), BAD)
+def test_bad_files_say_what_is_wrong(tmp_path: Path, scene: Scene, data: object, part: str):
+    path = write(tmp_path, data)
+    with pytest.raises(BadInput) as error:
+        read_prompts(path, scene)
+    assert part in str(error.value) and str(path) in str(error.value)
+
+
+def test_missing_and_binary_files(tmp_path: Path, scene: Scene):
+    with pytest.raises(BadInput, match="Cannot read"):
+        read_prompts(tmp_path / "none.json", scene)
+    path = tmp_path / "binary.json"
+    path.write_bytes(b"\xff\xfe\x00\x80\x81")
+    with pytest.raises(BadInput, match="not valid JSON"):
+        read_prompts(path, scene)
