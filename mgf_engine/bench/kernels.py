@@ -20,14 +20,18 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
+from mgf_engine.config import Config
 from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.losses import total_loss
+from mgf_engine.field.targets import Target, make_target
 from mgf_engine.raster import cpu, library
 from mgf_engine.raster.adam import adam_step
-from mgf_engine.raster.api import Camera, render
+from mgf_engine.raster.api import Camera, Rendering, render
+from mgf_engine.scene.model import View
 
 T = TypeVar("T")
 
-PARTS = ("project", "sort, bin", "blend", "blend backward", "project backward", "adam")
+PARTS = ("project", "sort, bin", "blend", "losses", "blend backward", "project backward", "adam")
 
 
 def building(n: int, seed: int = 0, size: float = 0.02) -> Gaussians:
@@ -69,6 +73,22 @@ def corner_view(width: int, height: int) -> Camera:
     return Camera(width, height, focal, focal, width / 2, height / 2, rotation, -rotation @ centre)
 
 
+def noise_target(camera: Camera) -> Target:
+    """A photo of noise that is building all over, with three labels: the most work the losses can have."""
+    photo = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
+    labels = np.ones((camera.height, camera.width), np.uint8)
+    labels[:, camera.width // 2 :] = 2
+    labels[camera.height // 3 : camera.height // 2, camera.width // 3 : camera.width // 2] = 3
+    view = View(
+        name="noise", file="noise.png", width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy,
+        cx=camera.cx, cy=camera.cy, rotation=camera.rotation, translation=camera.translation, original_width=camera.width,
+        original_height=camera.height,
+    )  # fmt: skip
+    target = make_target(photo, labels, view, 1, Config())
+    assert target is not None
+    return target
+
+
 @dataclass
 class Clock:
     """Smallest wall and CPU milliseconds per named part."""
@@ -98,15 +118,24 @@ class Iteration:
         rest = (planes[5], planes[6:9], planes[9]) if self.geometry else (None, None, None)
         depth = planes[4] if self.geometry else None
         self.heads = cpu.HeadGradients(planes[0:3].contiguous(), planes[3], depth, *rest)
+        self.target = noise_target(self.camera)
 
     def run(self, clock: Clock) -> None:
         seen = clock.time("project", lambda: cpu.project(self.raw, self.camera, self.degree, None))
         lists = clock.time("sort, bin", lambda: cpu.bin_tiles(seen))
         image, hits = clock.time("blend", lambda: cpu.blend(lists, self.geometry))
+        clock.time("losses", lambda: self._losses(image))
         sums = clock.time("blend backward", lambda: cpu.blend_backward(lists, image, hits, self.heads, None, False))
         back = (self.raw, self.degree, lists, hits, sums, self.heads.level, None)
         gradients = clock.time("project backward", lambda: cpu.project_backward(*back))
         clock.time("adam", lambda: self._adam(gradients, lists.tile_counts > 0))
+
+    def _losses(self, image: torch.Tensor) -> None:
+        planes = image[:, : self.camera.height, : self.camera.width]
+        median, normal, distortion = (planes[5], planes[6:9], planes[9]) if self.geometry else (None, None, None)
+        colour, visible = planes[0:3].detach().requires_grad_(), torch.ones(1, dtype=torch.bool)
+        shown = Rendering(colour, planes[3], planes[4], median, normal, distortion, visible)
+        total_loss(shown, self.target, Config(), torch.zeros(3), self.geometry).total.backward()
 
     def _adam(self, gradients: tuple[torch.Tensor, ...], visible: torch.Tensor) -> None:
         active = 3 * (self.degree + 1) ** 2
