@@ -64,13 +64,54 @@ def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
     return with_faces(mesh, mesh.faces[(area >= share * area.max())[label]])
 
 
-def drop_hidden_parts(mesh: Mesh, seen: NDArray[np.int64]) -> Mesh:
-    """Drop parts that no view sees (bubbles inside walls). ``seen``: pixels of each face, int64 [F]."""
+def drop_hidden_parts(mesh: Mesh, seen: NDArray[np.int64], share: float) -> Mesh:
+    """Drop parts that the views hardly see: bubbles inside walls, and far things that few masks let in.
+
+    Args:
+        seen: pixels of all views together that see each face, int64 [F].
+        share: of the pixels of the part that is seen most; parts with less are dropped.
+    """
     if len(mesh.faces) == 0:
         return mesh
     label = parts(mesh)
-    visible = np.bincount(label, weights=seen) >= SEEN_PIXELS
+    pixels = np.bincount(label, weights=seen)
+    visible = pixels >= max(SEEN_PIXELS, share * pixels.max())
     return with_faces(mesh, mesh.faces[visible[label]])
+
+
+def drop_unconfirmed(mesh: Mesh, confirmed: NDArray[np.bool_], largest: float) -> Mesh:
+    """Drop patches that no view shows, such as a skirt below the building; small ones stay and close holes.
+
+    Args:
+        confirmed: bool [N], vertices near which a view shows a surface.
+        largest: share of the mesh's area up to which such a patch may stay.
+    """
+    made_up = ~confirmed[mesh.faces].any(1)
+    if not made_up.any():
+        return mesh
+    patch = replace(mesh, faces=mesh.faces[made_up])
+    label, areas = parts(patch), face_areas(patch)
+    too_large = (np.bincount(label, weights=areas) > largest * face_areas(mesh).sum())[label]
+    keep = np.ones(len(mesh.faces), bool)
+    keep[np.flatnonzero(made_up)[too_large]] = False
+    return with_faces(mesh, mesh.faces[keep])
+
+
+def smooth(mesh: Mesh, rounds: int) -> Mesh:
+    """Move every vertex half way to the mean of its neighbours, ``rounds`` times; open rims stay where they are."""
+    if rounds <= 0 or len(mesh.faces) == 0:
+        return mesh
+    count = len(mesh.vertices)
+    a, b = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    links = coo_matrix((np.ones(2 * len(a), np.float64), (np.r_[a, b], np.r_[b, a])), shape=(count, count)).tocsr()
+    links.data[:] = 1.0
+    degree = np.asarray(links.sum(1)).ravel()
+    share = 0.5 / np.maximum(degree, 1)
+    share[np.concatenate(_open_edges(mesh.faces))] = 0.0
+    vertices = mesh.vertices.copy()
+    for _ in range(rounds):
+        vertices += share[:, None] * (links @ vertices - degree[:, None] * vertices)
+    return replace(mesh, vertices=vertices)
 
 
 def orient_outward(mesh: Mesh, front: NDArray[np.int64], back: NDArray[np.int64]) -> Mesh:
@@ -174,3 +215,42 @@ def _open_edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np
     single = counts[inverse] == 1
     a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     return a[single], b[single]
+
+
+def cap_rims(mesh: Mesh) -> Mesh:
+    """Close every open rim by a flat polygon of its own vertices (ear clipping): the bottom of a building."""
+    caps = [_ears(mesh.vertices[loop], loop) for loop in boundary_loops(mesh)]
+    return replace(mesh, faces=np.concatenate([mesh.faces, *caps]).astype(np.int32))
+
+
+def _ears(rim: NDArray[np.float64], loop: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Triangles over a rim [n, 3], facing away from the faces that border it; ears with the best angle go first."""
+    following = np.roll(rim, -1, axis=0)
+    normal = -np.cross(rim, following).sum(0)  # the cap runs against the direction of the rim
+    if not np.any(normal):
+        return np.zeros((0, 3), np.int32)
+    normal /= np.linalg.norm(normal)
+    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    first /= np.linalg.norm(first)
+    flat = (rim @ np.stack([first, np.cross(normal, first)], 1))[::-1]  # now counter-clockwise about the normal
+    names, left, faces = loop[::-1], list(range(len(loop))), []
+    while len(left) > 3:
+        p = flat[left]
+        before, after = np.roll(p, 1, axis=0), np.roll(p, -1, axis=0)
+        turn = _cross2(p - before, after - p)
+        length = np.linalg.norm(p - before, axis=1) * np.linalg.norm(after - p, axis=1)
+        best = np.argsort(-turn / np.maximum(length, 1e-30), kind="stable")
+        ear = next((i for i in best[:40] if turn[i] > 0 and not _covers(before[i], p[i], after[i], p)), best[0])
+        faces.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
+        del left[ear]
+    return names[np.array([*faces, left])].astype(np.int32)
+
+
+def _covers(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], p: NDArray[np.float64]) -> bool:
+    """Whether a point of p [n, 2] lies inside the counter-clockwise triangle."""
+    inside = (_cross2(b - a, p - a) > 0) & (_cross2(c - b, p - b) > 0) & (_cross2(a - c, p - c) > 0)
+    return bool(inside.any())
+
+
+def _cross2(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

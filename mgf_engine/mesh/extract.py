@@ -15,6 +15,7 @@ from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.colors import color_from_photos
+from mgf_engine.mesh.fusion import FusedField
 from mgf_engine.mesh.isosurface import SOLID, bisect, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
@@ -26,7 +27,10 @@ from mgf_engine.scene.model import Scene, View
 log = logging.getLogger("mgf")
 
 #: Shares of the stage, for the progress bar.
-_TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED = 0.05, 0.3, 0.8, 0.88
+_RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED = 0.15, 0.25, 0.35, 0.7, 0.85
+SURE_ERROR, SURE_TRACK = 1.0, 3  # sparse points with a smaller error (px) and as many photos calibrate the level
+MADE_UP = 0.005  # share of the area up to which a patch that no view shows may stay
+SMALL_HOLE = 0.05  # of the mesh's diagonal: holes with a shorter rim are closed
 
 
 def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Config, reporter: Reporter) -> Mesh:
@@ -42,11 +46,10 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
     reporter.progress(0.0)
     kept = screen(gaussians, scene, masks, config)
     views = [scene.views[i] for i in chosen]
-    verdicts = judging_masks(scene, masks, chosen, config.vote_dilation)
-    field = OpacityField(kept, views, verdicts, config.opacity_level, agree=1)
+    field = surface_field(kept, scene, masks, chosen, config, reporter)
     mesh = level_set(kept, field, config, reporter)
     reporter.progress(_PLACED, faces=len(mesh.faces))
-    mesh = cleaned(mesh, views, config)
+    mesh = cleaned(mesh, field, views, config)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     inside = [building(masks.labels[i]) for i in chosen]
     colored = color_from_photos(
@@ -57,7 +60,22 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
     return colored
 
 
-def level_set(gaussians: Gaussians, field: OpacityField, config: Config, reporter: Reporter) -> Mesh:
+def surface_field(
+    gaussians: Gaussians, scene: Scene, masks: MaskSet, chosen: Sequence[int], config: Config, reporter: Reporter
+) -> OpacityField | FusedField:
+    """What tells solid from free, as ``config.surface`` wants it; fused depths are calibrated on the masked points."""
+    views = [scene.views[i] for i in chosen]
+    verdicts = judging_masks(scene, masks, chosen, config.vote_dilation)
+    if config.surface == "opacity":
+        return OpacityField(gaussians, views, verdicts, config.opacity_level, agree=1)
+    fused = FusedField(gaussians, views, verdicts, lambda share: reporter.progress(_RENDERED * share))
+    sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
+    shift = fused.calibrate(scene.points[sure])
+    log.info("mesh: rendered surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
+    return fused
+
+
+def level_set(gaussians: Gaussians, field: OpacityField | FusedField, config: Config, reporter: Reporter) -> Mesh:
     """The raw surface O(x) = level between the tetrahedral points of the Gaussians.
 
     Raises:
@@ -90,17 +108,23 @@ def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool
     return too_long
 
 
-def cleaned(mesh: Mesh, views: Sequence[View], config: Config) -> Mesh:
+def cleaned(mesh: Mesh, field: OpacityField | FusedField, views: Sequence[View], config: Config) -> Mesh:
     """The level set without false parts, oriented outward, small holes closed, at the wanted face count.
 
     Raises:
         BadInput: nothing is left.
     """
-    mesh = clean.split_nonmanifold(clean.weld(clean.with_faces(mesh, mesh.faces)))
-    mesh = clean.drop_small_parts(mesh, config.min_component)
+    mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
+    mesh = clean.drop_unconfirmed(mesh, field.confirmed(mesh.vertices), MADE_UP)
+    mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
     front, back = clean.count_pixels(mesh, views)
     mesh = clean.orient_outward(mesh, front, back)
-    mesh = clean.drop_hidden_parts(mesh, front + back)
+    mesh = clean.drop_hidden_parts(mesh, front + back, config.min_component)
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    mesh = clean.fill_holes(mesh, SMALL_HOLE * diagonal)
+    mesh = clean.smooth(mesh, config.smoothing)
+    if config.close_bottom:
+        mesh = clean.cap_rims(mesh)
     return clean.reduce_faces(mesh, config.max_faces)

@@ -66,6 +66,10 @@ class OpacityField:
         state[(state == SOLID) & through] = FREE
         return state
 
+    def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """All true: eq. 25 does not tell what was seen from what was only not ruled out."""
+        return np.ones(len(points), bool)
+
     def _hull(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """State of each point from where it falls in the masks alone, and how many views see it on the building."""
         background, seen = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
@@ -75,8 +79,13 @@ class OpacityField:
             seen += verdict == kernel.SEEN
         state = np.full(len(points), SOLID, np.uint8)
         state[seen == 0] = INVALID
-        state[background > np.maximum(HULL_SHARE * (background + seen), np.minimum(HULL_FEW, seen))] = FREE
+        state[outside_hull(background, seen)] = FREE
         return state, seen
+
+
+def outside_hull(background: NDArray[np.integer], seen: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Points outside the visual hull, from how many views call them background and how many building, bool [N]."""
+    return background > np.maximum(HULL_SHARE * (background + seen), np.minimum(HULL_FEW, seen))
 
 
 def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
@@ -99,8 +108,9 @@ def judging_masks(scene: Scene, masks: MaskSet, views: Sequence[int], dilation: 
 
 def spread_order(centres: NDArray[np.float64]) -> list[int]:
     """Indices [V] so that every beginning of the list is spread out (farthest point first, ties by index)."""
-    distance = np.linalg.norm(centres - centres.mean(0), axis=1)
-    order = [int(distance.argmax())] if len(centres) else []
+    if len(centres) == 0:
+        return []
+    order = [int(np.linalg.norm(centres - centres.mean(0), axis=1).argmax())]
     nearest = np.full(len(centres), np.inf)
     while len(order) < len(centres):
         nearest = np.minimum(nearest, np.linalg.norm(centres - centres[order[-1]], axis=1))

@@ -38,7 +38,7 @@ def opacity_of_points(points: NDArray[np.float64], gaussians: Gaussians, view: V
     at_point = at_peak * torch.exp(-0.5 * square * (torch.minimum(depth[:, None], peak) - peak) ** 2)
     centre_depth = centres @ rotation.T[:, 2] + view.translation[2]
     alpha = torch.where((at_point > 1 / 255) & (peak > near) & (centre_depth > near), at_point.clamp_max(0.99), 0.0)
-    transmittance = torch.ones(len(points), dtype=torch.float64)
-    for k in torch.argsort(centre_depth).tolist():
-        transmittance = transmittance * torch.where(transmittance > 1e-4, 1 - alpha[:, k], 1.0)
-    return 1 - transmittance
+    after = torch.cumprod(1 - alpha[:, torch.argsort(centre_depth)], 1)
+    before = torch.cat([torch.ones(len(points), 1, dtype=torch.float64), after[:, :-1]], 1)
+    blended = (before > 1e-4).sum(1, keepdim=True)  # from then on nothing is added
+    return 1 - after.gather(1, blended - 1)[:, 0]

@@ -29,7 +29,7 @@ def camera(position, target=(0.0, 0.0, 0.0), width=WIDTH, height=HEIGHT, focal=F
     return View(name, name, width, height, *intrinsics, rotation, -rotation @ position, width, height)
 
 
-def ring(count=16, radius=4.0, elevations=(0.1, 0.6, -0.5, 1.2)) -> list[View]:
+def ring(count=16, radius=4.0, elevations=(0.1, 0.7, -0.9, 1.2)) -> list[View]:
     views = []
     for i in range(count):
         around, up = 2 * np.pi * i / count, elevations[i % len(elevations)]

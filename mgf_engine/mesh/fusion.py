@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The surface as the mean of what the rendered depths of all views say, instead of eq. 25.
+
+Every view's median depth is rendered once. At a point, each view that is not covered says how far in front of its
+surface the point lies, clipped to a narrow band; the sign of the weighted mean tells solid from free. One view
+cannot dig a hole or leave a bubble on its own, as it can where the minimum over views decides, and asking costs a
+look-up per view instead of an integral.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
+from mgf_engine.mesh.opacity import outside_hull
+from mgf_engine.raster.api import Camera, render
+from mgf_engine.raster.library import parallel
+from mgf_engine.raster.points import NEAR
+from mgf_engine.scene.model import View
+
+BAND_PIXELS = 4.0  # half width of the band, in pixels at the depth of the surface
+JUMP = 0.01  # share of the depth that neighbouring pixels of one surface differ at most
+MIXED = 0.01  # mean and median depth that differ by a larger share belong to several surfaces
+MIN_ALPHA = 0.5  # pixels that the field covers less say nothing
+
+CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
+ENOUGH = 50  # triangulated points from which the level is calibrated
+
+Progress = Callable[[float], None]
+_BELIEF = [("weight", "<f4"), ("sum", "<f4"), ("covered", "<i4"), ("outside", "<i4"), ("seen", "<i4")]
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """A view's rendered surface: [H, W, 3] depth, slope (distance along the normal per unit of depth), weight."""
+
+    view: View
+    mask: NDArray[np.uint8]
+    pixels: NDArray[np.float32]
+
+
+class FusedField:
+    """Signed distance of a field, fused from its depth maps.
+
+    Args:
+        gaussians: the field, normalised frame.
+        views: the cameras that judge.
+        masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        views: Sequence[View],
+        masks: Sequence[NDArray[np.uint8]],
+        progress: Progress = lambda share: None,
+    ) -> None:
+        self.offset = 0.0
+        self.maps: list[DepthMap] = []
+        for number, (view, mask) in enumerate(zip(views, masks, strict=True)):
+            progress(number / len(views))
+            self.maps.append(depth_map(gaussians, view, mask))
+
+    def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
+        """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
+        belief = self._ask(points, progress)
+        state = np.where(_distance(belief) > self.offset, FREE, SOLID).astype(np.uint8)
+        state[(belief["weight"] == 0) & (belief["covered"] > 0)] = SOLID
+        state[(belief["weight"] == 0) & (belief["covered"] == 0)] = INVALID
+        state[outside_hull(belief["outside"], belief["seen"])] = FREE
+        return state
+
+    def calibrate(self, points: NDArray[np.float64]) -> float:
+        """Put the level where triangulated points of the surface [N, 3] lie (median); returns it, in pixels.
+
+        Gaussians are trained to look right, and light stops on their near side: their centres, and so the rendered
+        depths, tend to lie a fraction of a pixel behind the surface.
+        """
+        belief = self._ask(points, lambda share: None)
+        near = _distance(belief)[(belief["weight"] > 0) & ~outside_hull(belief["outside"], belief["seen"])]
+        near = near[np.abs(near) < 0.9]
+        self.offset = float(np.median(near)) if len(near) >= ENOUGH else 0.0
+        return self.offset * BAND_PIXELS
+
+    def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Points [N, 3] near which at least one view really shows a surface, bool [N]."""
+        belief = self._ask(points, lambda share: None)
+        near: NDArray[np.bool_] = (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
+        return near
+
+    def _ask(self, points: NDArray[np.float64], progress: Progress) -> NDArray[np.void]:
+        """What the views together say of each point (struct Belief in ``raster/kernels/fuse.c``)."""
+        points32 = np.ascontiguousarray(points, dtype=np.float32)
+        belief = np.zeros(len(points), _BELIEF)
+        for number, m in enumerate(self.maps):
+            progress(number / len(self.maps))
+            view = m.view
+            pose = np.concatenate([view.rotation.ravel(), view.translation])
+            intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
+            camera = (pose, intrinsics, NEAR, m.mask, m.pixels, view.height, view.width)
+            parallel("fuse_points_work", len(points), points32, *camera, BAND_PIXELS / view.fx, JUMP, belief)
+        return belief
+
+
+def _distance(belief: NDArray[np.void]) -> NDArray[np.float32]:
+    """Mean signed distance in half bands, -1..1, positive in front of the surface; 0 where no view says anything."""
+    distance: NDArray[np.float32] = belief["sum"] / np.maximum(belief["weight"], 1e-30)
+    return distance
+
+
+def depth_map(gaussians: Gaussians, view: View, mask: NDArray[np.uint8]) -> DepthMap:
+    """Render the median depth of a view and judge how far each pixel may be trusted."""
+    with torch.no_grad():
+        seen = render(gaussians, Camera.from_view(view), sh_degree=0)
+    assert seen.median is not None and seen.normal is not None
+    alpha = seen.alpha.numpy()
+    depth = _surface_depth(seen.median.numpy(), seen.depth.numpy() / np.maximum(alpha, 1e-6))
+    normal = seen.normal.numpy() / np.maximum(np.linalg.norm(seen.normal.numpy(), axis=0), 1e-6)
+    u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
+    v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    slope = np.clip(-(normal[0] * u[None] + normal[1] * v[:, None] + normal[2]), 0.1, None)
+    weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
+    weight *= np.where(_rim(depth), 0.1, 1.0)
+    weight[(alpha < MIN_ALPHA) | (depth <= NEAR)] = 0.0
+    pixels = np.stack([depth, slope, weight], -1).astype(np.float32)
+    return DepthMap(view, mask, np.ascontiguousarray(pixels))
+
+
+def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The mean depth, which is smooth, where it tells of the same surface as the median, which never mixes two."""
+    return np.where(np.abs(mean - median) < MIXED * median, mean, median)
+
+
+def _rim(depth: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Pixels next to a jump in depth, where the surface seen is uncertain."""
+    kernel = np.ones((3, 3), np.uint8)
+    spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * JUMP * depth
+    return spread

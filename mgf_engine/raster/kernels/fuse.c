@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Signed distance of points to the surfaces that depth maps show, averaged over views (after Curless and Levoy 1996).
+//
+// A view with depth D at the pixel of a point at depth z says it lies s = (D - z) slope in front of the surface, where
+// slope turns depth into distance along the surface's normal. Beyond `band` in front the point is free: s counts as band.
+// Beyond `band` behind it the view cannot know, and only remembers that the point is covered.
+#include "export.h"
+
+enum { PIECE = 4096 };
+enum { OUTSIDE = 0, INSIDE = 1 };  // of the mask; other values: unknown
+
+// What a depth map says at one pixel; weight 0: nothing.
+typedef struct {
+    float depth, slope, weight;
+} Pixel;
+
+// What all views say of a point.
+typedef struct {
+    float weight, sum;          // of the distances s / band, -1..1
+    int32_t covered, outside, seen;  // number of views
+} Belief;
+
+// Between four pixels of one surface; the nearest pixel where they belong to several.
+static inline Pixel sample(const Pixel *map, int64_t height, int64_t width, double u, double v, float jump) {
+    const int64_t nx = (int64_t)u, ny = (int64_t)v;
+    const Pixel nearest = map[ny * width + nx];
+    const double fx = u - 0.5, fy = v - 0.5;
+    const int64_t x = (int64_t)__builtin_floor(fx), y = (int64_t)__builtin_floor(fy);
+    if (x < 0 || y < 0 || x + 1 >= width || y + 1 >= height || !(nearest.weight > 0)) return nearest;
+    const Pixel *p = map + y * width + x, *q = p + width;
+    const float a = (float)(fx - x), b = (float)(fy - y), limit = jump * nearest.depth;
+    const Pixel four[4] = {p[0], p[1], q[0], q[1]};
+    for (int k = 0; k < 4; k++)
+        if (!(four[k].weight > 0) || __builtin_fabsf(four[k].depth - nearest.depth) > limit) return nearest;
+    const float w[4] = {(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b};
+    Pixel r = {0, 0, 0};
+    for (int k = 0; k < 4; k++)
+        r.depth += w[k] * four[k].depth, r.slope += w[k] * four[k].slope, r.weight += w[k] * four[k].weight;
+    return r;
+}
+
+/* One view adds to the beliefs [n] of points [n][3]. map, labels: [height][width]. pose, intrinsics: as in points.c.
+   band: per unit of depth; jump: share of the depth by which neighbouring pixels of one surface differ at most. */
+MGF_API void fuse_points_work(int32_t *next, int64_t n, const float *points, const double *pose,
+                              const double *intrinsics, float near, const uint8_t *labels, const Pixel *map,
+                              int64_t height, int64_t width, float band, float jump, Belief *beliefs) {
+    for (;;) {
+        const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
+        if (start >= n) return;
+        for (int64_t i = start; i < end; i++) {
+            double c[3];
+            const float *p = points + 3 * i;
+            for (int k = 0; k < 3; k++)
+                c[k] = pose[3 * k] * p[0] + pose[3 * k + 1] * p[1] + pose[3 * k + 2] * p[2] + pose[9 + k];
+            if (!(c[2] > near)) continue;
+            const double u = c[0] / c[2] * intrinsics[0] + intrinsics[2], v = c[1] / c[2] * intrinsics[1] + intrinsics[3];
+            if (!(u >= 0 && v >= 0 && u < width && v < height)) continue;
+            const uint8_t label = labels[(int64_t)v * width + (int64_t)u];
+            Belief *belief = beliefs + i;
+            if (label == OUTSIDE) belief->outside++;
+            if (label != INSIDE) continue;
+            belief->seen++;
+            const Pixel here = sample(map, height, width, u, v, jump);
+            if (!(here.weight > 0)) continue;
+            const float limit = band * here.depth;
+            const float s = (float)(here.depth - c[2]) * here.slope;
+            if (s < -limit) belief->covered++;
+            else belief->weight += here.weight, belief->sum += here.weight * (s < limit ? s / limit : 1.0f);
+        }
+    }
+}

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mgf_engine.mesh.colors import color_from_photos, vertex_normals
+from mgf_engine.mesh.view import look
+
+from .analytic import ball, camera, ring
+from .test_clean import empty, merged
+
+
+def true_color(points: np.ndarray) -> np.ndarray:
+    """A smooth pattern on space, [N, 3] in 0..255."""
+    return 127 + 100 * np.sin(2.0 * points + np.array([0.0, 1.0, 2.0]))
+
+
+def photographed(mesh, view):
+    """What a camera sees of a mesh painted with the pattern, and where."""
+    sight = look(mesh, view)
+    rows, columns = np.nonzero(sight.face >= 0)
+    depth = sight.depth[rows, columns]
+    local = np.column_stack([(columns + 0.5 - view.cx) / view.fx, (rows + 0.5 - view.cy) / view.fy, np.ones(len(rows))])
+    points = (local * depth[:, None] - view.translation) @ view.rotation
+    photo = np.zeros((view.height, view.width, 3), np.uint8)
+    photo[rows, columns] = true_color(points)
+    return photo, sight.face >= 0
+
+
+def test_vertices_take_the_colour_of_their_place():
+    mesh, views = ball(subdivisions=4), ring(12)
+    photos = [photographed(mesh, v) for v in views]
+    colored = color_from_photos(mesh, views, lambda i: photos[i][0], [p[1] for p in photos])
+    error = np.abs(colored.colors - true_color(mesh.vertices)).max(1)
+    assert np.median(error) < 4 and np.quantile(error, 0.98) < 15
+
+
+def test_one_bad_photo_among_several_is_left_out():
+    mesh, views = ball(subdivisions=3), ring(12)
+    photos = [photographed(mesh, v) for v in views]
+    spoiled = [np.where(i == 3, 255 - p[0], p[0]).astype(np.uint8) for i, p in enumerate(photos)]
+    inside = [p[1] for p in photos]
+    good = color_from_photos(mesh, views, lambda i: photos[i][0], inside).colors.astype(int)
+    robust = color_from_photos(mesh, views, lambda i: spoiled[i], inside).colors.astype(int)
+    assert np.mean(np.abs(good - robust).max(1) < 20) > 0.97
+
+
+def test_hidden_vertices_do_not_take_what_hides_them():
+    hidden, screen = ball(0.3, 3), ball(0.6, 3)
+    mesh = merged(hidden, replace(screen, vertices=screen.vertices + np.array([1.5, 0, 0])))
+    view = camera((4.0, 0, 0))
+    photo = np.zeros((view.height, view.width, 3), np.uint8)
+    photo[:] = (250, 0, 0)
+    inside = np.ones(photo.shape[:2], bool)
+    seen = color_from_photos(mesh, [view], lambda i: photo, [inside])
+    assert (seen.colors == (250, 0, 0)).all()  # nothing else is known, so the colour is spread
+    side = camera((0.0, 4.0, 0.0))
+    blue = np.zeros_like(photo)
+    blue[:] = (0, 0, 250)
+    both = color_from_photos(mesh, [view, side], lambda i: (photo, blue)[i], [inside, inside])
+    small = both.colors[: len(hidden.vertices)]
+    assert (small == (0, 0, 250)).all(1).mean() > 0.9
+
+
+def test_nothing_seen_and_nothing_there():
+    away = camera((4.0, 0, 0), target=(8.0, 0, 0))
+    photo = np.zeros((away.height, away.width, 3), np.uint8)
+    inside = np.ones(photo.shape[:2], bool)
+    grey = color_from_photos(ball(subdivisions=2), [away], lambda i: photo, [inside]).colors
+    assert (grey == 160).all()
+    assert color_from_photos(empty(), [away], lambda i: photo, [inside]).colors.shape == (0, 3)
+
+
+def test_vertex_normals_of_a_sphere():
+    mesh = ball(subdivisions=3)
+    assert np.abs(vertex_normals(mesh) - mesh.vertices).max() < 0.02

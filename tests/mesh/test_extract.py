@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from __future__ import annotations
+
+from dataclasses import replace
+
+import igl
+import numpy as np
+import pytest
+import torch
+
+from mgf_engine.config import make_config
+from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.mesh.extract import extract_mesh
+from mgf_engine.mesh.screening import screen, voting_views
+from mgf_engine.messages import Reporter
+
+from .analytic import as_trimesh, ball, box, cuboid, discs, ring, scene_of, sphere
+
+
+def reporter(sink=lambda message: None) -> Reporter:
+    result = Reporter(sink, min_interval=0.0)
+    result.stage("mesh")
+    return result
+
+
+def distance(points, truth):
+    return np.sqrt(igl.point_mesh_squared_distance(points, truth.vertices, truth.faces.astype(np.int64))[0])
+
+
+def joined(*fields: Gaussians) -> Gaussians:
+    return Gaussians(*(torch.cat([getattr(f, n) for f in fields]) for n in Gaussians.__dataclass_fields__))
+
+
+# deviations of the paving discs across the surface are 0.01; their rims stand off a curved surface
+@pytest.mark.parametrize("surface", ["fused", "opacity"])
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
+    field, truth = (sphere(800), ball()) if shape == "sphere" else (box(0.12), cuboid())
+    scene, masks = scene_of(ring(16), truth)
+    seen = []
+    config = make_config({"surface": surface, "level_steps": 5})
+    mesh = extract_mesh(field, scene, masks, config, reporter(seen.append))
+    closed = as_trimesh(mesh)
+    assert closed.is_watertight and closed.is_winding_consistent and closed.body_count == 1
+    assert 0.9 < closed.volume / as_trimesh(truth).volume < 1.25
+    apart = distance(mesh.vertices, truth)
+    assert np.median(apart) < 0.06 and apart.max() < 0.2
+    assert np.median(distance(truth.vertices, mesh)) < 0.08
+    assert (np.abs(mesh.colors.astype(int) - (200, 120, 40)) <= 1).all()
+    fractions = [m["fraction"] for m in seen if m["type"] == "progress"]
+    assert fractions == sorted(fractions) and len(fractions) > 20
+
+
+def test_same_input_same_mesh_for_any_number_of_threads():
+    from mgf_engine.raster import library
+
+    scene, masks = scene_of(ring(8), ball())
+    results = []
+    for threads in (1, 3):
+        library.set_threads(threads)
+        results.append(extract_mesh(sphere(200), scene, masks, make_config({"level_steps": 3}), reporter()))
+    library.set_threads(0)
+    assert np.array_equal(results[0].vertices, results[1].vertices)
+    assert np.array_equal(results[0].faces, results[1].faces)
+    assert np.array_equal(results[0].colors, results[1].colors)
+
+
+def test_fused_level_moves_onto_the_sparse_points():
+    truth = ball()
+    scene, masks = scene_of(ring(12), truth)
+    count = 300
+    directions = np.random.default_rng(0).normal(size=(count, 3))
+    points = 1.02 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    scene = replace(
+        scene, points=points, colors=np.zeros((count, 3), np.uint8), errors=np.full(count, 0.3, np.float32),
+        track_start=3 * np.arange(count + 1), track_view=np.zeros(3 * count, np.int32),
+        track_uv=np.zeros((3 * count, 2), np.float32),
+    )  # fmt: skip
+    with_points = replace(masks, point_mask=np.ones(count, bool))
+    config = make_config({"level_steps": 6, "smoothing": 0})
+    radius = [
+        np.median(np.linalg.norm(extract_mesh(sphere(800), scene, m, config, reporter()).vertices, axis=1))
+        for m in (replace(masks, point_mask=np.zeros(count, bool)), with_points)
+    ]
+    assert abs(radius[1] - 1.02) < 0.006 and abs(radius[0] - 1.02) > abs(radius[1] - 1.02)
+
+
+def test_floaters_and_bubbles_go():
+    speck = sphere(60)
+    speck.positions = speck.positions * 0.05 + torch.tensor([0.0, 0.0, 1.5])
+    speck.log_scales -= float(np.log(20))
+    inner = sphere(150)
+    inner.positions = inner.positions * 0.4
+    inner.log_scales -= float(np.log(2.5))
+    scene, masks = scene_of(ring(12), ball(1.7))
+    mesh = extract_mesh(joined(sphere(500), speck, inner), scene, masks, make_config({"level_steps": 3}), reporter())
+    radius = np.linalg.norm(mesh.vertices, axis=1)
+    assert radius.min() > 0.8 and radius.max() < 1.25 and as_trimesh(mesh).body_count == 1
+
+
+def test_masks_cut_away_what_is_not_building():
+    """Opaque things next to the building that the masks call background are carved off even without screening."""
+    neighbour = sphere(300)
+    neighbour.positions = neighbour.positions * 0.4 + torch.tensor([1.7, 0.0, 0.0])
+    neighbour.log_scales -= float(np.log(2.5))
+    scene, masks = scene_of(ring(12), ball())
+    for screening in (True, False):
+        config = make_config({"level_steps": 3, "screening": screening})
+        mesh = extract_mesh(joined(sphere(500), neighbour), scene, masks, config, reporter())
+        assert mesh.vertices[:, 0].max() < 1.3
+
+
+def test_face_count_is_kept():
+    scene, masks = scene_of(ring(8), ball())
+    config = make_config({"level_steps": 2, "max_faces": 1500})
+    assert 1000 < len(extract_mesh(sphere(300), scene, masks, config, reporter()).faces) <= 1500
+
+
+def empty_field() -> Gaussians:
+    return sphere(10).select(torch.zeros(10, dtype=torch.bool))
+
+
+def one_gaussian() -> Gaussians:
+    return discs([[0.0, 0, 0]], [[0.0, 0, 1]], 0.3)
+
+
+def flat_points() -> Gaussians:
+    flat = discs(np.random.default_rng(0).normal(size=(50, 3)) * [0.3, 0.3, 0], np.tile([0.0, 0, 1], (50, 1)), 0.1)
+    flat.log_scales[:, 2] = -60.0
+    flat.filter_3d[:] = 0.0
+    return flat
+
+
+@pytest.mark.parametrize("surface", ["fused", "opacity"])
+def test_one_gaussian_is_a_blob_or_a_clear_message(surface):
+    scene, masks = scene_of(ring(8), ball())
+    try:
+        mesh = extract_mesh(one_gaussian(), scene, masks, make_config({"surface": surface}), reporter())
+        assert np.isfinite(mesh.vertices).all()
+    except BadInput as error:
+        assert str(error).endswith(".")
+
+
+def test_what_cannot_be_meshed_is_said_in_one_sentence():
+    scene, masks = scene_of(ring(8), ball())
+    config = make_config({})
+    with pytest.raises(BadInput, match="no Gaussians"):
+        extract_mesh(empty_field(), scene, masks, config, reporter())
+    far = sphere(50)
+    far.positions = far.positions + torch.tensor([0.0, 0.0, 30.0])
+    with pytest.raises(BadInput, match="vote against every Gaussian"):
+        extract_mesh(far, scene, masks, config, reporter())
+    with pytest.raises(BadInput, match="surface"):
+        extract_mesh(flat_points(), scene, masks, config, reporter())
+    with pytest.raises(BadInput, match="usable mask"):
+        extract_mesh(sphere(50), scene, replace(masks, used=np.zeros(8, bool)), config, reporter())
+    faint = sphere(50)
+    faint.opacity_logits[:] = -30.0
+    with pytest.raises(BadInput, match="opaque enough"):
+        extract_mesh(faint, scene, masks, config, reporter())
+
+
+def test_broken_and_doubled_gaussians_do_no_harm():
+    field = joined(sphere(400), sphere(400))
+    field.positions[::50] = float("nan")
+    field.log_scales[1::50] = float("inf")
+    scene, masks = scene_of(ring(8), ball())
+    mesh = extract_mesh(field, scene, masks, make_config({"level_steps": 3}), reporter())
+    assert np.isfinite(mesh.vertices).all() and as_trimesh(mesh).volume > 3.5
+
+
+def test_cancelling_stops_the_stage():
+    stopped = reporter()
+    stopped.cancel()
+    scene, masks = scene_of(ring(4), ball())
+    with pytest.raises(Cancelled):
+        extract_mesh(sphere(50), scene, masks, make_config({}), stopped)
+
+
+def test_voting_views_leave_out_what_is_held_out_or_unused():
+    scene, masks = scene_of(ring(6), ball())
+    held = replace(scene, held_out=(1, 3))
+    used = replace(masks, used=np.array([True, True, False, True, True, True]))
+    assert voting_views(held, used) == [0, 4, 5]
+    assert voting_views(replace(scene, held_out=tuple(range(6))), masks) == list(range(6))
+
+
+def test_screening_follows_its_switches():
+    scene, masks = scene_of(ring(8), ball())
+    field = joined(sphere(100), discs([[0.0, 1.9, 0], [1.8, 0, 0.3]], [[0.0, 0, 1]] * 2, 0.1))
+    assert len(screen(field, scene, masks, make_config({}))) == 100
+    assert len(screen(field, scene, masks, make_config({"screening": False}))) == 102
+    assert len(screen(field, scene, masks, make_config({"use_masks": False}))) == 102

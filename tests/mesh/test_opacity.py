@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mgf_engine.masks.model import UNKNOWN
+from mgf_engine.mesh.fusion import FusedField
+from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
+from mgf_engine.mesh.opacity import OpacityField, judging_mask, judging_masks, outside_hull, spread_order
+from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
+from mgf_engine.raster.points import UNKNOWN as UNKNOWN_PIXEL
+from mgf_engine.raster.reference_points import opacity_of_points
+
+from .analytic import ball, camera, ring, scene_of, sphere
+
+
+@pytest.fixture(scope="module")
+def setting():
+    views = ring(12)
+    scene, masks = scene_of(views, ball(1.1))
+    return sphere(800), views, judging_masks(scene, masks, range(len(views)), 1)
+
+
+def make(kind, setting, agree=1):
+    field, views, masks = setting
+    return OpacityField(field, views, masks, 0.5, agree) if kind == "opacity" else FusedField(field, views, masks)
+
+
+@pytest.mark.parametrize("kind", ["opacity", "fused"])
+def test_inside_is_solid_and_outside_free(kind, setting):
+    points = np.random.default_rng(0).uniform(-0.9, 0.9, (3000, 3))  # in every frame
+    radius = np.linalg.norm(points, axis=1)
+    state = make(kind, setting).classify(points)
+    assert (state[radius < 0.85] == SOLID).all()  # discs are flat: their rims stand off the sphere
+    assert (state[radius > 1.2] == FREE).all()
+
+
+@pytest.mark.parametrize("kind", ["opacity", "fused"])
+def test_what_no_view_sees_is_invalid(kind, setting):
+    points = np.array([[0.0, 0, 0], [0, 0, 50.0], [0, 0, -60.0]])
+    state = make(kind, setting).classify(points)
+    assert state.tolist() == [SOLID, INVALID, INVALID]
+
+
+def test_minimum_over_views_matches_the_twin(setting):
+    field, views, masks = setting
+    points = np.random.default_rng(1).normal(size=(60, 3)) * 0.55
+    points = points.astype(np.float32).astype(np.float64)
+    all_inside = [np.full_like(m, INSIDE) for m in masks]
+    state = OpacityField(field, views, all_inside, 0.5, 1).classify(points)
+    each = np.stack([opacity_of_points(points, field, v, NEAR).numpy() for v in views])
+    lowest = each.min(0)
+    clear = np.abs(lowest - 0.5) > 1e-3
+    assert np.array_equal((state == SOLID)[clear], (lowest >= 0.5)[clear])
+    assert 10 < (state == SOLID).sum() < 50
+    second = OpacityField(field, views, all_inside, 0.5, 2).classify(points)
+    lowest2 = np.sort(each, 0)[1]
+    clear = np.abs(lowest2 - 0.5) > 1e-3
+    assert np.array_equal((second == SOLID)[clear], (lowest2 >= 0.5)[clear])
+
+
+@pytest.mark.parametrize("kind", ["opacity", "fused"])
+def test_certain_background_frees_even_solid_points(kind, setting):
+    field, views, masks = setting
+    blank = [np.full_like(m, OUTSIDE) if i < 8 else m for i, m in enumerate(masks)]
+    state = make(kind, (field, views, blank)).classify(np.zeros((1, 3)))
+    assert state[0] == FREE
+
+
+@pytest.mark.parametrize("kind", ["opacity", "fused"])
+def test_unknown_pixels_decide_nothing(kind, setting):
+    field, views, masks = setting
+    outside = np.array([[1.4, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    hidden = [np.full_like(m, UNKNOWN_PIXEL) for m in masks]
+    assert (make(kind, (field, views, hidden)).classify(outside) == INVALID).all()
+    some = [np.full_like(m, UNKNOWN_PIXEL) if i < 8 else m for i, m in enumerate(masks)]
+    assert make(kind, (field, views, some)).classify(outside).tolist() == [FREE, SOLID]
+
+
+def test_fused_depth_has_no_bias(setting):
+    """The surface of the fused field lies on the discs; eq. 25 finds it where half the light is gone, further out."""
+    directions = np.random.default_rng(2).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    radii = np.linspace(0.9, 1.15, 51)
+    points = (directions[:, None] * radii[None, :, None]).reshape(-1, 3)
+    found = {}
+    for kind in ("opacity", "fused"):
+        solid = make(kind, setting).classify(points).reshape(200, 51) == SOLID
+        found[kind] = np.median(radii[solid.sum(1).clip(1) - 1])
+    assert abs(found["fused"] - 1.0) < 0.025
+    assert found["fused"] < found["opacity"] < 1.1
+
+
+def test_no_points(setting):
+    for kind in ("opacity", "fused"):
+        assert make(kind, setting).classify(np.zeros((0, 3))).shape == (0,)
+
+
+def test_judging_mask():
+    labels = np.zeros((20, 30), np.uint8)
+    labels[5:15, 5:15] = 7
+    labels[:, 25:] = UNKNOWN
+    mask = judging_mask(labels, 2)
+    assert mask[10, 10] == INSIDE and mask[10, 16] == INSIDE and mask[10, 18] == OUTSIDE
+    assert mask[10, 27] == UNKNOWN_PIXEL and mask[10, 24] == INSIDE  # next to the unknown nothing is certain
+    assert judging_mask(labels, 0)[10, 15] == OUTSIDE
+
+
+def test_hull_rule():
+    background = np.array([0, 1, 1, 3, 3, 3, 5])
+    seen = np.array([0, 0, 1, 0, 2, 20, 5])
+    assert outside_hull(background, seen).tolist() == [False, True, False, True, True, False, True]
+
+
+def test_spread_order_starts_far_apart():
+    centres = np.array([camera(p).centre for p in ((4.0, 0, 0), (3.9, 0.1, 0), (-4.0, 0, 0), (0, 4.0, 0))])
+    order = spread_order(centres)
+    assert sorted(order) == [0, 1, 2, 3] and order[-1] in (0, 1)  # the twins are never both early
+    assert spread_order(np.zeros((0, 3))) == []
