@@ -81,8 +81,8 @@ def noise_target(camera: Camera) -> Target:
     labels[camera.height // 3 : camera.height // 2, camera.width // 3 : camera.width // 2] = 3
     view = View(
         name="noise", file="noise.png", width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy,
-        cx=camera.cx, cy=camera.cy, rotation=camera.rotation, translation=camera.translation, original_width=camera.width,
-        original_height=camera.height,
+        cx=camera.cx, cy=camera.cy, rotation=camera.rotation, translation=camera.translation,
+        original_width=camera.width, original_height=camera.height,
     )  # fmt: skip
     target = make_target(photo, labels, view, 1, Config())
     assert target is not None
