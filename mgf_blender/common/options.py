@@ -35,7 +35,7 @@ def title(name: str) -> str:
 
 def default_of(name: str, preset: str) -> Any:
     """The value an option has under a preset."""
-    return PRESETS.get(preset, {}).get(name, OPTIONS[name]["default"])
+    return type(OPTIONS[name]["default"])(PRESETS.get(preset, {}).get(name, OPTIONS[name]["default"]))
 
 
 def changed(options: bpy.types.PropertyGroup) -> dict[str, Any]:
@@ -90,7 +90,8 @@ def _apply_preset(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> 
 def _annotation(option: dict[str, Any]) -> Any:
     """The ``bpy.props`` definition of one option."""
     unit = f", in {option['unit']}" if option["unit"] else ""
-    common = {"name": title(option["name"]), "description": option["help"] + unit, "default": option["default"]}
+    default = default_of(option["name"], OPTIONS["preset"]["default"])
+    common = {"name": title(option["name"]), "description": option["help"] + unit, "default": default}
     limits = {k: option[v] for k, v in (("min", "low"), ("max", "high")) if option[v] is not None}
     if option["choices"]:
         items = [(c, title(c), f"{title(option['name'])}: {title(c)}") for c in option["choices"]]

@@ -148,7 +148,7 @@ def _photo(row: tuple[int, str, int, np.ndarray, np.ndarray, int], cameras: dict
     number, name, camera_id, q, t, observed = row
     if camera_id not in cameras:
         raise UserError(f"The photo '{name}' in '{folder}' uses camera {camera_id}, which the model does not hold.")
-    if not (np.isfinite(q).all() and np.isfinite(t).all() and np.linalg.norm(q) > 1e-6):
+    if not (np.isfinite(q).all() and np.isfinite(t).all() and 1e-6 < np.abs(q).max() < 1e6):
         raise UserError(f"The pose of the photo '{name}' in '{folder}' is not a number; export the model again.")
     return Photo(number, name, cameras[camera_id], quaternion_to_matrix(q), np.asarray(t, np.float64), observed)
 
@@ -157,7 +157,7 @@ def _points(xyz: list, rgb: list, error: list, length: list) -> Points:
     points = Points(
         np.array(xyz, np.float64).reshape(-1, 3),
         np.array(rgb, np.uint8).reshape(-1, 3),
-        np.array(error, np.float32),
+        np.clip(np.array(error, np.float64), 0, 1e30).astype(np.float32),
         np.array(length, np.int32),
     )
     good = np.isfinite(points.xyz).all(axis=1)

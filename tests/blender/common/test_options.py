@@ -42,7 +42,8 @@ def test_changes_become_arguments(addon):
     text = options.arguments(addon.options)
     for wanted in ("resolution=600", "screening=false", "device=cpu"):
         assert wanted in text
-    assert "iterations=7000" in options.arguments(addon.options, also=["iterations", "gone_option"])
+    iterations = options.default_of("iterations", "standard")
+    assert f"iterations={iterations}" in options.arguments(addon.options, also=["iterations", "gone_option"])
 
 
 def test_values_of_an_earlier_job_come_back(addon):
