@@ -20,6 +20,15 @@ PACKAGES = (
 )  # fmt: skip
 
 
+def _read_umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+_UMASK = _read_umask()
+
+
 def cores() -> int:
     """Cores this process may run on."""
     if hasattr(os, "sched_getaffinity"):
@@ -76,6 +85,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
+        if os.name == "posix":
+            temporary.chmod(0o666 & ~_UMASK)  # mkstemp makes private files; results are for everybody to open
         os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)

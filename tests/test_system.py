@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mgf_engine.system import atomic_path, peak_memory, versions, write_json
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    write_json(path, [1])
+    with pytest.raises(ValueError, match="half way"), atomic_path(path) as temporary:
+        temporary.write_text("half")
+        raise ValueError("half way")
+    assert path.read_text().split() == ["[", "1", "]"]
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="rights of files are a matter of POSIX systems")
+@pytest.mark.parametrize("umask", ["022", "077"])
+def test_files_get_the_rights_the_user_wants(tmp_path: Path, umask: str) -> None:
+    code = "import sys, pathlib, mgf_engine.system as s; s.write_json(pathlib.Path(sys.argv[1]), 1)"
+    subprocess.run(["sh", "-c", f'umask {umask}; "$0" -c "$1" "$2"', sys.executable, code, tmp_path / "a"], check=True)
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o666 & ~int(umask, 8)
+
+
+def test_figures_of_the_machine() -> None:
+    assert peak_memory() > 10 << 20
+    assert versions()["numpy"] != "missing"
