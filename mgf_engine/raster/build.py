@@ -17,6 +17,7 @@ import os
 import platform
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -111,21 +112,23 @@ def _build_one(target: str, variant: str, cpu: str, force: bool) -> Path:
     digest = _digest(flags)
     if not force and path.is_file() and stamp.is_file() and stamp.read_text(encoding="ascii").strip() == digest:
         return path
-    partial = path.with_name(f"partial{os.getpid()}-{path.name}")
     sources = [str(p) for p in sorted(KERNELS.glob("*.c"))]
-    command = [sys.executable, "-m", "ziglang", "cc", *flags, "-I", str(KERNELS), "-o", str(partial), *sources]
-    if TARGETS[target].suffix == ".so":
-        command.append("-lm")
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        partial.unlink(missing_ok=True)
-        raise RuntimeError(f"Building {path.name} failed; is ziglang installed (pip install ziglang)?\n{done.stderr}")
-    if done.stderr:
-        print(done.stderr, file=sys.stderr)  # warnings
-    os.replace(partial, path)
+    with tempfile.TemporaryDirectory(
+        prefix="partial", dir=LIBRARIES
+    ) as work:  # also takes import libraries and the like
+        partial = Path(work) / path.name
+        command = [sys.executable, "-m", "ziglang", "cc", *flags, "-I", str(KERNELS), "-o", str(partial), *sources]
+        if TARGETS[target].suffix == ".so":
+            command.append("-lm")
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(
+                f"Building {path.name} failed; is ziglang installed (pip install ziglang)?\n{done.stderr}"
+            )
+        if done.stderr:
+            print(done.stderr, file=sys.stderr)  # warnings
+        os.replace(partial, path)
     stamp.write_text(digest + "\n", encoding="ascii")
-    for leftover in LIBRARIES.glob(f"partial{os.getpid()}-{path.stem}*"):  # import library, debug data
-        leftover.unlink(missing_ok=True)
     return path
 
 
