@@ -28,7 +28,9 @@ from mgf_engine.scene.model import View
 BAND_PIXELS = 4.0  # half width of the band, in pixels at the depth of the surface
 JUMP = 0.01  # share of the depth that neighbouring pixels of one surface differ at most
 MIXED = 0.01  # mean and median depth that differ by a larger share belong to several surfaces
-MIN_ALPHA = 0.5  # pixels that the field covers less say nothing
+MIN_ALPHA = 0.5  # pixels that the field covers less show no surface,
+THROUGH, THROUGH_WEIGHT = 0.2, 0.25  # and less than this let the view through, with this share of the usual weight
+FAR = 1e6  # depth of what lies behind everything
 
 CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
 ENOUGH = 50  # triangulated points from which the level is calibrated
@@ -128,7 +130,12 @@ def depth_map(gaussians: Gaussians, view: View, mask: NDArray[np.uint8]) -> Dept
     slope = np.clip(-(normal[0] * u[None] + normal[1] * v[:, None] + normal[2]), 0.1, None)
     weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
     weight *= np.where(_rim(depth), 0.1, 1.0)
-    weight[(alpha < MIN_ALPHA) | (depth <= NEAR)] = 0.0
+    shown = (alpha >= MIN_ALPHA) & (depth > NEAR)
+    weight = np.where(shown, weight, 0.0)
+    through = alpha < THROUGH  # the view looks past everything: all along the ray is free
+    if shown.any():
+        weight[through] = THROUGH_WEIGHT * np.median(weight[shown])
+    depth, slope = np.where(through, FAR, depth), np.where(through, 1.0, slope)
     pixels = np.stack([depth, slope, weight], -1).astype(np.float32)
     return DepthMap(view, mask, np.ascontiguousarray(pixels))
 
