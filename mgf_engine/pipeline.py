@@ -79,7 +79,7 @@ def _prepare(job: Job) -> None:
     from mgf_engine.raster.library import set_threads
 
     threads = job.config.threads or cores()
-    torch.set_num_threads(threads)
+    torch.set_num_threads(1)  # the kernels have threads of their own; torch's would only wait for the cores
     cv2.setNumThreads(threads)
     set_threads(threads)
     random.seed(job.config.seed)
