@@ -20,7 +20,9 @@ def choose_roots(model: Model) -> list[int]:
     """
     centres = np.array([p.centre for p in model.photos])
     directions = np.array([p.rotation[2] for p in model.photos])
-    middle = np.median(model.points.xyz, axis=0) if len(model.points.xyz) else centres.mean(axis=0)
+    middle = centres.mean(axis=0)
+    if len(model.points.xyz):  # the median of the points, each counted once per photo that sees it
+        middle = np.median(np.repeat(model.points.xyz, np.maximum(model.points.track_length, 1), axis=0), axis=0)
     reach = np.median(np.linalg.norm(centres - middle, axis=1))
     feature = np.concatenate([(centres - middle) / max(reach, 1e-12), directions], axis=1)
     count = min(len(centres), max(_FEWEST, math.ceil(len(centres) / 5)))

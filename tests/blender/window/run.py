@@ -96,20 +96,25 @@ def click_points(window: Window, prompts: dict) -> None:
     window.wait("the sidebar", lambda s: s["area"] == "IMAGE_EDITOR" and s["regions"]["UI"][2] > 100)
     time.sleep(2)
     window.tell("tab")
-    window.click(*window.button(NEXT_PHOTO, 0.75))
-    window.wait("a photo", lambda s: s["photo_index"] == 1 and s["image"])
+    names = [photo["name"] for photo in window.state()["photos"]]
+    at = next(i for i in (*range(1, len(names)), 0) if names[i] in prompts)
+    for step in range(1, (at or len(names)) + 1):
+        window.click(*window.button(NEXT_PHOTO, 0.75))
+        window.wait("a photo", lambda s, step=step: s["photo_index"] == step % len(names) and s["image"])
     window.tell("fit")
     window.click(*window.button(POINT_TOOL))
     window.wait("the point tool", lambda s: s["tool"] == "mgf.point_tool")
     window.shot("3-photo")
-    photo = window.state()["photos"][1]
+    photo = window.state()["photos"][at]
     width, height = photo["size"]
-    entry = prompts.get(photo["name"]) or next(iter(prompts.values()))
+    entry = prompts[photo["name"]]
     positive = [p for p in entry["positive"] if clear_of_sidebar(window, p[0] / width, p[1] / height)]
     negative = [p for p in entry.get("negative", []) if clear_of_sidebar(window, p[0] / width, p[1] / height)]
     for u, v in positive:
         window.click(*window.image_point(u / width, v / height))
-    clicks = window.wait("the points", lambda s: len(s["photos"][1]["clicks"]) == len(positive))["photos"][1]["clicks"]
+    clicks = window.wait("the points", lambda s: len(s["photos"][at]["clicks"]) == len(positive))["photos"][at][
+        "clicks"
+    ]
     pixel = width / (window.image_point(1, 0)[0] - window.image_point(0, 0)[0])
     worst = max(max(abs(c[0] - p[0]), abs(c[1] - p[1])) for c, p in zip(clicks, positive, strict=True))
     assert worst <= 2 * pixel, f"a click landed {worst:.1f} photo pixels away"
@@ -118,21 +123,21 @@ def click_points(window: Window, prompts: dict) -> None:
     window.click(*window.image_point(spot[0] / width, spot[1] / height), hold="ctrl")
     count = len(positive) + 1
     window.wait(
-        "the negative point", lambda s: len(s["photos"][1]["clicks"]) == count and s["photos"][1]["clicks"][-1][2]
+        "the negative point", lambda s: len(s["photos"][at]["clicks"]) == count and s["photos"][at]["clicks"][-1][2]
     )
     u, v = positive[0]
     window.drag(*window.image_point(u / width, v / height), *window.image_point(u / width + 0.03, v / height))
-    window.wait("the moved point", lambda s: abs(s["photos"][1]["clicks"][0][0] - (u + 0.03 * width)) < 3 * pixel)
+    window.wait("the moved point", lambda s: abs(s["photos"][at]["clicks"][0][0] - (u + 0.03 * width)) < 3 * pixel)
     window.shot("4-points")
     window.click(*window.image_point(u / width + 0.03, v / height), hold="alt")
-    window.wait("the removed point", lambda s: len(s["photos"][1]["clicks"]) == count - 1)
+    window.wait("the removed point", lambda s: len(s["photos"][at]["clicks"]) == count - 1)
     window.key("ctrl+z")
-    window.wait("undo", lambda s: len(s["photos"][1]["clicks"]) == count)
+    window.wait("undo", lambda s: len(s["photos"][at]["clicks"]) == count)
     window.move(*window.image_point(u / width + 0.03, v / height))
     window.key("x")
-    window.wait("X to remove", lambda s: len(s["photos"][1]["clicks"]) == count - 1)
+    window.wait("X to remove", lambda s: len(s["photos"][at]["clicks"]) == count - 1)
     window.key("ctrl+z")
-    window.wait("undo", lambda s: len(s["photos"][1]["clicks"]) == count)
+    window.wait("undo", lambda s: len(s["photos"][at]["clicks"]) == count)
 
 
 def clear_of_sidebar(window: Window, u: float, v: float) -> bool:
