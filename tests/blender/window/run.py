@@ -168,7 +168,7 @@ def reconstruct(window: Window) -> None:
     window.shot("7-before")
     window.click(*window.button(RECONSTRUCT))
     window.wait("the job", lambda s: s["jobs"][-1][0] == "reconstruct", 20)
-    window.wait("training", lambda s: s["jobs"][-1][2] == "field" or s["jobs"][-1][1] != "RUNNING", 300)
+    window.wait("training", lambda s: s["jobs"][-1][2] == "field" and s["jobs"][-1][3] > 0.15, 900)
     time.sleep(4)
     window.shot("8-training")
     window.wait("the end", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 1800)
