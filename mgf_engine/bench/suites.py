@@ -71,6 +71,9 @@ SWITCHES: dict[str, Options] = {
     "background not emptied": {"background_lambda": 0.0},
     "no densification": {"densify_from": 1.0, "densify_until": 1.0},
     "exposure fitted": {"exposure": True},
+    "surface by minimum opacity": {"surface": "opacity"},
+    "surface by minimum opacity, level 0.65": {"surface": "opacity", "opacity_level": 0.65},
+    "surface not smoothed": {"smoothing": 0},
 }
 _UNMASKED: Options = {
     "use_masks": False, "masked_points": False, "multilevel_loss": False, "boundary_loss": False, "screening": False,
