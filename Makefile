@@ -37,5 +37,8 @@ test: $(VENV)/.ready $(BPY)/.ready kernels lint
 demo: $(VENV)/.ready $(BPY)/.ready kernels
 	$(RUN) tools/demo.py --blender-python $(BPY)/bin/python --out $(DEMO) $(if $(SCENE),--scene "$(SCENE)") $(if $(PROMPTS),--prompts "$(PROMPTS)") $(ARGS)
 
+extension: $(VENV)/.ready $(BPY)/.ready
+	$(BPY)/bin/python tools/build_extension.py --engine-python $(RUN)
+
 clean:
 	rm -rf $(VENV) $(BPY) build dist demo
