@@ -42,11 +42,13 @@ POINT_EVIDENCE_WEIGHT = 2.0  # and at a point, which has as many ties as photos 
 LOOKS_LIMIT = 3.0  # colour, texture and shape say at most this much
 PLANT_ODDS = -2.0  # leaves and grass
 CORE_ODDS = 1.5  # the ray meets the building
-FAR_ODDS = -1.0  # per spacing of the points away from it, beyond the first
-FAR_LIMIT = 4.0
+FAR_ODDS = -0.6  # per spacing of the points away from it, beyond FAR_FROM
+FAR_FROM, FAR_LIMIT = 1.5, 7.0
 HIDDEN_ODDS = -2.0  # points that should be seen here are not
-FIRST_ODDS = -3.0  # the ray meets the ground first
+FIRST_ODDS = -6.0  # the ray meets the ground first
 GROUND_ODDS = -4.0  # the ground's own points
+#: What the geometry already calls ground teaches little about looks: walls may be of the same stone.
+EXPLAINED = 0.2
 NEAR_CLICK = 0.06  # share of the photo's width within which the nearest point tells what a click is on
 LEAK = 0.02  # how quickly a click's influence fades in the first round
 ROUNDS = 4
@@ -85,38 +87,44 @@ class SceneGraph:
         """The belief that follows from the clicks."""
         pull, target = self.click_pull(prompts)
         belief, trust = self._first_guess(pull, target)
-        looks = np.zeros(len(belief))
+        looks, teach = np.zeros(len(belief)), trust
         for round_ in range(rounds):
-            looks = self._looks(belief, trust if round_ == 0 else 1.0, seed)
+            looks = self._looks(belief, teach, seed)
             odds = looks + PLANT_ODDS * self.plants
             if round_ > 0:
-                odds += self._place(belief, prompts, seed)
+                place, grounded = self._place(belief, prompts, seed)
+                odds += place
+                teach = np.where(grounded, EXPLAINED, 1.0)
+            else:
+                teach = np.ones(len(belief))
             wanted = 1.0 / (1.0 + np.exp(-odds))
             strength = self.evidence_weight * np.abs(2 * wanted - 1) + 1e-4
             belief = self._flow(pull + strength, pull * target + strength * wanted, belief)
         return self._split(belief, looks)
 
-    def _place(self, belief: Array, prompts: Prompts, seed: int) -> Array:
-        """Log-odds of what the geometry says, [N]: ground, reach and cover of the points."""
+    def _place(self, belief: Array, prompts: Prompts, seed: int) -> tuple[Array, NDArray[np.bool_]]:
+        """Log-odds of what the geometry says, [N]: ground, reach and cover of the points; and what is ground, [N]."""
         points = belief[self.region_count :]
-        odds = np.zeros(len(belief))
+        odds, ground = np.zeros(len(belief)), np.zeros(len(belief), bool)
         self.ground = find_ground(self.scene, self.shape, 1 - points, seed)
         if self.ground is not None:
             grounded = self.ground.holds(self.scene, self.shape)
             if self._clicks_reject(grounded, prompts):
                 odds[self.region_count :] = GROUND_ODDS * grounded
+                ground[self.region_count :] = grounded > 0.5
                 points = np.minimum(points, 1 - grounded)
             else:
                 # A plinth the building stands on, as far as anybody said: no evidence against it.
                 self.ground = None
         keep = points > 0.6
         if keep.sum() < 10:
-            return odds
+            return odds, ground
         extent = Extent(self.scene, self.shape, keep, self.ground, self.sight)
         for index, regions in enumerate(self.regions):
             part = slice(self.start[index], self.start[index + 1])
-            odds[part] = self._region_odds(extent.place(index), regions, self.scene.views[index])
-        return odds
+            odds[part], first = self._region_odds(extent.place(index), regions, self.scene.views[index])
+            ground[part] = first & (self.ground is not None)
+        return odds, ground
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
         """Whether clicks call the ground background: more negative than positive ones on it, or no negative at all."""
@@ -134,13 +142,15 @@ class SceneGraph:
         return balance > 0 or (balance == 0 and not any(len(c.negative) for c in prompts.values()))
 
     @staticmethod
-    def _region_odds(place: Place, regions: Regions, view: View) -> Array:
+    def _region_odds(place: Place, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:
+        """Log-odds of each region, and whether its ray meets the ground first, [S] each."""
         h, w = place.core.shape
         x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
         y = np.clip((regions.centres[:, 1] * h / view.height).astype(int), 0, h - 1)
         odds = CORE_ODDS * (place.core & ~place.hidden & ~place.ground_first)[y, x]
-        odds = odds + FAR_ODDS * np.clip(place.away[y, x] - 1, 0, FAR_LIMIT)
-        return odds + HIDDEN_ODDS * place.hidden[y, x] + FIRST_ODDS * place.ground_first[y, x]
+        odds = odds + FAR_ODDS * np.clip(place.away[y, x] - FAR_FROM, 0, FAR_LIMIT)
+        first = place.ground_first[y, x]
+        return odds + HIDDEN_ODDS * place.hidden[y, x] + FIRST_ODDS * first, first
 
     def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
         """Strength and wanted value of the clicks, [N] each."""
@@ -171,9 +181,9 @@ class SceneGraph:
         result, _ = cg(matrix, source, x0=start, rtol=1e-4, maxiter=400, M=inverse)
         return np.clip(result, 0.0, 1.0)
 
-    def _looks(self, belief: Array, trust: Array | float, seed: int) -> Array:
+    def _looks(self, belief: Array, teach: Array, seed: int) -> Array:
         """Log-odds of "building" from appearance alone, [N]."""
-        inside, outside = np.clip(2 * belief - 1.1, 0, 1) * trust, np.clip(0.9 - 2 * belief, 0, 1) * trust
+        inside, outside = np.clip(2 * belief - 1.1, 0, 1) * teach, np.clip(0.9 - 2 * belief, 0, 1) * teach
         r = self.region_count
         ratios = []
         for features, area, part, scale in (

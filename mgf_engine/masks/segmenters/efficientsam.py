@@ -124,7 +124,7 @@ def queries(hints: Hints, attempt: int) -> Iterator[tuple[Points, NDArray[np.flo
         chosen = spread(accepted, MAX_POINTS - 2, attempt)
         labels = np.concatenate([[BOX_START, BOX_END], np.full(len(chosen), POINT)])
         yield np.concatenate([corners, chosen]), labels
-    for start in (attempt, attempt + 1):
+    for start in (2 * attempt, 2 * attempt + 1):
         chosen = spread(accepted, MAX_POINTS, 2 * start + 1)
         yield chosen, np.full(len(chosen), POINT)
 

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The whole path through ONNX Runtime, on a small pair that segments by colour (the real weights are not here)."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.config import make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.build import build_masks, choose_segmenter
+from mgf_engine.masks.levels import sam_elements
+from mgf_engine.masks.model import building
+from mgf_engine.masks.segmenters import download
+from mgf_engine.masks.segmenters.base import Hints
+from mgf_engine.masks.segmenters.download import WeightFile
+from mgf_engine.masks.segmenters.efficientsam import EfficientSam, queries, spread
+from mgf_engine.masks.segmenters.grabcut import GrabCut
+from mgf_engine.scene.model import Scene
+from tests.house import House
+from tests.masks.conftest import quiet
+from tests.masks.small_sam import write_pair
+
+RED, GREEN = (200, 60, 50), (60, 150, 70)
+
+
+def hints(shape: tuple[int, int], **given: object) -> Hints:
+    none = np.zeros((0, 2))
+    fields = {"positive": none, "negative": none, "accepted": none, "rejected": none, "box": None}
+    return Hints(**{**fields, "belief": np.zeros(shape, np.float32), **given})
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    return write_pair(tmp_path_factory.mktemp("weights"))
+
+
+@pytest.fixture
+def sam(pair: tuple[Path, Path], tmp_path: Path) -> EfficientSam:
+    return EfficientSam(*pair, tmp_path / "cache", threads=1, gpu=False)
+
+
+@pytest.fixture
+def photo() -> np.ndarray:
+    image = np.full((160, 240, 3), GREEN, np.uint8)
+    image[40:120, 60:180] = RED
+    return image
+
+
+def iou(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def test_segments_what_the_points_are_on(sam: EfficientSam, photo: np.ndarray):
+    truth = (photo == RED).all(-1)
+    found = sam.segment(0, photo, hints(truth.shape, positive=np.array([[120.0, 80]])))
+    assert found.mask.shape == truth.shape and found.mask.dtype == bool
+    assert iou(found.mask, truth) > 0.93 and found.score == 1.0
+
+
+def test_rejected_points_choose_the_candidate(sam: EfficientSam, photo: np.ndarray):
+    photo[40:60, 60:180] = (225, 85, 75)  # a shade that only the wider masks take in
+    clicks = np.array([[120.0, 100]])
+    wide = sam.segment(0, photo, hints((160, 240), positive=clicks, accepted=np.array([[120.0, 50]] * 20)))
+    narrow = sam.segment(0, photo, hints((160, 240), positive=clicks, negative=np.array([[120.0, 50]])))
+    assert wide.mask[50, 120] and not narrow.mask[50, 120] and narrow.mask[100, 120]
+
+
+def test_embeddings_are_cached_on_disk(sam: EfficientSam, photo: np.ndarray, pair: tuple[Path, Path], tmp_path: Path):
+    first = sam.embed(photo)
+    assert first.shape == (1, 256, 64, 64) and first.dtype == np.float32
+    files = list((tmp_path / "cache").glob("*.npy"))
+    assert len(files) == 1 and files[0].stat().st_size < 2.2e6
+    again = EfficientSam(*pair, tmp_path / "cache", threads=1, gpu=False)
+    again._encoder = None  # would fail if it were needed
+    assert (again.embed(photo) == first).all()
+    files[0].write_bytes(b"broken")
+    assert (sam.embed(photo) == first).all()
+
+
+def test_large_photos_ask_for_small_masks(sam: EfficientSam):
+    photo = np.full((1500, 3000, 3), GREEN, np.uint8)
+    photo[300:1200, 600:2400] = RED
+    masks, quality = sam.ask(sam.embed(photo), photo.shape[:2], np.array([[1500.0, 700]]), np.array([1.0]))
+    assert masks.shape == (3, 512, 1024) and quality.shape == (3,)
+    found = sam.segment(0, photo, hints(photo.shape[:2], positive=np.array([[1500.0, 700]])))
+    # One cell of the 64 x 64 grid is 47 px wide here: that is all the small pair can resolve.
+    assert found.mask.shape == (1500, 3000) and iou(found.mask, (photo == RED).all(-1)) > 0.92
+
+
+def test_queries_never_have_more_than_six_points():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 100, (200, 2))
+    asked = list(queries(hints((100, 100), positive=points[:9], accepted=points, box=(1.0, 2.0, 90.0, 95.0)), 0))
+    assert len(asked) == 4
+    for chosen, labels in asked:
+        assert len(chosen) == len(labels) <= 6
+    assert asked[1][1].tolist() == [2, 3, 1, 1, 1, 1]
+    second = list(queries(hints((100, 100), accepted=points, box=(1.0, 2.0, 90.0, 95.0)), 1))
+    assert not any(np.array_equal(a[0], b[0]) for a in asked[1:] for b in second)
+    assert not list(queries(hints((100, 100)), 0))
+
+
+def test_spread_points_are_far_apart():
+    grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), -1).reshape(-1, 2)
+    chosen = spread(grid, 5)
+    gaps = np.linalg.norm(chosen[:, None] - chosen[None], axis=-1) + 99 * np.eye(5)
+    assert gaps.min() > 6
+
+
+def test_elements_by_a_grid_of_points(sam: EfficientSam, photo: np.ndarray):
+    inside = (photo == RED).all(-1)
+    photo[60:80, 90:110] = (40, 40, 200)
+    elements = sam_elements(photo, inside, sam)
+    window = np.zeros_like(inside)
+    window[60:80, 90:110] = True
+    assert any(iou(e, window) > 0.7 for e in elements)
+    assert all(not (e & ~inside).any() for e in elements)
+
+
+def test_whole_stage(scene: Scene, house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    weights = tmp_path / "weights"
+    install(weights, monkeypatch)
+    config = make_config({"segmenter": "efficientsam", "weights": str(weights), "device": "cpu"})
+    masks = build_masks(scene, house.prompts, None, tmp_path / "masks", config, quiet())
+    scores = [iou(building(m), house.masks[v.name]) for m, v in zip(masks.labels, scene.views, strict=True)]
+    assert np.mean(scores) > 0.85
+    assert len(list((tmp_path / "masks/embeddings").glob("*.npy"))) == len(scene.views)
+
+
+def install(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put the small pair where the real weights would be, with its own sizes and checksums."""
+    names = [f.name for f in download.WEIGHTS["vitt"]]
+    paths = write_pair(folder, *names)
+    files = tuple(
+        WeightFile(p.name, p.stat().st_size, hashlib.sha256(p.read_bytes()).hexdigest()) for p in paths
+    )  # fmt: skip
+    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
+
+
+def test_choice_of_the_segmenter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    folder = tmp_path / "weights"
+    auto = make_config({"weights": str(folder), "device": "cpu"})
+    wanted = make_config({"weights": str(folder), "segmenter": "efficientsam", "device": "cpu"})
+    assert isinstance(choose_segmenter(auto, tmp_path), GrabCut)
+    with pytest.raises(BadInput, match="mgf weights"):
+        choose_segmenter(wanted, tmp_path)
+    install(folder, monkeypatch)
+    assert isinstance(choose_segmenter(auto, tmp_path), EfficientSam)
+    plain = make_config({"weights": str(folder), "segmenter": "grabcut"})
+    assert isinstance(choose_segmenter(plain, tmp_path), GrabCut)
+    encoder = folder / download.WEIGHTS["vitt"][0].name
+    encoder.write_bytes(encoder.read_bytes()[:-1] + b"x")
+    with pytest.raises(BadInput, match="damaged or of another version"):
+        choose_segmenter(auto, tmp_path)
+
+
+def test_wrong_files_have_a_sentence(pair: tuple[Path, Path], tmp_path: Path):
+    with pytest.raises(BadInput, match="is not an EfficientSAM model"):
+        EfficientSam(pair[1], pair[0], tmp_path)
+    broken = tmp_path / "broken.onnx"
+    broken.write_bytes(b"\x00garbage")
+    with pytest.raises(BadInput, match="cannot be loaded"):
+        EfficientSam(broken, pair[1], tmp_path)
