@@ -41,7 +41,10 @@ class Mixture:
 
 
 def fit_mixture(
-    features: NDArray[np.floating], weights: NDArray[np.floating], components: int, seed: int,
+    features: NDArray[np.floating],
+    weights: NDArray[np.floating],
+    components: int,
+    seed: int,
     scale: NDArray[np.float64] = FEATURE_SCALE,
 ) -> Mixture | None:
     """Expectation maximisation on weighted samples; None where fewer than 12 samples carry weight.
@@ -93,7 +96,9 @@ def _maximise(x: NDArray[np.float64], share: NDArray[np.float64]) -> Mixture:
 
 
 def log_ratio(
-    features: NDArray[np.floating], building: Mixture | None, background: Mixture | None,
+    features: NDArray[np.floating],
+    building: Mixture | None,
+    background: Mixture | None,
     scale: NDArray[np.float64] = FEATURE_SCALE,
 ) -> NDArray[np.float64]:
     """log p(x | building) - log p(x | background) for features [N, F] -> [N]; 0 where both are strangers."""

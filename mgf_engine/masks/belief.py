@@ -28,7 +28,7 @@ from mgf_engine.masks.ground import Ground, find_ground
 from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.regions import Regions
-from mgf_engine.masks.shape import Shape
+from mgf_engine.masks.shape import Shape, clicked_groups
 from mgf_engine.scene.model import Scene, View
 
 Array = NDArray[np.float64]
@@ -42,8 +42,9 @@ POINT_EVIDENCE_WEIGHT = 2.0  # and at a point, which has as many ties as photos 
 LOOKS_LIMIT = 3.0  # colour, texture and shape say at most this much
 PLANT_ODDS = -2.0  # leaves and grass
 CORE_ODDS = 1.5  # the ray meets the building
-FAR_ODDS = -0.6  # per spacing of the points away from it, beyond FAR_FROM
-FAR_FROM, FAR_LIMIT = 1.5, 7.0
+FAR_ODDS = -1.2  # per spacing of the points away from it, beyond FAR_FROM
+FAR_FROM, FAR_LIMIT = 1.2, 5.0
+APART_ODDS = -4.0  # points apart from every click on the building
 HIDDEN_ODDS = -2.0  # points that should be seen here are not
 FIRST_ODDS = -6.0  # the ray meets the ground first
 GROUND_ODDS = -4.0  # the ground's own points
@@ -117,6 +118,9 @@ class SceneGraph:
                 # A plinth the building stands on, as far as anybody said: no evidence against it.
                 self.ground = None
         keep = points > 0.6
+        apart = keep & ~clicked_groups(self.scene.points, keep, self._clicked_points(prompts), self.shape)
+        odds[self.region_count :] += APART_ODDS * apart
+        keep &= ~apart
         if keep.sum() < 10:
             return odds, ground
         extent = Extent(self.scene, self.shape, keep, self.ground, self.sight)
@@ -125,6 +129,17 @@ class SceneGraph:
             odds[part], first = self._region_odds(extent.place(index), regions, self.scene.views[index])
             ground[part] = first & (self.ground is not None)
         return odds, ground
+
+    def _clicked_points(self, prompts: Prompts) -> NDArray[np.int64]:
+        """The sparse points nearest to the positive clicks, where any is near."""
+        result = [np.zeros(0, np.int64)]
+        for index, clicks in prompts.items():
+            here = self.scene.track_view == index
+            if here.any() and len(clicks.positive):
+                distance, nearest = cKDTree(self.scene.track_uv[here]).query(clicks.positive)
+                near = distance < NEAR_CLICK * self.scene.views[index].width
+                result.append(self.sight.owner[here][nearest[near]])
+        return np.concatenate(result)
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
         """Whether clicks call the ground background: more negative than positive ones on it, or no negative at all."""
@@ -168,9 +183,7 @@ class SceneGraph:
     def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
         """Which kind of click is nearer (random walks that fade), and how far that can be trusted."""
         stiffness = pull + LEAK * np.maximum(self.degree, 0.1)
-        near = [
-            np.maximum(self._flow(stiffness, pull * value, None), 1e-9) for value in (target, 1.0 - target)
-        ]
+        near = [np.maximum(self._flow(stiffness, pull * value, None), 1e-9) for value in (target, 1.0 - target)]
         trust = np.clip(np.log(np.maximum(near[0], near[1]) / 1e-4) / np.log(1e4), 0, 1)
         return near[0] / (near[0] + near[1]), trust
 

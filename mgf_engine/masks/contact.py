@@ -34,9 +34,7 @@ def write_contact_sheet(scene: Scene, masks: MaskSet, reasons: list[str], clicke
     write_png(path, np.vstack(rows))
 
 
-def _tile(
-    photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note: str, used: bool
-) -> NDArray[np.uint8]:
+def _tile(photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note: str, used: bool) -> NDArray[np.uint8]:
     picture = cv2.resize(overlay(photo, labels), (TILE, max(1, round(TILE * photo.shape[0] / photo.shape[1]))))
     caption = np.zeros((CAPTION, TILE, 3), np.uint8)
     for line, text in enumerate((title, note)):

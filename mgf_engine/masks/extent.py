@@ -187,9 +187,7 @@ def _columns(
     return samples[first], step[owner][first]
 
 
-def _splat(
-    pixels: NDArray[np.int64], depth: NDArray, radius: NDArray, h: int, w: int
-) -> NDArray[np.float32]:
+def _splat(pixels: NDArray[np.int64], depth: NDArray, radius: NDArray, h: int, w: int) -> NDArray[np.float32]:
     """The nearest depth among discs around pixels; infinite where there is none, [h, w]."""
     result = np.full((h, w), np.inf, np.float32)
     level = np.clip(np.round(2 * np.log2(np.maximum(radius, 1))), 0, 2 * np.log2(MAP_SIDE / 4)).astype(int)

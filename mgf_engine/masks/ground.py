@@ -38,9 +38,7 @@ class Ground:
         return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)
 
 
-def find_ground(
-    scene: Scene, shape: Shape, outside: NDArray[np.floating], seed: int
-) -> Ground | None:
+def find_ground(scene: Scene, shape: Shape, outside: NDArray[np.floating], seed: int) -> Ground | None:
     """The plane most points agree on that lies below the cameras and nearly all points, or None.
 
     Args:

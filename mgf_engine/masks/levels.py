@@ -192,9 +192,7 @@ def _same_name(names: list[dict[int, str]]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _collect(
-    scene: Scene, node: NDArray[np.int64], parent: dict[int, int], names: list[dict[int, str]]
-) -> list[Part]:
+def _collect(scene: Scene, node: NDArray[np.int64], parent: dict[int, int], names: list[dict[int, str]]) -> list[Part]:
     owner = track_owner(scene)
     groups: dict[int, list[int]] = {}
     for member in sorted(parent):

@@ -51,9 +51,7 @@ class Propagation:
     consistency: float  # share of the points seen in three photos or more on which all votes agree
 
 
-def propagate(
-    scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter
-) -> Propagation:
+def propagate(scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter) -> Propagation:
     """Masks of every photo from clicks on some.
 
     Args:

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mgf_engine.scene.model import Scene
 
 NEIGHBOURS = 10
+GROUP_GAP = 4.0  # spacings; side of the cells whose contact makes a group
 
 
 @dataclass(frozen=True)
@@ -99,3 +102,33 @@ def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64
     lowest = np.min([padded[i : i + 19, j : j + 19] for i in range(3) for j in range(3)], axis=0)
     lowest[~np.isfinite(lowest)] = np.percentile(level, 5)
     return np.maximum(level - lowest[cells[:, 0], cells[:, 1]], 0)
+
+
+def clicked_groups(
+    points: NDArray[np.float64], keep: NDArray[np.bool_], clicked: NDArray[np.int64], shape: Shape
+) -> NDArray[np.bool_]:
+    """Kept points that hang together with clicked ones: a building of the same brick across the street does not.
+
+    Points hang together where no gap of about eight spacings lies between them.
+
+    Args:
+        points: [P, 3]; keep: [P].
+        clicked: rows of the points that were clicked on.
+
+    Returns:
+        bool [P]; all kept points where no clicked one is among them.
+    """
+    clicked = clicked[keep[clicked]]
+    if not len(clicked):
+        return keep
+    cell = GROUP_GAP * float(np.median(shape.spacing[keep]))
+    rows = np.flatnonzero(keep)
+    cells, which = np.unique(np.floor(points[rows] / cell).astype(np.int64), axis=0, return_inverse=True)
+    tree = cKDTree(cells)
+    pairs = tree.query_pairs(1.8, output_type="ndarray")  # the 26 cells around
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
+    _, group = connected_components(links, directed=False)
+    group = group[which.ravel()]
+    result = np.zeros(len(points), bool)
+    result[rows] = np.isin(group, group[np.isin(rows, clicked)])
+    return result

@@ -41,7 +41,10 @@ def _encoder() -> onnx.GraphProto:
         node("AveragePool", ["resized"], ["mean"], kernel_shape=[16, 16], strides=[16, 16]),
         node("Pad", ["mean", "pads"], ["image_embeddings"]),
     ]
-    constants = [_constant("full", [1, 3, 1024, 1024], np.int64), _constant("pads", [0, 0, 0, 0, 0, 253, 0, 0], np.int64)]
+    constants = [
+        _constant("full", [1, 3, 1024, 1024], np.int64),
+        _constant("pads", [0, 0, 0, 0, 0, 253, 0, 0], np.int64),
+    ]
     inputs = [helper.make_tensor_value_info("batched_images", FLOAT, [1, 3, "H", "W"])]
     outputs = [helper.make_tensor_value_info("image_embeddings", FLOAT, [1, 256, 64, 64])]
     return helper.make_graph(nodes, "encoder", inputs, outputs, constants)
@@ -91,10 +94,10 @@ def _decoder() -> onnx.GraphProto:
     constants = [
         _constant("zero", [0], np.int64), _constant("three", [3], np.int64), _constant("six", [6], np.int64),
         _constant("axis0", [0], np.int64), _constant("axis1", [1], np.int64), _constant("axis2", [2], np.int64),
-        _constant("cells", [3, 4096], np.int64), _constant("pairs", [-1, 2], np.int64), _constant("flat", [-1], np.int64),
+        _constant("cells", [3, 4096], np.int64), _constant("pairs", [-1, 2], np.int64), _constant("flat", [-1], np.int64),  # noqa: E501
         _constant("swap", [1, 0], np.int64), _constant("grid", 64, np.float32), _constant("low", 0, np.float32),
         _constant("high", 63, np.float32), _constant("strides", [1, 64], np.int64), _constant("one", 1, np.float32),
-        _constant("ten", 10, np.float32), _constant("map", [1, 1, 64, 64], np.int64), _constant("steep", 40, np.float32),
+        _constant("ten", 10, np.float32), _constant("map", [1, 1, 64, 64], np.int64), _constant("steep", 40, np.float32),  # noqa: E501
         _constant("widths", np.reshape([0.08, 0.14, 0.2], (1, 3, 1, 1)), np.float32),
         _constant("batch", [1, 3], np.int64), _constant("quality", [[[0.9, 0.95, 0.85]]], np.float32),
     ]  # fmt: skip

@@ -79,7 +79,7 @@ def test_strict_asks_every_view(pair: Scene):
 
 @pytest.mark.parametrize(
     ("inside", "outside", "kept"),
-    [(0, 0, False), (1, 0, True), (1, 1, False), (2, 1, True), (8, 4, True), (8, 5, False), (90, 10, True), (90, 11, False)],
+    [(0, 0, False), (1, 0, True), (1, 1, False), (2, 1, True), (8, 4, True), (8, 5, False), (90, 10, True), (90, 11, False)],  # noqa: E501
 )  # fmt: skip
 def test_tolerance(inside: int, outside: int, kept: bool):
     votes = Votes(np.array([inside], np.int32), np.array([outside], np.int32))

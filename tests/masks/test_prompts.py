@@ -45,7 +45,9 @@ def test_distorted_photos(tmp_path: Path, scene: Scene):
     assert abs(clicks.positive[0, 0] - 15) > 0.05  # not the mere scaling
 
 
-@pytest.mark.parametrize("name", ["west/Tür 2.jpg", "Tür 2.jpg", "WEST/TÜR 2.JPG", "tür 2.JPG", "west\\Tür 2.jpg", "Tür 2.png"])
+@pytest.mark.parametrize(
+    "name", ["west/Tür 2.jpg", "Tür 2.jpg", "WEST/TÜR 2.JPG", "tür 2.JPG", "west\\Tür 2.jpg", "Tür 2.png"]
+)
 def test_names_match_with_and_without_folder_case_and_ending(tmp_path: Path, scene: Scene, name: str):
     assert set(read_prompts(write(tmp_path, {name: {"positive": [[1, 1]]}}), scene)) == {2}
 

@@ -59,9 +59,7 @@ def clean(mask: NDArray[np.bool_], hints: Hints) -> NDArray[np.bool_]:
     return _fill(mask, hints.rejected, hints.negative, HOLE, value=True)
 
 
-def _fill(
-    mask: NDArray[np.bool_], points: NDArray, clicks: NDArray, share: float, value: bool
-) -> NDArray[np.bool_]:
+def _fill(mask: NDArray[np.bool_], points: NDArray, clicks: NDArray, share: float, value: bool) -> NDArray[np.bool_]:
     """Turn small pieces that are not ``value`` into it, unless a click or enough points lie on them."""
     pieces = (mask != value).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(pieces, connectivity=4)

@@ -13,7 +13,9 @@ from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.download import WeightFile, download_weights, find_weights
 from mgf_engine.messages import Message, Reporter
 
-CONTENT = {name: np.random.default_rng(i).bytes(3_000_000 + i) for i, name in enumerate(("encoder.onnx", "decoder.onnx"))}
+CONTENT = {
+    name: np.random.default_rng(i).bytes(3_000_000 + i) for i, name in enumerate(("encoder.onnx", "decoder.onnx"))
+}
 
 
 class Server(ThreadingHTTPServer):
