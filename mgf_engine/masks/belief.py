@@ -42,7 +42,7 @@ POINT_EVIDENCE_WEIGHT = 2.0  # and at a point, which has as many ties as photos 
 LOOKS_LIMIT = 3.0  # colour, texture and shape say at most this much
 PLANT_ODDS = -2.0  # leaves and grass
 CORE_ODDS = 1.5  # the ray meets the building
-FAR_ODDS = -1.2  # per spacing of the points away from it, beyond FAR_FROM
+FAR_ODDS = -2.0  # per spacing of the points away from it, beyond FAR_FROM
 FAR_FROM, FAR_LIMIT = 1.2, 5.0
 APART_ODDS = -4.0  # points apart from every click on the building
 HIDDEN_ODDS = -2.0  # points that should be seen here are not
@@ -72,7 +72,7 @@ class SceneGraph:
     def __init__(self, scene: Scene, regions: Sequence[Regions], shape: Shape) -> None:
         self.scene, self.regions, self.shape = scene, regions, shape
         self.ground: Ground | None = None
-        self.sight = Sight(scene)
+        self.sight = Sight(scene, shape)
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
         self.features = np.concatenate([r.features for r in regions])

@@ -16,7 +16,7 @@ from mgf_engine.masks.prompts import Clicks, Prompts
 
 GROUPS = 5
 ROUNDS = 2
-SURE = 0.12  # belief below which a positive click, and above one minus which a negative click, is doubted
+SURE = 0.03  # belief below which a positive click, and above one minus which a negative click, is doubted
 
 
 @dataclass(frozen=True)

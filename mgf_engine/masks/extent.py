@@ -27,8 +27,10 @@ from mgf_engine.scene.model import Scene, View
 MAP_SIDE = 250
 MAX_COLUMN = 40  # samples between a point and the ground
 CORE = 1.5  # spacings of the points
-SAME_SIDE = 0.97  # cosine between two viewing directions that should see the same points
-HIDDEN_BLUR = 6.0  # px on the map over which observations are counted
+SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
+STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
+EXPECTED = 8.0  # points that should be seen within the window in which they are counted
+HIDDEN_BLUR = (5.0, 14.0)  # px on the map, smallest and largest window (standard deviation)
 
 Map = NDArray[np.bool_]
 
@@ -95,20 +97,25 @@ class Extent:
         uv, depth = view.project(points)
         uv = uv * (w / view.width, h / view.height)
         here = expected & (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
+        if not here.any():
+            return np.zeros((h, w), bool)
         counts = np.zeros((2, h, w), np.float32)
         x, y = np.floor(uv[here]).astype(np.int64).T
         np.add.at(counts[0], (y, x), 1)
         np.add.at(counts[1], (y, x), observed[here])
-        local = [cv2.GaussianBlur(c, (0, 0), HIDDEN_BLUR) * (2 * np.pi * HIDDEN_BLUR**2) for c in counts]
-        usual = float(observed[here].mean()) if here.any() else 0.0
-        return (local[0] > 4) & (local[1] < 0.2 * usual * local[0])
+        # As wide a window as it takes to expect enough points; 4 pi sigma^2 is the area it weighs like a disc.
+        covered = float((cv2.dilate(counts[0], np.ones((15, 15), np.uint8)) > 0).sum())
+        sigma = float(np.clip(np.sqrt(EXPECTED * covered / (4 * np.pi * here.sum())), *HIDDEN_BLUR))
+        local = [cv2.GaussianBlur(c, (0, 0), sigma) * (4 * np.pi * sigma**2) for c in counts]
+        usual = float(observed[here].mean())
+        return (local[0] > 0.6 * EXPECTED) & (local[1] < 0.2 * usual * local[0])
 
 
 class Sight:
     """Which points each photo observed, and which it should have: a camera close by did."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene, self.owner = scene, track_owner(scene)
+    def __init__(self, scene: Scene, shape: Shape) -> None:
+        self.scene, self.shape, self.owner = scene, shape, track_owner(scene)
         centres = np.stack([v.centre for v in scene.views])
         self._rays = scene.points[self.owner] - centres[scene.track_view]
         self._lengths = np.linalg.norm(self._rays, axis=1)
@@ -124,12 +131,14 @@ class Sight:
         """Points some camera saw from nearly the same direction and distance, or view ``index`` itself, [P]."""
         if index not in self._expected:
             towards = self.scene.points - self.scene.views[index].centre
-            mine = np.linalg.norm(towards, axis=1)[self.owner]
+            length = np.linalg.norm(towards, axis=1)
+            facing = np.abs((towards * self.shape.normals).sum(1)) > STEEP * length
+            mine = length[self.owner]
             cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
             alike = (cosine > SAME_SIDE) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
             result = np.zeros(len(self.scene.points), bool)
             result[self.owner[alike]] = True
-            self._expected[index] = result | self.observed(index)
+            self._expected[index] = (result & facing) | self.observed(index)
         return self._expected[index]
 
 
