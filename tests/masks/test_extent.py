@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Up, ground, reach and occlusion on a wall of points that stands on a plane of points."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.masks.extent import Extent, Sight, ground_depth, map_size
+from mgf_engine.masks.ground import find_ground
+from mgf_engine.masks.shape import clicked_groups, measure_shape, up_direction
+from mgf_engine.scene.model import Scene, Similarity, View
+
+WALL, GROUND = 600, 600
+
+
+def camera(x: float) -> View:
+    """At (x, -6, 1.5), looking along +y, z up."""
+    rotation = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    return View(f"{x}", "", 300, 200, 250.0, 250.0, 150.0, 100.0, rotation, -rotation @ [x, -6, 1.5], 300, 200)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    rng = np.random.default_rng(0)
+    wall = np.stack([rng.uniform(-2, 2, WALL), np.zeros(WALL), rng.uniform(0.8, 3, WALL)], 1)
+    ground = np.stack([rng.uniform(-4, 4, GROUND), rng.uniform(-5, 0, GROUND), rng.normal(0, 0.005, GROUND)], 1)
+    points = np.concatenate([wall, ground])
+    views = tuple(camera(x) for x in (-0.6, 0.0, 0.6))
+    track_view, track_uv, start = [], [], [0]
+    for point in points:
+        for k, view in enumerate(views):
+            uv, _ = view.project(point[None])
+            # The last view does not see the wall's right part: something stands before it.
+            hidden = k == 2 and point[0] > 0.8 and point[1] == 0
+            if (uv >= 0).all() and (uv < (300, 200)).all() and not hidden:
+                track_view.append(k)
+                track_uv.append(uv[0])
+        start.append(len(track_view))
+    count = len(points)
+    return Scene(
+        views, points, np.zeros((count, 3), np.uint8), np.zeros(count, np.float32), np.array(start),
+        np.array(track_view, np.int32), np.array(track_uv, np.float32), Similarity(1.0, np.eye(3), np.zeros(3)), (0,),
+        (), Path("."),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def extent(scene: Scene) -> Extent:
+    shape = measure_shape(scene)
+    ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
+    return Extent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, Sight(scene, shape))
+
+
+def at(plane: np.ndarray, view: View, point: list[float]) -> object:
+    (u, v), _ = view.project(np.array([point]))[0][0], None
+    h, w = plane.shape
+    return plane[int(v * h / view.height), int(u * w / view.width)]
+
+
+def test_up_and_normals(scene: Scene):
+    assert up_direction(scene) @ [0, 0, 1] > 0.999
+    shape = measure_shape(scene)
+    upright = np.abs(shape.normals @ shape.up)
+    assert np.median(upright[:WALL]) < 0.05 and np.median(upright[WALL:]) > 0.95
+
+
+def test_ground_is_found_and_holds_its_own_points(scene: Scene):
+    shape = measure_shape(scene)
+    ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
+    assert ground is not None
+    assert ground.normal @ [0, 0, 1] > 0.999 and abs(ground.level) < 0.02
+    held = ground.holds(scene, shape) > 0.5
+    assert held[WALL:].mean() > 0.95 and not held[:WALL].any()
+
+
+def test_no_ground_without_points_outside(scene: Scene):
+    assert find_ground(scene, measure_shape(scene), np.zeros(WALL + GROUND), 0) is None
+
+
+def test_core_reaches_down_to_the_ground_and_not_beyond_the_wall(scene: Scene, extent: Extent):
+    place, view = extent.place(1), scene.views[1]
+    assert place.core.shape == map_size(view)
+    assert at(place.core, view, [0, 0, 2]) and at(place.core, view, [0, 0, 0.3])  # no points below 0.8
+    assert not at(place.core, view, [0, 0, 3.3]) and not at(place.core, view, [2.3, 0, 2])
+    assert at(place.away, view, [0, 0, 2]) == 0 and at(place.away, view, [3.2, 0, 2]) > 3
+
+
+def test_ground_first(scene: Scene, extent: Extent):
+    place, view = extent.place(1), scene.views[1]
+    assert at(place.ground_first, view, [0, -1.5, 0]) and at(place.ground_first, view, [2.5, -1, 0])
+    assert not at(place.ground_first, view, [0, 0, 0.4]) and not at(place.ground_first, view, [2.5, 0, 2.5])
+
+
+def test_hidden_where_expected_points_are_missing(scene: Scene, extent: Extent):
+    right, left = [1.4, 0, 2.0], [-1.0, 0, 2.0]
+    assert at(extent.place(2).hidden, scene.views[2], right)
+    assert not at(extent.place(2).hidden, scene.views[2], left)
+    assert not at(extent.place(1).hidden, scene.views[1], right)
+
+
+def test_ground_depth_is_exact(scene: Scene, extent: Extent):
+    assert extent.floor is not None
+    view = scene.views[1]
+    depth = ground_depth(view, extent.floor, 100, 150)
+    uv, true = view.project(np.array([[0.5, -2.0, extent.floor.level]]))
+    assert depth[int(uv[0, 1] / 2), int(uv[0, 0] / 2)] == pytest.approx(true[0], rel=0.03)
+    assert np.isinf(depth[0]).all()  # above the horizon
+
+
+def test_nothing_kept(scene: Scene):
+    shape = measure_shape(scene)
+    empty = Extent(scene, shape, np.zeros(WALL + GROUND, bool), None, Sight(scene, shape)).place(0)
+    assert not empty.core.any() and not empty.ground_first.any() and not empty.hidden.any()
+
+
+def test_a_second_building_without_clicks_is_another_group(scene: Scene):
+    twice = np.concatenate([scene.points[:WALL], scene.points[:WALL] + np.array([9.0, 0, 0])])
+    shape = measure_shape(scene)
+    shape = type(shape)(**{**shape.__dict__, "spacing": np.repeat(shape.spacing[:WALL], 2)})
+    keep = np.ones(2 * WALL, bool)
+    groups = clicked_groups(twice, keep, np.array([5]), shape)
+    assert groups[:WALL].all() and not groups[WALL:].any()
+    assert clicked_groups(twice, keep, np.array([5, WALL + 5]), shape).all()
+    assert clicked_groups(twice, keep, np.zeros(0, np.int64), shape).all()
