@@ -82,7 +82,7 @@ class Config:
     distortion_lambda: float = option(100.0, "field", "Lambda 3 of eq. 20, depth distortion", low=0, high=100000)
     normal_lambda: float = option(0.05, "field", "Lambda 4 of eq. 20, normal consistency", low=0, high=1000)
     geometry_from: float = option(0.4, "field", "Share of the run after which distortion and normal terms act", low=0, high=1)
-    background_lambda: float = option(0.5, "field", "Weight that empties certain background around the building", low=0, high=1000)
+    background_lambda: float = option(0.02, "field", "Weight that empties certain background around the building", low=0, high=1000)
     densify_from: float = option(0.05, "field", "Share of the run after which Gaussians are added", low=0, high=1)
     densify_until: float = option(0.6, "field", "Share of the run after which no Gaussian is added", low=0, high=1)
     densify_every: int = option(100, "field", "Iterations between two rounds of adding and pruning", low=1, high=100000)
