@@ -72,19 +72,17 @@ def _merge(points: NDArray[np.float64], extent: NDArray[np.float64]) -> TetraPoi
     return TetraPoints(points[first], largest)
 
 
-def delaunay(points: NDArray[np.float64], method: str = "auto") -> NDArray[np.int32]:
+def delaunay(points: NDArray[np.float64], method: str = "tetgen") -> NDArray[np.int32]:
     """Delaunay tetrahedra [T, 4] of distinct points [M, 3], all of positive volume.
 
     Args:
-        method: "tetgen" (libigl; fast), "qhull" (SciPy; about ten times slower), or "auto" for the first that is there.
+        method: "tetgen" (libigl; fast) or "qhull" (SciPy; permissive licence, about ten times slower).
 
     Raises:
         BadInput: fewer than four points, or all in one plane, or the chosen method is not installed.
     """
     if len(points) < 4 or _flat(points):
         raise BadInput("The field is a point, a line or a plane, and no surface can be made of it; train longer.")
-    if method == "auto":
-        method = "tetgen" if "tetgen" in globals() else "qhull"
     if method == "tetgen":
         return _tetgen(points)
     from scipy.spatial import Delaunay
