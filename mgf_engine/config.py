@@ -87,7 +87,6 @@ class Config:
     densify_until: float = option(0.6, "field", "Share of the run after which no Gaussian is added", low=0, high=1)
     densify_every: int = option(100, "field", "Iterations between two rounds of adding and pruning", low=1, high=100000)
     prune_opacity: float = option(0.02, "field", "Gaussians fainter than this are dropped", low=0, high=1)
-    exposure: bool = option(False, "field", "Fit one gain and offset per photo and channel")
 
     # mesh
     screening: bool = option(True, "mesh", "Drop Gaussians that the root masks vote against, eq. 21-22 (ablation d)")
