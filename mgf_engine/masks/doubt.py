@@ -16,7 +16,8 @@ from mgf_engine.masks.prompts import Clicks, Prompts
 
 GROUPS = 5
 ROUNDS = 2
-SURE = 0.03  # belief below which a positive click, and above one minus which a negative click, is doubted
+PASSES = 3
+SURE = 0.12  # belief below which a positive click, and above one minus which a negative click, is doubted
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,31 @@ class Doubt:
 
 
 def doubtful_clicks(graph: SceneGraph, prompts: Prompts, seed: int) -> list[Doubt]:
-    """The clicks that the other photos' clicks contradict; empty with fewer than three clicked photos."""
+    """The clicks that the other photos' clicks contradict; empty with fewer than three clicked photos.
+
+    Wrong clicks blur each other's test: what is found is left out and the rest tested again.
+    """
+    found: list[Doubt] = []
+    kept = prompts
+    for _ in range(PASSES):
+        new = _one_pass(graph, kept, seed)
+        if not new:
+            break
+        found += [_original_row(d, prompts, kept) for d in new]
+        kept = without(prompts, found)
+    return found
+
+
+def _original_row(doubt: Doubt, prompts: Prompts, kept: Prompts) -> Doubt:
+    """The doubt with its row among all clicks, not only those still tested."""
+    before, after = prompts[doubt.view], kept[doubt.view]
+    all_clicks = before.positive if doubt.positive else before.negative
+    click = (after.positive if doubt.positive else after.negative)[doubt.row]
+    row = int(np.flatnonzero((all_clicks == click).all(1))[0])
+    return Doubt(doubt.view, doubt.positive, row, doubt.belief)
+
+
+def _one_pass(graph: SceneGraph, prompts: Prompts, seed: int) -> list[Doubt]:
     clicked = [i for i in sorted(prompts) if len(prompts[i].positive) or len(prompts[i].negative)]
     if len(clicked) < 3:
         return []
