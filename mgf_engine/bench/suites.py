@@ -70,7 +70,6 @@ SWITCHES: dict[str, Options] = {
     "geometric terms from the start": {"geometry_from": 0.0},
     "background not emptied": {"background_lambda": 0.0},
     "no densification": {"densify_from": 1.0, "densify_until": 1.0},
-    "exposure fitted": {"exposure": True},
     "surface by minimum opacity": {"surface": "opacity"},
     "surface by minimum opacity, level 0.65": {"surface": "opacity", "opacity_level": 0.65},
     "surface not smoothed": {"smoothing": 0},
