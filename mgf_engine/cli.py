@@ -67,6 +67,8 @@ def _parser() -> argparse.ArgumentParser:
     weights.add_argument("--folder", type=Path, help="where to put them (default: the user's cache folder)")
     evaluate = commands.add_parser("evaluate", help="compare a mesh with a true mesh: accuracy, completeness, F1")
     _add_evaluate_arguments(evaluate)
+    preview = commands.add_parser("preview", help="the mask of one photo from its own clicks, within seconds")
+    _add_preview_arguments(preview)
     commands.add_parser("bench", help="run a suite of measurements; 'mgf bench --help' tells more", add_help=False)
     return parser
 
@@ -75,6 +77,16 @@ def _add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     from mgf_engine.evaluate.command import add_arguments
 
     add_arguments(parser)
+
+
+def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("--prompts", type=Path, required=True, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("--image", required=True, metavar="NAME", help="the photo, named as in the prompts")
+    parser.add_argument("--out", type=Path, required=True, metavar="MASK.png", help="255 building, 0 anything else")
+    parser.add_argument("--resolution", default=1000, metavar="PX", help="longest side of the mask (default 1000)")
+    parser.add_argument("--segmenter", default="auto", help="auto, grabcut or efficientsam (default auto)")
+    parser.add_argument("--weights", default="", metavar="FOLDER", help="folder with the EfficientSAM weights")
 
 
 def _add_job_command(commands: Any, name: str, help: str) -> None:
@@ -243,9 +255,16 @@ def _evaluate_command(args: argparse.Namespace) -> int:
     return evaluate_command(args)
 
 
+def _preview_command(args: argparse.Namespace) -> int:
+    from mgf_engine.masks.preview import preview_command
+
+    return preview_command(args)
+
+
 _OTHER_COMMANDS = {
     "doctor": _doctor_command,
     "options": _options_command,
     "weights": _weights_command,
     "evaluate": _evaluate_command,
+    "preview": _preview_command,
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -21,6 +22,14 @@ from mgf_engine.scene.model import Scene, View
 
 Points = NDArray[np.float64]
 _SHAPE = '{"photo": {"positive": [[u, v], ...], "negative": [[u, v], ...], "parts": {"window": [[u, v], ...]}}}'
+#: How a photo's name is compared, strictest first.
+_NAME_KEYS: tuple[Callable[[str], str], ...] = (
+    lambda n: n,
+    lambda n: PurePosixPath(n).name,
+    lambda n: n.casefold(),
+    lambda n: PurePosixPath(n).name.casefold(),
+    lambda n: PurePosixPath(n).stem.casefold(),
+)
 
 
 def _none() -> Points:
@@ -58,6 +67,20 @@ def read_prompts(path: Path, scene: Scene) -> Prompts:
     return prompts
 
 
+def read_clicks_of(path: Path, view: View) -> Clicks:
+    """The clicks on one photo; entries of other photos are not looked at.
+
+    Raises:
+        BadInput: the file cannot be read, has no entry for the photo, or the entry is malformed.
+    """
+    data = _read_json(path)
+    for key in _NAME_KEYS:
+        found = [name for name in data if key(name.replace("\\", "/")) == key(view.name)]
+        if len(found) == 1:
+            return _read_clicks(data[found[0]], view, path)
+    raise BadInput(f"'{path}' has no clicks on the photo '{view.name}'; click points on it first.")
+
+
 def _read_json(path: Path) -> dict[str, Any]:
     try:
         data = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_unique_keys)
@@ -88,14 +111,7 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _find_view(name: str, scene: Scene, path: Path) -> int:
     """A photo by its exact name, its file name, or either without regard to case or extension."""
     wanted = name.replace("\\", "/")
-    keys = (
-        lambda n: n,
-        lambda n: PurePosixPath(n).name,
-        lambda n: n.casefold(),
-        lambda n: PurePosixPath(n).name.casefold(),
-        lambda n: PurePosixPath(n).stem.casefold(),
-    )
-    for key in keys:
+    for key in _NAME_KEYS:
         found = [i for i, v in enumerate(scene.views) if key(v.name) == key(wanted)]
         if len(found) == 1:
             return found[0]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
-from mgf_engine.masks.belief import SceneGraph
+from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
@@ -132,14 +132,9 @@ class _Work:
         return segment
 
     def _hints(self, index: int, accepted: NDArray[np.bool_]) -> Hints:
-        view, regions = self.scene.views[index], self.regions[index]
         clicks = self.prompts.get(index, Clicks())
-        here = np.flatnonzero(self.scene.track_view == index)
-        good = accepted[self.owner[here]]
-        uv = self.scene.track_uv[here]
-        small = self.belief.regions[index][regions.labels]
-        belief = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_LINEAR).astype(np.float32)
-        return Hints(clicks.positive, clicks.negative, uv[good], uv[~good], _box(uv[good]), belief)
+        here = accepted[self.owner[self.scene.track_view == index]]
+        return make_hints(self.scene, index, clicks, self.regions[index], self.belief, here)
 
     def _vote(self, voters: list[int]) -> NDArray[np.bool_]:
         """Points the voters' masks accept; the belief speaks for points that none of them observed."""
@@ -219,6 +214,17 @@ def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
     if not many.any():
         return 1.0
     return float((np.minimum(votes.inside, votes.outside) <= 0.1 * total)[many].mean())
+
+
+def make_hints(
+    scene: Scene, index: int, clicks: Clicks, regions: Regions, belief: Belief, good: NDArray[np.bool_]
+) -> Hints:
+    """What the segmenter is told about view ``index``; ``good`` says which of its observations are the building."""
+    view = scene.views[index]
+    uv = scene.track_uv[scene.track_view == index]
+    small = belief.regions[index][regions.labels]
+    wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_LINEAR).astype(np.float32)
+    return Hints(clicks.positive, clicks.negative, uv[good], uv[~good], _box(uv[good]), wide)
 
 
 def _box(points: NDArray[np.floating]) -> tuple[float, float, float, float] | None:

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf preview``: the mask of one photo from its own clicks, quick enough to look at after every click.
+
+Only that photo is decoded, and of the COLMAP model only the points it observed are used; the masks stage, which lets
+all photos decide together, gives better masks than these. The picture is in the frame of the user's photo.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config, make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.belief import SceneGraph
+from mgf_engine.masks.build import choose_segmenter
+from mgf_engine.masks.points import track_owner
+from mgf_engine.masks.prompts import Clicks, read_clicks_of
+from mgf_engine.masks.propagate import RETRY_BELOW, make_hints
+from mgf_engine.masks.regions import cut_regions
+from mgf_engine.masks.segmenters.base import Segment
+from mgf_engine.masks.segmenters.download import default_folder
+from mgf_engine.masks.shape import measure_shape
+from mgf_engine.masks.store import write_png
+from mgf_engine.messages import Reporter
+from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
+from mgf_engine.scene.images import read_rgb, shrink, turn
+from mgf_engine.scene.load import build_scene
+from mgf_engine.scene.model import Scene, Similarity, View
+from mgf_engine.scene.photos import plan_photos
+from mgf_engine.scene.sparse import SparseImage, SparseModel, SparsePoints
+
+_MAP_STEP = 8  # px between the places where the lens is evaluated
+
+
+def preview_command(args: argparse.Namespace) -> int:
+    """Run ``mgf preview``; returns 0.
+
+    Raises:
+        BadInput: anything about the scene, the clicks or the output that cannot be used.
+    """
+    started = time.perf_counter()
+    if args.out.suffix.lower() != ".png":
+        raise BadInput(f"The mask '{args.out}' should be a PNG; give a name that ends in .png.")
+    config = make_config({n: getattr(args, n) for n in ("resolution", "segmenter", "weights")})
+    mask, score = preview(args.scene, args.prompts, args.image, config)
+    try:
+        write_png(args.out, np.where(mask, 255, 0).astype(np.uint8))
+    except OSError as error:
+        raise BadInput(f"Cannot write the mask '{args.out}' ({error.strerror}); give another place.") from error
+    print(f"Mask of '{args.image}': {mask.mean():.0%} of the photo, score {score:.2f}, "
+          f"{time.perf_counter() - started:.1f} s, in {args.out}")  # fmt: skip
+    return 0
+
+
+def preview(source: Path, prompts: Path, name: str, config: Config) -> tuple[NDArray[np.bool_], float]:
+    """The mask of one photo from its own clicks.
+
+    Args:
+        source: COLMAP scene or folder of photos.
+        prompts: the clicks' file; other photos in it are not looked at.
+        name: the photo, as in the model or in the prompts.
+        config: ``resolution`` (longest side of the answer), ``segmenter``, ``weights``, ``threads``, ``seed``.
+
+    Returns:
+        bool [h, w] in the frame of the user's photo, and the agreement with clicks and points, 0..1.
+
+    Raises:
+        BadInput: no such photo, no click on the building in it, or unreadable input.
+    """
+    if not source.is_dir():
+        raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")
+    scene, photo = one_view(source.resolve(), name, config)
+    clicks = read_clicks_of(prompts, scene.views[0])
+    if not len(clicks.positive):
+        raise BadInput(f"'{prompts}' has no click on the building in '{name}'; click at least one point on it.")
+    segment = _segment(scene, photo, clicks, config)
+    return _in_original(segment.mask, scene.views[0], config.resolution), segment.score
+
+
+def one_view(source: Path, name: str, config: Config) -> tuple[Scene, NDArray[np.uint8]]:
+    """A scene of one photo and the points it observed, and its working photo RGB uint8 [H, W, 3]."""
+    folder = find_model(source)
+    if folder is None:
+        root, names = list_photos(source)
+        return _without_model(root, _match(name, names, source), config)
+    model = read_model(folder)
+    wanted = _match(name, [image.name for image in model.images], source)
+    image = next(image for image in model.images if image.name == wanted)
+    model = _only(model, image)
+    planned = plan_photos(model, find_photos([image.name], folder, source), config.resolution, Reporter())
+    scene = build_scene(model, planned, source, replace(config, holdout_every=0))
+    photo = read_rgb(planned[0].path)
+    if planned[0].orientation != 1:
+        photo = turn(photo, planned[0].orientation)
+    return scene, planned[0].camera.make_photo(photo)
+
+
+def _match(name: str, names: list[str], source: Path) -> str:
+    """The photo meant: by its full name, its file name, or either without regard to case."""
+    wanted = name.replace("\\", "/")
+    for key in (lambda n: n, lambda n: PurePosixPath(n).name, lambda n: PurePosixPath(n).name.casefold()):
+        found = [n for n in names if key(n.replace("\\", "/")) == key(wanted)]
+        if len(found) == 1:
+            return found[0]
+    some = ", ".join(names[:3]) or "none"
+    raise BadInput(f"'{source}' has no photo '{name}' (it has {some}, ...); give its name as in the prompts.")
+
+
+def _only(model: SparseModel, image: SparseImage) -> SparseModel:
+    """The model less all other photos and the points this one did not observe."""
+    points = model.points
+    mine = np.flatnonzero(points.image_ids == image.id)
+    owner = np.repeat(np.arange(len(points.ids)), np.diff(points.start))[mine]
+    rows, first = np.unique(owner, return_index=True)
+    kept = SparsePoints(
+        points.ids[rows], points.xyz[rows], points.rgb[rows], points.errors[rows],
+        np.arange(len(rows) + 1), points.image_ids[mine[first]], points.keypoint[mine[first]],
+    )  # fmt: skip
+    return SparseModel(model.folder, model.cameras, (image,), kept, None)
+
+
+def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArray[np.uint8]]:
+    """A folder of photos that no model places yet: the photo as it is stored, no points."""
+    photo = read_rgb(root / name)
+    height, width = photo.shape[:2]
+    scale = min(1.0, config.resolution / max(width, height))
+    w, h = max(1, round(width * scale)), max(1, round(height * scale))
+    focal = 1.2 * max(w, h)
+    view = View(name, name, w, h, focal, focal, w / 2, h / 2, np.eye(3), np.zeros(3), width, height)
+    scene = Scene(
+        (view,), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32), np.zeros(1, np.int64),
+        np.zeros(0, np.int32), np.zeros((0, 2), np.float32), Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), root,
+    )  # fmt: skip
+    return scene, shrink(photo, w, h)
+
+
+def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Config) -> Segment:
+    regions = cut_regions(photo)
+    belief = SceneGraph(scene, [regions], measure_shape(scene)).solve({0: clicks}, config.seed)
+    believed = belief.points > 0.5
+    hints = make_hints(scene, 0, clicks, regions, belief, believed[track_owner(scene)])
+    segmenter = choose_segmenter(config, default_folder().parent)
+    segment = segmenter.segment(0, photo, hints)
+    if segment.score < RETRY_BELOW:
+        again = segmenter.segment(0, photo, hints, attempt=1)
+        segment = again if again.score > segment.score + 0.02 else segment
+    return segment
+
+
+def _in_original(mask: NDArray[np.bool_], view: View, resolution: int) -> NDArray[np.bool_]:
+    """A working mask in the frame of the user's photo, reduced to at most ``resolution`` pixels on a side."""
+    scale = min(1.0, resolution / max(view.original_width, view.original_height))
+    w, h = max(1, round(view.original_width * scale)), max(1, round(view.original_height * scale))
+    if view.lens is None:
+        return cv2.resize(mask.astype(np.uint8), (w, h), interpolation=cv2.INTER_NEAREST) > 0
+    # The lens on a coarse grid (its corners at pixel centres), smoothly in between.
+    gw, gh = max(2, w // _MAP_STEP), max(2, h // _MAP_STEP)
+    x, y = np.meshgrid(
+        (np.arange(gw) + 0.5) * view.original_width / gw, (np.arange(gh) + 0.5) * view.original_height / gh
+    )
+    working = view.from_original(np.stack([x.ravel(), y.ravel()], 1)).reshape(gh, gw, 2) - 0.5
+    maps = cv2.resize(np.nan_to_num(working, nan=-1e4).astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
+    return cv2.remap(mask.astype(np.uint8), maps, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0  # type: ignore[call-overload]
