@@ -8,7 +8,7 @@ import importlib
 
 _ROOMS = (
     "common.runner", "properties", "engine.operators", "preferences", "scene_import.operators", "scene_import.panel",
-    "prompts.tool", "reconstruct.operators", "prompts.operators", "prompts.drawing", "prompts.panel",
+    "prompts.tool", "reconstruct.operators", "prompts.operators", "prompts.preview", "prompts.drawing", "prompts.panel",
     "reconstruct.panel", "results.operators", "results.panel", "cli",
 )  # fmt: skip
 

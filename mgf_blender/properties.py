@@ -37,6 +37,10 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
         name="Opacity", description="How strongly the mask covers the photo", default=0.45, min=0.0, max=1.0,
         subtype="FACTOR",
     )  # fmt: skip
+    auto_preview: bpy.props.BoolProperty(
+        name="Update After Each Click", description="Preview the mask again whenever the points of the photo change",
+        default=False,
+    )  # fmt: skip
     part: bpy.props.StringProperty(
         name="Part", description="What new clicks mark: the building, or a part of it such as window or door",
         default="building", search=lambda self, context, text: PARTS,

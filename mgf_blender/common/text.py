@@ -5,7 +5,16 @@ from __future__ import annotations
 
 import textwrap
 
+import bpy
+
 
 def wrapped(text: str, width: int = 46) -> list[str]:
     """The lines of a sentence for a sidebar; long paths are broken."""
     return textwrap.wrap(text, width, break_long_words=True) or [""]
+
+
+def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str) -> None:
+    """A sentence on as many lines as it needs, the icon before the first."""
+    column = layout.column(align=True)
+    for i, line in enumerate(wrapped(text)):
+        column.label(text=line, icon=icon if i == 0 else "BLANK1", translate=False)

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from . import overlay
+from . import overlay, preview
 from .properties import BUILDING, photo_of_image
 
 _POSITIVE, _NEGATIVE = (0.16, 0.85, 0.36, 1.0), (0.95, 0.23, 0.2, 1.0)
@@ -32,6 +32,7 @@ def draw() -> None:
         return
     photo = scene.mgf.photos[index]
     view = context.region.view2d
+    preview.notice(scene, photo)
     if scene.mgf.show_mask:
         overlay.draw(scene, photo, view)
     scale = context.preferences.system.ui_scale

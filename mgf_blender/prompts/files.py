@@ -14,10 +14,12 @@ from ..common.errors import UserError
 from .properties import BUILDING
 
 
-def to_data(scene: bpy.types.Scene) -> dict[str, Any]:
-    """The scene's clicks in the shape of ``prompts.json``; photos without clicks are left out."""
+def to_data(scene: bpy.types.Scene, only: str | None = None) -> dict[str, Any]:
+    """The scene's clicks, or one photo's, in the shape of ``prompts.json``; photos without clicks are left out."""
     data: dict[str, Any] = {}
     for photo in scene.mgf.photos:
+        if only is not None and photo.name != only:
+            continue
         entry: dict[str, Any] = {}
         for click in photo.clicks:
             pair = [round(float(v), 2) for v in click.uv]
@@ -32,8 +34,8 @@ def to_data(scene: bpy.types.Scene) -> dict[str, Any]:
     return data
 
 
-def write(scene: bpy.types.Scene, path: Path) -> None:
-    """Write the clicks, whole or not at all.
+def write(scene: bpy.types.Scene, path: Path, only: str | None = None) -> None:
+    """Write the clicks (of the photo ``only``), whole or not at all.
 
     Raises:
         UserError: the file cannot be written.
@@ -41,7 +43,7 @@ def write(scene: bpy.types.Scene, path: Path) -> None:
     temporary = path.with_name(path.name + ".writing")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps(to_data(scene), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(to_data(scene, only), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         os.replace(temporary, path)
     except OSError as error:
         raise UserError(f"Cannot write '{path}' ({error.strerror or error}); choose another folder.") from error

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators of the Prompts panel: go through the photos, files, and the mask preview."""
 
+import time
 from pathlib import Path
 
 import bpy
@@ -11,7 +12,7 @@ from ..common.operators import Operator
 from ..reconstruct.operators import submit
 from ..reconstruct.start import make_job
 from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY
-from . import files
+from . import files, preview
 from .properties import active_photo
 
 
@@ -157,10 +158,47 @@ class MGF_OT_export_prompts(Operator):
 
 
 class MGF_OT_preview_mask(Operator):
-    """Find the building in the photos with the points so far; the work is kept for the reconstruction"""
+    """Show within seconds what the points of this photo alone mark as the building"""
 
     bl_idname = "mgf.preview_mask"
     bl_label = "Preview Mask"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        photo = active_photo(context.scene)
+        if photo is None or not photo.done():
+            cls.poll_message_set("Click at least one point on the building in this photo first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        found = preview.start(context.scene, active_photo(context.scene))
+        context.scene.mgf.show_mask = True
+        if not bpy.app.background:
+            return {"FINISHED"}
+        while found.drain():  # without a window there is no timer
+            time.sleep(0.02)
+        if found.status == preview.FAILED:
+            raise UserError(found.text)
+        return {"FINISHED"}
+
+
+class MGF_OT_cancel_preview(Operator):
+    """Stop the preview"""
+
+    bl_idname = "mgf.cancel_preview"
+    bl_label = "Cancel"
+    bl_options = {"INTERNAL"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        preview.stop()
+
+
+class MGF_OT_find_masks(Operator):
+    """Find the building in all photos with the points so far; the work is kept for the reconstruction"""
+
+    bl_idname = "mgf.find_masks"
+    bl_label = "Find Masks in All Photos"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -200,7 +238,7 @@ def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
 
 CLASSES = (
     MGF_OT_next_photo, MGF_OT_add_photo, MGF_OT_remove_photo, MGF_OT_clear_clicks, MGF_OT_import_prompts,
-    MGF_OT_export_prompts, MGF_OT_preview_mask,
+    MGF_OT_export_prompts, MGF_OT_preview_mask, MGF_OT_cancel_preview, MGF_OT_find_masks,
 )  # fmt: skip
 
 

@@ -10,9 +10,11 @@ from typing import Any
 import bpy
 import numpy as np
 
+from . import preview
+
 _UNKNOWN = 255
 _BUILDING, _EDGE, _DOUBT = (1.0, 0.55, 0.1, 0.8), (1.0, 0.95, 0.4, 1.0), (0.4, 0.4, 0.4, 0.6)
-_textures: dict[str, tuple[int, Any]] = {}  # label file -> (its time, texture)
+_textures: dict[str, tuple[int, Any]] = {}  # picture -> (its time, texture)
 _tables: dict[str, tuple[int, dict[str, dict[str, Any]]]] = {}  # scores.json -> (its time, photo -> entry)
 
 
@@ -31,8 +33,12 @@ def mask_entry(scene: bpy.types.Scene, name: str) -> dict[str, Any] | None:
     return _tables[str(path)][1].get(name)
 
 
-def mask_rgba(path: Path) -> np.ndarray:
-    """The overlay of a label PNG: float32 [H, W, 4], first row at the bottom, as Blender's textures are."""
+def mask_rgba(path: Path, binary: bool = False) -> np.ndarray:
+    """The overlay of a label PNG: float32 [H, W, 4], first row at the bottom, as Blender's textures are.
+
+    Args:
+        binary: for a preview, which holds 255 on the building and 0 elsewhere.
+    """
     image = bpy.data.images.load(str(path))
     try:
         image.colorspace_settings.name = "Non-Color"
@@ -42,7 +48,7 @@ def mask_rgba(path: Path) -> np.ndarray:
         labels = np.rint(pixels.reshape(height, width, -1)[..., 0] * 255).astype(np.uint8)
     finally:
         bpy.data.images.remove(image)
-    return paint(labels)
+    return paint((labels > 127).astype(np.uint8) if binary else labels)
 
 
 def paint(labels: np.ndarray) -> np.ndarray:
@@ -59,9 +65,9 @@ def paint(labels: np.ndarray) -> np.ndarray:
 
 
 def draw(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup, view: bpy.types.View2D) -> None:
-    """Draw the mask of a photo over it, if the job has one."""
-    entry = mask_entry(scene, photo.name)
-    texture = _texture(Path(entry["labels"])) if entry is not None else None
+    """Draw the newest mask of a photo over it: a preview, or the job's."""
+    found = newest_mask(scene, photo.name)
+    texture = _texture(*found) if found is not None else None
     if texture is None:
         return
     import gpu
@@ -82,13 +88,26 @@ def draw(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup, view: bpy.types
     gpu.state.blend_set("NONE")
 
 
+def newest_mask(scene: bpy.types.Scene, name: str) -> tuple[Path, bool] | None:
+    """The picture of a photo's newest mask and whether it is a preview."""
+    entry, shown = mask_entry(scene, name), preview.of(scene, name)
+    if shown is not None and shown.status == preview.DONE:
+        try:
+            newer = entry is None or shown.mask.stat().st_mtime_ns >= Path(entry["labels"]).stat().st_mtime_ns
+        except OSError:
+            newer = shown.mask.is_file()
+        if newer:
+            return shown.mask, True
+    return (Path(entry["labels"]), False) if entry is not None else None
+
+
 def forget() -> None:
     """Drop the textures."""
     _textures.clear()
     _tables.clear()
 
 
-def _texture(path: Path) -> Any:
+def _texture(path: Path, binary: bool) -> Any:
     import gpu
 
     try:
@@ -97,7 +116,7 @@ def _texture(path: Path) -> Any:
         return None
     cached = _textures.get(str(path))
     if cached is None or cached[0] != changed:
-        rgba = mask_rgba(path)
+        rgba = mask_rgba(path, binary)
         height, width = rgba.shape[:2]
         buffer = gpu.types.Buffer("FLOAT", width * height * 4, np.ascontiguousarray(rgba).ravel())
         if len(_textures) > 8:

@@ -4,9 +4,9 @@
 import bpy
 
 from ..common import runner
-from ..common.text import wrapped
+from ..common.text import draw_sentence
 from ..reconstruct.panel import draw_job
-from . import overlay
+from . import overlay, preview
 from .properties import BUILDING, active_photo
 
 
@@ -64,31 +64,72 @@ class MGF_PT_prompts(bpy.types.Panel):
         parts = sum(not c.negative and c.part != BUILDING for c in photo.clicks)
         positive = len(photo.clicks) - negative - parts
         row = layout.row(align=True)
-        row.label(text=f"{positive} on, {negative} off, {parts} parts")
+        row.label(text=f"{positive} on the building, {negative} off it" + (f", {parts} parts" if parts else ""))
         row.operator("mgf.clear_clicks", text="", icon="TRASH")
         if not photo.file:
             layout.label(text="The photo was not found on disk", icon="ERROR")
 
     def _draw_mask(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
-        layout.operator("mgf.preview_mask", icon="IMAGE_ALPHA")
+        layout.separator()
+        row = layout.row(align=True)
+        row.operator("mgf.preview_mask", icon="IMAGE_ALPHA")
+        row.prop(state, "auto_preview", text="", icon="FILE_REFRESH")
+        photo = active_photo(context.scene)
+        if photo is not None:
+            _draw_preview(layout, context.scene, photo)
+        row = layout.row(align=True)
+        row.prop(state, "show_mask")
+        sub = row.row(align=True)
+        sub.active = state.show_mask
+        sub.prop(state, "mask_opacity", text="")
+
+
+class MGF_PT_masks(bpy.types.Panel):
+    """Masks of all photos, as the reconstruction will use them"""
+
+    bl_idname = "MGF_PT_masks"
+    bl_label = "All Photos"
+    bl_space_type = "IMAGE_EDITOR"
+    bl_region_type = "UI"
+    bl_category = "MGF"
+    bl_parent_id = "MGF_PT_prompts"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return len(context.scene.mgf.photos) > 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, state = self.layout, context.scene.mgf
+        layout.operator("mgf.find_masks", icon="RENDERLAYERS")
         job = runner.live_job(state.key) if state.key else None
         found = [j for j in runner.jobs(state.key) if j.kind == "masks"] if state.key else []
         if job is not None or found:
             draw_job(layout, job or found[-1])
-        row = layout.row(align=True)
-        row.prop(state, "show_mask")
-        row.prop(state, "mask_opacity", text="")
         photo = active_photo(context.scene)
         entry = overlay.mask_entry(context.scene, photo.name) if photo is not None else None
         if entry is not None:
             layout.label(text=f"Agreement with the points: {float(entry.get('score', 0)):.0%}")
             if entry.get("flag"):
-                for i, line in enumerate(wrapped(str(entry["flag"]))):
-                    layout.label(text=line, icon="ERROR" if i == 0 else "BLANK1")
+                draw_sentence(layout, str(entry["flag"]), "ERROR")
 
 
-CLASSES = (MGF_UL_photos, MGF_PT_prompts)
+def _draw_preview(layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:
+    """How the photo's preview is doing."""
+    found = preview.of(scene, photo.name)
+    if found is None:
+        return
+    if found.status == preview.RUNNING:
+        row = layout.row(align=True)
+        row.label(text="Finding the building", icon="SORTTIME")
+        row.operator("mgf.cancel_preview", text="", icon="X")
+    elif found.status == preview.FAILED:
+        draw_sentence(layout, found.text, "ERROR")
+    elif found.clicks != preview.signature(photo):
+        layout.label(text="The points have changed since", icon="INFO")
+
+
+CLASSES = (MGF_UL_photos, MGF_PT_prompts, MGF_PT_masks)
 
 
 def register() -> None:

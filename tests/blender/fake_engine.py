@@ -8,9 +8,11 @@ The environment variable FAKE_ENGINE says how it behaves: ``ok``, ``slow``, ``st
 import json
 import os
 import shutil
+import struct
 import sys
 import threading
 import time
+import zlib
 from pathlib import Path
 
 STAGES = ["scene", "masks", "field", "mesh", "deliver"]
@@ -29,6 +31,24 @@ def watch() -> None:
     stop.set()
 
 
+def preview(arguments: list[str], mode: str) -> int:
+    """A mask with the building in the left half."""
+    out = Path(arguments[arguments.index("--out") + 1])
+    prompts = json.loads(Path(arguments[arguments.index("--prompts") + 1]).read_text())
+    if list(prompts) != [arguments[arguments.index("--image") + 1]]:
+        print("Error: The prompts are of other photos.", file=sys.stderr)
+        return 2
+    if mode == "bad":
+        print("Error: The scene has no photos; give another folder.", file=sys.stderr)
+        return 2
+    time.sleep(0.5 if mode == "slow" else 0.0)
+    rows = (b"\0" + b"\xff" * 4 + b"\0" * 4) * 6
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", 8, 6, 8, 0, 0, 0, 0)), (b"IDAT", zlib.compress(rows)), (b"IEND", b"")]
+    body = b"".join(struct.pack(">I", len(d)) + t + d + struct.pack(">I", zlib.crc32(t + d)) for t, d in chunks)
+    out.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    return 0
+
+
 def main() -> int:
     """Play one job."""
     arguments = sys.argv[1:]
@@ -36,6 +56,8 @@ def main() -> int:
     if arguments[0] == "doctor":
         print("mgf 9.9\n  torch 2.13.0\nEverything a job needs is here.")
         return 0
+    if arguments[0] == "preview":
+        return preview(arguments, mode)
     job = Path(arguments[arguments.index("--out") + 1])
     job.mkdir(parents=True, exist_ok=True)
     (job / "arguments.json").write_text(json.dumps(arguments))

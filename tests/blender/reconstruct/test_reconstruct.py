@@ -228,8 +228,8 @@ def test_photos_alone_start_structure_from_motion(addon, engine, house):
     assert all(p.file for p in addon.photos)
 
 
-def test_preview_mask_runs_the_masks_stage(ready):
-    assert bpy.ops.mgf.preview_mask() == {"FINISHED"}
+def test_masks_of_all_photos_are_a_job(ready):
+    assert bpy.ops.mgf.find_masks() == {"FINISHED"}
     assert arguments(ready)[0] == "masks"
 
 

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The mask preview: one photo, its own clicks, beside a running job, and everything that can go wrong."""
+
+from __future__ import annotations
+
+import time
+
+import bpy
+import numpy as np
+import pytest
+
+from mgf_blender.common import runner
+from mgf_blender.prompts import files, overlay, preview
+from mgf_blender.reconstruct.start import make_job
+
+
+@pytest.fixture
+def state(addon, engine, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 100.5, 80.25, False, "building")
+    files.add_click(addon.photos[1], 10, 8, False, "building")
+    return addon
+
+
+def pump(until, seconds: float = 20.0) -> float:
+    """Pump until it holds; returns the longest pump in seconds."""
+    end, longest = time.monotonic() + seconds, 0.0
+    while not until() and time.monotonic() < end:
+        begun = time.perf_counter()
+        preview.pump()
+        longest = max(longest, time.perf_counter() - begun)
+        time.sleep(0.01)
+    assert until()
+    return longest
+
+
+def test_button_shows_the_mask_of_the_photo(state):
+    scene, photo = bpy.context.scene, state.photos[0]
+    assert overlay.newest_mask(scene, photo.name) is None
+    assert bpy.ops.mgf.preview_mask() == {"FINISHED"}
+    path, binary = overlay.newest_mask(scene, photo.name)
+    rgba = overlay.mask_rgba(path, binary)
+    assert rgba.shape == (6, 8, 4) and binary
+    assert (rgba[:, :3, 3] > 0).all() and (rgba[:, 5:, 3] == 0).all()
+    assert overlay.newest_mask(scene, state.photos[1].name) is None
+
+
+def test_it_does_not_wait_for_a_job_nor_hold_the_window(state, engine):
+    engine("slow")
+    job = make_job(bpy.context.scene)
+    runner.submit(job)
+    runner.pump()
+    found = preview.start(bpy.context.scene, state.photos[0])
+    assert pump(lambda: found.status == preview.DONE) < 0.1  # seconds
+    assert job.status == "RUNNING" and 0.4 < found.seconds < 10
+
+
+def test_the_newest_request_wins(state, engine):
+    engine("slow")
+    first = preview.start(bpy.context.scene, state.photos[0])
+    second = preview.start(bpy.context.scene, state.photos[1])
+    assert first.process.wait(5)
+    pump(lambda: second.status == preview.DONE)
+    assert preview.of(bpy.context.scene, state.photos[0].name) is None
+
+
+def test_automatic_previews_follow_the_clicks(state):
+    scene, photo = bpy.context.scene, state.photos[0]
+    preview.notice(scene, photo)
+    assert not preview.pump()  # switched off
+    state.auto_preview = True
+    state.key = "k"
+    preview.notice(scene, photo)
+    pump(lambda: preview.of(scene, photo.name) is not None and preview.of(scene, photo.name).status == preview.DONE)
+    first = preview.of(scene, photo.name)
+    preview.notice(scene, photo)
+    assert not preview.pump()  # nothing changed
+    photo.clicks[0].uv = (50, 60)
+    preview.notice(scene, photo)
+    pump(lambda: preview.of(scene, photo.name) is not first and not preview.pump())
+    assert preview.of(scene, photo.name).clicks == preview.signature(photo) != first.clicks
+
+
+def test_what_is_wrong_is_one_sentence(state, engine, monkeypatch, tmp_path):
+    engine("bad")
+    with pytest.raises(RuntimeError, match="The scene has no photos; give another folder"):
+        bpy.ops.mgf.preview_mask()
+    import sys
+
+    monkeypatch.setenv("MGF_ENGINE_PYTHON", sys.executable)
+    with pytest.raises(RuntimeError, match="has no MGF engine"):
+        bpy.ops.mgf.preview_mask()
+    monkeypatch.setenv("MGF_ENGINE_PYTHON", str(tmp_path / "gone"))
+    with pytest.raises(RuntimeError, match="There is no Python in"):
+        bpy.ops.mgf.preview_mask()
+    state.auto_preview = True
+    preview._start_wanted(state.key, state.photos[0].name)
+    assert not state.auto_preview
+    state.photos[0].clicks.clear()
+    with pytest.raises(RuntimeError, match="Click at least one point"):
+        bpy.ops.mgf.preview_mask()
+
+
+def test_disabling_ends_it(state, engine):
+    engine("slow")
+    found = preview.start(bpy.context.scene, state.photos[0])
+    preview.unregister()
+    assert found.process.wait(5) and preview.of(bpy.context.scene, state.photos[0].name) is None
+
+
+def test_a_job_that_is_newer_than_the_preview_is_shown(state, tmp_path):
+    import json
+    import os
+
+    import synthetic
+
+    bpy.ops.mgf.preview_mask()
+    name = state.photos[0].name
+    job = tmp_path / "job"
+    synthetic.write_png(job / "masks" / "a.png", np.ones((4, 4), np.uint8))
+    (job / "masks" / "scores.json").write_text(json.dumps({"views": [{"name": name, "labels": "a.png"}]}))
+    state.job_folder = str(job)
+    os.utime(job / "masks" / "a.png", (1, 1))
+    assert overlay.newest_mask(bpy.context.scene, name)[1]
+    later = time.time() + 100
+    os.utime(job / "masks" / "a.png", (later, later))
+    assert overlay.newest_mask(bpy.context.scene, name) == (job / "masks" / "a.png", False)
