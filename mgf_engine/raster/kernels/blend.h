@@ -1,21 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What blending forward and backward share: 4 x 4 pixel blocks, the response of one Gaussian in a block, image planes.
+// What blending forward and backward share: 4 x 4 pixel blocks, the response of one Gaussian in a block.
 #pragma once
 #include <string.h>
 
+#include "planes.h"
 #include "records.h"
 #include "vector.h"
-
-// Planes of the image buffer. In an image without geometry only the first five exist.
-enum {
-    OUT_R, OUT_G, OUT_B, OUT_ALPHA, OUT_DEPTH, OUT_MEDIAN, OUT_NX, OUT_NY, OUT_NZ, OUT_DISTORTION,
-    OUT_M1, OUT_M2,        // sum w m, sum w m^2 of the shifted mapped depth m (blend.c): kept for the backward pass
-    OUT_PLANES,
-    OUT_PLANES_BASIC = OUT_DEPTH + 1,
-};
-
-// Which outputs take part: colour and alpha; those and depth; everything.
-enum { LEVEL_COLOUR, LEVEL_DEPTH, LEVEL_ALL };
 
 enum { BLOCKS = 16 };      // a tile is 4 x 4 blocks of 4 x 4 pixels; a block is one v16, row by row
 

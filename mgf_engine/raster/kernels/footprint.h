@@ -37,7 +37,8 @@ static inline void make_footprint(float *record, double k, const Camera *camera,
     const float diagonal = 0.5f * __builtin_sqrtf(camera->width * camera->width + camera->height * camera->height);
     if (!(a > 0.0 && det > 0.0 && half_x < FOOTPRINT_FAR && half_y < FOOTPRINT_FAR && __builtin_fabs(x) < FOOTPRINT_FAR &&
           __builtin_fabs(y) < FOOTPRINT_FAR)) {
-        *out = (Footprint){.whole = 1};
+        const Footprint everywhere = {0, 0, 0, 0, 0, 0, 0, 1};
+        *out = everywhere;
         record[REC_X0] = record[REC_Y0] = -FOOTPRINT_FAR, record[REC_X1] = record[REC_Y1] = FOOTPRINT_FAR;
         record[REC_SLOPE] = record[REC_FALL] = record[REC_Y_RIGHT] = 0.0f, record[REC_WIDTH2] = FOOTPRINT_FAR * FOOTPRINT_FAR;
         record[REC_RADIUS] = diagonal;

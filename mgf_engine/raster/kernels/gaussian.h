@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Sixteen Gaussians at once, from their raw parameters to the quantities that both the projection (project.c) and its
-// derivative (project_backward.c) need. Derivations are in project.c.
+// Sixteen Gaussians at once, from their raw parameters to the quantities that both the projection (project.h) and its
+// derivative (project_gradients.h) need. Derivations are in project.h. (CUDA: one Gaussian, see cuda/lane.h.)
 #pragma once
 #include "records.h"
 #include "vector.h"
@@ -47,7 +47,7 @@ typedef struct {
 
 // out[c] lane l = rows[first + l][c]; rows beyond n repeat the last one.
 static inline void load_rows(v16 *out, const float *rows, int width, int64_t first, int64_t n) {
-    for (int l = 0; l < 16; l++) {
+    for (int l = 0; l < VECTOR; l++) {
         const int64_t row = first + l < n ? first + l : n - 1;
         for (int c = 0; c < width; c++) ((float *)(out + c))[l] = rows[row * width + c];
     }
@@ -103,7 +103,7 @@ static inline void place_in_camera(Lanes *s, const Camera *camera) {
             s->axis[k][i] = r[3 * i] * world[k][0] + r[3 * i + 1] * world[k][1] + r[3 * i + 2] * world[k][2];
 }
 
-// All of Lanes for Gaussians first..first+15 (those beyond n repeat the last).
+// All of Lanes for Gaussians first..first + VECTOR - 1 (those beyond n repeat the last).
 static inline void prepare_lanes(Lanes *s, const Parameters *in, const Camera *camera, int64_t first, int64_t n) {
     v16 log_scales[3], raw[4], logit, filter;
     load_rows(s->p, in->positions, 3, first, n);

@@ -5,7 +5,12 @@
 // once and the compiler splits it. Comparisons give an i16 whose lanes are all ones (true) or zero.
 //
 // NaN rules that the kernels rely on: vmin(a, b) and vmax(a, b) return b when a or b is NaN; a comparison with NaN is false.
+//
+// Built as C++ or CUDA, a "vector" is one float instead (cuda/lane.h).
 #pragma once
+#if defined(__cplusplus)
+#include "cuda/lane.h"
+#else
 #include <stdint.h>
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -15,6 +20,7 @@
 
 typedef float v16 __attribute__((vector_size(64), aligned(64)));
 typedef int32_t i16 __attribute__((vector_size(64), aligned(64)));
+enum { VECTOR = 16 };  // lanes
 
 static inline v16 splat(float x) { return (v16){x, x, x, x, x, x, x, x, x, x, x, x, x, x, x, x}; }
 
@@ -140,3 +146,4 @@ static inline void sums8(const v16 *a, float *out) {
                   __builtin_shufflevector(x0, x1, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);
     for (int i = 0; i < 4; i++) out[i] = y[i] + y[i + 4], out[i + 4] = y[i + 8] + y[i + 12];
 }
+#endif  // __cplusplus
