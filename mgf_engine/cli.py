@@ -22,6 +22,7 @@ from mgf_engine import __version__
 from mgf_engine.config import SECTIONS, Config, options_schema, read_config
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, Cancelled
 from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.scene.crop import read_crop_box
 from mgf_engine.terminal import make_sink
 
 _STAGE_HELP = {
@@ -129,6 +130,8 @@ def _given_options(args: argparse.Namespace) -> dict[str, Any]:
         given[name.strip().replace("-", "_")] = value.strip()
     names = {f.name for f in fields(Config)}
     given.update({name: value for name, value in vars(args).items() if name in names})
+    if isinstance(given.get("crop_box"), str):  # a file is read once, so that a resumed job keeps its box
+        given["crop_box"] = read_crop_box(given["crop_box"])
     return given
 
 

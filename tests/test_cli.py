@@ -35,6 +35,7 @@ def failed_sentence(run: subprocess.CompletedProcess) -> str:
         ("empty", ["{}/empty", "--config", "{}/missing.json"], "Cannot read the config"),
         ("empty", ["{}/empty", "--prompts", "{}/missing.json"], "does not exist"),
         ("empty", ["{}/empty", "--masks", "{}/missing"], "does not exist"),
+        ("empty", ["{}/empty", "--crop-box", "-1 2 3"], "crop box has 3 numbers"),
     ],
 )
 def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, make, args, part) -> None:

@@ -180,6 +180,23 @@ def test_masks_of_the_user_are_taken_as_they_are(house: House, tmp_path: Path) -
     assert ((labels > 0) == house.masks["photo_03.png"]).mean() > 0.995
 
 
+def test_a_crop_box_limits_the_mesh_and_keeps_the_field(house: House, finished, tmp_path: Path) -> None:
+    job = tmp_path / "job"
+    _copy_until(finished[0], job, "deliver")
+    low, high = house.mesh.vertices.min(0) - 0.2, house.mesh.vertices.max(0) + 0.2
+    high[0] = house.mesh.vertices[:, 0].mean()  # half the house
+    (tmp_path / "box.txt").write_text(" ".join(map(str, [*low, *high])))
+    messages = reconstruct(house, job, "--resume", "--crop-box", tmp_path / "box.txt")
+    cached = {m["stage"]: m["cached"] for m in messages if m["type"] == "stage"}
+    assert cached == {"scene": True, "masks": True, "field": True, "mesh": False, "deliver": False}
+    mesh = trimesh.load(job / "mesh.ply")
+    assert high[0] - 0.05 < mesh.vertices[:, 0].max() < high[0] + 1e-4
+    assert (mesh.vertices > low).all()
+    points = trimesh.sample.sample_surface(mesh, 2000, seed=1)[0]
+    apart = np.sqrt(igl.point_mesh_squared_distance(points, house.mesh.vertices, house.mesh.faces.astype(np.int64))[0])
+    assert (apart < 0.1).mean() > 0.9  # no lid on the cut, nothing of the other half
+
+
 @pytest.fixture
 def small_disk(tmp_path: Path):
     """A folder on a disk of two megabytes."""

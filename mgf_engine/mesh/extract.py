@@ -7,6 +7,7 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
@@ -14,6 +15,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh import clean
+from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.mesh.fusion import FusedField
 from mgf_engine.mesh.isosurface import SOLID, bisect, march
@@ -22,6 +24,7 @@ from mgf_engine.mesh.opacity import OpacityField, judging_masks
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, delaunay, tetra_points
 from mgf_engine.messages import Reporter
+from mgf_engine.scene.crop import CropBox, crop_of
 from mgf_engine.scene.model import Scene, View
 
 log = logging.getLogger("mgf")
@@ -30,6 +33,7 @@ log = logging.getLogger("mgf")
 _RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED = 0.15, 0.25, 0.35, 0.7, 0.85
 SURE_ERROR, SURE_TRACK = 1.0, 3  # sparse points with a smaller error (px) and as many photos calibrate the level
 MADE_UP = 0.005  # share of the area up to which a patch that no view shows may stay
+BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry the surface to where it is cut
 SMALL_HOLE = 0.05  # of the mesh's diagonal: holes with a shorter rim are closed
 
 
@@ -47,9 +51,10 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
     kept = screen(gaussians, scene, masks, config)
     views = [scene.views[i] for i in chosen]
     field = surface_field(kept, scene, masks, chosen, config, reporter)
-    mesh = level_set(kept, field, config, reporter)
+    box = crop_of(config.crop_box, scene)
+    mesh = level_set(kept if box is None else beside(kept, box), field, config, reporter)
     reporter.progress(_PLACED, faces=len(mesh.faces))
-    mesh = cleaned(mesh, field, views, config)
+    mesh = cleaned(mesh, field, views, config, box)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     inside = [building(masks.labels[i]) for i in chosen]
     colored = color_from_photos(
@@ -73,6 +78,21 @@ def surface_field(
     shift = fused.calibrate(scene.points[sure])
     log.info("mesh: rendered surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
     return fused
+
+
+def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:
+    """The Gaussians in and closely around the crop box.
+
+    They span the tetrahedra; the field that judges keeps the others, or a view of the far side would see through
+    where they were and call the inside of the building free.
+
+    Raises:
+        BadInput: none is there.
+    """
+    near = box.contains(gaussians.positions.detach().double().numpy(), BESIDE_BOX)
+    if not near.any():
+        raise BadInput("No Gaussian lies in the crop box; make it larger or move it over the building.")
+    return gaussians.select(torch.from_numpy(near))
 
 
 def level_set(gaussians: Gaussians, field: OpacityField | FusedField, config: Config, reporter: Reporter) -> Mesh:
@@ -108,8 +128,10 @@ def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool
     return too_long
 
 
-def cleaned(mesh: Mesh, field: OpacityField | FusedField, views: Sequence[View], config: Config) -> Mesh:
-    """The level set without false parts, oriented outward, small holes closed, at the wanted face count.
+def cleaned(
+    mesh: Mesh, field: OpacityField | FusedField, views: Sequence[View], config: Config, box: CropBox | None = None
+) -> Mesh:
+    """The level set without false parts, oriented outward, small holes closed, cut at the box, reduced.
 
     Raises:
         BadInput: nothing is left.
@@ -125,6 +147,10 @@ def cleaned(mesh: Mesh, field: OpacityField | FusedField, views: Sequence[View],
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     mesh = clean.fill_holes(mesh, SMALL_HOLE * diagonal)
     mesh = clean.smooth(mesh, config.smoothing)
+    if box is not None:
+        mesh = clip(mesh, box.planes())
+        if len(mesh.faces) == 0:
+            raise BadInput("No surface lies in the crop box; make it larger or move it over the building.")
     if config.close_bottom:
         mesh = clean.cap_rims(mesh)
     return clean.reduce_faces(mesh, config.max_faces)

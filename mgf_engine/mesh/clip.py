@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cut a mesh off at planes, for the crop box: triangles across a plane are split, vertices on the cut are shared."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.mesh.clean import with_faces
+from mgf_engine.mesh.model import Mesh
+
+
+def clip(mesh: Mesh, planes: NDArray[np.float64]) -> Mesh:
+    """The part of the mesh on the inner side of every plane; cuts stay open.
+
+    Args:
+        planes: [K, 4]; a point p is inside when ``n . p + d >= 0``.
+    """
+    for plane in planes:
+        mesh = _clip_one(mesh, plane)
+    return mesh
+
+
+def _clip_one(mesh: Mesh, plane: NDArray[np.float64]) -> Mesh:
+    side = mesh.vertices @ plane[:3] + plane[3]
+    inside = side >= 0
+    count = inside[mesh.faces].sum(1)
+    if (count == 3).all():
+        return mesh
+    one, two = (_turned(mesh.faces[count == k], inside == (k == 1)) for k in (1, 2))
+    # One corner inside: a triangle a, ab, ac. Two inside (a is the one outside): the quad ab, b, c, ac.
+    cut = np.concatenate([one[:, [0, 1]], one[:, [0, 2]], two[:, [0, 1]], two[:, [0, 2]]])
+    mesh, index = _with_cuts(mesh, side, cut)
+    n, m = len(one), len(two)
+    ab, ac, qb, qc = np.split(index, [n, 2 * n, 2 * n + m])
+    faces = np.concatenate([
+        mesh.faces[count == 3],
+        np.column_stack([one[:, 0], ab, ac]),
+        np.column_stack([qb, two[:, 1], two[:, 2]]),
+        np.column_stack([qb, two[:, 2], qc]),
+    ])  # fmt: skip
+    return with_faces(mesh, faces.astype(np.int32))
+
+
+def _turned(faces: NDArray[np.int32], lone: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Faces [F, 3] turned so that the one corner of which ``lone`` holds comes first; the orientation stays."""
+    first = np.argmax(lone[faces], axis=1)
+    return faces[np.arange(len(faces))[:, None], (first[:, None] + np.arange(3)) % 3]
+
+
+def _with_cuts(mesh: Mesh, side: NDArray[np.float64], cut: NDArray[np.int32]) -> tuple[Mesh, NDArray[np.int64]]:
+    """The mesh with a vertex where each edge of ``cut`` [C, 2] meets the plane, and the index of each, [C]."""
+    edges, index = np.unique(np.sort(cut, 1), axis=0, return_inverse=True)
+    a, b = edges[:, 0], edges[:, 1]
+    share = (side[a] / (side[a] - side[b]))[:, None]
+    vertices = mesh.vertices[a] + share * (mesh.vertices[b] - mesh.vertices[a])
+    colors = np.rint(mesh.colors[a] + share * (mesh.colors[b].astype(np.float64) - mesh.colors[a])).astype(np.uint8)
+    whole = Mesh(np.concatenate([mesh.vertices, vertices]), mesh.faces, np.concatenate([mesh.colors, colors]))
+    return whole, index.reshape(-1) + len(mesh.vertices)
