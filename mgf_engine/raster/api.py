@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the rest of the engine calls: render Gaussians with a camera, differentiably, on a chosen backend.
 
-Backends: ``cpu`` (C kernels) and ``reference`` (plain float64 torch, slow, for tests). Both follow the same rules:
+Backends: ``cpu`` (C kernels), ``cuda`` (CUDA kernels on a card), ``reference`` (plain float64 torch, slow, for tests)
+and ``cuda-source-on-cpu`` (the CUDA kernels built for the CPU, slow, for tests). All follow the same rules:
 
 - A Gaussian is drawn when its centre is deeper than ``camera.near``, its opacity is above 1/255 and its centre does
   not project further than 1e5 pixels from the principal point. Gaussians are ordered by the depth of their centres.
@@ -15,7 +16,7 @@ Backends: ``cpu`` (C kernels) and ``reference`` (plain float64 torch, slow, for 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, cast
 
 import torch
 from torch import Tensor
@@ -27,7 +28,7 @@ from mgf_engine.raster.cpu import TileLists, build_lists
 
 __all__ = ["BACKENDS", "HEADS", "TILE", "Camera", "RenderStats", "Rendering", "TileLists", "build_lists", "render"]
 
-BACKENDS = ("cpu", "reference")
+BACKENDS = ("cpu", "cuda", "reference", "cuda-source-on-cpu")
 #: ``all`` outputs, or ``basic``: colour, alpha and depth only, which is faster.
 HEADS = ("all", "basic")
 
@@ -74,9 +75,9 @@ class RenderStats:
     count: Tensor
 
     @classmethod
-    def zeros(cls, n: int) -> RenderStats:
-        weight, error, grad2d, max_radius = torch.zeros(4, n).unbind(0)
-        return cls(weight, error, grad2d, max_radius, torch.zeros(n, dtype=torch.int32))
+    def zeros(cls, n: int, device: torch.device | str = "cpu") -> RenderStats:
+        weight, error, grad2d, max_radius = torch.zeros(4, n, device=device).unbind(0)
+        return cls(weight, error, grad2d, max_radius, torch.zeros(n, dtype=torch.int32, device=device))
 
     def reset(self) -> None:
         for values in self.all:
@@ -93,26 +94,30 @@ def render(
     *,
     sh_degree: int,
     tile_mask: Tensor | None = None,
-    backend: str = "cpu",
+    backend: str | None = None,
     stats: RenderStats | None = None,
     error_map: Tensor | None = None,
     heads: str = "all",
+    wait: bool = True,
 ) -> Rendering:
     """Render Gaussians; differentiable in positions, log_scales, rotations, opacity_logits and sh.
 
     Args:
-        gaussians: N >= 0 Gaussians, float32 on the CPU.
+        gaussians: N >= 0 Gaussians, float32; the outputs lie on their device.
         camera: the camera.
         sh_degree: degree of the spherical harmonics in use, 0..3.
         tile_mask: [tiles_y, tiles_x] (``camera.tiles``); only tiles with a non-zero entry are drawn. None: all.
-        backend: one of :data:`BACKENDS`.
+        backend: one of :data:`BACKENDS`. None: ``cuda`` for Gaussians on a card, else ``cpu``.
         stats: added to by the backward pass.
         error_map: float32 [H, W], per-pixel error that ``stats.error`` gathers; zero if not given.
         heads: one of :data:`HEADS`.
+        wait: on a card, whether to wait until it is known how much memory the lists of the tiles need. False, for
+            training: earlier renderings tell; one that needs more draws nothing and has no gradients.
 
     Raises:
         ValueError: an argument of the wrong shape or an unknown name.
     """
+    backend = backend or ("cuda" if gaussians.positions.is_cuda else "cpu")
     _check(gaussians, camera, sh_degree, tile_mask, backend, stats, error_map, heads)
     if backend == "reference":
         from mgf_engine.raster import reference
@@ -125,21 +130,51 @@ def render(
         gaussians.opacity_logits,
         gaussians.sh,
         gaussians.filter_3d,
-        (camera, sh_degree, tile_mask, heads == "all", stats, error_map),
+        (_engine(backend), camera, sh_degree, tile_mask, heads == "all", wait, stats, error_map),
     )
     return Rendering(*outputs)
+
+
+class _Engine(Protocol):
+    """What a backend offers: the functions of :mod:`mgf_engine.raster.cpu`."""
+
+    def list_tiles(
+        self, raw: cpu.Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None, wait: bool = True
+    ) -> Any: ...
+
+    def blend(self, lists: Any, geometry: bool) -> tuple[Tensor, Tensor]: ...
+
+    def backward(
+        self,
+        raw: cpu.Parameters,
+        sh_degree: int,
+        lists: Any,
+        image: Tensor,
+        hits: Tensor,
+        heads: cpu.HeadGradients,
+        error_map: Tensor | None,
+        statistics: tuple[Tensor, ...] | None,
+    ) -> tuple[Tensor, ...]: ...
+
+
+def _engine(backend: str) -> _Engine:
+    if backend == "cpu":
+        return cast(_Engine, cpu)
+    from mgf_engine.raster.cuda import rasterizer_on
+
+    return rasterizer_on(backend)
 
 
 class _Render(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor | None, ...]:
         *tensors, options = arguments
-        camera, sh_degree, tile_mask, geometry, stats, error_map = options
+        engine, camera, sh_degree, tile_mask, geometry, wait, stats, error_map = options
         raw = cpu.Parameters.of(*tensors)
-        lists = cpu.list_tiles(raw, camera, sh_degree, tile_mask)
-        image, hits = cpu.blend(lists, geometry)
+        lists = engine.list_tiles(raw, camera, sh_degree, tile_mask, wait)
+        image, hits = engine.blend(lists, geometry)
         ctx.save_for_backward(image)  # so that a change in place of an output is noticed
-        ctx.kept = (raw, sh_degree, lists, hits, stats, error_map)
+        ctx.kept = (engine, raw, sh_degree, lists, hits, stats, error_map)
         ctx.set_materialize_grads(False)
         visible = lists.tile_counts > 0
         ctx.mark_non_differentiable(visible)
@@ -151,12 +186,12 @@ class _Render(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         (image,) = ctx.saved_tensors
-        raw, sh_degree, lists, hits, stats, error_map = ctx.kept
+        engine, raw, sh_degree, lists, hits, stats, error_map = ctx.kept
         heads = cpu.HeadGradients(*(None if g is None else g.to(torch.float32).contiguous() for g in gradients[:6]))
         if error_map is not None:
             error_map = error_map.detach().to(torch.float32).contiguous()
         statistics = None if stats is None else stats.all
-        found = cpu.backward(raw, sh_degree, lists, image, hits, heads, error_map, statistics)
+        found = engine.backward(raw, sh_degree, lists, image, hits, heads, error_map, statistics)
         return (*found, None, None)
 
 

@@ -105,8 +105,10 @@ class Projection:
     frame: Frame
 
 
-def list_tiles(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> TileLists:
-    """As :func:`build_lists`, for parameters that are ready for the kernels."""
+def list_tiles(
+    raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None, wait: bool = True
+) -> TileLists:
+    """As :func:`build_lists`, for parameters that are ready for the kernels; ``wait`` has a meaning on cards only."""
     return bin_tiles(project(raw, camera, sh_degree, tile_mask))
 
 

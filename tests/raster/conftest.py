@@ -16,7 +16,7 @@ def _backends() -> list[str]:
         variants = library.runnable_variants()
     except RuntimeError:  # not built: one test fails with the message that says what to do
         variants = [""]
-    return ["reference", *(f"cpu:{variant}" for variant in variants)]
+    return ["reference", *(f"cpu:{variant}" for variant in variants), "cuda-source-on-cpu"]
 
 
 @pytest.fixture(autouse=True, scope="package")

@@ -19,6 +19,7 @@
 //
 // Arguments: pointers, int (every whole number), float, and structs by value.
 #pragma once
+#include "cuda/lane.h"
 
 enum { BLOCK = 256, WARP = 32, WARPS = BLOCK / WARP };
 
@@ -27,6 +28,7 @@ enum { BLOCK = 256, WARP = 32, WARPS = BLOCK / WARP };
 #define INFINITY_F __int_as_float(0x7f800000)
 #define KERNEL(name, ...) extern "C" __global__ void __launch_bounds__(BLOCK) name(__VA_ARGS__)
 #define SHARED __shared__
+#define BY_VALUE const __grid_constant__  // of a struct among the arguments: read where it lies
 #define BLOCK_X ((int)blockIdx.x)
 #define BLOCK_Y ((int)blockIdx.y)
 #define THREAD ((int)threadIdx.x)
@@ -55,8 +57,6 @@ static inline void add_atomic(int *to, int x) { atomicAdd(to, x); }
 #include <stdint.h>
 #include <string.h>
 
-#include <utility>
-
 // The thread of the block that runs right now, the block, and whether everything runs in opposite order.
 static struct {
     int thread, block_x, block_y, reverse;
@@ -64,6 +64,7 @@ static struct {
 
 #define INFINITY_F __builtin_inff()
 #define SHARED
+#define BY_VALUE const
 #define BLOCK_X (now_.block_x)
 #define BLOCK_Y (now_.block_y)
 #define THREAD (now_.thread)
@@ -95,8 +96,10 @@ template <class T> struct Own {
     T &lane(int l) { return values[(now_.thread & ~(WARP - 1)) + l]; }
 };
 
-template <class... P, size_t... I> void run_block_(void (*body)(P...), void **arguments, std::index_sequence<I...>) {
-    body(*static_cast<std::remove_reference_t<P> *>(arguments[I])...);
+template <class T, T... I> struct Numbers_ {};
+
+template <class... P, int... I> void run_block_(void (*body)(P...), void **arguments, Numbers_<int, I...>) {
+    body(*static_cast<P *>(arguments[I])...);
 }
 
 // Calls a kernel for every block of the grid; arguments as cuLaunchKernel takes them: the address of each.
@@ -105,7 +108,7 @@ template <class... P> void run_grid_(void (*body)(P...), int x, int y, int rever
     for (int i = 0; i < x * y; i++) {
         const int block = reverse ? x * y - 1 - i : i;
         now_.block_x = block % x, now_.block_y = block / x;
-        run_block_(body, arguments, std::index_sequence_for<P...>());
+        run_block_(body, arguments, __make_integer_seq<Numbers_, int, sizeof...(P)>());
     }
 }
 

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The CUDA rasterizer: one set of sources, compiled at run time for the card, and as C++ for tests without one."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from mgf_engine.raster.cuda.blending import Rasterizer
+from mgf_engine.raster.cuda.launching import Launcher
+
+
+@cache
+def launcher_on(backend: str) -> Launcher:
+    """What starts the kernels: backend ``cuda`` on the card, ``cuda-source-on-cpu`` on the CPU.
+
+    Raises:
+        BadInput: ``cuda``, and there is no card, driver or compiler to use; the sentence says which.
+    """
+    if backend == "cuda":
+        from mgf_engine.raster.cuda.card import Card
+
+        return Card()
+    from mgf_engine.raster.cuda.emulated import SourceOnCpu
+
+    return SourceOnCpu()
+
+
+@cache
+def rasterizer_on(backend: str) -> Rasterizer:
+    """The rasterizer of a backend; see :func:`launcher_on`."""
+    return Rasterizer(launcher_on(backend))

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Calls the CUDA kernels in order (project, sort, list, blend, and back), as :mod:`mgf_engine.raster.cpu` does in C."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from mgf_engine.raster.camera import TILE, Camera
+from mgf_engine.raster.cpu import PLANES, PLANES_BASIC, RECORD, SUMS, HeadGradients, Parameters
+from mgf_engine.raster.cuda.launching import Launcher, blocks
+from mgf_engine.raster.cuda.room import MOST, Room
+
+_RUN = 1024  # items of a block of the sort, kernels/cuda/sort.cu
+_DIGITS = 256
+_BACKWARD = ("blend_backward_colour", "blend_backward_depth", "blend_backward_all")
+
+
+@dataclass
+class TileLists:
+    """Projected Gaussians and, for every tile, those that touch it, front to back; all on the device.
+
+    Attributes:
+        records: float32 [N, 32], layout in ``kernels/records.h``; rows with ``tile_counts == 0`` are undefined.
+        tile_counts: int32 [N], number of listed tiles each Gaussian touches; 0 where it is not drawn.
+        gid: int32 [room], Gaussian of every list entry; tile t's list is ``gid[ranges[t]:ranges[t + 1]]``.
+        slots: int32 [room], place of every entry in the order by Gaussian.
+        slot_starts: int32 [N], first slot of each Gaussian.
+        ranges: int32 [tiles_x * tiles_y + 1].
+        hits: uint8 [room], per slot the warps of the tile in which it was blended.
+        tiles_x, tiles_y: tiles of 16 x 16 pixels; tile t is at column t % tiles_x, row t // tiles_x.
+        camera: the packed camera.
+    """
+
+    records: Tensor
+    tile_counts: Tensor
+    gid: Tensor
+    slots: Tensor
+    slot_starts: Tensor
+    ranges: Tensor
+    hits: Tensor
+    tiles_x: int
+    tiles_y: int
+    camera: bytes
+
+    @property
+    def tiles(self) -> int:
+        return self.tiles_x * self.tiles_y
+
+    @property
+    def packed(self) -> tuple[Tensor | int, ...]:
+        """struct Lists of ``kernels/cuda/blend.cuh``."""
+        return (self.records, self.gid, self.slots, self.ranges, self.tiles_x, self.tiles)
+
+
+@dataclass
+class Projection:
+    """Projected Gaussians before they are listed; arrays as in :class:`TileLists`."""
+
+    records: Tensor
+    footprints: Tensor
+    tile_counts: Tensor
+    depth_keys: Tensor
+    mask: Tensor | None
+    tiles_x: int
+    tiles_y: int
+    camera: bytes
+
+
+class Rasterizer:
+    """The rasterizer on one launcher's device.
+
+    Attributes:
+        room: how long lists are believed to get, for renderings that do not wait.
+    """
+
+    def __init__(self, launcher: Launcher) -> None:
+        self.launcher, self.room = launcher, Room()
+
+    def empty(self, dtype: torch.dtype, *shape: int) -> Tensor:
+        return torch.empty(shape, dtype=dtype, device=self.launcher.device)
+
+    def list_tiles(
+        self, raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None, wait: bool = True
+    ) -> TileLists:
+        """Project Gaussians and list them per tile.
+
+        Args:
+            wait: for the number of entries, so that the lists have just the room they need.
+        """
+        return self.bin_tiles(self.project(raw, camera, sh_degree, tile_mask), wait)
+
+    def project(self, raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> Projection:
+        """Records, exact footprints and depths of all Gaussians."""
+        n, packed = len(raw.positions), camera.packed().numpy().tobytes()
+        tiles_y, tiles_x = camera.tiles
+        mask = (
+            None
+            if tile_mask is None
+            else tile_mask.to(self.launcher.device, torch.uint8, non_blocking=True).contiguous()
+        )
+        mask_sums = self.empty(torch.int32, tiles_y, tiles_x + 1)
+        self.launcher.launch("mask_rows", blocks(tiles_y), tiles_x, tiles_y, mask, mask_sums)
+        records, footprints = self.empty(torch.float32, n, RECORD), self.empty(torch.int32, n, 8)
+        tile_counts, keys = self.empty(torch.int32, n), self.empty(torch.int32, n)
+        outputs = (records, footprints, tile_counts, keys)
+        given = (n, packed, *raw.all, sh_degree, tiles_x, tiles_y, mask_sums)
+        self.launcher.launch("project", blocks(n), *given, *outputs)
+        return Projection(*outputs, mask, tiles_x, tiles_y, packed)
+
+    def sort(
+        self, keys: Tensor, values: Tensor | None, bits: int, listed: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Keys and values by the lowest ``bits`` of the keys, stably.
+
+        Args:
+            keys: int32 [n], read as unsigned.
+            values: int32 [n]; None: 0..n - 1.
+            listed: int32 [1] on the device, how many items there are; None: n. Rows beyond are undefined.
+        """
+        n, runs = len(keys), blocks(len(keys), _RUN)
+        counts, totals = self.empty(torch.int32, _DIGITS, runs), self.empty(torch.int32, _DIGITS)
+        spare = [(self.empty(torch.int32, n), self.empty(torch.int32, n)) for _ in range(2)]
+        for number, shift in enumerate(range(0, bits, 8)):
+            to_keys, to_values = spare[number % 2]
+            self.launcher.launch("radix_count", runs, n, listed, runs, keys, shift, counts)
+            self.launcher.launch("radix_rows", _DIGITS, runs, counts, totals)
+            given = (n, listed, runs, keys, values, shift, counts, totals)
+            self.launcher.launch("radix_scatter", runs, *given, to_keys, to_values)
+            keys, values = to_keys, to_values
+        assert values is not None
+        return keys, values
+
+    def bin_tiles(self, seen: Projection, wait: bool = True) -> TileLists:
+        """The lists of all tiles, front to back."""
+        n, tiles = len(seen.records), seen.tiles_x * seen.tiles_y
+        _, order = self.sort(seen.depth_keys, None, 32)
+        sums, total = self.empty(torch.int32, blocks(n)), self.empty(torch.int32, 2)
+        self.launcher.launch("list_sums", blocks(n), n, order, seen.tile_counts, sums)
+        room = 0 if wait else self.room.take(n)
+        self.launcher.launch("list_offsets", 1, blocks(n), room or MOST, sums, total)
+        if room:
+            self.room.learn_later(self.launcher.read_later(total), room, n)
+        else:
+            room = self._needed(total, n)
+        slot_starts, ranges = self.empty(torch.int32, n), self.empty(torch.int32, tiles + 1)
+        slot_tiles, slot_gid, gid = (self.empty(torch.int32, room) for _ in range(3))
+        hits = self.empty(torch.uint8, room)
+        fill = (n, order, seen.footprints, seen.mask, seen.tiles_x, seen.tiles_y, sums, total)
+        outputs = (seen.tile_counts, slot_starts, slot_tiles, slot_gid, hits)
+        self.launcher.launch("list_fill", blocks(n), *fill, *outputs)
+        sorted_tiles, slots = self.sort(slot_tiles, None, max(1, (tiles - 1).bit_length()), total[1:])
+        given = (room, tiles, total, sorted_tiles, slots, slot_gid)
+        self.launcher.launch("list_ranges", blocks(room + 1), *given, ranges, gid)
+        found = (seen.records, seen.tile_counts, gid, slots, slot_starts, ranges, hits)
+        return TileLists(*found, seen.tiles_x, seen.tiles_y, seen.camera)
+
+    def _needed(self, total: Tensor, gaussians: int) -> int:
+        """Waits for the number of entries."""
+        needed = int(total[0])
+        if needed > MOST:
+            raise RuntimeError("The Gaussians touch more tiles than the kernels can list; prune the field.")
+        self.room.learn(needed, gaussians)
+        return needed
+
+    def blend(self, lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:
+        """Blend the lists; returns the image planes float32 [12 or 5, tiles_y * 16, tiles_x * 16] and the hits."""
+        planes = PLANES if geometry else PLANES_BASIC
+        image = self.empty(torch.float32, planes, lists.tiles_y * TILE, lists.tiles_x * TILE)
+        name = "blend_all" if geometry else "blend_basic"
+        self.launcher.launch(name, lists.tiles, lists.packed, lists.camera, image, lists.hits)
+        return image, lists.hits
+
+    def backward(
+        self,
+        raw: Parameters,
+        sh_degree: int,
+        lists: TileLists,
+        image: Tensor,
+        hits: Tensor,
+        heads: HeadGradients,
+        error_map: Tensor | None,
+        statistics: tuple[Tensor, ...] | None,
+    ) -> tuple[Tensor, ...]:
+        """Gradients of positions, log_scales, rotations, opacity_logits and sh; see :func:`.cpu.backward`."""
+        sums = self.blend_backward(lists, image, hits, heads, error_map, statistics is not None)
+        return self.project_backward(raw, sh_degree, lists, hits, sums, heads.level, statistics)
+
+    def blend_backward(
+        self,
+        lists: TileLists,
+        image: Tensor,
+        hits: Tensor,
+        heads: HeadGradients,
+        error_map: Tensor | None,
+        stats: bool,
+    ) -> Tensor:
+        """Sums over each tile's pixels for every slot, float32 [room, 24] (``kernels/blend_backward.h``)."""
+        sums = self.empty(torch.float32, len(hits), SUMS)
+        given = (heads.colour, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
+        name = _BACKWARD[heads.level] + ("_stats" if stats else "")
+        self.launcher.launch(name, lists.tiles, lists.packed, lists.camera, image, hits, given, sums)
+        return sums
+
+    def project_backward(
+        self,
+        raw: Parameters,
+        sh_degree: int,
+        lists: TileLists,
+        hits: Tensor,
+        sums: Tensor,
+        level: int,
+        statistics: tuple[Tensor, ...] | None,
+    ) -> tuple[Tensor, ...]:
+        """Gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
+        n = len(raw.positions)
+        gradients = tuple(torch.empty_like(t) for t in raw.all[:5])
+        columns = SUMS if statistics is not None or level > 0 else 16
+        entries = (lists.records, lists.tile_counts, lists.slot_starts, hits, sums, columns)
+        given = (n, lists.camera, *raw.all, sh_degree, *entries)
+        self.launcher.launch("project_backward", blocks(n), *given, gradients, statistics or (None,) * 5)
+        return gradients
