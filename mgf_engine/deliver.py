@@ -15,6 +15,7 @@ from mgf_engine.field.checkpoint import read_field
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
 from mgf_engine.mesh.export import read_ply, write_glb, write_obj
+from mgf_engine.mesh.parts import FILE as PARTS_FILE
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Camera, Rendering, render
 from mgf_engine.scene.model import Scene, View
@@ -37,8 +38,13 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
         renders[index] = name
     _write_other_formats(job)
     figures = report_job(job, scene, masks, field, reporter)
-    write_json(job.path("deliver.json"), _manifest(scene, renders, figures))
+    write_json(job.path("deliver.json"), {**_manifest(scene, renders, figures), **_parts(job)})
     return figures
+
+
+def _parts(job: Job) -> dict[str, str]:
+    """The named parts of the mesh, where the user named any."""
+    return {"parts": PARTS_FILE} if job.path(PARTS_FILE).exists() else {}
 
 
 def _write_other_formats(job: Job) -> None:

@@ -29,7 +29,7 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "scene": ("scene",),
     "masks": ("masks",),
     "field": ("checkpoints", "field.ply"),
-    "mesh": ("mesh.ply",),
+    "mesh": ("mesh.ply", "mesh_parts.npz"),
     "deliver": ("renders", "report", "deliver.json", "report.json", "report.html", "mesh.obj", "mesh.glb"),
 }
 #: Options outside a stage's own section that decide its result.

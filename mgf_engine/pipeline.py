@@ -131,11 +131,16 @@ def _run_mesh(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.field.checkpoint import read_field
     from mgf_engine.mesh.export import in_scene, write_ply
     from mgf_engine.mesh.extract import extract_mesh
+    from mgf_engine.mesh.parts import FILE as PARTS_FILE
+    from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
 
     scene, masks = load_inputs(job)
     field = read_field(job.path("checkpoints", "field.npz"))
     mesh = extract_mesh(field, scene, masks, job.config, reporter)
     write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
+    named = named_parts(job.path("masks"), scene)
+    if named:
+        write_parts(list(named), face_parts(mesh, scene, masks, list(named.values())), job.path(PARTS_FILE))
     return {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
 
 

@@ -14,6 +14,11 @@ def vertex_color_material() -> bpy.types.Material:
     return _color_material(_MESH, roughness=0.85)
 
 
+def part_material(name: str) -> bpy.types.Material:
+    """The same surface under a part's own name, so that windows can be made glass."""
+    return _color_material(f"MGF {name.title()}", roughness=0.85)
+
+
 def point_color_material() -> bpy.types.Material:
     """The same for points."""
     return _color_material(_POINTS, roughness=1.0)

@@ -20,6 +20,8 @@ _TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _MAX_HEADER = 1 << 16
+_COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_KNOWN = {"x", "y", "z", "nx", "ny", "nz", "alpha", *(name for names in _COLORS for name in names)}
 
 
 @dataclass
@@ -49,13 +51,17 @@ class Ply:
 
     def colors(self) -> np.ndarray | None:
         """uint8 [N, 3] in sRGB, or None when the file has none."""
-        for names in (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue")):
+        for names in _COLORS:
             if all(n in self.vertices for n in names):
                 columns = [self.vertices[n] for n in names]
                 if columns[0].dtype.kind == "f":
                     columns = [np.clip(np.nan_to_num(c) * 255.0 + 0.5, 0, 255) for c in columns]
                 return np.stack(columns, axis=1).astype(np.uint8)
         return None
+
+    def extras(self) -> dict[str, np.ndarray]:
+        """What a vertex carries beside place, normal and colour, for example ``confidence``; name -> [N]."""
+        return {name: values for name, values in self.vertices.items() if name not in _KNOWN}
 
 
 def read_ply(path: Path) -> Ply:

@@ -7,13 +7,47 @@ from pathlib import Path
 import bpy
 
 from ..common import runner
+from ..common.editors import image_editor, show_image, viewport
 from ..common.errors import UserError
 from ..common.operators import Operator
 from ..reconstruct.operators import submit
 from ..reconstruct.start import make_job
 from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY
 from . import files, preview
-from .properties import active_photo
+from .properties import active_photo, photo_image
+
+
+class MGF_OT_mark_building(Operator):
+    """Show the photos to click on in an Image Editor, with the point tool ready"""
+
+    bl_idname = "mgf.mark_building"
+    bl_label = "Mark Building"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if active_photo(context.scene) is None:
+            cls.poll_message_set("Import a scene first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        image = photo_image(active_photo(context.scene))
+        if image is None:
+            raise UserError("The photo was not found; set the photo folder and import again.")
+        show_image(context, image)
+        area = image_editor(context)
+        with context.temp_override(area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
+            bpy.ops.mgf.use_point_tool()
+
+
+class MGF_OT_show_viewport(Operator):
+    """Go back from the photos to the 3D viewport"""
+
+    bl_idname = "mgf.show_viewport"
+    bl_label = "Show 3D Viewport"
+
+    def run(self, context: bpy.types.Context) -> None:
+        viewport(context)
 
 
 class MGF_OT_next_photo(Operator):
@@ -237,7 +271,8 @@ def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
 
 
 CLASSES = (
-    MGF_OT_next_photo, MGF_OT_add_photo, MGF_OT_remove_photo, MGF_OT_clear_clicks, MGF_OT_import_prompts,
+    MGF_OT_mark_building, MGF_OT_show_viewport, MGF_OT_next_photo, MGF_OT_add_photo, MGF_OT_remove_photo,
+    MGF_OT_clear_clicks, MGF_OT_import_prompts,
     MGF_OT_export_prompts, MGF_OT_preview_mask, MGF_OT_cancel_preview, MGF_OT_find_masks,
 )  # fmt: skip
 

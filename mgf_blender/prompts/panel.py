@@ -38,9 +38,10 @@ class MGF_PT_prompts(bpy.types.Panel):
         if not len(state.photos):
             layout.label(text="Import a scene in the 3D viewport first", icon="INFO")
             return
-        row = layout.row()
+        row = layout.row(align=True)
         row.scale_y = 1.4
         row.operator("mgf.use_point_tool", icon="CURSOR")
+        row.operator("mgf.show_viewport", text="", icon="VIEW3D")
         row = layout.row(align=True)
         row.operator("mgf.next_photo", text="Previous", icon="TRIA_LEFT").step = -1
         row.operator("mgf.next_photo", text="Next", icon="TRIA_RIGHT").step = 1

@@ -7,10 +7,14 @@ from pathlib import Path
 import bpy
 
 from ..common import options, runner
+from ..common.editors import show_image
 from ..common.errors import UserError
 from ..common.job import DONE, Job
 from ..common.operators import Operator
-from ..scene_import.operators import bring_in
+from ..scene_import.crop import crop_text
+from ..scene_import.operators import bring_in, frame_tree
+from ..scene_import.tree import Tree
+from . import live
 from .start import given_options, job_folder, make_job
 
 
@@ -47,6 +51,8 @@ class MGF_OT_reconstruct(_JobOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     def run(self, context: bpy.types.Context) -> set[str]:
+        context.view_layer.update()  # the crop box may have been moved by a script
+        context.scene.mgf.options.crop_box = crop_text(Tree.find(context.scene))
         return submit(self, make_job(context.scene))
 
 
@@ -123,8 +129,26 @@ class MGF_OT_import_sfm(Operator):
         if not model.is_dir():
             raise UserError("The job found no cameras; open its log for the reason.")
         state.photo_folder = state.photo_folder or source
-        bring_in(context.scene, model, True, True, self)
+        done = bring_in(context.scene, model, True, True, self)
+        frame_tree(context, done.tree)
         state.source = source
+
+
+class MGF_OT_show_preview(Operator):
+    """Show the training render in an Image Editor; it follows the training"""
+
+    bl_idname = "mgf.show_preview"
+    bl_label = "Show Training Render"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if live.NAME not in bpy.data.images:
+            cls.poll_message_set("The training has shown nothing yet")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        show_image(context, bpy.data.images[live.NAME])
 
 
 class MGF_OT_open_job_file(Operator):
@@ -187,7 +211,7 @@ def interrupted(scene: bpy.types.Scene) -> bool:
 
 
 CLASSES = (
-    MGF_OT_reconstruct, MGF_OT_resume, MGF_OT_cancel_job, MGF_OT_import_photos, MGF_OT_import_sfm,
+    MGF_OT_reconstruct, MGF_OT_resume, MGF_OT_cancel_job, MGF_OT_import_photos, MGF_OT_import_sfm, MGF_OT_show_preview,
     MGF_OT_open_job_file, MGF_OT_reset_options,
 )  # fmt: skip
 

@@ -6,7 +6,7 @@ import bpy
 from ..common import options, runner
 from ..common.errors import UserError
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, Job
-from ..common.text import wrapped
+from ..common.text import draw_sentence
 from ..engine.environment import engine_python
 from .estimate import duration, estimate
 from .operators import interrupted, last_job
@@ -53,6 +53,11 @@ class MGF_PT_reconstruct(bpy.types.Panel):
 
     def _draw_start(self, layout: bpy.types.UILayout, context: bpy.types.Context, job: Job | None) -> None:
         state = context.scene.mgf
+        done = sum(p.done() for p in state.photos)
+        if len(state.photos) and not state.masks_folder:
+            row = layout.row(align=True)
+            row.label(text=f"{done} of {len(state.photos)} photos marked", icon="CHECKMARK" if done else "ERROR")
+            row.operator("mgf.mark_building", text="", icon="CURSOR")
         seconds, memory = estimate(state.options, max(1, _photo_count(context.scene)))
         layout.label(text=f"About {duration(seconds)} and {memory / 1e9:.1f} GB of memory", icon="TIME")
         column = layout.column()
@@ -88,6 +93,8 @@ class MGF_PT_options(bpy.types.Panel):
             if body is not None:
                 column = body.column()
                 for name in names:
+                    if name == "crop_box":  # an object in the viewport stands for it
+                        continue
                     column.prop(state.options, name)
                 if section == "masks":
                     column.prop(state, "masks_folder")
@@ -107,13 +114,12 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
             row.label(text=_figure(value))
     else:
         icon = {DONE: "CHECKMARK", FAILED: "ERROR", CANCELLED: "PAUSE"}.get(job.status, "INFO")
-        lines = wrapped(job.text or {DONE: "Finished", CANCELLED: "Cancelled"}.get(job.status, ""))
-        for i, line in enumerate(lines):
-            box.label(text=line, icon=icon if i == 0 else "BLANK1")
+        draw_sentence(box, job.text or {DONE: "Finished", CANCELLED: "Cancelled"}.get(job.status, ""), icon)
     for text in job.warnings[-3:]:
-        for i, line in enumerate(wrapped(text)):
-            box.label(text=line, icon="INFO" if i == 0 else "BLANK1")
+        draw_sentence(box, text, "INFO")
     row = layout.row(align=True)
+    if job.live and job.preview:
+        row.operator("mgf.show_preview", icon="IMAGE_DATA")
     row.operator("mgf.open_job_file", text="Open Log", icon="TEXT").name = "log.txt"
     if job.status == DONE and job.kind == "reconstruct":
         row.operator("mgf.open_job_file", text="Open Report", icon="URL").name = "report.html"
@@ -139,8 +145,7 @@ def _engine_missing(layout: bpy.types.UILayout) -> bool:
     try:
         engine_python()
     except UserError as error:
-        for i, line in enumerate(wrapped(str(error))):
-            layout.label(text=line, icon="ERROR" if i == 0 else "BLANK1")
+        draw_sentence(layout, str(error), "ERROR")
         layout.operator("mgf.show_preferences", icon="PREFERENCES")
         return True
     return False

@@ -34,6 +34,7 @@ class Delivery:
     points: Path | None
     field: Path | None
     report: Path | None
+    parts: Path | None
     figures: dict[str, Any]
 
 
@@ -53,7 +54,7 @@ def read_delivery(folder: Path) -> Delivery:
     try:
         views = tuple(_view(folder, entry) for entry in content["views"])
         figures = dict(content.get("figures") or {})
-        files = {key: _file(folder, content.get(key)) for key in ("mesh", "points", "field", "report")}
+        files = {key: _file(folder, content.get(key)) for key in ("mesh", "points", "field", "report", "parts")}
     except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         raise UserError(f"'{path}' is not what this version reads ({error!r}); run the job again.") from error
     return Delivery(folder, views, figures=figures, **files)

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..common.errors import UserError
 from ..common.materials import vertex_color_material
-from ..common.meshes import make_mesh, shade_smooth_by_angle
-from ..common.ply import read_ply
+from ..common.meshes import make_mesh, set_attribute, shade_smooth_by_angle
+from ..common.ply import Ply, read_ply
 from ..scene_import.cameras import (
     DISTORTED_KEY,
     CameraSpec,
@@ -26,6 +26,7 @@ from ..scene_import.frame import make_frame
 from ..scene_import.points import add_points
 from ..scene_import.tree import Tree
 from .job_folder import Delivery, ResultView, read_delivery
+from .parts import Parts, assign_parts, read_parts
 
 SHARP_ANGLE = 40.0  # degrees
 
@@ -54,6 +55,7 @@ def import_result(scene: bpy.types.Scene, folder: Path, tree: Tree | None = None
     surface = read_ply(delivery.mesh) if delivery.mesh is not None else None
     if surface is not None and len(surface.triangles) == 0:
         raise UserError(f"'{delivery.mesh}' holds no faces; read the job's report for the reason.")
+    parts = read_parts(delivery.parts, len(surface.triangles)) if delivery.parts and surface is not None else None
     if tree is None or tree.root is None:
         tree = _tree_of_job(scene, delivery)
     tree.clear("Renders")
@@ -64,7 +66,11 @@ def import_result(scene: bpy.types.Scene, folder: Path, tree: Tree | None = None
     obj = None
     if surface is not None:
         tree.clear("Mesh")
-        obj = _add_mesh(tree, surface.positions, surface.triangles, surface.colors())
+        obj = _add_mesh(tree, surface, parts)
+        layer = scene.view_layers[0]
+        for points in tree.objects("Points"):
+            if points.name in layer.objects:
+                points.hide_set(True, view_layer=layer)  # they would speckle the surface
     return Result(tree, obj, len(tree.objects("Renders")), delivery)
 
 
@@ -88,10 +94,14 @@ def _tree_of_job(scene: bpy.types.Scene, delivery: Delivery) -> Tree:
     return tree
 
 
-def _add_mesh(tree: Tree, xyz: np.ndarray, triangles: np.ndarray, colors: np.ndarray | None) -> bpy.types.Object:
-    mesh = make_mesh("Building", xyz - tree.offset, triangles, colors)
+def _add_mesh(tree: Tree, surface: Ply, parts: Parts | None) -> bpy.types.Object:
+    mesh = make_mesh("Building", surface.positions - tree.offset, surface.triangles, surface.colors())
+    for name, values in surface.extras().items():
+        set_attribute(mesh, name, values)
     shade_smooth_by_angle(mesh, SHARP_ANGLE)
     mesh.materials.append(vertex_color_material())
+    if parts is not None:
+        assign_parts(mesh, parts)
     obj = bpy.data.objects.new("Building", mesh)
     tree.add("Mesh", obj)
     return obj

@@ -7,11 +7,13 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from ..common.editors import frame_scene
 from ..common.errors import UserError
 from ..common.operators import Operator
 from ..prompts.roots import choose_roots
 from .cameras import PHOTO_KEY, SIZE_KEY, fit_render, set_clipping
 from .colmap import read_model
+from .crop import add_crop_box, find_crop_box
 from .frame import rotation_to_z, up_direction
 from .load import Imported, import_scene
 from .locate import find_model
@@ -52,7 +54,8 @@ class MGF_OT_import_colmap(Operator):
         path = Path(bpy.path.abspath(text))
         if not path.exists() and path.parent.is_dir():
             path = path.parent  # the file browser adds a file name to a folder
-        bring_in(context.scene, path, self.upright, self.replace, self)
+        done = bring_in(context.scene, path, self.upright, self.replace, self)
+        frame_tree(context, done.tree)
 
 
 class MGF_OT_reload_scene(Operator):
@@ -178,6 +181,56 @@ class MGF_OT_set_up_axis(Operator):
         root.matrix_basis = Matrix.LocRotScale(location, Matrix(rotation_to_z(up).tolist()), scale)
 
 
+class MGF_OT_add_crop_box(Operator):
+    """Put a box around the points; only what lies in it is meshed. Move, turn and scale it as any object"""
+
+    bl_idname = "mgf.add_crop_box"
+    bl_label = "Add Crop Box"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if Tree.find(context.scene) is None:
+            cls.poll_message_set("Import a scene first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        context.view_layer.update()
+        select_only(context, add_crop_box(Tree.find(context.scene)))
+
+
+class _NeedsCropBox(Operator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if find_crop_box(Tree.find(context.scene)) is None:
+            cls.poll_message_set("There is no crop box")
+            return False
+        return True
+
+
+class MGF_OT_select_crop_box(_NeedsCropBox):
+    """Select the crop box"""
+
+    bl_idname = "mgf.select_crop_box"
+    bl_label = "Select Crop Box"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        select_only(context, find_crop_box(Tree.find(context.scene)))
+
+
+class MGF_OT_remove_crop_box(_NeedsCropBox):
+    """Remove the crop box; the next reconstruction meshes everything"""
+
+    bl_idname = "mgf.remove_crop_box"
+    bl_label = "Remove Crop Box"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        bpy.data.objects.remove(find_crop_box(Tree.find(context.scene)), do_unlink=True)
+
+
 class MGF_FH_colmap(bpy.types.FileHandler):
     """Dropping a model's file into the 3D viewport imports the model."""
 
@@ -227,6 +280,29 @@ def list_roots(scene: bpy.types.Scene, done: Imported, path: Path) -> None:
     scene.mgf.photo_index = min(max(scene.mgf.photo_index, 0), max(len(photos) - 1, 0))
 
 
+def frame_tree(context: bpy.types.Context, tree: Tree) -> None:
+    """Turn the viewports to an imported scene."""
+    root = tree.root
+    clouds = [o for o in tree.objects("Points") if o.type == "MESH" and len(o.data.vertices)]
+    middle = np.zeros(3)
+    if clouds:
+        flat = np.empty(3 * len(clouds[0].data.vertices), np.float32)
+        clouds[0].data.vertices.foreach_get("co", flat)
+        middle = np.median(flat.reshape(-1, 3), axis=0)
+    matrix = np.array(root.matrix_basis)
+    frame_scene(context, matrix[:3, :3] @ middle + matrix[:3, 3], tree.radius * root.matrix_basis.median_scale)
+
+
+def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Make an object the only selected and the active one, where the view layer shows it."""
+    for other in context.selected_objects:
+        other.select_set(False)
+    if obj.name in context.view_layer.objects:
+        obj.hide_set(False)
+        obj.select_set(True)
+        context.view_layer.objects.active = obj
+
+
 def _two_points(context: bpy.types.Context) -> list[Vector]:
     """Two world positions out of the selection: vertices in Edit Mode, else objects."""
     obj = context.object
@@ -257,7 +333,8 @@ def menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 CLASSES = (
-    MGF_OT_import_colmap, MGF_OT_reload_scene, MGF_OT_look_through, MGF_OT_set_scale, MGF_OT_set_up_axis, MGF_FH_colmap,
+    MGF_OT_import_colmap, MGF_OT_reload_scene, MGF_OT_look_through, MGF_OT_set_scale, MGF_OT_set_up_axis,
+    MGF_OT_add_crop_box, MGF_OT_select_crop_box, MGF_OT_remove_crop_box, MGF_FH_colmap,
 )  # fmt: skip
 
 

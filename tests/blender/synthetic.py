@@ -161,16 +161,19 @@ def house_mesh() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.array(corners, float), np.array(faces, np.int32), colors
 
 
-def write_mesh(path: Path, xyz: np.ndarray, faces: np.ndarray, rgb: np.ndarray) -> None:
-    """A binary PLY with float64 positions."""
+def write_mesh(path: Path, xyz: np.ndarray, faces: np.ndarray, rgb: np.ndarray, **extras: np.ndarray) -> None:
+    """A binary PLY with float64 positions and float32 values per vertex."""
     head = (
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(xyz)}\n"
         "property double x\nproperty double y\nproperty double z\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+        + "".join(f"property float {name}\n" for name in extras)
+        + f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
-    vertices = np.zeros(len(xyz), [("p", "<f8", 3), ("c", "u1", 3)])
+    vertices = np.zeros(len(xyz), [("p", "<f8", 3), ("c", "u1", 3), *((name, "<f4") for name in extras)])
     vertices["p"], vertices["c"] = xyz, rgb
+    for name, values in extras.items():
+        vertices[name] = values
     table = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
     table["n"], table["v"] = 3, faces
     path.write_bytes(head.encode() + vertices.tobytes() + table.tobytes())

@@ -57,6 +57,16 @@ def test_button_to_mesh(ready, house):
     assert prompts == {ready.photos[0].name: {"positive": [[100.5, 80.25]]}}
 
 
+def test_crop_box_reaches_the_engine_and_leaves_with_the_object(ready):
+    bpy.ops.mgf.add_crop_box()
+    bpy.ops.mgf.reconstruct()
+    given = next(a for a in arguments(ready) if a.startswith("crop_box="))
+    assert len(given.removeprefix("crop_box=").split()) == 16
+    bpy.ops.mgf.remove_crop_box()
+    bpy.ops.mgf.reconstruct()
+    assert "crop_box=" in arguments(ready)  # empty, so that the resumed job forgets it
+
+
 def test_second_run_resumes_in_its_folder(ready):
     bpy.ops.mgf.reconstruct()
     bpy.ops.mgf.reconstruct()

@@ -36,6 +36,47 @@ def test_mesh_lies_in_the_scene(scene, house):
     assert result.mesh.data.materials[0].name == "MGF Vertex Colors"
 
 
+def test_values_per_vertex_become_attributes(scene, house):
+    xyz, faces, rgb = synthetic.house_mesh()
+    confidence = np.linspace(0, 1, len(xyz))
+    synthetic.write_mesh(house.job / "mesh.ply", xyz, faces, rgb, confidence=confidence)
+    mesh = import_result(scene, house.job).mesh.data
+    values = np.empty(len(xyz), np.float32)
+    mesh.attributes["confidence"].data.foreach_get("value", values)
+    np.testing.assert_allclose(values, confidence, atol=1e-6)
+    assert {a.name for a in mesh.attributes if not a.is_internal} >= {"confidence", "Color", "position"}
+    assert "red" not in mesh.attributes and "x" not in mesh.attributes
+
+
+def test_named_parts_become_material_slots(scene, house):
+    _, faces, _ = synthetic.house_mesh()
+    face = np.zeros(len(faces), np.uint8)
+    face[3:7], face[9] = 2, 3
+    np.savez(house.job / "mesh_parts.npz", names=np.array(["building", "gate", "roof", "door"]), face=face)
+    _edit(house.job, parts="mesh_parts.npz")
+    mesh = import_result(scene, house.job).mesh.data
+    assert [m.name for m in mesh.materials] == ["MGF Vertex Colors", "MGF Roof", "MGF Door"]
+    index = np.empty(len(faces), np.int32)
+    mesh.polygons.foreach_get("material_index", index)
+    np.testing.assert_array_equal(index, np.array([0, 9, 1, 2])[face])
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda path: path.write_bytes(b"PK"), "Cannot read"),
+        (lambda path: np.savez(path, names=np.array(["a"]), face=np.zeros(3, np.uint8)), "belongs to another mesh"),
+        (lambda path: np.savez(path, names=np.array(["a"]), face=np.full(16, 7, np.uint8)), "belongs to another mesh"),
+    ],
+)
+def test_damaged_parts_change_nothing(scene, house, damage, words):
+    damage(house.job / "mesh_parts.npz")
+    _edit(house.job, parts="mesh_parts.npz")
+    with pytest.raises(UserError, match=words):
+        import_result(scene, house.job)
+    assert not bpy.data.objects
+
+
 def test_far_mesh_keeps_its_precision(scene, tmp_path):
     house = synthetic.write_house(tmp_path / "utm", shift=(389_123.25, 5_712_345.75, 120.0), tilt=False)
     result = import_result(scene, house.job, import_scene(scene, house.folder).tree)

@@ -9,9 +9,10 @@ import bpy
 import numpy as np
 import pytest
 import synthetic
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from mgf_blender.scene_import.cameras import PHOTO_KEY
+from mgf_blender.scene_import.crop import crop_text, find_crop_box
 from mgf_blender.scene_import.tree import Tree
 
 
@@ -99,6 +100,60 @@ def test_up_axis_by_hand_and_back(tree):
     assert (root.matrix_basis.to_3x3() @ Vector((0, -1, 0)) - Vector((0, 0, 1))).length < 1e-5
     bpy.ops.mgf.set_up_axis(axis="CAMERAS")
     np.testing.assert_allclose(np.array(root.matrix_basis)[:3, :3], upright, atol=1e-4)
+
+
+def crop_matrix(text: str) -> np.ndarray:
+    return np.array([float(v) for v in text.split()]).reshape(4, 4)
+
+
+def test_crop_box_stands_around_the_points_in_scene_coordinates(tree, house):
+    assert crop_text(tree) == ""
+    bpy.ops.mgf.add_crop_box()
+    bpy.context.view_layer.update()
+    box = find_crop_box(tree)
+    assert box.parent == tree.root and bpy.context.view_layer.objects.active == box
+    to_cube = np.linalg.inv(crop_matrix(crop_text(tree)))
+    local = house.xyz @ to_cube[:3, :3].T + to_cube[:3, 3]
+    assert 0.85 < (np.abs(local) <= 1).all(axis=1).mean() <= 1
+    # Level with the world: its matrix there is diagonal.
+    world = np.array(box.matrix_world)[:3, :3]
+    np.testing.assert_allclose(world, np.diag(np.diag(world)), atol=1e-5)
+    # What is done to it in the viewport arrives, whatever scale and place the whole scene was given.
+    before = crop_matrix(crop_text(tree))
+    tree.root.matrix_basis = Matrix.Translation((5, 6, 7)) @ Matrix.Scale(3, 4) @ tree.root.matrix_basis
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(crop_matrix(crop_text(tree)), before, atol=1e-4)
+    box.scale.x *= 0.5
+    bpy.context.view_layer.update()
+    half = crop_matrix(crop_text(tree))
+    assert np.linalg.norm(half[:3, 0]) == pytest.approx(np.linalg.norm(before[:3, 0]) / 2, rel=1e-4)
+    bpy.ops.mgf.add_crop_box()  # fits it anew instead of making another
+    assert sum(o.get("mgf_role") == "crop" for o in bpy.data.objects) == 1
+    bpy.ops.mgf.reload_scene()
+    assert find_crop_box(Tree.find(bpy.context.scene)) is not None
+    bpy.ops.mgf.remove_crop_box()
+    assert crop_text(tree) == ""
+    with pytest.raises(RuntimeError, match="There is no crop box"):
+        bpy.ops.mgf.select_crop_box()
+
+
+def test_crop_box_of_a_far_scene(addon, tmp_path):
+    shift = (389_123.25, 5_712_345.75, 120.0)
+    house = synthetic.write_house(tmp_path / "utm", shift=shift)
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    bpy.ops.mgf.add_crop_box()
+    bpy.context.view_layer.update()
+    matrix = crop_matrix(crop_text(Tree.find(bpy.context.scene)))
+    assert np.linalg.norm(matrix[:3, 3] - house.xyz.mean(axis=0)) < 1.0
+
+
+def test_import_frames_the_viewports(tree):
+    spaces = [a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D"]
+    if not spaces:
+        pytest.skip("this file has no viewport")
+    for space in spaces:
+        assert space.region_3d.view_distance == pytest.approx(2 * tree.radius, rel=1e-4)
+        assert not space.overlay.show_relationship_lines and space.shading.color_type == "VERTEX"
 
 
 def test_drop_handler_knows_the_files():

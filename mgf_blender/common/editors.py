@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which editors the window shows: the photo beside or in place of the viewport, and the viewport framed on a scene."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+
+def image_editor(context: bpy.types.Context) -> bpy.types.Area | None:
+    """An Image Editor of the window; the area under the pointer, or the largest viewport, becomes one if need be."""
+    if context.screen is None:
+        return None
+    areas = list(context.screen.areas)
+    found = [a for a in areas if a.type == "IMAGE_EDITOR"]
+    if found:
+        return max(found, key=lambda a: a.width * a.height)
+    views = [a for a in areas if a.type == "VIEW_3D"]
+    area = context.area if context.area in views else max(views, key=lambda a: a.width * a.height, default=None)
+    if area is not None:
+        area.type = "IMAGE_EDITOR"
+        area.spaces.active.show_region_ui = True
+    return area
+
+
+def show_image(context: bpy.types.Context, image: bpy.types.Image) -> None:
+    """Show an image in an Image Editor, see :func:`image_editor`."""
+    area = image_editor(context)
+    if area is not None:
+        area.spaces.active.image = image
+        area.tag_redraw()
+
+
+def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
+    """A 3D viewport of the window; the Image Editor under the pointer becomes one if there is none."""
+    if context.screen is None:
+        return None
+    found = next((a for a in context.screen.areas if a.type == "VIEW_3D"), None)
+    if found is None and context.area is not None and context.area.type == "IMAGE_EDITOR":
+        found = context.area
+        found.type = "VIEW_3D"
+        found.spaces.active.show_region_ui = True
+    return found
+
+
+def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float) -> None:
+    """Turn the window's viewports to an imported scene and let them draw its colours.
+
+    Args:
+        middle: [3], world.
+        reach: radius of what should be seen, world units.
+    """
+    for area in context.screen.areas if context.screen is not None else ():
+        if area.type != "VIEW_3D" or area.spaces.active.region_3d is None:
+            continue
+        space = area.spaces.active
+        space.region_3d.view_location = middle.tolist()
+        space.region_3d.view_distance = 2.0 * reach
+        space.clip_start = min(space.clip_start, 1e-3 * reach)
+        space.clip_end = max(space.clip_end, 100.0 * reach)
+        space.shading.color_type = "VERTEX"
+        space.overlay.show_relationship_lines = False  # one dashed line per camera hides the scene
+        area.tag_redraw()

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The parts the user named (window, door, ...) as material slots of the mesh."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..common.errors import UserError
+from ..common.materials import part_material
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Names of the parts, the first for everything else, and the part of each face, [F]."""
+
+    names: list[str]
+    face: np.ndarray
+
+
+def read_parts(path: Path, faces: int) -> Parts:
+    """Read ``mesh_parts.npz``.
+
+    Raises:
+        UserError: the file is damaged or belongs to another mesh.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            parts = Parts([str(n) for n in data["names"]], np.asarray(data["face"]).astype(np.int32))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise UserError(f"Cannot read '{path}' ({error}); run the job again.") from error
+    if parts.face.shape != (faces,) or (faces and not 0 <= parts.face.min() <= parts.face.max() < len(parts.names)):
+        raise UserError(f"'{path}' belongs to another mesh; run the job again.")
+    return parts
+
+
+def assign_parts(mesh: bpy.types.Mesh, parts: Parts) -> None:
+    """A material slot per part that has faces; the first slot, which the mesh has already, holds the rest."""
+    slots = np.zeros(len(parts.names), np.int32)
+    for i, name in enumerate(parts.names):
+        if i > 0 and (parts.face == i).any():
+            slots[i] = len(mesh.materials)
+            mesh.materials.append(part_material(name))
+    mesh.polygons.foreach_set("material_index", slots[parts.face])
+    mesh.update()

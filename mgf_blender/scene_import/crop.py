@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The crop box: an empty drawn as a cube under the scene's own empty; only what lies in it is meshed.
+
+Moving, turning and scaling it is done with Blender's own tools; the engine gets its matrix in scene coordinates.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from .tree import ROLE_KEY, Tree
+
+ROLE = "crop"
+_NAME = "Crop Box"
+#: Shares of the points that the first box leaves out at each end of each axis, and how much it is made larger.
+_OUTLIERS, _MARGIN = 2.0, 1.1
+
+
+def find_crop_box(tree: Tree | None) -> bpy.types.Object | None:
+    """The crop box of an imported scene."""
+    if tree is None:
+        return None
+    return next((o for o in tree.collection.all_objects if o.get(ROLE_KEY) == ROLE), None)
+
+
+def add_crop_box(tree: Tree) -> bpy.types.Object:
+    """A box around the sparse points, level with the world; the one that is there is fitted anew."""
+    box = find_crop_box(tree)
+    if box is None:
+        box = bpy.data.objects.new(_NAME, None)
+        box[ROLE_KEY] = ROLE
+        box.empty_display_type = "CUBE"
+        box.empty_display_size = 1.0
+        tree.collection.objects.link(box)
+        box.parent = tree.root
+    root = np.array(tree.root.matrix_world)
+    points = _points(tree) @ root[:3, :3].T + root[:3, 3]
+    low, high = np.percentile(points, [_OUTLIERS, 100 - _OUTLIERS], axis=0)
+    half = np.maximum((high - low) / 2 * _MARGIN, 1e-6)
+    matrix = np.diag([*half, 1.0])
+    matrix[:3, 3] = (low + high) / 2
+    box.matrix_parent_inverse = Matrix.Identity(4)
+    box.matrix_basis = Matrix((np.linalg.inv(root) @ matrix).tolist())
+    return box
+
+
+def crop_text(tree: Tree | None) -> str:
+    """The box as the engine's option ``crop_box``: the matrix cube -> scene, row by row; empty without a box."""
+    box = find_crop_box(tree)
+    if box is None or tree is None or tree.root is None:
+        return ""
+    root, world = (np.array(o.matrix_world, np.float64) for o in (tree.root, box))
+    matrix = np.linalg.inv(root) @ world
+    matrix[:3, 3] += tree.offset
+    matrix[3] = 0, 0, 0, 1
+    return " ".join(f"{v:.12g}" for v in matrix.ravel())
+
+
+def _points(tree: Tree) -> np.ndarray:
+    """The sparse points in the empty's frame [N, 3]; without any, a cube of the scene's size."""
+    clouds = [o for o in tree.objects("Points") if o.type == "MESH" and len(o.data.vertices) and not o.get("mgf_field")]
+    if not clouds:
+        return tree.radius * np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    flat = np.empty(3 * len(clouds[0].data.vertices), np.float32)
+    clouds[0].data.vertices.foreach_get("co", flat)
+    matrix = np.array(clouds[0].matrix_basis, np.float64)
+    return flat.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which named part (window, door, roof, ...) each face of the mesh belongs to, by the masks' second level.
+
+Only parts that the user named count; what was found automatically has no name worth a material. Photos that show a
+named part vote on the vertices they see; a vertex is what more than half of them say, a face what most of its corners
+are. ``mesh_parts.npz`` holds ``names`` (the first is "building": everything else) and ``face`` (uint8 [F], an index
+into the names).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import look
+from mgf_engine.scene.model import Scene
+from mgf_engine.system import atomic_path
+
+REST = "building"
+FILE = "mesh_parts.npz"
+MOST = 254  # parts that fit into a byte beside the rest
+BEHIND = 0.01  # a vertex further behind what a view shows, as a share of its depth, is hidden there
+
+#: View index -> its labels that are the part.
+Elements = dict[int, list[int]]
+
+
+def named_parts(masks_folder: Path, scene: Scene) -> dict[str, Elements]:
+    """The parts in ``parts.json`` that the user named; empty where there are none or the file is gone."""
+    try:
+        listed = json.loads((masks_folder / "parts.json").read_text(encoding="utf-8"))["parts"]
+        entries = [(str(p["name"]), [(str(n), int(label)) for n, label in p["elements"]]) for p in listed]
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+    index = {view.name: i for i, view in enumerate(scene.views)}
+    result: dict[str, Elements] = {}
+    for name, elements in entries:
+        if name.startswith("element-") or name == REST or (name not in result and len(result) == MOST):
+            continue
+        for view, label in elements:
+            if view in index:
+                result.setdefault(name, {}).setdefault(index[view], []).append(label)
+    return result
+
+
+def face_parts(mesh: Mesh, scene: Scene, masks: MaskSet, parts: Sequence[Elements]) -> NDArray[np.uint8]:
+    """The part of each face, uint8 [F]: 0 for none, k + 1 for ``parts[k]``.
+
+    Args:
+        mesh: normalised frame.
+    """
+    votes = np.zeros((len(mesh.vertices), len(parts) + 1), np.uint16)
+    for index in sorted({view for elements in parts for view in elements}):
+        if not masks.used[index]:
+            continue
+        seen, row, column = _seen(mesh, scene, index)
+        labels = masks.labels[index]
+        table = np.zeros(256, np.int64)
+        for k, elements in enumerate(parts):
+            table[elements.get(index, [])] = k + 1
+        on = building(labels)[row, column]
+        votes[seen[on], table[labels[row[on], column[on]]]] += 1
+    total = votes.sum(1)
+    best = votes[:, 1:].argmax(1) + 1 if len(parts) else np.zeros(len(votes), np.int64)
+    vertex = np.where(2 * votes[np.arange(len(votes)), best] > total, best, 0)
+    a, b, c = vertex[mesh.faces].T
+    return np.where((a == b) | (a == c), a, np.where(b == c, b, 0)).astype(np.uint8)
+
+
+def write_parts(names: Sequence[str], face: NDArray[np.uint8], path: Path) -> None:
+    """Write ``mesh_parts.npz``; ``names`` are those of the parts, without the rest."""
+    with atomic_path(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, names=np.array([REST, *names]), face=face)
+
+
+def _seen(mesh: Mesh, scene: Scene, index: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices that a view shows, and the pixel (row, column) of each."""
+    view = scene.views[index]
+    surface = look(mesh, view).depth
+    uv, depth = view.project(mesh.vertices)
+    column, row = np.floor(np.clip(uv, -1, 1 << 20)).astype(np.int64).T
+    inside = (depth > 0) & (row >= 0) & (row < view.height) & (column >= 0) & (column < view.width)
+    seen = np.flatnonzero(inside)
+    shown = surface[row[seen], column[seen]]
+    seen = seen[(shown > 0) & (depth[seen] <= shown * (1 + BEHIND))]
+    return seen, row[seen], column[seen]
