@@ -91,6 +91,7 @@ class Config:
     # mesh
     screening: bool = option(True, "mesh", "Drop Gaussians that the root masks vote against, eq. 21-22 (ablation d)")
     surface: str = option("fused", "mesh", "Where the surface lies: 'fused' is the mean of all views' depths, 'opacity' the minimum over views, eq. 25", choices=("fused", "opacity"))
+    match_photos: bool = option(True, "mesh", "Move the fused depths to where neighbouring photos look most alike (surface 'fused' only)")
     opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26 (surface 'opacity' only)", low=0.01, high=0.99)
     level_steps: int = option(8, "mesh", "Bisection steps on each crossing edge", low=0, high=16)
     smoothing: int = option(4, "mesh", "Rounds of smoothing, each over the next vertices only; 0 keeps the raw surface", low=0, high=1000)

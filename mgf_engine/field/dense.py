@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.field.neighbours import matching_views, point_sets
 from mgf_engine.field.stereo import Photo, pair_depth
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.messages import Reporter
@@ -21,9 +22,7 @@ from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
 
 _NEIGHBOURS = 3
-_ANGLES = (2.0, 10.0, 35.0)  # degrees between rays: least, best, most
 _TOLERANCE = 0.008  # relative difference of depth at which two views agree
-_LEAST_SHARED = 20  # sparse points two views must share
 _LONGEST_SIDE = 500  # px; more costs time and adds points that are thinned out anyway
 
 
@@ -39,11 +38,10 @@ def dense_points(
     Returns:
         points [N, 3] (normalised frame), colors uint8 [N, 3], and a camera centre that sees each, [N, 3].
     """
-    shared, angle = _overlap(scene, masks, views)
     photos = {i: _photo(scene, masks, i) for i in views}
-    neighbours = {i: _neighbours(shared[n], angle[n], views) for n, i in enumerate(views)}
+    neighbours = matching_views(scene, masks, views, _NEIGHBOURS)
     pairs = [(i, j) for i in views for j in neighbours[i]]
-    sets = _point_sets(scene, masks)
+    sets = point_sets(scene, masks)
 
     def work(pair: tuple[int, int]) -> NDArray[np.float32] | None:
         common = np.intersect1d(sets[pair[0]], sets[pair[1]])
@@ -76,38 +74,6 @@ def _photo(scene: Scene, masks: MaskSet, index: int) -> Photo:
     sx, sy = size[0] / view.width, size[1] / view.height
     intrinsics = np.array([[view.fx * sx, 0, view.cx * sx], [0, view.fy * sy, view.cy * sy], [0, 0, 1]])
     return Photo(view, grey, building(labels), intrinsics)
-
-
-def _point_sets(scene: Scene, masks: MaskSet) -> list[NDArray[np.int64]]:
-    """Per view the masked points it observed."""
-    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
-    wanted = masks.point_mask[owner]
-    return [np.unique(owner[(scene.track_view == i) & wanted]) for i in range(len(scene.views))]
-
-
-def _overlap(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Per pair of views: how many masked points both observed, and the median angle between their rays (degrees)."""
-    sets = _point_sets(scene, masks)
-    count = len(views)
-    shared, angle = np.zeros((count, count)), np.zeros((count, count))
-    for a in range(count):
-        for b in range(a + 1, count):
-            common = np.intersect1d(sets[views[a]], sets[views[b]], assume_unique=True)
-            if len(common) < _LEAST_SHARED:
-                continue
-            rays = [scene.points[common] - scene.views[views[k]].centre for k in (a, b)]
-            cosine = np.einsum("ni,ni->n", *rays) / np.prod([np.linalg.norm(r, axis=1) for r in rays], axis=0)
-            shared[a, b] = shared[b, a] = len(common)
-            angle[a, b] = angle[b, a] = np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1))))
-    return shared, angle
-
-
-def _neighbours(shared: NDArray[np.float64], angle: NDArray[np.float64], views: Sequence[int]) -> list[int]:
-    least, best, most = _ANGLES
-    fits = (shared >= _LEAST_SHARED) & (angle >= least) & (angle <= most)
-    score = np.where(fits, np.sqrt(shared) * np.exp(-(np.log(np.maximum(angle, 1e-3) / best) ** 2)), 0)
-    order = np.argsort(-score, kind="stable")[:_NEIGHBOURS]
-    return [views[k] for k in order if score[k] > 0]
 
 
 def _merge(depths: list[NDArray[np.float32]]) -> NDArray[np.float32]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -13,11 +14,12 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.neighbours import matching_views
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos
-from mgf_engine.mesh.fusion import FusedField
+from mgf_engine.mesh.fusion import FusedField, Photos
 from mgf_engine.mesh.isosurface import SOLID, bisect, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
@@ -33,6 +35,7 @@ log = logging.getLogger("mgf")
 _RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED = 0.15, 0.25, 0.35, 0.7, 0.85
 SURE_ERROR, SURE_TRACK = 1.0, 3  # sparse points with a smaller error (px) and as many photos calibrate the level
 MADE_UP = 0.005  # share of the area up to which a patch that no view shows may stay
+MATCHED_WITH = 4  # photos that each photo's depths are matched with
 BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry the surface to where it is cut
 SMALL_HOLE = 0.05  # of the mesh's diagonal: holes with a shorter rim are closed
 
@@ -73,11 +76,22 @@ def surface_field(
     verdicts = judging_masks(scene, masks, chosen, config.vote_dilation)
     if config.surface == "opacity":
         return OpacityField(gaussians, views, verdicts, config.opacity_level, agree=1)
-    fused = FusedField(gaussians, views, verdicts, lambda share: reporter.progress(_RENDERED * share))
+    photos = _photos(scene, masks, chosen) if config.match_photos else None
+    fused = FusedField(gaussians, views, verdicts, photos, lambda share: reporter.progress(_RENDERED * share))
     sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
     shift = fused.calibrate(scene.points[sure])
     log.info("mesh: rendered surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
     return fused
+
+
+def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
+    position = {view: number for number, view in enumerate(chosen)}
+    pairs = matching_views(scene, masks, chosen, MATCHED_WITH)
+
+    def grey(number: int) -> NDArray[np.float32]:
+        return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY) / np.float32(255), np.float32)
+
+    return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
 
 
 def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:

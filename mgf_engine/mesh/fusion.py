@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The surface as the mean of what the rendered depths of all views say, instead of eq. 25.
 
-Every view's median depth is rendered once. At a point, each view that is not covered says how far in front of its
-surface the point lies, clipped to a narrow band; the sign of the weighted mean tells solid from free. One view
-cannot dig a hole or leave a bubble on its own, as it can where the minimum over views decides, and asking costs a
-look-up per view instead of an integral.
+Every view's depth is rendered once and moved to where its photo and its neighbours' look most alike. At a point,
+each view that is not covered says how far in front of its surface the point lies, clipped to a narrow band; the sign
+of the weighted mean tells solid from free. One view cannot dig a hole or leave a bubble on its own, as it can where
+the minimum over views decides, and asking costs a look-up per view instead of an integral.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import outside_hull
+from mgf_engine.mesh.photometric import Matched, Surface, match_surface, unmatched
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.library import parallel
 from mgf_engine.raster.points import NEAR
@@ -31,12 +32,26 @@ MIXED = 0.01  # mean and median depth that differ by a larger share belong to se
 MIN_ALPHA = 0.5  # pixels that the field covers less show no surface,
 THROUGH, THROUGH_WEIGHT = 0.2, 0.25  # and less than this let the view through, with this share of the usual weight
 FAR = 1e6  # depth of what lies behind everything
+UNMATCHED = 0.2  # weight of a depth that only the field vouches for, beside one that photos agree on
 
 CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
 ENOUGH = 50  # triangulated points from which the level is calibrated
 
 Progress = Callable[[float], None]
 _BELIEF = [("weight", "<f4"), ("sum", "<f4"), ("covered", "<i4"), ("outside", "<i4"), ("seen", "<i4")]
+
+
+@dataclass(frozen=True)
+class Photos:
+    """What matching needs of the photos.
+
+    Attributes:
+        grey: number of a view -> float32 [H, W], brightness 0..1.
+        neighbours: per view the numbers of those to match it with.
+    """
+
+    grey: Callable[[int], NDArray[np.float32]]
+    neighbours: Sequence[Sequence[int]]
 
 
 @dataclass(frozen=True)
@@ -55,6 +70,7 @@ class FusedField:
         gaussians: the field, normalised frame.
         views: the cameras that judge.
         masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
+        photos: where given, the depths are first moved to where the photos look most alike.
     """
 
     def __init__(
@@ -62,13 +78,20 @@ class FusedField:
         gaussians: Gaussians,
         views: Sequence[View],
         masks: Sequence[NDArray[np.uint8]],
+        photos: Photos | None = None,
         progress: Progress = lambda share: None,
     ) -> None:
         self.offset = 0.0
+        surfaces: list[Surface] = []
+        for number, view in enumerate(views):
+            progress(number / len(views) / (1 if photos is None else 3))
+            surfaces.append(render_surface(gaussians, view, photos.grey(number) if photos else None))
         self.maps: list[DepthMap] = []
-        for number, (view, mask) in enumerate(zip(views, masks, strict=True)):
-            progress(number / len(views))
-            self.maps.append(depth_map(gaussians, view, mask))
+        for number, (surface, mask) in enumerate(zip(surfaces, masks, strict=True)):
+            progress((len(views) + 2 * number) / len(views) / 3)
+            others = [surfaces[k] for k in photos.neighbours[number]] if photos else []
+            matched = match_surface(surface, others) if others else unmatched(surface)
+            self.maps.append(depth_map(surface, mask, matched))
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
         """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
@@ -117,25 +140,32 @@ def _distance(belief: NDArray[np.void]) -> NDArray[np.float32]:
     return distance
 
 
-def depth_map(gaussians: Gaussians, view: View, mask: NDArray[np.uint8]) -> DepthMap:
-    """Render the median depth of a view and judge how far each pixel may be trusted."""
+def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.float32] | None = None) -> Surface:
+    """What the field shows in a view, where it covers the pixel at all, with the photo's brightness beside it."""
     with torch.no_grad():
         seen = render(gaussians, Camera.from_view(view), sh_degree=0)
     assert seen.median is not None and seen.normal is not None
     alpha = seen.alpha.numpy()
     depth = _surface_depth(seen.median.numpy(), seen.depth.numpy() / np.maximum(alpha, 1e-6))
     normal = seen.normal.numpy() / np.maximum(np.linalg.norm(seen.normal.numpy(), axis=0), 1e-6)
+    depth = np.where((alpha >= MIN_ALPHA) & (depth > NEAR), depth, 0.0).astype(np.float32)
+    grey = np.zeros_like(depth) if grey is None else grey
+    return Surface(view, grey, depth, np.ascontiguousarray(normal.transpose(1, 2, 0)), alpha < THROUGH)
+
+
+def depth_map(surface: Surface, mask: NDArray[np.uint8], matched: Matched) -> DepthMap:
+    """A rendered surface as the fusion asks for it, with its matched depth and how far each pixel may be trusted."""
+    view, normal, depth = surface.view, surface.normal, matched.depth
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
-    slope = np.clip(-(normal[0] * u[None] + normal[1] * v[:, None] + normal[2]), 0.1, None)
+    slope = np.clip(-(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), 0.1, None)
     weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth), 0.1, 1.0)
-    shown = (alpha >= MIN_ALPHA) & (depth > NEAR)
+    weight *= np.where(_rim(depth), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, UNMATCHED)
+    shown = depth > 0
     weight = np.where(shown, weight, 0.0)
-    through = alpha < THROUGH  # the view looks past everything: all along the ray is free
-    if shown.any():
-        weight[through] = THROUGH_WEIGHT * np.median(weight[shown])
-    depth, slope = np.where(through, FAR, depth), np.where(through, 1.0, slope)
+    if shown.any():  # where the view looks past everything, all along the ray is free
+        weight[surface.through] = THROUGH_WEIGHT * np.median(weight[shown])
+    depth, slope = np.where(surface.through, FAR, depth), np.where(surface.through, 1.0, slope)
     pixels = np.stack([depth, slope, weight], -1).astype(np.float32)
     return DepthMap(view, mask, np.ascontiguousarray(pixels))
 

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which photos to match with which: views that share points on the building under an angle that shows depth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.model import MaskSet
+from mgf_engine.scene.model import Scene
+
+ANGLES = (2.0, 10.0, 35.0)  # degrees between rays: least, best, most
+LEAST_SHARED = 20  # sparse points two views must share
+
+
+def matching_views(
+    scene: Scene, masks: MaskSet, views: Sequence[int], count: int, best_angle: float = ANGLES[1]
+) -> dict[int, list[int]]:
+    """For each of ``views`` up to ``count`` others of them to match it with, best first.
+
+    Args:
+        best_angle: degrees between the rays of two photos to a point; larger shows depth better, smaller
+            matches better.
+    """
+    shared, angle = _overlap(scene, masks, views)
+    return {i: _best(shared[n], angle[n], views, count, best_angle) for n, i in enumerate(views)}
+
+
+def point_sets(scene: Scene, masks: MaskSet) -> list[NDArray[np.int64]]:
+    """Per view the masked points it observed."""
+    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    wanted = masks.point_mask[owner]
+    return [np.unique(owner[(scene.track_view == i) & wanted]) for i in range(len(scene.views))]
+
+
+def _overlap(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Per pair of views: how many masked points both observed, and the median angle between their rays (degrees)."""
+    sets = point_sets(scene, masks)
+    count = len(views)
+    shared, angle = np.zeros((count, count)), np.zeros((count, count))
+    for a in range(count):
+        for b in range(a + 1, count):
+            common = np.intersect1d(sets[views[a]], sets[views[b]], assume_unique=True)
+            if len(common) < LEAST_SHARED:
+                continue
+            rays = [scene.points[common] - scene.views[views[k]].centre for k in (a, b)]
+            cosine = np.einsum("ni,ni->n", *rays) / np.prod([np.linalg.norm(r, axis=1) for r in rays], axis=0)
+            shared[a, b] = shared[b, a] = len(common)
+            angle[a, b] = angle[b, a] = np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1))))
+    return shared, angle
+
+
+def _best(
+    shared: NDArray[np.float64], angle: NDArray[np.float64], views: Sequence[int], count: int, best_angle: float
+) -> list[int]:
+    least, _, most = ANGLES
+    fits = (shared >= LEAST_SHARED) & (angle >= least) & (angle <= most)
+    score = np.where(fits, np.sqrt(shared) * np.exp(-(np.log(np.maximum(angle, 1e-3) / best_angle) ** 2)), 0)
+    order = np.argsort(-score, kind="stable")[:count]
+    return [views[k] for k in order if score[k] > 0]
