@@ -37,6 +37,7 @@ def total_loss(
     backdrop: Tensor,
     geometry: bool,
     error_map: Tensor | None = None,
+    backend: str | None = None,
 ) -> LossTerms:
     """Eq. 20, plus the term that keeps certain background empty.
 
@@ -45,12 +46,13 @@ def total_loss(
         backdrop: [3] colour behind the field for this iteration.
         geometry: whether the distortion and normal terms act yet.
         error_map: float32 [H, W]; its box receives the error, which is a view of it then.
+        backend: see :func:`mgf_engine.raster.loss.image_loss`.
     """
     y0, y1, x0, x1 = target.box
-    error = torch.empty(y1 - y0, x1 - x0) if error_map is None else target.crop(error_map)
+    error = rendering.colour.new_empty(y1 - y0, x1 - x0) if error_map is None else target.crop(error_map)
     weights = loss_weights(target, config, geometry)
-    terms = image_loss(rendering, target.photo_side, weights, backdrop, target.camera, error)
-    color, geometric, background = (torch.tensor(v) for v in (terms.color, terms.geometry, terms.background))
+    terms = image_loss(rendering, target.photo_side, weights, backdrop, target.camera, error, backend)
+    color, geometric, background = (torch.as_tensor(v) for v in (terms.color, terms.geometry, terms.background))
     return LossTerms(terms.total, color, geometric, background, error)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,12 @@ class PhotoSide:
     flags: NDArray[np.uint8]
     strips: NDArray[np.uint8]
     scratch: int
+
+
+    @cached_property
+    def copies(self) -> dict[Any, Any]:
+        """What cards keep of this photo (:func:`mgf_engine.raster.cuda.loss.photo_on`)."""
+        return {}
 
 
 @dataclass(frozen=True)
@@ -138,35 +145,43 @@ def _blocks(mask: NDArray[np.bool_], height: int, width: int) -> NDArray[np.bool
 
 @dataclass(frozen=True)
 class Terms:
-    """The total (scalar, differentiable) and its parts, floats that are already weighted."""
+    """The total (scalar, differentiable) and its parts, already weighted: scalars on a card, elsewhere floats."""
 
     total: Tensor
-    color: float
-    geometry: float
-    background: float
+    color: Tensor | float
+    geometry: Tensor | float
+    background: Tensor | float
 
 
 def image_loss(
-    rendering: Rendering, photo: PhotoSide, weights: LossWeights, backdrop: Tensor, camera: Intrinsics, error: Tensor
+    rendering: Rendering,
+    photo: PhotoSide,
+    weights: LossWeights,
+    backdrop: Tensor,
+    camera: Intrinsics,
+    error: Tensor,
+    backend: str | None = None,
 ) -> Terms:
     """Compare a rendering with a photo; differentiable in colour, alpha, depth, normal and distortion.
 
     Args:
         rendering: maps of the whole frame; depth, normal and distortion only count where their factor is not zero.
-        backdrop: float32 [3], colour behind the field inside the mask.
+        backdrop: float32 [3] on the CPU, colour behind the field inside the mask.
         camera: intrinsics of the whole frame.
         error: float32 [h, w], rows may be apart; receives the absolute colour error inside the box plus alpha on the
             ring.
+        backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for maps on a card, else ``cpu``.
     """
+    backend = backend or ("cuda" if rendering.colour.is_cuda else "cpu")
     maps = [rendering.colour, rendering.alpha]
     if weights.distortion > 0:
         maps.append(_needed(rendering.distortion))
     if weights.normals > 0:
         maps += [rendering.depth, _needed(rendering.normal)]
-    if any(m.device.type != "cpu" for m in maps):
-        raise ValueError("the loss kernels work on the CPU")
-    parts: dict[str, float] = {}
-    total = _ImageLoss.apply(photo, weights, backdrop, camera, error, parts, *maps)  # type: ignore[no-untyped-call]
+    if any((m.device.type == "cuda") != (backend == "cuda") for m in (*maps, error)):
+        raise ValueError(f"the loss kernels of {backend} cannot read maps on {rendering.colour.device}")
+    parts: dict[str, Tensor | float] = {}
+    total = _ImageLoss.apply(backend, photo, weights, backdrop, camera, error, parts, *maps)  # type: ignore[no-untyped-call]
     return Terms(total, **parts)
 
 
@@ -179,7 +194,16 @@ def _needed(map: Tensor | None) -> Tensor:
 class _ImageLoss(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> Tensor:
-        photo, weights, backdrop, camera, error, parts, *maps = arguments
+        backend, photo, weights, backdrop, camera, error, parts, *maps = arguments
+        if backend != "cpu":
+            from mgf_engine.raster.cuda import launcher_on
+            from mgf_engine.raster.cuda.loss import DevicePass
+
+            compared = DevicePass(launcher_on(backend), photo, weights, backdrop, error, _aligned(maps))
+            total, terms = compared.run(camera)
+            parts.update(zip(("color", "geometry", "background"), terms.unbind(), strict=True))
+            ctx.gradients = compared.gradients()
+            return total
         work = _Pass(photo, weights, backdrop, error, _aligned(maps))
         parts.update(work.run(camera))
         ctx.gradients = work.gradients()
@@ -187,9 +211,9 @@ class _ImageLoss(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
-        slope = float(slopes[0])
-        scaled = (g if slope == 1.0 else g * slope for g in ctx.gradients)
-        return (*(None,) * 6, *scaled)
+        slope = slopes[0] if slopes[0].is_cuda else float(slopes[0])  # to read it would be to wait for the card
+        scaled = (g if isinstance(slope, float) and slope == 1.0 else g * slope for g in ctx.gradients)
+        return (*(None,) * 7, *scaled)
 
 
 def _aligned(maps: list[Tensor]) -> list[Tensor]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -92,9 +93,16 @@ def differentiate(loss, target, config, geometry, dtype, render, factor=1.0):
 
 
 def compare(target, config=CONFIG, geometry=True, render=None, factor=1.0):
+    """The kernels of every backend that runs here agree with the twin."""
     render = render or rendering(target)
-    ours, gradients = differentiate(total_loss, target, config, geometry, torch.float32, render, factor)
-    twin, expected = differentiate(reference_losses.total_loss, target, config, geometry, torch.float64, render, factor)
+    twin = differentiate(reference_losses.total_loss, target, config, geometry, torch.float64, render, factor)
+    for backend in ("cpu", "cuda-source-on-cpu"):
+        loss = partial(total_loss, backend=backend)
+        assert_agree(differentiate(loss, target, config, geometry, torch.float32, render, factor), twin)
+
+
+def assert_agree(found, wanted):
+    (ours, gradients), (twin, expected) = found, wanted
     for name in ("total", "color", "geometry", "background"):
         difference = abs((getattr(ours, name) - getattr(twin, name)).item())
         assert difference < VALUE_TOLERANCE * max(1.0, twin.total.item()), name

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import struct
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import torch
@@ -14,6 +15,14 @@ from torch import Tensor
 THREADS = 256  # per block, of every kernel: kernels/cuda/block.cuh
 
 Grid = int | tuple[int, int]
+
+
+@dataclass(frozen=True)
+class At:
+    """A place inside a tensor that need not be contiguous: so many elements from its first one on."""
+
+    tensor: Tensor
+    offset: int
 
 
 class Launcher(Protocol):
@@ -38,7 +47,7 @@ def blocks(items: int, each: int = THREADS) -> int:
 def pack(arguments: Sequence[Any], device: torch.device) -> tuple[Any, list[Any]]:
     """The arguments as ``cuLaunchKernel`` takes them, an array of addresses; and what must outlive the call.
 
-    Tensors and None become pointers, whole numbers int32, real numbers float32, bytes and tuples structs by value (a
+    Tensors, :class:`At` and None become pointers, whole numbers int32, real numbers float32, bytes and tuples structs by value (a
     tuple's members follow the same rules).
     """
     values = [_to_c(a, device) for a in arguments]
@@ -67,9 +76,13 @@ def _struct(members: tuple[Any, ...], device: torch.device) -> bytes:
     return struct.pack("@" + codes + ("0P" if "P" in codes else ""), *values)
 
 
-def _address(tensor: Tensor | None, device: torch.device) -> int:
-    if tensor is None:
+def _address(value: Tensor | At | None, device: torch.device) -> int:
+    if value is None:
         return 0
+    if isinstance(value, At):
+        _address(value.tensor[:0].contiguous(), device)
+        return value.tensor.data_ptr() + value.offset * value.tensor.element_size()
+    tensor = value
     if tensor.device.type != device.type or not tensor.is_contiguous():
         raise ValueError(f"a kernel on {device} was given a tensor on {tensor.device} that it cannot read")
     return tensor.data_ptr()

@@ -28,6 +28,7 @@ enum { BLOCK = 256, WARP = 32, WARPS = BLOCK / WARP };
 #define INFINITY_F __int_as_float(0x7f800000)
 #define KERNEL(name, ...) extern "C" __global__ void __launch_bounds__(BLOCK) name(__VA_ARGS__)
 #define SHARED __shared__
+#define TABLE static __constant__
 #define BY_VALUE const __grid_constant__  // of a struct among the arguments: read where it lies
 #define BLOCK_X ((int)blockIdx.x)
 #define BLOCK_Y ((int)blockIdx.y)
@@ -64,6 +65,7 @@ static struct {
 
 #define INFINITY_F __builtin_inff()
 #define SHARED
+#define TABLE static
 #define BY_VALUE const
 #define BLOCK_X (now_.block_x)
 #define BLOCK_Y (now_.block_y)
