@@ -30,3 +30,13 @@ def test_files_get_the_rights_the_user_wants(tmp_path: Path, umask: str) -> None
 def test_figures_of_the_machine() -> None:
     assert peak_memory() > 10 << 20
     assert versions()["numpy"] != "missing"
+
+
+def test_a_program_started_by_a_large_one_is_not_taken_for_large() -> None:
+    child = "from mgf_engine.system import peak_memory; print(peak_memory())"
+    parent = (
+        "import subprocess, sys; big = b'x' * (600 << 20); "
+        f"print(subprocess.run([sys.executable, '-c', {child!r}], capture_output=True, text=True).stdout)"
+    )
+    run = subprocess.run([sys.executable, "-c", parent], capture_output=True, text=True, check=True)
+    assert 10 << 20 < int(run.stdout) < 400 << 20

@@ -50,6 +50,7 @@ class Job:
     stage: str = ""
     stage_index: int = 0
     stage_count: int = 0
+    cached: bool = False  # whether a stage used an earlier result
     fraction: float = 0.0
     overall: float = 0.0
     seconds_left: float | None = None
@@ -130,7 +131,7 @@ class Job:
         if kind == "stage":
             self.stage, self.fraction, self.seconds_left = str(message.get("stage", "")), 0.0, None
             self.stage_index, self.stage_count = _number(message, "index"), _number(message, "count")
-            self.figures = {}
+            self.figures, self.cached = {}, self.cached or bool(message.get("cached"))
         elif kind == "progress":
             self.fraction, self.overall = _share(message, "fraction"), _share(message, "overall")
             left = message.get("seconds_left")

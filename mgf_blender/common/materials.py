@@ -7,6 +7,7 @@ import bpy
 
 COLOR_ATTRIBUTE = "Color"
 _MESH, _POINTS, _NODES = "MGF Vertex Colors", "MGF Point Colors", "MGF Points"
+_MOST_CUBES = 200_000
 
 
 def vertex_color_material() -> bpy.types.Material:
@@ -42,27 +43,52 @@ def _color_material(name: str, roughness: float) -> bpy.types.Material:
     return material
 
 
-def show_points(obj: bpy.types.Object, radius: float) -> None:
-    """Show the vertices of a mesh object as round points of ``radius`` in their colours."""
+def show_points(obj: bpy.types.Object, size: float) -> None:
+    """Show the vertices of a mesh object as specks of ``size`` in their colours."""
     modifier = obj.modifiers.new("Points", "NODES")
-    modifier.node_group = _points_group(radius)
+    modifier.node_group = _points_group(size, cubes=len(obj.data.vertices) <= _MOST_CUBES)
 
 
-def _points_group(radius: float) -> bpy.types.NodeTree:
-    """Geometry nodes: mesh -> points of one radius -> our material; one group per scene size."""
-    name = f"{_NODES} {radius:.3g}"
+def _points_group(size: float, cubes: bool) -> bpy.types.NodeTree:
+    """Geometry nodes that draw points, one group per size and kind.
+
+    Small cubes are the one thing that every viewport mode and renderer draws in the vertex colours. The bare points
+    are joined in first, because the active colour attribute is taken from the first mesh. Beyond a few hundred
+    thousand points Blender's own round points are lighter, though the Solid mode draws those without colour.
+    """
+    name = f"{_NODES} {size:.3g}" + ("" if cubes else " Round")
     group = bpy.data.node_groups.get(name)
     if group is not None:
         return group
     group = bpy.data.node_groups.new(name, "GeometryNodeTree")
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    kinds = ("NodeGroupInput", "GeometryNodeMeshToPoints", "GeometryNodeSetMaterial", "NodeGroupOutput")
-    nodes = [group.nodes.new(kind) for kind in kinds]
-    for i, node in enumerate(nodes):
+    bare, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    specks = (_cubes if cubes else _round)(group, bare.outputs[0], size)
+    paint = group.nodes.new("GeometryNodeSetMaterial")
+    paint.inputs["Material"].default_value = point_color_material()
+    group.links.new(specks, paint.inputs["Geometry"])
+    group.links.new(paint.outputs[0], end.inputs[0])
+    for i, node in enumerate(group.nodes):
         node.location = (200 * i, 0)
-    nodes[1].inputs["Radius"].default_value = radius
-    nodes[2].inputs["Material"].default_value = point_color_material()
-    for a, b, socket in ((0, 1, "Mesh"), (1, 2, "Geometry"), (2, 3, "Geometry")):
-        group.links.new(nodes[a].outputs[0], nodes[b].inputs[socket])
     return group
+
+
+def _cubes(group: bpy.types.NodeTree, points: bpy.types.NodeSocket, size: float) -> bpy.types.NodeSocket:
+    kinds = ("GeometryNodeMeshCube", "GeometryNodeInstanceOnPoints", "GeometryNodeJoinGeometry",
+             "GeometryNodeRealizeInstances")  # fmt: skip
+    cube, spread, join, real = (group.nodes.new(kind) for kind in kinds)
+    cube.inputs["Size"].default_value = (size,) * 3
+    group.links.new(points, spread.inputs["Points"])
+    group.links.new(cube.outputs["Mesh"], spread.inputs["Instance"])
+    group.links.new(spread.outputs[0], join.inputs[0])
+    group.links.new(points, join.inputs[0])  # linked last, so it comes first
+    group.links.new(join.outputs[0], real.inputs[0])
+    return real.outputs[0]
+
+
+def _round(group: bpy.types.NodeTree, points: bpy.types.NodeSocket, size: float) -> bpy.types.NodeSocket:
+    node = group.nodes.new("GeometryNodeMeshToPoints")
+    node.inputs["Radius"].default_value = size / 2
+    group.links.new(points, node.inputs["Mesh"])
+    return node.outputs[0]

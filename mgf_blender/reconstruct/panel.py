@@ -32,6 +32,10 @@ class MGF_PT_reconstruct(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "MGF"
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.mgf.source)
+
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
         layout.use_property_split = True
@@ -58,8 +62,8 @@ class MGF_PT_reconstruct(bpy.types.Panel):
             row = layout.row(align=True)
             row.label(text=f"{done} of {len(state.photos)} photos marked", icon="CHECKMARK" if done else "ERROR")
             row.operator("mgf.mark_building", text="", icon="CURSOR")
-        seconds, memory = estimate(state.options, max(1, _photo_count(context.scene)))
-        layout.label(text=f"About {duration(seconds)} and {memory / 1e9:.1f} GB of memory", icon="TIME")
+        cost = estimate(state.options, max(1, _photo_count(context.scene)))
+        layout.label(text=f"About {duration(cost.seconds)} and {cost.memory / 1e9:.1f} GB of memory", icon="TIME")
         column = layout.column()
         column.scale_y = 1.6
         column.operator("mgf.reconstruct", icon="HOME")

@@ -15,7 +15,7 @@ from ..common.job import DONE, Job
 from ..engine.environment import engine_command
 from ..prompts import files
 from ..properties import scene_key, scene_of
-from . import live
+from . import estimate, live
 
 
 def job_folder(scene: bpy.types.Scene) -> Path:
@@ -95,6 +95,8 @@ def ended(job: Job) -> None:
     scene = scene_of(job.scene_key)
     if job.status != DONE or scene is None:
         return
+    if job.kind == "reconstruct" and not job.cached:
+        estimate.learn(scene.mgf.options, job.folder)
     if job.kind == "reconstruct" and scene.mgf.import_when_done:
         run_in(scene, "import_result")
     elif job.kind == "scene":

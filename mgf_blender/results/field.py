@@ -16,7 +16,7 @@ from ..scene_import.tree import Tree
 
 #: First band of the spherical harmonics, 1 / (2 sqrt(pi)): colour = 0.5 + SH0 * f_dc.
 _SH0 = 0.28209479177387814
-_RADIUS = 0.002  # of a drawn point, as a share of the scene's size
+_SIZE = 0.004  # of a drawn point, as a share of the scene's size
 
 
 def import_field(tree: Tree, path: Path) -> bpy.types.Object:
@@ -40,5 +40,5 @@ def import_field(tree: Tree, path: Path) -> bpy.types.Object:
         bpy.data.objects.remove(old, do_unlink=True)
     tree.add("Points", obj)
     obj["mgf_field"] = True
-    show_points(obj, _RADIUS * tree.radius)
+    show_points(obj, _SIZE * tree.radius)
     return obj

@@ -39,6 +39,13 @@ class MGF_OT_import_result(Operator):
         options={"SKIP_SAVE"},
     )  # fmt: skip
 
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        state = context.scene.mgf
+        if self.directory or (state.job_folder and (job_folder(context.scene) / "deliver.json").is_file()):
+            return self.execute(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
     def run(self, context: bpy.types.Context) -> None:
         scene = context.scene
         folder = Path(bpy.path.abspath(self.directory)) if self.directory else job_folder(scene)

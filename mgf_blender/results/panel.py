@@ -6,7 +6,7 @@ import json
 import bpy
 
 from ..common import options
-from ..scene_import.cameras import PHOTO_KEY
+from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
 from . import switch
 
@@ -20,22 +20,34 @@ class MGF_PT_results(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "MGF"
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return Tree.find(context.scene) is not None
+
     def draw(self, context: bpy.types.Context) -> None:
         layout, scene = self.layout, context.scene
+        tree = Tree.find(scene)
+        meshes = tree.objects("Mesh")
         row = layout.row(align=True)
         row.operator("mgf.import_result", icon="IMPORT")
         row.operator("mgf.open_job_file", text="", icon="URL").name = "report.html"
+        if not meshes:
+            return
         layout.operator("mgf.import_field", icon="OUTLINER_OB_POINTCLOUD")
-        tree = Tree.find(scene)
-        for obj in tree.objects("Mesh") if tree is not None else []:
+        for obj in meshes:
             layout.label(text=f"{obj.name}: {len(obj.data.polygons):,} faces", icon="MESH_DATA", translate=False)
         camera = scene.camera
         if camera is not None and PHOTO_KEY in camera:
             column = layout.column(align=True)
             column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
             row = column.row(align=True)
+            there = switch.available(camera)
             for kind in switch.KINDS:
-                row.operator("mgf.show_in_camera", text=kind.capitalize()).kind = kind
+                cell = row.row(align=True)
+                cell.enabled = kind in there
+                cell.operator(
+                    "mgf.show_in_camera", text=kind.capitalize(), depress=kind == camera.get(SHOWN_KEY)
+                ).kind = kind
         _draw_figures(layout, scene.mgf.figures)
 
 

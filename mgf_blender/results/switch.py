@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..common.errors import UserError
-from ..scene_import.cameras import IMAGE_KEY, add_background
+from ..scene_import.cameras import IMAGE_KEY, SHOWN_KEY, add_background
 from ..scene_import.tree import Tree
 
 KINDS = ("PHOTO", "RENDER", "ERROR", "MESH")
@@ -37,6 +37,14 @@ def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
         slot.display_depth = "BACK" if kind == "PHOTO" else "FRONT"
     for obj in tree.objects("Mesh"):
         obj.hide_set(kind not in {"MESH", "PHOTO"})
+    camera[SHOWN_KEY] = kind
+
+
+def available(camera: bpy.types.Object) -> set[str]:
+    """The kinds of pictures a camera can show."""
+    found = {s.image.get(IMAGE_KEY) for s in camera.data.background_images if s.image is not None}
+    kinds = {"MESH"} | {kind for kind in ("PHOTO", "RENDER") if kind.lower() in found}
+    return kinds | ({"ERROR"} if {"photo", "render"} <= found or "error" in found else set())
 
 
 def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:

@@ -17,6 +17,7 @@ import numpy as np
 from .tree import Tree
 
 PHOTO_KEY, SIZE_KEY, ASPECT_KEY, DISTORTED_KEY = "mgf_photo", "mgf_size", "mgf_pixel_aspect", "mgf_distorted"
+SHOWN_KEY = "mgf_shown"  # on cameras: which of the pictures is shown
 IMAGE_KEY = "mgf_image"  # on images: photo, render or error
 _SENSOR = 36.0  # mm; any value gives the same picture
 

@@ -24,6 +24,7 @@ class MGF_PT_scene(bpy.types.Panel):
         column.operator("mgf.import_colmap", icon="OUTLINER_OB_CAMERA")
         column.operator("mgf.import_photos", icon="FILE_IMAGE")
         if tree is None:
+            column.operator("mgf.import_result", icon="IMPORT")
             return
         row = layout.row(align=True)
         row.label(text=f"{len(tree.objects('Cameras'))} cameras", icon="CAMERA_DATA")

@@ -11,8 +11,8 @@ from ..common.meshes import make_mesh, set_attribute
 from .colmap import Points
 from .tree import Tree
 
-#: Radius of a drawn point, as a share of the scene's size.
-_RADIUS = 0.0015
+#: Size of a drawn point, as a share of the scene's size.
+_SIZE = 0.004
 
 
 def add_points(tree: Tree, points: Points, name: str = "Sparse Points") -> bpy.types.Object | None:
@@ -24,5 +24,5 @@ def add_points(tree: Tree, points: Points, name: str = "Sparse Points") -> bpy.t
     set_attribute(mesh, "reprojection_error", points.error)
     obj = bpy.data.objects.new(name, mesh)
     tree.add("Points", obj)
-    show_points(obj, _RADIUS * tree.radius)
+    show_points(obj, _SIZE * tree.radius)
     return obj

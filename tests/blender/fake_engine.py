@@ -75,7 +75,7 @@ def main() -> int:
     send("started", job=str(job), pid=os.getpid(), version="9.9", stages=STAGES)
     send("warning", text="Two photos are blurred; they count less.")
     for i, stage in enumerate(STAGES):
-        send("stage", stage=stage, index=i, count=5, cached=False)
+        send("stage", stage=stage, index=i, count=5, cached=mode == "cached")
         for step in range(5):
             if mode == "noise":
                 print('{"type": 5}\n{broken\n\x00\xff', flush=True)
