@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 from pathlib import Path
@@ -14,6 +15,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
+from mgf_engine.scene.exposure import even_exposure
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
@@ -21,6 +23,8 @@ from mgf_engine.scene.roots import choose_held_out, choose_roots
 from mgf_engine.scene.sfm import reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
+
+log = logging.getLogger("mgf")
 
 _SFM_SHARE = 0.9
 
@@ -87,6 +91,9 @@ def _load(source: Path, folder: Path, working: Path, config: Config, reporter: R
 
     make_photos(photos, working, config.threads, progress)
     scene = build_scene(model, photos, folder, config)
+    if config.even_exposure:
+        gains = even_exposure(scene, working)
+        log.info("scene: photos brought to one exposure, factors %.2f to %.2f", gains.min(), gains.max())
     _replace(working, folder / "images")
     save_scene(scene)
     return scene

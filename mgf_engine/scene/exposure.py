@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Photos of one scene brought to one exposure and white balance.
+
+A camera on automatic changes both between photos; the field would paint the change onto the building or in front of
+it. The same point seen by several photos tells their gains: log c = g(photo) + p(point) per channel, solved over all
+observations by least squares with Cauchy's weights, the points eliminated. Stored values go with a power of the light,
+so a change of exposure is a gain there too.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mgf_engine.scene.images import read_rgb, write_png
+from mgf_engine.scene.model import Scene
+
+DARKEST, BRIGHTEST = 12.0, 240.0  # grey values outside are noise or clipped
+ROUNDS, NOISE = 10, 0.06  # re-weighting; residuals of log c that are nothing unusual
+PRIOR = 2.0  # observations' worth of belief that a photo needs no change
+LEAST, MOST = 0.02, np.log(3.0)  # spread of log gains that is worth a change; largest change
+
+Array = NDArray[np.float64]
+
+
+def even_exposure(scene: Scene, folder: Path) -> Array:
+    """Rewrite the working photos in ``folder`` so that all show the building in the same light.
+
+    Args:
+        folder: holds the working photos of ``scene`` under their file names.
+
+    Returns:
+        What each photo's channels were multiplied by, [V, 3]; ones where nothing was changed.
+    """
+    paths = [folder / Path(view.file).name for view in scene.views]
+    gains = photo_gains(_observed(scene, paths), scene)
+    for path, gain in zip(paths, gains, strict=True):
+        if (gain != 1.0).any():
+            table = np.clip(np.arange(256)[:, None] * gain, 0, 255).round().astype(np.uint8)
+            write_png(path, np.asarray(cv2.LUT(read_rgb(path), table[None]), np.uint8))
+    return gains
+
+
+def photo_gains(observed: Array, scene: Scene) -> Array:
+    """Factors [V, 3] that make the photos agree on their points; all ones when they agree already.
+
+    Args:
+        observed: colours of the scene's observations, 0..255, [T, 3].
+    """
+    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    valid = ((observed > DARKEST) & (observed < BRIGHTEST)).all(1)
+    shared = np.bincount(owner[valid], minlength=len(scene.points)) >= 2
+    valid &= shared[owner]
+    if not valid.any():
+        return np.ones((len(scene.views), 3))
+    point, view = np.unique(owner[valid], return_inverse=True)[1], scene.track_view[valid]
+    logs = np.stack([_solve(np.log(c), view, point, len(scene.views)) for c in observed[valid].T], 1)
+    if np.abs(logs).max() < LEAST:
+        return np.ones((len(scene.views), 3))
+    gains: Array = np.exp(np.clip(-logs, -MOST, MOST))
+    return gains
+
+
+def _solve(value: Array, view: NDArray[np.int32], point: NDArray[np.int64], views: int) -> Array:
+    """g [views] of value = g[view] + p[point], the points eliminated; its mean is zero."""
+    points = int(point.max()) + 1
+    weight = np.ones(len(value))
+    log_gain = np.zeros(views)
+    for _ in range(ROUNDS):
+        pairs = sparse.csr_matrix((weight, (view, point)), shape=(views, points))
+        per_point = np.bincount(point, weight, points)
+        mean = np.bincount(point, weight * value, points) / per_point
+        left = pairs.multiply(1.0 / per_point[None]).tocsr()
+        matrix = np.diag(np.bincount(view, weight, views) + PRIOR) - (left @ pairs.T).toarray()
+        log_gain = np.linalg.solve(matrix, np.bincount(view, weight * (value - mean[point]), views))
+        log_gain -= log_gain.mean()
+        level = np.bincount(point, weight * (value - log_gain[view]), points) / per_point
+        residual = np.abs(value - log_gain[view] - level[point])
+        weight = 1.0 / (1.0 + (residual / NOISE) ** 2)
+    return log_gain
+
+
+def _observed(scene: Scene, paths: list[Path]) -> Array:
+    """Mean colour of the 3 x 3 pixels around each observation, [T, 3]."""
+    colors = np.zeros((len(scene.track_view), 3))
+    for index, path in enumerate(paths):
+        mine = np.flatnonzero(scene.track_view == index)
+        calm = cv2.blur(read_rgb(path), (3, 3))
+        x, y = np.floor(scene.track_uv[mine]).astype(int).T
+        colors[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]
+    return colors
