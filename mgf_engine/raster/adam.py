@@ -8,6 +8,8 @@ from torch import Tensor
 
 from mgf_engine.raster.library import parallel
 
+_MOST_RATES = 48  # kernels/cuda/adam.cu
+
 
 def adam_step(
     parameter: Tensor,
@@ -21,19 +23,21 @@ def adam_step(
     betas: tuple[float, float] = (0.9, 0.999),
     eps: float = 1e-15,
     active: int | None = None,
-    backend: str = "cpu",
+    backend: str | None = None,
 ) -> None:
     """One step in place: ``p -= lr * m / (1 - b1^step) / (sqrt(v / (1 - b2^step)) + eps)``.
 
     Args:
         parameter: float32 [N, ...], contiguous; a row is everything behind the first axis, W numbers.
         gradient, exp_avg, exp_avg_sq: as ``parameter``.
-        lr: learning rate, or one per number of a row, float32 [W].
+        lr: learning rate, or one per number of a row, float32 [W] on the CPU.
         step: number of this step, from 1.
         visible: bool [N]; other rows and their moments stay as they are. None: all rows.
         active: only the first so many numbers of each row are touched. None: all.
-        backend: ``cpu`` or ``reference`` (plain torch).
+        backend: ``cpu``, ``cuda``, ``cuda-source-on-cpu`` or ``reference`` (plain torch). None: ``cuda`` for a parameter
+            on a card, else ``cpu``.
     """
+    backend = backend or ("cuda" if parameter.is_cuda else "cpu")
     rows = len(parameter)
     width = parameter.shape[1:].numel()
     active = width if active is None else active
@@ -52,7 +56,31 @@ def adam_step(
     rates = None if uniform or not isinstance(lr, Tensor) else lr.to(torch.float32).contiguous()
     settings = (float(betas[0]), float(betas[1]), float(eps), float(bias1), float(bias2))
     mask = None if seen is None else seen.view(torch.uint8)
+    if backend != "cpu":
+        columns = [rate] * width if rates is None else rates.tolist()
+        _on_card(backend, rows, width, active, arrays, mask, columns, settings)
+        return
     parallel("mgf_adam", rows, width, active, *arrays, mask, rate, rates, *settings)
+
+
+def _on_card(
+    backend: str,
+    rows: int,
+    width: int,
+    active: int,
+    arrays: list[Tensor],
+    mask: Tensor | None,
+    rates: list[float],
+    settings: tuple[float, ...],
+) -> None:
+    from mgf_engine.raster.cuda import launcher_on
+    from mgf_engine.raster.cuda.launching import blocks
+
+    if width > _MOST_RATES:
+        raise ValueError(f"rows of {width} numbers are longer than the {_MOST_RATES} the CUDA kernel takes")
+    by_column = tuple(float(r) for r in rates) + (0.0,) * (_MOST_RATES - width)
+    grid = blocks(rows * width)
+    launcher_on(backend).launch("adam", grid, rows, width, active, *arrays, mask, by_column, settings)
 
 
 def _reference(

@@ -7,7 +7,7 @@ The twin in float64 is :func:`mgf_engine.raster.reference_points.opacity_of_poin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -18,6 +18,9 @@ from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.cpu import RECORD, Parameters
 from mgf_engine.raster.library import call, parallel
 from mgf_engine.scene.model import View
+
+if TYPE_CHECKING:
+    from mgf_engine.raster.cuda.points import DevicePoints
 
 OUTSIDE, INSIDE, UNKNOWN = 0, 1, 2  # of a mask as these kernels read it
 BACKGROUND, SEEN, UNSEEN = 0, 1, 2  # verdict of a view on a point
@@ -45,8 +48,7 @@ class Located:
 
 def locate(points: NDArray[np.float32], view: View, mask: NDArray[np.uint8]) -> Located:
     """Project points [N, 3] (normalised frame) into a view with a mask [H, W] of OUTSIDE, INSIDE and UNKNOWN."""
-    if mask.shape != (view.height, view.width):
-        raise ValueError(f"the mask is {mask.shape}, the view {(view.height, view.width)}")
+    _check_mask(view, mask)
     count = len(points)
     found = Located(np.empty((count, 3), np.float32), np.empty(count, np.uint8), np.empty(count, np.int32))
     pose = np.concatenate([view.rotation.ravel(), view.translation])
@@ -56,22 +58,36 @@ def locate(points: NDArray[np.float32], view: View, mask: NDArray[np.uint8]) -> 
     return found
 
 
+def _check_mask(view: View, mask: NDArray[np.uint8]) -> None:
+    if mask.shape != (view.height, view.width):
+        raise ValueError(f"the mask is {mask.shape}, the view {(view.height, view.width)}")
+
+
 class PointOpacity:
     """Asks a field how opaque the space in front of points is.
 
     Args:
         gaussians: the field, normalised frame.
+        backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for Gaussians on a card, else ``cpu``.
     """
 
-    def __init__(self, gaussians: Gaussians) -> None:
+    def __init__(self, gaussians: Gaussians, backend: str | None = None) -> None:
         g = gaussians
         raw = Parameters.of(g.positions, g.log_scales, g.rotations, g.opacity_logits, g.sh, g.filter_3d)
         self._parameters = raw.all
         with torch.no_grad():
             opacity = gaussians.opacities.clamp_min(1 / 255)
-            self._reach = torch.sqrt(2 * torch.log(255 * opacity)).double().numpy()
+            reach = torch.sqrt(2 * torch.log(255 * opacity)).double()
             self._deviations = deviations(gaussians)
-        self._centres = gaussians.positions.detach().double().numpy()
+        self._reach: NDArray[np.float64] = reach.cpu().numpy()
+        self._centres: NDArray[np.float64] = gaussians.positions.detach().double().cpu().numpy()
+        self._device: DevicePoints | None = None
+        if (backend or ("cuda" if g.positions.is_cuda else "cpu")) != "cpu":
+            from mgf_engine.raster.cuda import rasterizer_on
+            from mgf_engine.raster.cuda.points import DevicePoints
+
+            rasterizer = rasterizer_on(backend or "cuda")
+            self._device = DevicePoints(rasterizer, raw, reach, torch.from_numpy(self._deviations))
 
     def lower(
         self,
@@ -94,6 +110,9 @@ class PointOpacity:
         Returns:
             uint8 [N], the verdict of :class:`Located`; points SEEN were asked for.
         """
+        if self._device is not None:
+            _check_mask(view, mask)
+            return self._device.lower(lowest, points, view, mask, NEAR, stop)
         where = locate(points, view, mask)
         tiles_x, tiles_y = -(-view.width // TILE), -(-view.height // TILE)
         tiles = tiles_x * tiles_y
@@ -150,4 +169,4 @@ def deviations(gaussians: Gaussians) -> NDArray[np.float64]:
         2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
         2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
     ]  # fmt: skip
-    return (torch.stack(rows, 1).reshape(-1, 3, 3) * gaussians.scales.double()[:, None, :]).numpy()
+    return (torch.stack(rows, 1).reshape(-1, 3, 3) * gaussians.scales.double()[:, None, :]).cpu().numpy()

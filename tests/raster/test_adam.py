@@ -19,14 +19,14 @@ def tensors(*shape: int) -> list[torch.Tensor]:
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("case", ["all", "seen", "rates", "columns"])
-def test_agrees_with_plain_torch(variant: str, shape: tuple[int, ...], case: str) -> None:
+def test_agrees_with_plain_torch(backend: str, shape: tuple[int, ...], case: str) -> None:
     ours, twin = tensors(*shape), tensors(*shape)
     width = ours[0].shape[1:].numel()
     seen = torch.rand(shape[0], generator=torch.Generator().manual_seed(1)) < 0.6 if case != "all" else None
     rate = torch.linspace(0.01, 0.1, width) if case in ("rates", "columns") else 0.02
     active = max(1, width // 4) if case == "columns" else None
     for step in (1, 2, 50):
-        adam_step(*ours, rate, step, seen, active=active)
+        adam_step(*ours, rate, step, seen, active=active, backend=backend)
         adam_step(*twin, rate, step, seen, active=active, backend="reference")
     for a, b, start in zip(ours, twin, tensors(*shape), strict=True):
         assert torch.allclose(a, b, rtol=1e-5, atol=1e-5)  # steps of up to 10 where v is almost 0

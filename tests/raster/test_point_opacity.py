@@ -38,10 +38,10 @@ def view(distance: float = 4.0, width: int = 97, height: int = 71, focal: float 
     )  # fmt: skip
 
 
-def ask(gaussians, points, camera, stop=1e-4, mask=None):
+def ask(gaussians, points, camera, stop=1e-4, mask=None, backend="cpu"):
     lowest = np.full((len(points), 2), 2.0, np.float32)
     mask = np.full((camera.height, camera.width), INSIDE, np.uint8) if mask is None else mask
-    verdict = PointOpacity(gaussians).lower(lowest, points.astype(np.float32), camera, mask, stop)
+    verdict = PointOpacity(gaussians, backend).lower(lowest, points.astype(np.float32), camera, mask, stop)
     return lowest, verdict
 
 
@@ -60,11 +60,15 @@ FIELDS = {
 }
 
 
+BACKENDS = ["cpu", "cuda-source-on-cpu"]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", FIELDS)
 @pytest.mark.parametrize("distance", [4.0, 0.3])  # 0.3: among the Gaussians, some behind and some near the camera
-def test_matches_the_twin(name, distance):
+def test_matches_the_twin(name, distance, backend):
     camera, points = view(distance), cloud().astype(np.float32).astype(np.float64)
-    lowest, verdict = ask(FIELDS[name], points, camera)
+    lowest, verdict = ask(FIELDS[name], points, camera, backend=backend)
     seen = verdict == SEEN
     assert seen.sum() > 50
     twin = opacity_of_points(points[seen], FIELDS[name], camera, NEAR).numpy()
@@ -74,42 +78,46 @@ def test_matches_the_twin(name, distance):
     assert (lowest[seen, 1] == 2).all() and (lowest[~seen] == 2).all()
 
 
-def test_pancakes_facing_away_and_edge_on():
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_pancakes_facing_away_and_edge_on(backend):
     flat = field(200, 7, 0.1)
     flat.log_scales[:, 2] = np.log(1e-4)
     flat.filter_3d[:] = 1e-4
     camera, points = view(), cloud().astype(np.float32).astype(np.float64)
-    lowest, verdict = ask(flat, points, camera)
+    lowest, verdict = ask(flat, points, camera, backend=backend)
     seen = verdict == SEEN
     twin = opacity_of_points(points[seen], flat, camera, NEAR).numpy()
     # discs 0.002 of their size thick: float32 depths of points near their plane carry errors of 1e-7 / 1e-4 deviations
     assert np.quantile(np.abs(lowest[seen, 0] - twin), 0.98) < 1e-2
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("size", [(1, 1), (17, 16), (33, 50), (160, 7)])
-def test_odd_image_sizes(size):
+def test_odd_image_sizes(size, backend):
     camera, points = view(4.0, *size, focal=30.0), cloud().astype(np.float32).astype(np.float64)
-    lowest, verdict = ask(FIELDS["many"], points, camera)
+    lowest, verdict = ask(FIELDS["many"], points, camera, backend=backend)
     seen = verdict == SEEN
     twin = opacity_of_points(points[seen], FIELDS["many"], camera, NEAR).numpy()
     error = np.abs(lowest[seen, 0] - twin)
     assert seen.any() and np.median(error) < TOLERANCE and error.max() < 2.1 / 255
 
 
-def test_stopping_early_keeps_the_sign():
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_stopping_early_keeps_the_sign(backend):
     camera, points = view(), cloud(4000)
-    exact = ask(FIELDS["many"], points, camera)[0][:, 0]
-    early = ask(FIELDS["many"], points, camera, stop=0.5)[0][:, 0]
+    exact = ask(FIELDS["many"], points, camera, backend=backend)[0][:, 0]
+    early = ask(FIELDS["many"], points, camera, stop=0.5, backend=backend)[0][:, 0]
     assert ((exact >= 0.5) == (early >= 0.5)).all()
     assert (exact < 0.5).any() and (exact >= 0.5).any()
 
 
-def test_two_smallest_are_kept_over_views():
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_two_smallest_are_kept_over_views(backend):
     points = cloud(500, size=0.3)
     cameras = [view(d) for d in (3.0, 4.0, 5.0, 6.0)]
-    each = np.stack([ask(FIELDS["many"], points, c)[0][:, 0] for c in cameras])
+    each = np.stack([ask(FIELDS["many"], points, c, backend=backend)[0][:, 0] for c in cameras])
     lowest = np.full((len(points), 2), 2.0, np.float32)
-    asked = PointOpacity(FIELDS["many"])
+    asked = PointOpacity(FIELDS["many"], backend)
     for camera in cameras:
         asked.lower(lowest, points.astype(np.float32), camera, np.ones((camera.height, camera.width), np.uint8))
     assert np.array_equal(lowest, np.sort(each, 0)[:2].T)
@@ -138,11 +146,12 @@ def test_verdicts_of_the_mask():
     assert np.allclose(located.place[0], [*uv[0], depth[0]], atol=1e-4)
 
 
-def test_no_points_and_nothing_drawn():
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_no_points_and_nothing_drawn(backend):
     empty = np.zeros((0, 3))
-    assert ask(FIELDS["many"], empty, view())[0].shape == (0, 2)
+    assert ask(FIELDS["many"], empty, view(), backend=backend)[0].shape == (0, 2)
     faint = field(50, 8, 0.1, opacity=-20.0)
-    lowest, verdict = ask(faint, cloud(100), view())
+    lowest, verdict = ask(faint, cloud(100), view(), backend=backend)
     assert (lowest[verdict == SEEN, 0] == 0).all()
 
 
