@@ -67,6 +67,8 @@ class Config:
     vote_tolerance: float = option(0.1, "masks", "Share of root images that may vote against a point", low=0, high=1)
     vote_dilation: int = option(3, "masks", "Masks grow by this much before points are tested against them", low=0, high=100, unit="px")
 
+    mask_margin: float = option(0.008, "masks", "Rim of background that is trained along with the building, as a share of the photo's longest side", low=0, high=0.2)
+
     # field
     iterations: int = option(3000, "field", "Training iterations", low=1, high=1_000_000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)

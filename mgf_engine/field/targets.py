@@ -14,7 +14,7 @@ from torch import Tensor
 
 from mgf_engine.config import Config
 from mgf_engine.masks.boundaries import boundaries
-from mgf_engine.masks.model import BACKGROUND, building
+from mgf_engine.masks.model import BACKGROUND, UNKNOWN, building
 from mgf_engine.raster.api import Camera
 from mgf_engine.raster.loss import PhotoSide, photo_side
 from mgf_engine.scene.model import View
@@ -31,7 +31,7 @@ class Pixels:
     Attributes:
         photo: float [3, h, w] in 0..1.
         labels: int64 [h, w]; 0 where nothing is compared, else 1..count (ids made consecutive).
-        inside: float [h, w]; 1 on the building.
+        inside: float [h, w]; 1 on the building and its rim.
         edge_weight: float [h, w]; w of eq. 12, zero outside.
         ring: float [h, w]; 1 on certain background near the building.
     """
@@ -105,9 +105,10 @@ def make_target(
     if factor > 1:
         photo = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
         labels = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-    inside = building(labels)
-    if not inside.any():
+    if not building(labels).any():
         return None
+    labels = with_rim(labels, config.mask_margin * max(size))
+    inside = building(labels)
     ring = _ring(inside, labels, max(2, _RING // factor))
     box = _tile_box(inside | ring)
     cut = (slice(*box[:2]), slice(*box[2:]))
@@ -124,6 +125,19 @@ def make_target(
         ring=torch.from_numpy(np.ascontiguousarray(ring)),
         w_edge=config.boundary_weight,
     )
+
+
+def with_rim(labels: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
+    """Certain background up to ``width`` px from the building becomes an element of its own.
+
+    Masks of neighbouring photos disagree by some pixels at their outlines. A field that is emptied right outside one
+    of them misses there in the next; with a rim the outline is trained on both of its sides, and the mesh is cut by
+    the votes of all masks in the end.
+    """
+    distance = cv2.distanceTransform((~building(labels)).astype(np.uint8), cv2.DIST_L2, 3)
+    rim = (labels == BACKGROUND) & (distance <= width)
+    free = np.flatnonzero(np.bincount(labels.ravel(), minlength=UNKNOWN)[:UNKNOWN] == 0)
+    return np.where(rim, free[-1] if len(free) else UNKNOWN - 1, labels).astype(np.uint8)
 
 
 def _ring(inside: NDArray[np.bool_], labels: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:
