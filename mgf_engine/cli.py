@@ -184,6 +184,8 @@ def _explain(error: BaseException) -> tuple[int, str]:
         return EXIT_BAD_INPUT, "The disk is full; free some space and run again with --resume."
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:
         return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
+    if type(error).__name__ == "OutOfMemoryError":  # torch's, for cards
+        return EXIT_BAD_INPUT, "The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
     if isinstance(error, MemoryError):
         return EXIT_BAD_INPUT, "Out of memory; lower --resolution or --max-gaussians and run again with --resume."
     return EXIT_FAULT, f"Unexpected fault: {type(error).__name__}: {error}"

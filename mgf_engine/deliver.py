@@ -18,6 +18,7 @@ from mgf_engine.mesh.export import read_ply, write_glb, write_obj
 from mgf_engine.mesh.parts import FILE as PARTS_FILE
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Camera, Rendering, render
+from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.system import atomic_path, write_json
 
@@ -28,7 +29,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     from mgf_engine.pipeline import load_inputs
 
     scene, masks = load_inputs(job)
-    field = read_field(job.path("checkpoints", "field.npz"))
+    field = read_field(job.path("checkpoints", "field.npz")).to(choose_device(job.config.device).device)
     chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
     renders: dict[int, str] = {}
     for number, index in enumerate(chosen):
@@ -59,7 +60,7 @@ def _write_other_formats(job: Job) -> None:
 def render_view(field: Gaussians, view: View, sh_degree: int) -> Rendering:
     """A view of the whole field at working resolution, without gradients."""
     with torch.no_grad():
-        return render(field, Camera.from_view(view), sh_degree=sh_degree)
+        return render(field, Camera.from_view(view), sh_degree=sh_degree).cpu()
 
 
 def straight_rgba(rendering: Rendering) -> NDArray[np.uint8]:

@@ -34,10 +34,7 @@ def report() -> int:
 
 def _cuda() -> str:
     try:
-        import torch
+        from mgf_engine.raster.device import choose_device
     except ImportError:
         return "torch is missing"
-    if not torch.cuda.is_available():
-        return "no card that torch can use"
-    properties = torch.cuda.get_device_properties(0)
-    return f"{properties.name}, {properties.total_memory / 2**30:.1f} GiB (training on it is not built yet)"
+    return choose_device("auto").text.removeprefix("Device: ")

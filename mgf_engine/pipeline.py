@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mgf_engine import __version__
-from mgf_engine.errors import BadInput
 from mgf_engine.job import Job
 from mgf_engine.messages import STAGES, Reporter
 from mgf_engine.system import cores, peak_memory
@@ -36,7 +35,7 @@ def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
     stages = STAGES[: STAGES.index(until) + 1]
     reporter.stages = stages
     reporter.send("started", job=str(job.folder), pid=os.getpid(), version=__version__, stages=list(stages))
-    _prepare(job)
+    _prepare(job, reporter)
     for name in stages:
         reporter.check()
         cached = job.done(name)
@@ -64,19 +63,23 @@ def load_inputs(job: Job) -> tuple[Scene, MaskSet]:
     return scene, read_masks(job.path("masks"), scene)
 
 
-def _prepare(job: Job) -> None:
+def _prepare(job: Job, reporter: Reporter) -> None:
     """Device, seed and thread counts; one place, so that a job repeats itself.
 
     Raises:
-        BadInput: CUDA is asked for, which this version cannot do.
+        BadInput: CUDA is asked for, and no card can be used.
     """
-    if job.config.device == "cuda":
-        raise BadInput("This version trains on the CPU only; use --device cpu or auto.")
-    log.info("device: cpu (asked for: %s)", job.config.device)
     import cv2
     import torch
 
+    from mgf_engine.raster.device import choose_device
     from mgf_engine.raster.library import set_threads
+
+    choice = choose_device(job.config.device)
+    log.info("%s", choice.text)
+    reporter.send("device", device=choice.device.type, text=choice.text)
+    if choice.surprising:
+        reporter.warning(choice.text)
 
     threads = job.config.threads or cores()
     torch.set_num_threads(1)  # the kernels have threads of their own; torch's would only wait for the cores

@@ -46,6 +46,8 @@ def _sentence(message: Message) -> str | None:
     kind = message["type"]
     if kind == "started":
         return f"Job folder: {message['job']}"
+    if kind == "device":
+        return str(message["text"])
     if kind == "stage":
         state = " (done earlier)" if message["cached"] else ""
         return f"[{message['index'] + 1}/{message['count']}] {message['stage']}{state}"

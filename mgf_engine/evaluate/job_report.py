@@ -24,6 +24,7 @@ from mgf_engine.mesh.export import read_ply
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import shaded
 from mgf_engine.messages import Reporter
+from mgf_engine.raster.device import choose_device
 from mgf_engine.raster.library import variant
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
@@ -107,7 +108,8 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
         versions=versions(),
         machine={
             "processor": cpu_name(), "cores": str(cores()), "threads": str(job.config.threads or cores()),
-            "memory": "unknown" if memory is None else f"{memory / 2**30:.1f} GiB", "device": "cpu",
+            "memory": "unknown" if memory is None else f"{memory / 2**30:.1f} GiB",
+            "device": choose_device(job.config.device).text.removeprefix("Device: "),
         },
         kernel=variant(),
         peak_memory=max([peak_memory(), *(s.peak_memory or 0 for s in stages)]),

@@ -35,7 +35,7 @@ class Checkpoint:
 
 def write_field(field: Gaussians, path: Path) -> None:
     """Write a field (normalised frame) as an npz archive."""
-    arrays = {name: getattr(field, name).detach().numpy() for name in _NAMES}
+    arrays = {name: getattr(field, name).detach().cpu().numpy() for name in _NAMES}
     with atomic_path(path) as temporary:
         np.savez(temporary, **arrays)
 
@@ -56,10 +56,10 @@ def read_field(path: Path) -> Gaussians:
 def write_checkpoint(checkpoint: Checkpoint, path: Path) -> None:
     """Write a checkpoint; a kill leaves the old one or the new one."""
     optimiser = checkpoint.optimiser
-    arrays = {"field." + name: getattr(optimiser.field, name).detach().numpy() for name in _NAMES}
+    arrays = {"field." + name: getattr(optimiser.field, name).detach().cpu().numpy() for name in _NAMES}
     for name, (first, second) in optimiser.moments.items():
-        arrays["first." + name], arrays["second." + name] = first.numpy(), second.numpy()
-    arrays |= {"stats." + name: getattr(checkpoint.stats, name).numpy() for name in _STATS}
+        arrays["first." + name], arrays["second." + name] = first.cpu().numpy(), second.cpu().numpy()
+    arrays |= {"stats." + name: getattr(checkpoint.stats, name).cpu().numpy() for name in _STATS}
     state = {"iteration": checkpoint.iteration, "step_count": optimiser.step_count, "figures": checkpoint.figures}
     arrays["state"] = np.frombuffer(json.dumps(state).encode(), np.uint8)
     with atomic_path(path) as temporary:

@@ -61,7 +61,7 @@ def refine(
     if len(chosen) == 0:
         return RefineResult(0, pruned)
     children = split(optimiser.field.select(chosen))
-    rest = torch.ones(len(optimiser.field), dtype=torch.bool)
+    rest = torch.ones(len(optimiser.field), dtype=torch.bool, device=chosen.device)
     rest[chosen] = False
     optimiser.keep(rest)
     optimiser.append(children)
@@ -72,7 +72,7 @@ def split(parents: Gaussians) -> Gaussians:
     """Two children per parent, apart along its longest axis and narrower along it; [2N]."""
     scales = torch.exp(parents.log_scales)
     longest = scales.argmax(1)
-    rows = torch.arange(len(parents))
+    rows = torch.arange(len(parents), device=scales.device)
     axis = rotation_matrices(parents.rotations)[rows, :, longest]
     offset = _SPLIT_OFFSET * scales[rows, longest][:, None] * axis
     log_scales = parents.log_scales.clone()

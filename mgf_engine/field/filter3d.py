@@ -17,7 +17,7 @@ _MARGIN = 0.15  # views count when the centre falls this far outside the frame a
 
 def update_filter(field: Gaussians, views: Sequence[View]) -> None:
     """Set ``filter_3d`` from the finest sampling of each centre over ``views``, in place."""
-    points = field.positions.detach().double().numpy()
+    points = field.positions.detach().double().cpu().numpy()
     finest = np.zeros(len(points))  # pixels per unit
     for view in views:
         uv, depth = view.project(points)
@@ -28,4 +28,5 @@ def update_filter(field: Gaussians, views: Sequence[View]) -> None:
     seen = finest > 0
     width = np.sqrt(_VARIANCE) / np.where(seen, finest, 1.0)
     fallback = float(width[seen].max()) if seen.any() else 1e-3
-    field.filter_3d = torch.from_numpy(np.where(seen, width, fallback).astype(np.float32))
+    found = torch.from_numpy(np.where(seen, width, fallback).astype(np.float32))
+    field.filter_3d = found.to(field.positions.device)

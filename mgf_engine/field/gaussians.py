@@ -38,6 +38,10 @@ class Gaussians:
         """The Gaussians at ``index`` (bool mask or int64 indices), as copies."""
         return Gaussians(**{f.name: getattr(self, f.name)[index].contiguous() for f in fields(self)})
 
+    def to(self, device: torch.device) -> Gaussians:
+        """The Gaussians on a device; tensors that are there already are shared."""
+        return Gaussians(**{f.name: getattr(self, f.name).to(device) for f in fields(self)})
+
     @property
     def scales(self) -> Tensor:
         """[N, 3] scales with the 3D filter fused in."""

@@ -28,6 +28,13 @@ class Optimiser:
         self.moments = {n: (torch.zeros_like(getattr(field, n)), torch.zeros_like(getattr(field, n))) for n in TRAINED}
         self.step_count = 0
 
+    def to(self, device: torch.device) -> Optimiser:
+        """The same on a device."""
+        moved = Optimiser(self.field.to(device))
+        moved.moments = {name: (a.to(device), b.to(device)) for name, (a, b) in self.moments.items()}
+        moved.step_count = self.step_count
+        return moved
+
     def leaves(self) -> Gaussians:
         """The field with gradients switched on, to render and differentiate."""
         for name in TRAINED:

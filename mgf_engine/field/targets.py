@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -67,6 +67,10 @@ class Target:
     edges: Tensor
     ring: Tensor
     w_edge: float
+
+    def to(self, device: torch.device) -> Target:
+        """The same for renderings on a device: what each rendering reads lies there; the photo follows on first use."""
+        return replace(self, tile_mask=self.tile_mask.to(device))
 
     def crop(self, plane: Tensor) -> Tensor:
         """A rendered map [..., H, W] cut to the box."""

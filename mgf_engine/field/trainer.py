@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections import defaultdict
@@ -32,8 +33,10 @@ from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import vote
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Rendering, RenderStats, render
+from mgf_engine.raster.device import choose_device, rendered_nothing
 from mgf_engine.scene.model import Scene
 
+log = logging.getLogger("mgf")
 CHECKPOINT = "training.npz"
 _PREVIEW_SECONDS = 15.0
 _CURVE_POINTS = 200
@@ -67,6 +70,7 @@ class _Trainer:
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
         self.factor = 0
+        self.device = choose_device(config.device).device
         self.seconds: dict[str, float] = defaultdict(float)
         self.checkpoint_path = folder / CHECKPOINT
         found = read_checkpoint(self.checkpoint_path)
@@ -75,7 +79,7 @@ class _Trainer:
             update_filter(field, [scene.views[i] for i in self.views])
             figures = {"start_gaussians": len(field), "curve": [], "seconds": {}}
             found = Checkpoint(Optimiser(field), RenderStats.zeros(len(field)), 0, figures)
-        self.optimiser, self.stats = found.optimiser, found.stats
+        self.optimiser, self.stats = found.optimiser.to(self.device), found.stats.to(self.device)
         self.iteration, self.figures = found.iteration, found.figures
         self.seconds.update(self.figures["seconds"])
 
@@ -104,7 +108,7 @@ class _Trainer:
                 self._preview(target, rendering)
                 shown = now
             self._report(share)
-        field = self.optimiser.field
+        field = self.optimiser.field.to(torch.device("cpu"))
         self._save()  # a stop between here and the end of the stage costs no training
         write_field(field, self.folder / "field.npz")
         return field, self._final_figures()
@@ -123,7 +127,8 @@ class _Trainer:
         if view not in self.targets:
             with self._timed("targets"):
                 photo, labels = self.scene.photo(view), self.masks.labels[view]
-                self.targets[view] = make_target(photo, labels, self.scene.views[view], self.factor, self.config)
+                target = make_target(photo, labels, self.scene.views[view], self.factor, self.config)
+                self.targets[view] = None if target is None else target.to(self.device)
         return self.targets[view]
 
     def _step(self, target: Target, share: float) -> tuple[Rendering, LossTerms]:
@@ -131,12 +136,12 @@ class _Trainer:
         geometry = share >= config.geometry_from
         generator = torch.Generator().manual_seed(config.seed * 7_919 + self.iteration)
         backdrop = torch.rand(3, generator=generator)
-        error_map = torch.zeros(target.camera.height, target.camera.width)
+        error_map = torch.zeros(target.camera.height, target.camera.width, device=self.device)
         with self._timed("render"):
             rendering = render(
                 self.optimiser.leaves(), target.camera, sh_degree=sh_degree_at(share, config),
                 tile_mask=target.tile_mask, stats=self.stats, error_map=error_map,
-                heads="all" if geometry else "basic",
+                heads="all" if geometry else "basic", wait=False,
             )  # fmt: skip
         with self._timed("losses"):
             terms = total_loss(rendering, target, config, backdrop, geometry, error_map)
@@ -149,7 +154,7 @@ class _Trainer:
     def _refine(self, share: float) -> None:
         config, field = self.config, self.optimiser.field
         with self._timed("density"):
-            keep = torch.ones(len(field), dtype=torch.bool)
+            keep = torch.ones(len(field), dtype=torch.bool, device=self.device)
             if config.use_masks and self.iteration // config.densify_every % _VOTE_ROUNDS == 0:
                 keep = self._mask_vote(field)
             budget = budget_at(share, self.figures["start_gaussians"], config)
@@ -158,11 +163,11 @@ class _Trainer:
             if len(self.optimiser.field) == 0:
                 raise BadInput("The field has died out: no Gaussian explains the masks; check the masks and cameras.")
             update_filter(self.optimiser.field, [self.scene.views[i] for i in self.views])
-            self.stats = RenderStats.zeros(len(self.optimiser.field))
+            self.stats = RenderStats.zeros(len(self.optimiser.field), self.device)
 
     def _mask_vote(self, field: Gaussians) -> torch.Tensor:
-        points = field.positions.detach().double().numpy()
-        return torch.from_numpy(vote(points, self.scene, self.masks, self.views, self.config))
+        points = field.positions.detach().double().cpu().numpy()
+        return torch.from_numpy(vote(points, self.scene, self.masks, self.views, self.config)).to(self.device)
 
     def _record(self, target: Target, rendering: Rendering, terms: LossTerms) -> None:
         interval = max(1, self.config.iterations // _CURVE_POINTS)
@@ -170,7 +175,7 @@ class _Trainer:
             return
         with torch.no_grad():
             pixels = target.pixels()
-            difference = (target.crop(rendering.colour) - pixels.photo) * pixels.inside
+            difference = (target.crop(rendering.colour).cpu() - pixels.photo) * pixels.inside
             mse = float((difference**2).sum() / (3 * pixels.inside.sum()))
         self.figures["curve"].append({
             "iteration": self.iteration,
@@ -196,7 +201,7 @@ class _Trainer:
 
     def _preview(self, target: Target, rendering: Rendering) -> None:
         path = self.folder / "preview.jpg"
-        colour = target.crop(rendering.colour).detach().clamp(0, 1).numpy().transpose(1, 2, 0)
+        colour = target.crop(rendering.colour).detach().clamp(0, 1).cpu().numpy().transpose(1, 2, 0)
         side_by_side = np.concatenate([target.pixels().photo.numpy().transpose(1, 2, 0), colour], 1)
         picture = (side_by_side[:, :, ::-1] * 255).astype(np.uint8)
         path.write_bytes(cv2.imencode(".jpg", picture)[1].tobytes())
@@ -204,6 +209,9 @@ class _Trainer:
 
     def _final_figures(self) -> dict[str, Any]:
         seconds = {name: round(value, 2) for name, value in self.seconds.items()}
+        lost = rendered_nothing(self.device)
+        if lost:
+            log.info("field: %d iterations changed nothing, since their tile lists had too little room", lost)
         return {
             "gaussians": len(self.optimiser.field),
             "iterations": self.iteration,

@@ -26,6 +26,7 @@ from mgf_engine.mesh.opacity import OpacityField, judging_masks
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, delaunay, tetra_points
 from mgf_engine.messages import Reporter
+from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
 from mgf_engine.scene.model import Scene, View
 
@@ -74,6 +75,7 @@ def surface_field(
     """What tells solid from free, as ``config.surface`` wants it; fused depths are calibrated on the masked points."""
     views = [scene.views[i] for i in chosen]
     verdicts = judging_masks(scene, masks, chosen, config.vote_dilation)
+    gaussians = gaussians.to(choose_device(config.device).device)
     if config.surface == "opacity":
         return OpacityField(gaussians, views, verdicts, config.opacity_level, agree=1)
     photos = _photos(scene, masks, chosen) if config.match_photos else None

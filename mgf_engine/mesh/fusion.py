@@ -143,7 +143,7 @@ def _distance(belief: NDArray[np.void]) -> NDArray[np.float32]:
 def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.float32] | None = None) -> Surface:
     """What the field shows in a view, where it covers the pixel at all, with the photo's brightness beside it."""
     with torch.no_grad():
-        seen = render(gaussians, Camera.from_view(view), sh_degree=0)
+        seen = render(gaussians, Camera.from_view(view), sh_degree=0).cpu()
     assert seen.median is not None and seen.normal is not None
     alpha = seen.alpha.numpy()
     depth = _surface_depth(seen.median.numpy(), seen.depth.numpy() / np.maximum(alpha, 1e-6))

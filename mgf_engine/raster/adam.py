@@ -6,6 +6,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from mgf_engine.raster.device import backend_for
 from mgf_engine.raster.library import parallel
 
 _MOST_RATES = 48  # kernels/cuda/adam.cu
@@ -34,10 +35,10 @@ def adam_step(
         step: number of this step, from 1.
         visible: bool [N]; other rows and their moments stay as they are. None: all rows.
         active: only the first so many numbers of each row are touched. None: all.
-        backend: ``cpu``, ``cuda``, ``cuda-source-on-cpu`` or ``reference`` (plain torch). None: ``cuda`` for a parameter
+        backend: ``cpu``, ``cuda``, ``cuda-source-on-cpu`` or ``reference`` (plain torch). None: ``cuda`` for parameters
             on a card, else ``cpu``.
     """
-    backend = backend or ("cuda" if parameter.is_cuda else "cpu")
+    backend = backend_for(parameter, backend)
     rows = len(parameter)
     width = parameter.shape[1:].numel()
     active = width if active is None else active

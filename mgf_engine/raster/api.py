@@ -15,7 +15,7 @@ and ``cuda-source-on-cpu`` (the CUDA kernels built for the CPU, slow, for tests)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, cast
 
 import torch
@@ -25,6 +25,7 @@ from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster import cpu
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.cpu import TileLists, build_lists
+from mgf_engine.raster.device import backend_for
 
 __all__ = ["BACKENDS", "HEADS", "TILE", "Camera", "RenderStats", "Rendering", "TileLists", "build_lists", "render"]
 
@@ -55,6 +56,11 @@ class Rendering:
     distortion: Tensor | None
     visible: Tensor
 
+    def cpu(self) -> Rendering:
+        """The same in the CPU's memory; waits for the card."""
+        there = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{name: value.cpu() for name, value in there.items() if value is not None})
+
 
 @dataclass
 class RenderStats:
@@ -78,6 +84,10 @@ class RenderStats:
     def zeros(cls, n: int, device: torch.device | str = "cpu") -> RenderStats:
         weight, error, grad2d, max_radius = torch.zeros(4, n, device=device).unbind(0)
         return cls(weight, error, grad2d, max_radius, torch.zeros(n, dtype=torch.int32, device=device))
+
+    def to(self, device: torch.device) -> RenderStats:
+        """The statistics on a device."""
+        return RenderStats(*(values.to(device) for values in self.all))
 
     def reset(self) -> None:
         for values in self.all:
@@ -117,7 +127,7 @@ def render(
     Raises:
         ValueError: an argument of the wrong shape or an unknown name.
     """
-    backend = backend or ("cuda" if gaussians.positions.is_cuda else "cpu")
+    backend = backend_for(gaussians.positions, backend)
     _check(gaussians, camera, sh_degree, tile_mask, backend, stats, error_map, heads)
     if backend == "reference":
         from mgf_engine.raster import reference

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.buffers import Frame, lasting_array
+from mgf_engine.raster.device import backend_for
 from mgf_engine.raster.geometry import STRIP, Intrinsics
 from mgf_engine.raster.library import parallel
 
@@ -62,7 +63,6 @@ class PhotoSide:
     flags: NDArray[np.uint8]
     strips: NDArray[np.uint8]
     scratch: int
-
 
     @cached_property
     def copies(self) -> dict[Any, Any]:
@@ -172,7 +172,7 @@ def image_loss(
             ring.
         backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for maps on a card, else ``cpu``.
     """
-    backend = backend or ("cuda" if rendering.colour.is_cuda else "cpu")
+    backend = backend_for(rendering.colour, backend)
     maps = [rendering.colour, rendering.alpha]
     if weights.distortion > 0:
         maps.append(_needed(rendering.distortion))

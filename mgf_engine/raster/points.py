@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.cpu import RECORD, Parameters
+from mgf_engine.raster.device import backend_for
 from mgf_engine.raster.library import call, parallel
 from mgf_engine.scene.model import View
 
@@ -82,11 +83,12 @@ class PointOpacity:
         self._reach: NDArray[np.float64] = reach.cpu().numpy()
         self._centres: NDArray[np.float64] = gaussians.positions.detach().double().cpu().numpy()
         self._device: DevicePoints | None = None
-        if (backend or ("cuda" if g.positions.is_cuda else "cpu")) != "cpu":
+        backend = backend_for(g.positions, backend)
+        if backend != "cpu":
             from mgf_engine.raster.cuda import rasterizer_on
             from mgf_engine.raster.cuda.points import DevicePoints
 
-            rasterizer = rasterizer_on(backend or "cuda")
+            rasterizer = rasterizer_on(backend)
             self._device = DevicePoints(rasterizer, raw, reach, torch.from_numpy(self._deviations))
 
     def lower(

@@ -49,18 +49,19 @@ def find_card() -> Found:
         BadInput: why not, in one sentence.
     """
     if torch.version.cuda is None:
-        raise BadInput("This build of torch has no CUDA; install one that has (pytorch.org), or use --device cpu.")
+        raise BadInput("This build of torch has no CUDA; install one that has (pytorch.org).")
     driver()
     if not torch.cuda.is_available():
-        raise BadInput("torch finds no CUDA card it can use; update the NVIDIA driver, or use --device cpu.")
+        raise BadInput("torch finds no CUDA card it can use; update the NVIDIA driver.")
     properties = torch.cuda.get_device_properties(0)
     architecture = 10 * properties.major + properties.minor
     if architecture < _OLDEST:
         raise BadInput(
-            f"The card {properties.name} is too old (compute capability {properties.major}.{properties.minor}, "
-            f"7.5 is needed); use --device cpu."
+            f"The card {properties.name} is too old: its compute capability is "
+            f"{properties.major}.{properties.minor}, and 7.5 is needed."
         )
-    compiler.library()
+    if architecture not in (nvrtc := compiler.library()).architectures:
+        raise BadInput(nvrtc.refusal(architecture))
     return Found(properties.name, architecture, properties.total_memory)
 
 

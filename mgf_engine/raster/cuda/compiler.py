@@ -38,7 +38,7 @@ typedef int int32_t;
 typedef unsigned int uint32_t;
 typedef long long int64_t;
 """
-_HINT = "run 'pip install nvidia-cuda-nvrtc', or use --device cpu"
+_HINT = "run 'pip install nvidia-cuda-nvrtc'"
 _NAMES = {
     "linux": ("libnvrtc.so.13", "libnvrtc.so.12", "libnvrtc.so"),
     "win32": ("nvrtc64_130_0.dll", "nvrtc64_120_0.dll"),
@@ -80,11 +80,7 @@ def compile_program(program: str, architecture: int) -> Compiled:
     """
     nvrtc = library()
     if architecture not in nvrtc.architectures:
-        newest = max(nvrtc.architectures)
-        raise BadInput(
-            f"The CUDA compiler {nvrtc.version[0]}.{nvrtc.version[1]} cannot compile for compute capability "
-            f"{architecture // 10}.{architecture % 10} (its newest is {newest // 10}.{newest % 10}); {_HINT}."
-        )
+        raise BadInput(nvrtc.refusal(architecture))
     source = (FOLDER / f"{program}.cu").read_bytes()
     given = [f"--include-path={KERNELS}", *options(architecture)]
     cubin, log = nvrtc.compile(source, f"{program}.cu", given)
@@ -107,6 +103,7 @@ class Nvrtc:
     """The few calls of NVRTC that are needed, through ctypes."""
 
     def __init__(self, path: str) -> None:
+        _load_builtins(Path(path))
         self._library = ctypes.CDLL(path)
         major, minor = ctypes.c_int(), ctypes.c_int()
         self._call("nvrtcVersion", ctypes.byref(major), ctypes.byref(minor))
@@ -116,6 +113,15 @@ class Nvrtc:
         known = (ctypes.c_int * count.value)()
         self._call("nvrtcGetSupportedArchs", known)
         self.architectures = tuple(known)
+
+    def refusal(self, architecture: int) -> str:
+        """Why this compiler cannot compile for an architecture, in one sentence."""
+        newest, oldest = max(self.architectures), min(self.architectures)
+        return (
+            f"The CUDA compiler NVRTC {self.version[0]}.{self.version[1]} cannot compile for compute capability "
+            f"{architecture // 10}.{architecture % 10}: its oldest is {oldest // 10}.{oldest % 10} and its newest is "
+            f"{newest // 10}.{newest % 10}; install another version of nvidia-cuda-nvrtc."
+        )
 
     def compile(self, source: bytes, name: str, options: Sequence[str]) -> tuple[bytes, str]:
         """The cubin of a source, and the compiler's remarks; RuntimeError with them when it does not compile."""
@@ -144,6 +150,14 @@ class Nvrtc:
         if code:
             self._library.nvrtcGetErrorString.restype = ctypes.c_char_p
             raise RuntimeError(f"{name} failed: {self._library.nvrtcGetErrorString(code).decode()}")
+
+
+def _load_builtins(path: Path) -> None:
+    """NVRTC looks for its second library by name alone; one that is loaded already is found wherever it lies."""
+    if sys.platform == "win32" and path.is_absolute():
+        os.add_dll_directory(str(path.parent))
+    for builtins in path.parent.glob("libnvrtc-builtins.so.*") if path.is_absolute() else ():
+        ctypes.CDLL(str(builtins), mode=ctypes.RTLD_GLOBAL)
 
 
 @cache

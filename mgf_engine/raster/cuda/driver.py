@@ -81,5 +81,5 @@ def driver() -> Driver:
         except OSError:
             continue
         except DriverError as error:
-            raise BadInput(f"The NVIDIA driver cannot be used ({error}); use --device cpu.") from error
-    raise BadInput("This machine has no NVIDIA driver; install one, or use --device cpu.")
+            raise BadInput(f"The NVIDIA driver cannot be used: {error}.") from error
+    raise BadInput("This machine has no NVIDIA driver; install one if it has an NVIDIA card.")

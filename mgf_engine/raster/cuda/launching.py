@@ -47,8 +47,8 @@ def blocks(items: int, each: int = THREADS) -> int:
 def pack(arguments: Sequence[Any], device: torch.device) -> tuple[Any, list[Any]]:
     """The arguments as ``cuLaunchKernel`` takes them, an array of addresses; and what must outlive the call.
 
-    Tensors, :class:`At` and None become pointers, whole numbers int32, real numbers float32, bytes and tuples structs by value (a
-    tuple's members follow the same rules).
+    Tensors, :class:`At` and None become pointers, whole numbers int32, real numbers float32, bytes and tuples structs
+    by value (a tuple's members follow the same rules).
     """
     values = [_to_c(a, device) for a in arguments]
     return (ctypes.c_void_p * len(values))(*map(ctypes.addressof, values)), values

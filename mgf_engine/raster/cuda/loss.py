@@ -55,11 +55,11 @@ def photo_on(device: torch.device, photo: PhotoSide, weights: LossWeights) -> De
     """The photo on the device; uploaded on first use and kept with the photo."""
     key = (str(device), weights.labels.tobytes())
     if key not in photo.copies:
-        maps = (m.to(device) for m in (photo.image, photo.labels, photo.edges, photo.ring))
+        image, labels, edges, ring = (m.to(device) for m in (photo.image, photo.labels, photo.edges, photo.ring))
         area = torch.from_numpy(photo.area).to(device, torch.int32).contiguous()
         shares = torch.from_numpy(weights.labels).to(device, torch.float64)
         height, width = photo.labels.shape
-        photo.copies[key] = DevicePhoto(*maps, area, shares, (height, width))
+        photo.copies[key] = DevicePhoto(image, labels, edges, ring, area, shares, (height, width))
     found: DevicePhoto = photo.copies[key]
     return found
 
@@ -139,8 +139,8 @@ class DevicePass:
         parts, total = self._empty(torch.float32, 3), self._empty(torch.float32, 1)
         w = self.weights
         factors = (w.distortion / self.inside, w.normals, w.background / max(self.photo.ring_area, 1))
-        given = (self.others, self.sums, similarity, tuple(map(float, factors)), parts, total)
-        self.launcher.launch("loss_total", 1, *given)
+        summed = (self.others, self.sums, similarity, tuple(map(float, factors)))
+        self.launcher.launch("loss_total", 1, *summed, parts, total)
         return total[0], parts
 
     def gradients(self) -> list[Tensor]:

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which device the field is trained and rendered on, and why that one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import torch
+from torch import Tensor
+
+from mgf_engine.errors import BadInput
+
+#: What draws Gaussians that lie on the CPU; tests put the CUDA sources here.
+CPU_BACKEND = "cpu"
+
+
+def backend_for(tensor: Tensor, wanted: str | None = None) -> str:
+    """Name of the backend that works where a tensor lies, unless one is wanted."""
+    return wanted or ("cuda" if tensor.is_cuda else CPU_BACKEND)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The device that was chosen.
+
+    Attributes:
+        device: ``cpu`` or the card.
+        text: one sentence that says what was chosen and why.
+        surprising: the machine has a card that torch sees, and still it cannot be used.
+    """
+
+    device: torch.device
+    text: str
+    surprising: bool = False
+
+
+@cache
+def choose_device(wanted: str) -> Choice:
+    """The device for ``--device auto``, ``cpu`` or ``cuda``; the same answer all through the process.
+
+    Raises:
+        BadInput: ``cuda``, and no card can be used; one sentence says why.
+    """
+    if wanted == "cpu":
+        return Choice(torch.device("cpu"), "Device: CPU, as asked for.")
+    from mgf_engine.raster.cuda.card import find_card
+
+    try:
+        found = find_card()
+    except BadInput as error:
+        if wanted == "cuda":
+            raise BadInput(f"{error} Or train without a card: --device cpu.") from error
+        return Choice(torch.device("cpu"), f"Device: CPU. {error}", torch.cuda.is_available())
+    memory = f"{found.memory / 2**30:.0f} GiB"
+    why = "as asked for" if wanted == "cuda" else "because it can be used"
+    return Choice(torch.device("cuda", 0), f"Device: {found.name}, {memory}, {why}.")
+
+
+def rendered_nothing(device: torch.device) -> int:
+    """Renderings on a card so far that drew nothing, because their lists had less room than they needed."""
+    if device.type != "cuda":
+        return 0
+    from mgf_engine.raster.cuda import rasterizer_on
+
+    return rasterizer_on("cuda").room.lost
