@@ -144,7 +144,11 @@ def _run_mesh(job: Job, reporter: Reporter) -> Figures:
     named = named_parts(job.path("masks"), scene)
     if named:
         write_parts(list(named), face_parts(mesh, scene, masks, list(named.values())), job.path(PARTS_FILE))
-    return {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+    figures: Figures = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+    if "confidence" in mesh.values:
+        figures["confidence"] = round(float(mesh.values["confidence"].mean()), 3)
+        figures["unseen_share"] = round(float((mesh.values["views"] == 0).mean()), 4)
+    return figures
 
 
 def _run_deliver(job: Job, reporter: Reporter) -> Figures:

@@ -99,7 +99,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
             "photos": len(scene.views), "photos with a usable mask": int(masks.used.sum()),
             "sparse points": len(scene.points), "points on the building": int(masks.point_mask.sum()),
             "Gaussians at the start": trained["start_gaussians"], "Gaussians": trained["gaussians"],
-            "vertices": len(mesh.vertices), "faces": len(mesh.faces),
+            "vertices": len(mesh.vertices), "faces": len(mesh.faces), **_trust(job),
         },
         stages=stages,
         iterations=trained["iterations"],
@@ -117,6 +117,13 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
         contact_sheet=contact if contact.exists() else None,
         files=_files(job),
     )  # fmt: skip
+
+
+def _trust(job: Job) -> dict[str, float]:
+    """How far the mesh is to be trusted, where its surface tells (see ``FusedField.confidence``)."""
+    figures = job.stages["mesh"]["figures"]
+    names = {"confidence": "confidence of the mesh (0..1, mean)", "unseen_share": "share of it that no photo shows"}
+    return {text: figures[name] for name, text in names.items() if name in figures}
 
 
 def _files(job: Job) -> dict[str, str]:

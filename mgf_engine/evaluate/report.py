@@ -92,7 +92,7 @@ class ReportData:
     config: dict[str, Any]
     given: dict[str, Any] = field(default_factory=dict)
     views: list[ViewReport] = field(default_factory=list)
-    counts: dict[str, int] = field(default_factory=dict)
+    counts: dict[str, float] = field(default_factory=dict)
     stages: list[StageReport] = field(default_factory=list)
     iterations: int = 0
     seconds_per_part: dict[str, float] = field(default_factory=dict)

@@ -8,13 +8,13 @@ float32, holds them around the mesh's centre under a node that carries the trans
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.scene.model import Similarity
@@ -22,39 +22,30 @@ from mgf_engine.system import atomic_path
 
 #: Float32 coordinates are used where their rounding stays below this share of the mesh's size.
 PRECISION = 1e-6
-
-
-def write_meshes(mesh: Mesh, to_normalised: Similarity, folder: Path, config: Config) -> None:
-    """Write ``mesh.ply``, and ``mesh.obj`` and ``mesh.glb`` where the config asks for them.
-
-    Args:
-        mesh: normalised frame.
-        to_normalised: the scene's similarity; its inverse is applied in float64.
-    """
-    placed = in_scene(mesh, to_normalised)
-    write_ply(placed, folder / "mesh.ply")
-    if config.export_obj:
-        write_obj(placed, folder / "mesh.obj")
-    if config.export_glb:
-        write_glb(placed, folder / "mesh.glb")
+_PLY_TYPES = {"u1": "uchar", "i4": "int", "f4": "float", "f8": "double"}
 
 
 def in_scene(mesh: Mesh, to_normalised: Similarity) -> Mesh:
     """The mesh in the scene frame."""
-    return Mesh(to_normalised.invert(mesh.vertices), mesh.faces, mesh.colors)
+    return replace(mesh, vertices=to_normalised.invert(mesh.vertices))
 
 
 def write_ply(mesh: Mesh, path: Path) -> None:
-    """Binary PLY with vertex colours; coordinates are double where float would round too coarsely."""
+    """Binary PLY with vertex colours and values; coordinates are double where float would round too coarsely."""
     kind, name = ("<f8", "double") if needs_double(mesh.vertices) else ("<f4", "float")
-    vertices = np.empty(len(mesh.vertices), [("xyz", kind, 3), ("rgb", "u1", 3)])
+    values = {name: value.astype(value.dtype.newbyteorder("<")) for name, value in mesh.values.items()}
+    columns = [(f"_{name}", value.dtype.str) for name, value in values.items()]
+    vertices = np.empty(len(mesh.vertices), [("xyz", kind, 3), ("rgb", "u1", 3), *columns])
     vertices["xyz"], vertices["rgb"] = mesh.vertices, mesh.colors
+    for label, value in values.items():
+        vertices[f"_{label}"] = value
     faces = np.empty(len(mesh.faces), [("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, mesh.faces
     header = [
         "ply", "format binary_little_endian 1.0", "comment axes, scale and origin are those of the COLMAP model",
         f"element vertex {len(vertices)}", *(f"property {name} {axis}" for axis in "xyz"),
         *(f"property uchar {channel}" for channel in ("red", "green", "blue")),
+        *(f"property {_PLY_TYPES[value.dtype.str[1:]]} {name}" for name, value in values.items()),
         f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header",
     ]  # fmt: skip
     with atomic_path(path) as temporary, open(temporary, "wb") as file:

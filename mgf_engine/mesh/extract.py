@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -66,7 +67,7 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
         lambda share: reporter.progress(_CLEANED + (1 - _CLEANED) * share),
     )  # fmt: skip
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
-    return colored
+    return replace(colored, values=field.confidence(colored.vertices))
 
 
 def surface_field(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,10 +36,16 @@ FAR = 1e6  # depth of what lies behind everything
 UNMATCHED = 0.2  # weight of a depth that only the field vouches for, beside one that photos agree on
 
 CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
+ENOUGH_VIEWS = 3  # photos that must show a spot for full confidence
 ENOUGH = 50  # triangulated points from which the level is calibrated
 
 Progress = Callable[[float], None]
-_BELIEF = [("weight", "<f4"), ("sum", "<f4"), ("covered", "<i4"), ("outside", "<i4"), ("seen", "<i4")]
+_BELIEF = [
+    ("weight", "<f4"),
+    ("sum", "<f4"),
+    ("likeness", "<f4"),
+    *((name, "<i4") for name in ("covered", "outside", "seen", "near")),
+]
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,7 @@ class Photos:
 
 @dataclass(frozen=True)
 class DepthMap:
-    """A view's rendered surface: [H, W, 3] depth, slope (distance along the normal per unit of depth), weight."""
+    """A view's surface: [H, W, 4] depth, slope (distance along the normal per unit of depth), weight, likeness."""
 
     view: View
     mask: NDArray[np.uint8]
@@ -120,6 +127,19 @@ class FusedField:
         near: NDArray[np.bool_] = (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
         return near
 
+    def confidence(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """How far to trust a surface at points [N, 3].
+
+        Returns:
+            ``views``: how many photos show a surface there, uint8 [N]; ``confidence``: 0..1, float32 [N]. Three photos
+            that show it are worth 0.5, three whose patches look alike there 1; 0 is made up to close a gap.
+        """
+        belief = self._ask(points, lambda share: None)
+        alike = belief["likeness"] / np.maximum(belief["near"], 1)
+        enough = np.minimum(belief["near"] / ENOUGH_VIEWS, 1.0)
+        confidence = (enough * (0.5 + 0.5 * np.clip(alike, 0, 1))).astype(np.float32)
+        return {"views": np.minimum(belief["near"], 255).astype(np.uint8), "confidence": confidence}
+
     def _ask(self, points: NDArray[np.float64], progress: Progress) -> NDArray[np.void]:
         """What the views together say of each point (struct Belief in ``raster/kernels/fuse.c``)."""
         points32 = np.ascontiguousarray(points, dtype=np.float32)
@@ -166,7 +186,7 @@ def depth_map(surface: Surface, mask: NDArray[np.uint8], matched: Matched) -> De
     if shown.any():  # where the view looks past everything, all along the ray is free
         weight[surface.through] = THROUGH_WEIGHT * np.median(weight[shown])
     depth, slope = np.where(surface.through, FAR, depth), np.where(surface.through, 1.0, slope)
-    pixels = np.stack([depth, slope, weight], -1).astype(np.float32)
+    pixels = np.stack([depth, slope, weight, matched.likeness], -1).astype(np.float32)
     return DepthMap(view, mask, np.ascontiguousarray(pixels))
 
 

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +19,10 @@ class Mesh:
         vertices: float64 [N, 3].
         faces: int32 [F, 3].
         colors: uint8 [N, 3].
+        values: further numbers per vertex, name -> [N]; the PLY file has them as properties.
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
     colors: NDArray[np.uint8]
+    values: Mapping[str, NDArray[Any]] = field(default_factory=dict)

@@ -10,6 +10,7 @@ front of it (the visual hull); one that no view can judge is invalid.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -69,6 +70,10 @@ class OpacityField:
     def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """All true: eq. 25 does not tell what was seen from what was only not ruled out."""
         return np.ones(len(points), bool)
+
+    def confidence(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """Nothing: eq. 25 does not tell how many views show a surface."""
+        return {}
 
     def _hull(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """State of each point from where it falls in the masks alone, and how many views see it on the building."""

@@ -3,14 +3,14 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
 
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.export import in_scene, needs_double, read_ply, write_glb, write_meshes, write_obj, write_ply
+from mgf_engine.mesh.export import in_scene, needs_double, read_ply, write_glb, write_obj, write_ply
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.scene.model import Similarity
 
@@ -77,16 +77,25 @@ def test_everything_is_written_in_the_scenes_own_coordinates(tmp_path):
     normalised = Mesh(similarity.apply(scene_mesh.vertices), scene_mesh.faces, scene_mesh.colors)
     assert np.abs(normalised.vertices).max() < 2
     assert np.abs(in_scene(normalised, similarity).vertices - scene_mesh.vertices).max() < 1e-8
-    write_meshes(normalised, similarity, tmp_path, make_config({"export_obj": True, "export_glb": True}))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["mesh.glb", "mesh.obj", "mesh.ply"]
+    write_ply(in_scene(normalised, similarity), tmp_path / "mesh.ply")
+    write_glb(in_scene(normalised, similarity), tmp_path / "mesh.glb")
     assert np.abs(read_ply(tmp_path / "mesh.ply").vertices - scene_mesh.vertices).max() < 1e-8
     glb = placed(trimesh.load(tmp_path / "mesh.glb", process=False))
     assert np.abs(glb.vertices.mean(0) - scene_mesh.vertices.mean(0)).max() < 1e-3
 
 
-def test_only_ply_by_default(tmp_path):
-    write_meshes(colored(), Similarity(1.0, np.eye(3), np.zeros(3)), tmp_path, make_config({}))
-    assert [p.name for p in tmp_path.iterdir()] == ["mesh.ply"]
+def test_values_per_vertex_are_properties_of_the_ply(tmp_path):
+    mesh = colored()
+    count = len(mesh.vertices)
+    values = {"views": np.arange(count).astype(np.uint8), "confidence": np.linspace(0, 1, count).astype(np.float32)}
+    write_ply(replace(mesh, values=values), tmp_path / "mesh.ply")
+    header, body = (tmp_path / "mesh.ply").read_bytes().split(b"end_header\n", 1)
+    assert b"property uchar views\nproperty float confidence\n" in header
+    kind = [("xyz", "<f4", 3), ("rgb", "u1", 3), ("views", "u1"), ("confidence", "<f4")]
+    table = np.frombuffer(body, kind, count)
+    assert np.array_equal(table["views"], values["views"])
+    assert np.array_equal(table["confidence"], values["confidence"])
+    assert np.array_equal(read_ply(tmp_path / "mesh.ply").faces, mesh.faces)
 
 
 @pytest.mark.parametrize("content", [b"", b"ply\n", b"not a mesh", None])

@@ -86,6 +86,21 @@ def test_fused_level_moves_onto_the_sparse_points():
     assert abs(radius[1] - 1.02) < 0.006 and abs(radius[0] - 1.02) > abs(radius[1] - 1.02)
 
 
+def test_confidence_tells_seen_from_made_up():
+    views = ring(12)
+    scene, masks = scene_of(views, ball(1.1))
+    mesh = extract_mesh(sphere(500), scene, masks, make_config({"level_steps": 3}), reporter())
+    seen, trust = mesh.values["views"], mesh.values["confidence"]
+    assert seen.shape == trust.shape == (len(mesh.vertices),) and (seen > 0).mean() > 0.95
+    # The photos of this scene are blank: seen often enough, but nothing in them to compare.
+    assert np.allclose(trust, 0.5 * np.minimum(seen / 3, 1))
+    opposite = [v for v in range(12) if views[v].centre[0] > 0]
+    half = replace(masks, used=np.isin(np.arange(12), opposite))
+    mesh = extract_mesh(sphere(500), scene, half, make_config({"level_steps": 3}), reporter())
+    towards = mesh.vertices[:, 0] / np.linalg.norm(mesh.vertices, axis=1)
+    assert mesh.values["views"][towards > 0.7].mean() > mesh.values["views"][towards < 0.0].mean() + 1
+
+
 def test_floaters_and_bubbles_go():
     speck = sphere(60)
     speck.positions = speck.positions * 0.05 + torch.tensor([0.0, 0.0, 1.5])

@@ -11,13 +11,14 @@ enum { OUTSIDE = 0, INSIDE = 1 };  // of the mask; other values: unknown
 
 // What a depth map says at one pixel; weight 0: nothing.
 typedef struct {
-    float depth, slope, weight;
+    float depth, slope, weight, likeness;
 } Pixel;
 
 // What all views say of a point.
 typedef struct {
-    float weight, sum;          // of the distances s / band, -1..1
-    int32_t covered, outside, seen;  // number of views
+    float weight, sum;                     // of the distances s / band, -1..1
+    float likeness;                        // of the photos of the `near` views at the surface, added up
+    int32_t covered, outside, seen, near;  // number of views; near: that show a surface within half a band
 } Belief;
 
 // Between four pixels of one surface; the nearest pixel where they belong to several.
@@ -33,7 +34,7 @@ static inline Pixel sample(const Pixel *map, int64_t height, int64_t width, doub
     for (int k = 0; k < 4; k++)
         if (!(four[k].weight > 0) || __builtin_fabsf(four[k].depth - nearest.depth) > limit) return nearest;
     const float w[4] = {(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b};
-    Pixel r = {0, 0, 0};
+    Pixel r = {0, 0, 0, nearest.likeness};
     for (int k = 0; k < 4; k++)
         r.depth += w[k] * four[k].depth, r.slope += w[k] * four[k].slope, r.weight += w[k] * four[k].weight;
     return r;
@@ -64,6 +65,7 @@ MGF_API void fuse_points_work(int32_t *next, int64_t n, const float *points, con
             if (!(here.weight > 0)) continue;
             const float limit = band * here.depth;
             const float s = (float)(here.depth - c[2]) * here.slope;
+            if (s < 0.5f * limit && s > -0.5f * limit) belief->near++, belief->likeness += here.likeness;
             if (s < -limit) belief->covered++;
             else belief->weight += here.weight, belief->sum += here.weight * (s < limit ? s / limit : 1.0f);
         }
