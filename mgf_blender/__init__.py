@@ -7,9 +7,9 @@ Every room with an interface has ``register`` and ``unregister``; this file call
 import importlib
 
 _ROOMS = (
-    "common.runner", "properties", "engine.operators", "preferences", "scene_import.operators", "scene_import.panel",
-    "prompts.tool", "reconstruct.operators", "prompts.operators", "prompts.preview", "prompts.drawing", "prompts.panel",
-    "reconstruct.panel", "results.operators", "results.panel", "cli",
+    "common.runner", "common.editors", "properties", "engine.operators", "preferences", "scene_import.operators",
+    "scene_import.panel", "prompts.tool", "reconstruct.operators", "prompts.operators", "prompts.preview",
+    "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.operators", "results.panel", "cli",
 )  # fmt: skip
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Preferences: where the engine comes from, and how it is doing."""
 
+import re
+
 import bpy
 
 from .common.addon import NAME
@@ -58,7 +60,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        layout.prop(self, "engine_source", expand=True)
+        layout.row().prop(self, "engine_source", expand=True)
         if self.engine_source == "EXISTING":
             layout.prop(self, "engine_path")
         else:
@@ -99,14 +101,18 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             layout.label(text=task.text, icon="ERROR")
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
-            for line in _report_lines(task.output):
-                box.label(text=line)
+            for name, value in _report_lines(task.output):
+                split = box.split(factor=0.3 if value else 1.0)
+                split.label(text=name, translate=False)
+                if value:
+                    split.label(text=value, translate=False)
 
 
-def _report_lines(output: list[str]) -> list[str]:
-    """The engine's own report at the end of a check or an installation."""
+def _report_lines(output: list[str]) -> list[tuple[str, str]]:
+    """The engine's own report at the end of a check or an installation: names and values, sentences without value."""
     start = next((i for i in reversed(range(len(output))) if output[i].startswith("mgf ")), len(output))
-    return [" ".join(line.split()) for line in output[start:]][:24]
+    rows = [re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in output[start:]]
+    return [(row[0], row[1] if len(row) > 1 else "") for row in rows][:24]
 
 
 def register() -> None:

@@ -12,6 +12,10 @@ PARTS = ["building", "window", "door", "roof", "wall", "balcony"]
 OptionsGroup = options.make_group()
 
 
+def _take_key(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    scene_key(self.id_data)  # drawing, which asks for previews, may not make one
+
+
 class MGF_PG_scene(bpy.types.PropertyGroup):
     """State of the add-on in one scene, at ``scene.mgf``."""
 
@@ -39,7 +43,7 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
     )  # fmt: skip
     auto_preview: bpy.props.BoolProperty(
         name="Update After Each Click", description="Preview the mask again whenever the points of the photo change",
-        default=False,
+        default=False, update=_take_key,
     )  # fmt: skip
     part: bpy.props.StringProperty(
         name="Part", description="What new clicks mark: the building, or a part of it such as window or door",

@@ -6,6 +6,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+_TAB = "MGF"
+_unsettled: list[str] = []
+_tries = 0
+
 
 def image_editor(context: bpy.types.Context) -> bpy.types.Area | None:
     """An Image Editor of the window; the area under the pointer, or the largest viewport, becomes one if need be."""
@@ -18,8 +22,7 @@ def image_editor(context: bpy.types.Context) -> bpy.types.Area | None:
     views = [a for a in areas if a.type == "VIEW_3D"]
     area = context.area if context.area in views else max(views, key=lambda a: a.width * a.height, default=None)
     if area is not None:
-        area.type = "IMAGE_EDITOR"
-        area.spaces.active.show_region_ui = True
+        _become(area, "IMAGE_EDITOR")
     return area
 
 
@@ -38,9 +41,53 @@ def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
     found = next((a for a in context.screen.areas if a.type == "VIEW_3D"), None)
     if found is None and context.area is not None and context.area.type == "IMAGE_EDITOR":
         found = context.area
-        found.type = "VIEW_3D"
-        found.spaces.active.show_region_ui = True
+        _become(found, "VIEW_3D")
     return found
+
+
+def _become(area: bpy.types.Area, kind: str) -> None:
+    """Turn an area into another editor with our tab open; what needs a drawn area first is left to a timer."""
+    global _tries
+    area.type = kind
+    area.spaces.active.show_region_ui = True
+    if not bpy.app.background:
+        _tries = 20
+        _unsettled.append(kind)
+        if not bpy.app.timers.is_registered(_settle):
+            bpy.app.timers.register(_settle, first_interval=0.05)
+
+
+def _settle() -> float | None:
+    """Open our tab in the new editors and fit the photo into its editor."""
+    global _tries
+    _tries -= 1
+    for kind in list(_unsettled):
+        if all(_prepare(window, area) for window, area in _areas(kind)):
+            _unsettled.remove(kind)
+    if _unsettled and _tries > 0:
+        return 0.05
+    _unsettled.clear()
+    return None
+
+
+def _areas(kind: str) -> list[tuple[bpy.types.Window, bpy.types.Area]]:
+    windows = [w for manager in bpy.data.window_managers for w in manager.windows]
+    return [(w, a) for w in windows for a in w.screen.areas if a.type == kind]
+
+
+def _prepare(window: bpy.types.Window, area: bpy.types.Area) -> bool:
+    """One area; False while it has not been drawn yet."""
+    sidebar = next(r for r in area.regions if r.type == "UI")
+    try:
+        sidebar.active_panel_category = _TAB
+    except (AttributeError, TypeError):
+        return False
+    area.tag_redraw()
+    if area.type == "IMAGE_EDITOR":
+        main = next(r for r in area.regions if r.type == "WINDOW")
+        with bpy.context.temp_override(window=window, area=area, region=main):
+            bpy.ops.image.view_all(fit_view=True)
+    return True
 
 
 def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float) -> None:
@@ -61,3 +108,14 @@ def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float) ->
         space.shading.color_type = "VERTEX"
         space.overlay.show_relationship_lines = False  # one dashed line per camera hides the scene
         area.tag_redraw()
+
+
+def register() -> None:
+    """Nothing to do: the timer starts when an editor changes."""
+
+
+def unregister() -> None:
+    """Leave no timer behind."""
+    _unsettled.clear()
+    if bpy.app.timers.is_registered(_settle):
+        bpy.app.timers.unregister(_settle)

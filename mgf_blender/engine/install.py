@@ -107,6 +107,8 @@ def explain(step: Step, lines: list[str]) -> str:
         name = text.rsplit("No matching distribution found for ", 1)[-1].split()[0]
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
         return f"No build of {name} fits Python {version} on this system; use an existing environment instead."
+    if "ResolutionImpossible" in text:
+        return "The packages do not fit together; fill the wheel folder with 'pip download -c constraints.txt'."
     last = next((line for line in reversed(lines) if line.strip()), "no output")
     return f"{step.title} failed ({last.strip()[:160]}); open the log for the details."
 

@@ -163,7 +163,7 @@ class MGF_PointTool(bpy.types.WorkSpaceTool):
     bl_idname = TOOL_ID
     bl_label = "Building Points"
     bl_description = "Click on the building; Ctrl click beside it; Alt click or X removes a point"
-    bl_icon = "ops.generic.select"
+    bl_icon = "ops.generic.cursor"
     bl_cursor = "CROSSHAIR"
     bl_keymap = (
         ("mgf.click", {"type": "LEFTMOUSE", "value": "PRESS"}, {"properties": [("negative", False)]}),

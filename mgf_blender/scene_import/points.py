@@ -12,7 +12,7 @@ from .colmap import Points
 from .tree import Tree
 
 #: Size of a drawn point, as a share of the scene's size.
-_SIZE = 0.004
+_SIZE = 0.006
 
 
 def add_points(tree: Tree, points: Points, name: str = "Sparse Points") -> bpy.types.Object | None:

@@ -57,6 +57,7 @@ def test_full_disk_is_said_before_anything_is_written(tmp_path, monkeypatch):
         ("OSError: [Errno 28] No space left on device", "disk is full"),
         ("No module named ensurepip", "cannot make environments"),
         ("ERROR: No matching distribution found for torch==2.13.0", "No build of torch==2.13.0 fits"),
+        ("ERROR: ResolutionImpossible: for help visit", "do not fit together"),
         ("something odd", "something odd"),
     ],
 )

@@ -69,8 +69,8 @@ def test_automatic_previews_follow_the_clicks(state):
     scene, photo = bpy.context.scene, state.photos[0]
     preview.notice(scene, photo)
     assert not preview.pump()  # switched off
+    assert not state.key
     state.auto_preview = True
-    state.key = "k"
     preview.notice(scene, photo)
     pump(lambda: preview.of(scene, photo.name) is not None and preview.of(scene, photo.name).status == preview.DONE)
     first = preview.of(scene, photo.name)

@@ -11,7 +11,8 @@ import pytest
 from mgf_blender.reconstruct import estimate as module
 from mgf_blender.reconstruct.estimate import duration, estimate, learn, speed_factor
 
-#: Reports of jobs on two cores with AVX-512: preset, options, photos, seconds of the first four stages, peak GB (None: not measured).
+#: Reports of jobs on two cores with AVX-512: preset, options, photos, seconds of the first four stages, peak GB
+#: (None: not measured).
 MEASURED = [
     ("standard", {}, 11, 343.5, 1.93),
     ("standard", {}, 64, 438.0, 2.57),

@@ -13,25 +13,20 @@ WIDTH, HEIGHT = 1400, 900
 
 
 class Window:
-    """A Blender with the extension installed from its zip, as a user would.
+    """A Blender as it comes, with settings of its own.
 
     Args:
         blender: the program.
-        zip_file: the extension.
         out: folder for screenshots, logs and the user's settings.
     """
 
-    def __init__(self, blender: str, zip_file: Path, out: Path, **environment: str) -> None:
+    def __init__(self, blender: str, out: Path, **environment: str) -> None:
         self.out = out
         (out / "user").mkdir(parents=True, exist_ok=True)
         self.environment = {
             **os.environ, "BLENDER_USER_RESOURCES": str(out / "user"), "MGF_WINDOW_OUT": str(out),
             "LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe", **environment,
         }  # fmt: skip
-        install = [blender, "--command", "extension", "install-file", "-r", "user_default", "-e", str(zip_file)]
-        done = subprocess.run(install, env=self.environment, capture_output=True, text=True)
-        if done.returncode != 0:
-            raise RuntimeError(done.stdout + done.stderr)
         read, write = os.pipe()
         command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "+extension", "GLX",
                    "-nolisten", "tcp", "-noreset"]  # fmt: skip
@@ -114,10 +109,31 @@ class Window:
         self._x("mouseup", 1)
         time.sleep(0.6)
 
+    def type(self, text: str) -> None:
+        """Type into the field that has the cursor, in place of what it holds."""
+        self.key("ctrl+a")
+        self._x("type", "--delay", 25, text)
+        self.key("Return")
+
+    def choose_file(self, path: str) -> None:
+        """Type a path into the file browser and confirm; a folder ends in a slash."""
+        time.sleep(2.0)
+        for _ in range(2):
+            self.click(0.47 * WIDTH, 49)
+        self.type(path)
+        time.sleep(1.0)
+        self.shot_if("file-browser")
+        self.click(WIDTH - 72, HEIGHT - 44)
+
     def key(self, *names: str) -> None:
         """Press keys, for example ``ctrl+z``."""
         self._x("key", *names)
         time.sleep(0.8)
+
+    def shot_if(self, name: str) -> None:
+        """A screenshot that is taken once."""
+        if not (self.out / f"{name}.png").exists():
+            self.shot(name)
 
     def shot(self, name: str) -> None:
         """Screenshot of the whole screen."""

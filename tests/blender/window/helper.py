@@ -24,7 +24,7 @@ def main_area():
 
 
 def region(area, kind):
-    return next(r for r in area.regions if r.type == kind)
+    return next((r for r in area.regions if r.type == kind), None)
 
 
 def obey(text):
@@ -34,7 +34,8 @@ def obey(text):
     area = main_area()
     if word == "editor":
         area.type = argument
-        area.spaces.active.show_region_ui = True
+        if argument != "PREFERENCES":
+            area.spaces.active.show_region_ui = True
     elif word == "tab":
         region(area, "UI").active_panel_category = "MGF"
     elif word == "fit":
@@ -67,6 +68,7 @@ def state():
         "windows": len(bpy.context.window_manager.windows),
     }
     found["regions"] = {r.type: [r.x, r.y, r.width, r.height] for r in area.regions}
+    found["addons"] = [a.module for a in bpy.context.preferences.addons]
     found["tab"] = getattr(region(area, "UI"), "active_panel_category", None)
     scene = window.scene
     mgf = getattr(scene, "mgf", None)
@@ -76,6 +78,9 @@ def state():
             for p in mgf.photos
         ]
         found["photo_index"], found["job_folder"], found["source"] = mgf.photo_index, mgf.job_folder, mgf.source
+        found["crop"] = sum(o.get("mgf_role") == "crop" for o in bpy.data.objects)
+        found["auto"], found["options"] = mgf.auto_preview, {"preset": mgf.options.preset}
+        found["camera"] = scene.camera.get("mgf_shown", "") if scene.camera else ""
         found["objects"] = {
             k: sum(o.get("mgf_kind") == k for o in bpy.data.objects) for k in ("Cameras", "Points", "Mesh", "Renders")
         }
@@ -85,6 +90,9 @@ def state():
         if runner is not None:
             found["jobs"] = [[j.kind, j.status, j.stage, j.overall, j.text] for j in runner.jobs()]
             found["longest_tick"] = runner.longest_tick()
+        preview = next((m for n, m in sys.modules.items() if n.endswith(".mgf.prompts.preview")), None)
+        if preview is not None:
+            found["previews"] = {p.photo: [p.status, p.text, p.seconds] for p in preview._latest.values()}
         operators = next((m for n, m in sys.modules.items() if n.endswith(".mgf.engine.operators")), None)
         task = operators.current()[1] if operators is not None else None
         found["task"] = None if task is None else [task.status, task.title, task.text]

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The whole way by mouse in a real Blender: import, click points, preview the mask, reconstruct, see the mesh.
+"""The whole way by mouse in a real Blender, from the zip on disk to the mesh in the scene.
 
-    python tests/blender/window/run.py --blender BLENDER --zip dist/mgf-….zip --engine PYTHON --scene FOLDER --out shots
+    python tests/blender/window/run.py --blender BLENDER --zip dist/mgf-….zip --scene FOLDER --out shots
+        (--engine PYTHON | --wheels FOLDER)  [--pictures docs/pictures]
 
-Needs Xvfb, xdotool and ImageMagick. Every press is a real X event; a helper inside Blender only says where things are
-and changes editors. Exits with 0 only when the add-on's own state shows each step; screenshots are left in --out.
+Install from disk, set up the engine, import, crop box, click points, preview the mask, reconstruct, watch, look at the
+results. Needs Xvfb, xdotool and ImageMagick. Every press is a real X event; a helper inside Blender only says where
+things are and changes settings. Exits with 0 only when the add-on's own state shows each step; screenshots are left
+in --out, and those of the documentation go to --pictures.
 """
 
 from __future__ import annotations
@@ -12,16 +15,30 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import subprocess
 import sys
 import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-from driver import HEIGHT, WIDTH, Window
+from driver import Window
+from first_steps import install_engine, install_extension, use_environment
 
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
-IMPORT, RECONSTRUCT = 50, 405
-POINT_TOOL, NEXT_PHOTO, PREVIEW = 51, 81, 309
+IMPORT = 50
+CROP, MARK, RECONSTRUCT = 145, 380, 438
+POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 320
+SIDE = 0.915  # of the small button at the end of a row, as a share of the sidebar's width
+
+#: Screenshot -> part of it (width, height, x, y) and picture of the documentation.
+PICTURES = {
+    "02-preferences": ((990, 480, 170, 90), "blender-preferences"),
+    "12-crop-box": ((1160, 815, 0, 0), "blender-scene"),
+    "23-mask": ((1160, 815, 0, 0), "blender-prompts"),
+    "31-training": ((1160, 815, 0, 0), "blender-training"),
+    "32-mesh": ((1160, 815, 0, 0), "blender-mesh"),
+    "33-error": ((1160, 815, 0, 0), "blender-error"),
+}
 
 
 def main() -> int:
@@ -29,10 +46,12 @@ def main() -> int:
     args = parser().parse_args()
     shutil.rmtree(args.out, ignore_errors=True)
     args.out.mkdir(parents=True)
-    scene = args.out / "scene"
-    shutil.copytree(args.scene, scene, ignore=shutil.ignore_patterns("*_job*"))
+    scene = args.out / args.scene.name.split("-")[0]
+    shutil.copytree(args.scene, scene, ignore=shutil.ignore_patterns("*_job*"), copy_function=shutil.copyfile)
+    for path in scene.rglob("*"):
+        path.chmod(0o755 if path.is_dir() else 0o644)
     prompts = json.loads((scene / "prompts.json").read_text())
-    window = Window(args.blender, args.zip, args.out, MGF_ENGINE_PYTHON=str(args.engine))
+    window = Window(args.blender, args.out)
     begun = time.monotonic()
 
     def say(text: str) -> None:
@@ -42,44 +61,50 @@ def main() -> int:
         window.wait("the window", lambda s: s["size"][0] > 100, 240)
         window.tell('py bpy.context.preferences.view.filebrowser_display_type = "SCREEN"')
         window.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
-        window.tell("editor VIEW_3D")
-        window.wait("the sidebar", lambda s: s["regions"]["UI"][2] > 100)
-        time.sleep(2)
-        window.tell("tab")
         say("window ready")
+        install_extension(window, args.zip.resolve())
+        say("extension installed from disk")
+        if args.wheels is not None:
+            install_engine(window, args.wheels.resolve())
+        else:
+            use_environment(window, args.engine.absolute())
+        say("engine ready")
         import_scene(window, scene)
-        say("scene imported")
+        say("scene imported, crop box made and undone")
         set_options(window, args.set)
         click_points(window, prompts)
         say("points clicked, moved, removed, undone")
-        preview_mask(window)
-        say("mask previewed")
+        say(f"mask previewed {preview_mask(window):.1f} s after the engine was asked")
         reconstruct(window)
         say("mesh in the scene")
-        state = window.state()
-        print(f"longest tick of the timer: {1000 * state['longest_tick']:.1f} ms")
+        look_at_results(window)
+        say("results looked at")
+        print(f"longest tick of the timer: {1000 * window.state()['longest_tick']:.1f} ms")
     finally:
         window.close()
+    if args.pictures is not None:
+        make_pictures(args.out, args.pictures)
     return 0
 
 
 def import_scene(window: Window, scene: Path) -> None:
-    """The button, the file browser's path field, its confirm button."""
+    """The button, the file browser, and a crop box that undo takes away again."""
+    window.tell("editor VIEW_3D")
+    window.wait("the sidebar", lambda s: s["regions"]["UI"][2] > 100)
+    time.sleep(2)
+    window.tell("tab")
+    window.shot("10-empty")
     window.click(*window.button(IMPORT))
-    time.sleep(2.5)
-    x, y = 0.47 * WIDTH, 49
-    window.click(x, y)
-    window.click(x, y)
-    window.key("ctrl+a")
-    window._x("type", "--delay", 30, str(scene) + "/")
-    window.key("Return")
-    time.sleep(1.5)
-    window.shot("1-file-browser")
-    window.click(WIDTH - 72, HEIGHT - 44)
+    window.choose_file(f"{scene}/")
     window.wait("the cameras", lambda s: s["objects"]["Cameras"] > 0)
     time.sleep(1)
-    window.tell("fit")
-    window.shot("2-imported")
+    window.shot("11-imported")
+    window.click(*window.button(CROP))
+    window.wait("the crop box", lambda s: s["crop"] == 1)
+    window.shot("12-crop-box")
+    window.move(400, 500)
+    window.key("ctrl+z")
+    window.wait("undo of the crop box", lambda s: s["crop"] == 0)
 
 
 def set_options(window: Window, options: list[str]) -> None:
@@ -91,20 +116,18 @@ def set_options(window: Window, options: list[str]) -> None:
 
 
 def click_points(window: Window, prompts: dict) -> None:
-    """Click the points of the prompts file on each root photo the list names."""
-    window.tell("editor IMAGE_EDITOR")
-    window.wait("the sidebar", lambda s: s["area"] == "IMAGE_EDITOR" and s["regions"]["UI"][2] > 100)
-    time.sleep(2)
-    window.tell("tab")
+    """Mark Building, then the points of the prompts file on the first root photo that the file knows."""
+    window.click(*window.button(MARK, SIDE))
+    window.wait("the photo", lambda s: s["area"] == "IMAGE_EDITOR" and s["tool"] == "mgf.point_tool" and s["image"])
+    window.wait("our tab", lambda s: s["tab"] == "MGF")
+    time.sleep(1)
     names = [photo["name"] for photo in window.state()["photos"]]
-    at = next(i for i in (*range(1, len(names)), 0) if names[i] in prompts)
-    for step in range(1, (at or len(names)) + 1):
+    at = next(i for i in range(len(names)) if names[i] in prompts)
+    for step in range(1, at + 1):
         window.click(*window.button(NEXT_PHOTO, 0.75))
-        window.wait("a photo", lambda s, step=step: s["photo_index"] == step % len(names) and s["image"])
+        window.wait("a photo", lambda s, step=step: s["photo_index"] == step and s["image"])
     window.tell("fit")
-    window.click(*window.button(POINT_TOOL))
-    window.wait("the point tool", lambda s: s["tool"] == "mgf.point_tool")
-    window.shot("3-photo")
+    window.shot("20-photo")
     photo = window.state()["photos"][at]
     width, height = photo["size"]
     entry = prompts[photo["name"]]
@@ -112,71 +135,101 @@ def click_points(window: Window, prompts: dict) -> None:
     negative = [p for p in entry.get("negative", []) if clear_of_sidebar(window, p[0] / width, p[1] / height)]
     for u, v in positive:
         window.click(*window.image_point(u / width, v / height))
-    clicks = window.wait("the points", lambda s: len(s["photos"][at]["clicks"]) == len(positive))["photos"][at][
-        "clicks"
-    ]
+    state = window.wait("the points", lambda s: len(s["photos"][at]["clicks"]) == len(positive))
     pixel = width / (window.image_point(1, 0)[0] - window.image_point(0, 0)[0])
-    worst = max(max(abs(c[0] - p[0]), abs(c[1] - p[1])) for c, p in zip(clicks, positive, strict=True))
+    pairs = zip(state["photos"][at]["clicks"], positive, strict=True)
+    worst = max(max(abs(c[0] - p[0]), abs(c[1] - p[1])) for c, p in pairs)
     assert worst <= 2 * pixel, f"a click landed {worst:.1f} photo pixels away"
-    # Ctrl click: negative. Drag: moves. Alt click and X: remove. Ctrl Z: brings back.
-    spot = negative[0] if negative else [width * 0.5, height * 0.97]
-    window.click(*window.image_point(spot[0] / width, spot[1] / height), hold="ctrl")
-    count = len(positive) + 1
-    window.wait(
-        "the negative point", lambda s: len(s["photos"][at]["clicks"]) == count and s["photos"][at]["clicks"][-1][2]
-    )
-    u, v = positive[0]
-    window.drag(*window.image_point(u / width, v / height), *window.image_point(u / width + 0.03, v / height))
-    window.wait("the moved point", lambda s: abs(s["photos"][at]["clicks"][0][0] - (u + 0.03 * width)) < 3 * pixel)
-    window.shot("4-points")
-    window.click(*window.image_point(u / width + 0.03, v / height), hold="alt")
-    window.wait("the removed point", lambda s: len(s["photos"][at]["clicks"]) == count - 1)
+    edit_points(window, at, positive[0], negative[0] if negative else [width * 0.5, height * 0.97], pixel)
+
+
+def edit_points(window: Window, at: int, first: list[float], beside: list[float], pixel: float) -> None:
+    """Ctrl click: negative. Drag: moves. Alt click and X: remove. Ctrl Z: brings back."""
+    width, height = window.state()["photos"][at]["size"]
+    count = len(window.state()["photos"][at]["clicks"]) + 1
+    clicks = lambda s: s["photos"][at]["clicks"]  # noqa: E731
+    window.click(*window.image_point(beside[0] / width, beside[1] / height), hold="ctrl")
+    window.wait("the negative point", lambda s: len(clicks(s)) == count and clicks(s)[-1][2])
+    u, v = first
+    there = (u / width + 0.03, v / height)
+    window.drag(*window.image_point(u / width, v / height), *window.image_point(*there))
+    window.wait("the moved point", lambda s: abs(clicks(s)[0][0] - (u + 0.03 * width)) < 3 * pixel)
+    window.shot("21-points")
+    window.click(*window.image_point(*there), hold="alt")
+    window.wait("the removed point", lambda s: len(clicks(s)) == count - 1)
     window.key("ctrl+z")
-    window.wait("undo", lambda s: len(s["photos"][at]["clicks"]) == count)
-    window.move(*window.image_point(u / width + 0.03, v / height))
+    window.wait("undo", lambda s: len(clicks(s)) == count)
+    window.move(*window.image_point(*there))
     window.key("x")
-    window.wait("X to remove", lambda s: len(s["photos"][at]["clicks"]) == count - 1)
+    window.wait("X to remove", lambda s: len(clicks(s)) == count - 1)
     window.key("ctrl+z")
-    window.wait("undo", lambda s: len(s["photos"][at]["clicks"]) == count)
+    window.wait("undo", lambda s: len(clicks(s)) == count)
 
 
 def clear_of_sidebar(window: Window, u: float, v: float) -> bool:
-    """Whether a place of the image can be clicked: not under the sidebar, which lies over it."""
-    x, _ = window.image_point(u, v)
-    return x < window.region("UI")[0] - 10
+    """Whether a place of the image can be clicked: not under the sidebar, which lies over it, nor the gizmos."""
+    x, y = window.image_point(u, v)
+    return x < window.region("UI")[0] - 60 and y > 100
 
 
-def preview_mask(window: Window) -> None:
-    """The button, and the overlay it leads to."""
+def preview_mask(window: Window) -> float:
+    """The button and the overlay; then the automatic one after a click. Returns the seconds of the first."""
     window.click(*window.button(PREVIEW))
-    window.wait("the masks job", lambda s: s["jobs"][-1][0] == "masks", 20)
-    time.sleep(2)
-    window.shot("5-masking")
-    window.wait("the masks", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 600)
-    assert window.state()["jobs"][-1][1] == "DONE", window.state()["jobs"][-1]
-    time.sleep(1.5)
-    window.shot("6-mask")
+    state = window.wait("the preview", lambda s: any(p[0] != "RUNNING" for p in s["previews"].values()), 60)
+    (first,) = state["previews"].values()
+    assert first[0] == "DONE", first
+    time.sleep(1)
+    window.shot("22-mask")
+    window.click(*window.button(PREVIEW, SIDE))
+    window.wait("the switch", lambda s: s["auto"])
+    photo = next(p for p in window.state()["photos"] if p["clicks"])
+    u, v = photo["clicks"][0][0] / photo["size"][0], photo["clicks"][0][1] / photo["size"][1]
+    window.click(*window.image_point(u, v + 0.04))
+    window.wait("the next preview", lambda s: s["previews"] and [first] != list(s["previews"].values()), 60)
+    window.wait("its mask", lambda s: all(p[0] == "DONE" for p in s["previews"].values()), 60)
+    time.sleep(1)
+    window.shot("23-mask")
+    return first[2]
 
 
 def reconstruct(window: Window) -> None:
-    """The button, progress, and the mesh."""
-    window.tell("editor VIEW_3D")
-    window.wait("the sidebar", lambda s: s["area"] == "VIEW_3D" and s["regions"]["UI"][2] > 100)
-    time.sleep(1.5)
-    window.tell("tab")
-    window.tell("py area.spaces.active.shading.color_type = 'VERTEX'")
-    window.shot("7-before")
+    """Back to the viewport, the button, progress, and the mesh."""
+    window.click(*window.button(POINTS, SIDE))
+    window.wait("the viewport", lambda s: s["area"] == "VIEW_3D" and s["tab"] == "MGF")
+    time.sleep(1)
+    window.shot("30-before")
     window.click(*window.button(RECONSTRUCT))
     window.wait("the job", lambda s: s["jobs"][-1][0] == "reconstruct", 20)
-    window.wait("training", lambda s: s["jobs"][-1][2] == "field" and s["jobs"][-1][3] > 0.15, 900)
+    window.wait("training", lambda s: s["jobs"][-1][2] == "field" and s["jobs"][-1][3] > 0.15, 1800)
     time.sleep(4)
-    window.shot("8-training")
-    window.wait("the end", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 1800)
+    window.shot("31-training")
+    window.wait("the end", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 3600)
     assert window.state()["jobs"][-1][1] == "DONE", window.state()["jobs"][-1]
     window.wait("the mesh", lambda s: s["objects"]["Mesh"] == 1, 60)
     window.tell("frame Mesh")
     time.sleep(3)
-    window.shot("9-mesh")
+    window.shot("32-mesh")
+
+
+def look_at_results(window: Window) -> None:
+    """The heat map of a held-out photo, seen through its camera."""
+    window.tell(
+        "py window.scene.camera = next(o.parent for o in bpy.data.objects if o.get('mgf_kind') == 'Renders');"
+        "area.spaces.active.region_3d.view_perspective = 'CAMERA'"
+    )
+    for kind in ("RENDER", "ERROR"):
+        window.tell(f"py bpy.ops.mgf.show_in_camera(kind='{kind}')")
+        window.wait(kind, lambda s, kind=kind: s["camera"] == kind)
+        time.sleep(2)
+        window.shot(f"33-{kind.lower()}")
+
+
+def make_pictures(shots: Path, folder: Path) -> None:
+    """Cut the documentation's pictures out of the screenshots."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, ((width, height, x, y), title) in PICTURES.items():
+        command = ["convert", shots / f"{name}.png", "-crop", f"{width}x{height}+{x}+{y}", "+repage"]
+        subprocess.run([*command, "-colors", "200", "-strip", folder / f"{title}.png"], check=True)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -184,10 +237,13 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description="Drive the add-on by mouse in a real Blender.")
     p.add_argument("--blender", required=True)
     p.add_argument("--zip", type=Path, required=True)
-    p.add_argument("--engine", type=Path, required=True, help="Python that has the engine")
+    engine = p.add_mutually_exclusive_group(required=True)
+    engine.add_argument("--engine", type=Path, help="Python that has the engine")
+    engine.add_argument("--wheels", type=Path, help="folder of wheels to install the engine from")
     p.add_argument("--scene", type=Path, required=True, help="scene folder with images, sparse and prompts.json")
     p.add_argument("--out", type=Path, required=True)
     p.add_argument("--set", action="append", default=["preset=draft", "resolution=300", "iterations=150"])
+    p.add_argument("--pictures", type=Path, help="folder for the documentation's pictures (the demo scene only)")
     return p
 
 
