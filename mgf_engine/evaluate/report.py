@@ -242,7 +242,7 @@ def _score_text(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
-def _count_text(value: int) -> str:
+def _count_text(value: float) -> str:
     return f"{value:,}".replace(",", "\u202f")
 
 

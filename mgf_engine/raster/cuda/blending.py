@@ -139,12 +139,12 @@ class Rasterizer:
         _, order = self.sort(seen.depth_keys, None, 32)
         sums, total = self.empty(torch.int32, blocks(n)), self.empty(torch.int32, 2)
         self.launcher.launch("list_sums", blocks(n), n, order, seen.tile_counts, sums)
-        room = 0 if wait else self.room.take(n)
+        room = 0 if wait else self.room.take(n, tiles)
         self.launcher.launch("list_offsets", 1, blocks(n), room or MOST, sums, total)
         if room:
-            self.room.learn_later(self.launcher.read_later(total), room, n)
+            self.room.learn_later(self.launcher.read_later(total), room, n, tiles)
         else:
-            room = self._needed(total, n)
+            room = self._needed(total, n, tiles)
         slot_starts, ranges = self.empty(torch.int32, n), self.empty(torch.int32, tiles + 1)
         slot_tiles, slot_gid, gid = (self.empty(torch.int32, room) for _ in range(3))
         hits = self.empty(torch.uint8, room)
@@ -157,12 +157,12 @@ class Rasterizer:
         found = (seen.records, seen.tile_counts, gid, slots, slot_starts, ranges, hits)
         return TileLists(*found, seen.tiles_x, seen.tiles_y, seen.camera)
 
-    def _needed(self, total: Tensor, gaussians: int) -> int:
+    def _needed(self, total: Tensor, gaussians: int, tiles: int) -> int:
         """Waits for the number of entries."""
         needed = int(total[0])
         if needed > MOST:
             raise RuntimeError("The Gaussians touch more tiles than the kernels can list; prune the field.")
-        self.room.learn(needed, gaussians)
+        self.room.learn(needed, gaussians, tiles)
         return needed
 
     def blend(self, lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:

@@ -86,9 +86,9 @@ template <int LEVEL> static inline void blend_tile(const Lists &lists, const Cam
                 touched[THREAD] = (uint8_t)warps_of((const float *)record, (float)ox, (float)oy);
                 for (int w = 0; w < WARPS; w++) took[THREAD][w] = 0;
             }
-            if (THREAD == 0) live[turn ^ 1] = 0;
         }
         PHASE {
+            if (THREAD == 0) live[turn ^ 1] = 0;
             Gathered s = *own;
             const float px = (float)(ox + pixel_x()) + 0.5f, py = (float)(oy + pixel_y()) + 0.5f;
             for (int k = 0; k < count && s.t > T_STOP; k++)

@@ -14,8 +14,9 @@
 //
 // What a thread keeps from one phase to the next lives in an Own<T>: a register on the card, an array over the threads on the
 // CPU; *own and own->member are the running thread's. `continue` ends a thread's share of a phase. Between phases control flow
-// must be the same for all threads: only shared memory, constants and kernel arguments may decide it.
-// Inside LANES and PHASE a thread may loop and branch as it likes.
+// must be the same for all threads: only shared memory, constants and kernel arguments may decide it. Shared memory that is
+// read there must not be written by the phase that follows, only by the one after: threads do not wait for each other
+// between the reading and that phase. Inside LANES and PHASE a thread may loop and branch as it likes.
 //
 // Arguments: pointers, int (every whole number), float, and structs by value.
 #pragma once
@@ -187,40 +188,54 @@ template <int COUNT> struct Sums {
     float of[COUNT];
 };
 
+// One round of adding VALUES numbers, from number `first` on, over the lanes: of two partners `step` lanes apart, the lower keeps the
+// first half of them and the upper the second, each adds what the other hands over, and the number of numbers is halved.
+template <int VALUES, int COUNT> static inline void fold_lanes(Own<Sums<COUNT>> &value, int first, int step) {
+    enum { HALF = VALUES / 2 };
 #if defined(__CUDACC__)
-// One round of a sum of VALUES numbers over the lanes: partners `step` apart each keep half of them and hand over the other half.
-template <int VALUES> __device__ __forceinline__ void fold_lanes_(float *v, int step) {
+    float *v = value->of + first;
     const bool upper = THREAD & step;
 #pragma unroll
-    for (int i = 0; i < VALUES / 2; i++) {
-        const float kept = upper ? v[i + VALUES / 2] : v[i], given = upper ? v[i] : v[i + VALUES / 2];
+    for (int i = 0; i < HALF; i++) {
+        const float kept = upper ? v[i + HALF] : v[i], given = upper ? v[i] : v[i + HALF];
         v[i] = kept + __shfl_xor_sync(~0u, given, step);
     }
-}
+#else
+    Sums<COUNT> before[WARP];
+    for (int l = 0; l < WARP; l++) before[l] = value.lane(l);
+    for (int l = 0; l < WARP; l++)
+        for (int i = first; i < first + HALF; i++) {
+            const int at = l & step ? i + HALF : i;
+            value.lane(l).of[i] = before[l].of[at] + before[l ^ step].of[at];
+        }
 #endif
+}
+
+// The sum of number `at` of both partners, for both.
+template <int COUNT> static inline void pair_lanes(Own<Sums<COUNT>> &value, int at, int step) {
+#if defined(__CUDACC__)
+    value->of[at] += __shfl_xor_sync(~0u, value->of[at], step);
+#else
+    float before[WARP];
+    for (int l = 0; l < WARP; l++) before[l] = value.lane(l).of[at];
+    for (int l = 0; l < WARP; l++) value.lane(l).of[at] = before[l] + before[l ^ step];
+#endif
+}
 
 // out[i] = the sum over the warp of value->of[i], for 16 or 24 numbers: 16 and 25 shuffles, where one number after the other would
 // take 80 and 120. The values are used up.
 template <int COUNT> static inline void sum_columns(Own<Sums<COUNT>> &value, float *out) {
     static_assert(COUNT == 16 || COUNT == 24, "sums come in sixteens and eights");
-#if defined(__CUDACC__)
-    float *v = value->of;
-    fold_lanes_<16>(v, 16), fold_lanes_<8>(v, 8), fold_lanes_<4>(v, 4), fold_lanes_<2>(v, 2);
-    v[0] += __shfl_xor_sync(~0u, v[0], 1);
-    if (!(THREAD & 1)) out[THIS_LANE / 2] = v[0];
+    fold_lanes<16>(value, 0, 16), fold_lanes<8>(value, 0, 8), fold_lanes<4>(value, 0, 4), fold_lanes<2>(value, 0, 2);
+    pair_lanes(value, 0, 1);
     if (COUNT == 24) {
-        float *w = v + (COUNT - 8);
-        fold_lanes_<8>(w, 16), fold_lanes_<4>(w, 8), fold_lanes_<2>(w, 4);
-        w[0] += __shfl_xor_sync(~0u, w[0], 2);
-        w[0] += __shfl_xor_sync(~0u, w[0], 1);
-        if (!(THREAD & 3)) out[16 + THIS_LANE / 4] = w[0];
+        fold_lanes<8>(value, COUNT - 8, 16), fold_lanes<4>(value, COUNT - 8, 8), fold_lanes<2>(value, COUNT - 8, 4);
+        pair_lanes(value, COUNT - 8, 2), pair_lanes(value, COUNT - 8, 1);
     }
-#else
-    for (int i = 0; i < COUNT; i++) {
-        out[i] = 0;
-        for (int l = 0; l < WARP; l++) out[i] += value.lane(l).of[i];
+    LANES {
+        if (THIS_LANE % 2 == 0) out[THIS_LANE / 2] = value->of[0];
+        if (COUNT == 24 && THIS_LANE % 4 == 0) out[16 + THIS_LANE / 4] = value->of[COUNT - 8];
     }
-#endif
 }
 
 // Each thread's value becomes the sum over the threads before it; returns the sum over all. totals: shared memory for

@@ -116,9 +116,9 @@ KERNEL(points_opacity, Lists lists, const float *front, const float *place, cons
             PHASE {
                 stage_records(lists, first, count, staged);
                 if (THREAD < count) begins[THREAD] = front[lists.gid[first + THREAD]];
-                if (THREAD == 0) live[turn ^ 1] = 0;
             }
             PHASE {
+                if (THREAD == 0) live[turn ^ 1] = 0;
                 Point p = *own;
                 for (int k = 0; k < count && p.T > stop; k++) {
                     const float *g = (const float *)staged[k];
