@@ -5,7 +5,7 @@ BPY := .venv-bpy
 RUN := $(VENV)/bin/python
 DEMO ?= demo
 
-.PHONY: env env-blender test lint demo extension clean
+.PHONY: env env-blender test lint demo extension test-window clean
 
 env: $(VENV)/.ready
 env-blender: $(BPY)/.ready
@@ -39,6 +39,10 @@ demo: $(VENV)/.ready $(BPY)/.ready kernels
 
 extension: $(VENV)/.ready $(BPY)/.ready
 	$(BPY)/bin/python tools/build_extension.py --engine-python $(RUN)
+
+test-window: extension
+	$(RUN) tests/blender/window/run.py --blender "$(or $(BLENDER),blender)" --zip dist/mgf-*.zip --scene "$(SCENE)" \
+		--out build/window $(if $(WHEELS),--wheels "$(WHEELS)",--engine "$(or $(ENGINE),$(RUN))") $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(BPY) build dist demo

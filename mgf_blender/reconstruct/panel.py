@@ -123,7 +123,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         draw_sentence(box, text, "INFO")
     row = layout.row(align=True)
     if job.live and job.preview:
-        row.operator("mgf.show_preview", icon="IMAGE_DATA")
+        row.operator("mgf.show_preview", text="Show Render", icon="IMAGE_DATA")
     row.operator("mgf.open_job_file", text="Open Log", icon="TEXT").name = "log.txt"
     if job.status == DONE and job.kind == "reconstruct":
         row.operator("mgf.open_job_file", text="Open Report", icon="URL").name = "report.html"

@@ -47,7 +47,7 @@ def install_engine(window: Window, wheels: Path) -> None:
     time.sleep(6)
     window.shot("04-installing")
     state = window.wait("the engine", lambda s: s["task"][0] in ("DONE", "FAILED"), 900)
-    _settled(window, state, "05-installed")
+    _settled(window, state, "05-engine")
 
 
 def use_environment(window: Window, python: Path) -> None:
@@ -58,7 +58,7 @@ def use_environment(window: Window, python: Path) -> None:
     window.type(str(python))
     window.click(*_CHECK_EXISTING)
     state = window.wait("the check", lambda s: s["task"] and s["task"][0] in ("DONE", "FAILED"), 60)
-    _settled(window, state, "05-checked")
+    _settled(window, state, "05-engine")
 
 
 def _settled(window: Window, state: dict, name: str) -> None:
