@@ -27,7 +27,7 @@ from mgf_engine.raster.library import parallel
 from mgf_engine.raster.points import NEAR
 from mgf_engine.scene.model import View
 
-BAND_PIXELS = 4.0  # half width of the band, in pixels at the depth of the surface
+BAND_PIXELS = 2.0  # half width of the band, in pixels at the depth of the surface
 JUMP = 0.01  # share of the depth that neighbouring pixels of one surface differ at most
 MIXED = 0.01  # mean and median depth that differ by a larger share belong to several surfaces
 MIN_ALPHA = 0.5  # pixels that the field covers less show no surface,
