@@ -90,6 +90,16 @@ SCENES: dict[str, SceneSpec] = {
         _LARGE, building="curved_hall", rings=(Ring(0.5, 9.0, 26.0), Ring(0.5, 26.0, 20.0)), seed=16,
     ),
 }  # fmt: skip
+# What masks are measured on (`mgf bench masks`): small pictures; trees, cars and houses of the same colour around. The
+# flights with 20 photos are thinner than anybody should fly: few points, and 36 degrees from photo to photo.
+_MASKS = replace(_LARGE, width=480, samples=8)
+SCENES |= {
+    "masks_trees": replace(_MASKS, photos=24, trees_in_front=7, neighbours=5, exposure_spread=0.15, seed=14),
+    "masks_block": replace(_MASKS, photos=36, building="flat_block", wall="white", trees_in_front=4, seed=13),
+    "masks_hall": replace(SCENES["curved_hall"], photos=36, width=480, samples=8, trees_in_front=3, cars=6),
+}
+for _name in ("masks_block", "masks_hall"):
+    SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("dortmund", "zeche"):
     SCENES[f"{_name}40"] = replace(SCENES[_name], photos=40, width=480)
 

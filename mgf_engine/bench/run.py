@@ -27,6 +27,10 @@ def bench_main(argv: Sequence[str] | None = None) -> int:
             from mgf_engine.bench.scenes import scenes_main
 
             return scenes_main(args[1:])
+        if args[:1] == ["masks"]:
+            from mgf_engine.bench.masks import masks_main
+
+            return masks_main(args[1:])
         return _run_suite(_parser().parse_args(args))
     except BadInput as error:
         print(f"Error: {error}", file=sys.stderr)
@@ -39,7 +43,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="mgf bench",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Measure the engine on scenes with known truth.",
-        epilog=f"suites:\n{lines}\n  scenes      make a scene: 'mgf bench scenes --help'",
+        epilog=f"suites:\n{lines}\n  scenes      make a scene: 'mgf bench scenes --help'\n"
+        "  masks       score the masks alone: 'mgf bench masks --help'",
     )
     parser.add_argument("suite", choices=sorted(SUITES), help="what to measure", metavar="SUITE")
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of jobs, results and the page")

@@ -29,6 +29,7 @@ from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.regions import Regions
 from mgf_engine.masks.shape import Shape, clicked_groups
+from mgf_engine.masks.sky import find_sky
 from mgf_engine.scene.model import Scene, View
 
 Array = NDArray[np.float64]
@@ -42,11 +43,16 @@ POINT_EVIDENCE_WEIGHT = 2.0  # and at a point, which has as many ties as photos 
 LOOKS_LIMIT = 3.0  # colour, texture and shape say at most this much
 PLANT_ODDS = -2.0  # leaves and grass
 CORE_ODDS = 1.5  # the ray meets the building
+RIM_ODDS = 0.4  # or the rim around its outermost points
 FAR_ODDS = -2.0  # per spacing of the points away from it, beyond FAR_FROM
 FAR_FROM, FAR_LIMIT = 1.2, 5.0
 APART_ODDS = -4.0  # points apart from every click on the building
 HIDDEN_ODDS = -2.0  # points that should be seen here are not
 FIRST_ODDS = -6.0  # the ray meets the ground first
+SKY_ODDS = -5.0  # sky
+OTHER_ODDS = -2.0  # something else's points are nearer
+OTHER_GAP = 4.0  # spacings between the building and something else
+OTHER_BELOW = 0.2  # belief below which a point is something else's
 GROUND_ODDS = -4.0  # the ground's own points
 #: What the geometry already calls ground teaches little about looks: walls may be of the same stone.
 EXPLAINED = 0.2
@@ -82,16 +88,20 @@ class SceneGraph:
         self.point_features = self._point_features(shape)
         counts = [self.region_count, self.point_count]
         self.evidence_weight = np.repeat([EVIDENCE_WEIGHT, POINT_EVIDENCE_WEIGHT], counts)
+        self.sky = self._sky()
         self.plants = np.concatenate([plants(self.features), plants(self.point_features)])
 
     def solve(self, prompts: Prompts, seed: int = 0, rounds: int = ROUNDS) -> Belief:
         """The belief that follows from the clicks."""
         pull, target = self.click_pull(prompts)
-        belief, trust = self._first_guess(pull, target)
+        sky = self._unclicked_sky(prompts)
+        # Where nobody said what is not the building, the sky says it first.
+        silent = not any(len(c.negative) for c in prompts.values())
+        belief, trust = self._first_guess(pull + CLICK_WEIGHT * (sky & silent), target)
         looks, teach = np.zeros(len(belief)), trust
         for round_ in range(rounds):
             looks = self._looks(belief, teach, seed)
-            odds = looks + PLANT_ODDS * self.plants
+            odds = looks + PLANT_ODDS * self.plants + SKY_ODDS * sky
             if round_ > 0:
                 place, grounded = self._place(belief, prompts, seed)
                 odds += place
@@ -123,12 +133,34 @@ class SceneGraph:
         keep &= ~apart
         if keep.sum() < 10:
             return odds, ground
-        extent = Extent(self.scene, self.shape, keep, self.ground, self.sight)
+        away = (points < OTHER_BELOW) & ~ground[self.region_count :]
+        others = apart | (away & self._far_from(keep))
+        extent = Extent(self.scene, self.shape, keep, self.ground, self.sight, others)
         for index, regions in enumerate(self.regions):
             part = slice(self.start[index], self.start[index + 1])
             odds[part], first = self._region_odds(extent.place(index), regions, self.scene.views[index])
             ground[part] = first & (self.ground is not None)
         return odds, ground
+
+    def _sky(self) -> NDArray[np.int64]:
+        """Piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""
+        result = np.zeros(self.region_count + self.point_count, np.int64)
+        for index, regions in enumerate(self.regions):
+            part = slice(self.start[index], self.start[index + 1])
+            sky = find_sky(regions, self.observed[self.scene.track_view == index] - self.start[index])
+            result[part] = np.where(sky > 0, sky + result.max(), 0)
+        return result
+
+    def _unclicked_sky(self, prompts: Prompts) -> NDArray[np.bool_]:
+        """Nodes that are sky, [N]; what a click calls building is none."""
+        clicked = [self.regions[i].at(c.positive) + self.start[i] for i, c in prompts.items() if len(c.positive)]
+        taken = self.sky[np.concatenate(clicked)] if clicked else np.zeros(0, np.int64)
+        return (self.sky > 0) & ~np.isin(self.sky, taken)
+
+    def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Points farther from all kept ones than a wall is from the roof on it, [P]."""
+        distance, _ = cKDTree(self.scene.points[keep]).query(self.scene.points)
+        return np.asarray(distance > OTHER_GAP * np.median(self.shape.spacing[keep]), bool)
 
     def _clicked_points(self, prompts: Prompts) -> NDArray[np.int64]:
         """The sparse points nearest to the positive clicks, where any is near."""
@@ -162,10 +194,12 @@ class SceneGraph:
         h, w = place.core.shape
         x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
         y = np.clip((regions.centres[:, 1] * h / view.height).astype(int), 0, h - 1)
-        odds = CORE_ODDS * (place.core & ~place.hidden & ~place.ground_first)[y, x]
+        clear = ~place.hidden & ~place.ground_first & ~place.behind
+        odds = CORE_ODDS * (place.core & clear)[y, x] + RIM_ODDS * (place.reach & ~place.core & clear)[y, x]
         odds = odds + FAR_ODDS * np.clip(place.away[y, x] - FAR_FROM, 0, FAR_LIMIT)
         first = place.ground_first[y, x]
-        return odds + HIDDEN_ODDS * place.hidden[y, x] + FIRST_ODDS * first, first
+        odds += HIDDEN_ODDS * place.hidden[y, x] + OTHER_ODDS * (place.behind[y, x] & ~first)
+        return odds + FIRST_ODDS * first, first
 
     def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
         """Strength and wanted value of the clicks, [N] each."""

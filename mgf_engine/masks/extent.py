@@ -5,9 +5,11 @@ The building is taken as those points and the columns below them: walls reach th
 hid their foot. From that follow, per photo:
 
 * *core*: pixels whose ray meets the building. Background there is an occluder (unknown, never "empty space").
+* *reach*: those and the rim around them where the surface, as flat as around its points, would still be.
 * *away*: how far a pixel is from those; a few spacings of the points away the building cannot be.
 * *ground first*: pixels whose ray meets the ground before the building.
 * *hidden*: pixels where points that this photo should have observed were not observed.
+* *behind*: pixels where another thing's points are nearer than the building.
 """
 
 from __future__ import annotations
@@ -21,18 +23,16 @@ from numpy.typing import NDArray
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.shape import Shape
+from mgf_engine.masks.surface import Map, make_surface
 from mgf_engine.scene.model import Scene, View
 
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
-MAX_COLUMN = 40  # samples between a point and the ground
 CORE = 1.5  # spacings of the points
 SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
 STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
 EXPECTED = 8.0  # points that should be seen within the window in which they are counted
 HIDDEN_BLUR = (5.0, 14.0)  # px on the map, smallest and largest window (standard deviation)
-
-Map = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -40,45 +40,50 @@ class Place:
     """Maps of one photo on the reduced photo, bool [h, w]; see the module's text."""
 
     core: Map
+    reach: Map
     away: NDArray[np.float32]  # [h, w], in spacings of the points as they appear in this photo
     ground_first: Map
     hidden: Map
+    behind: Map
 
 
 class Extent:
-    """Samples of the building [M, 3] with the distance [M] to the next, in normalised units."""
+    """Where the building is, from the points that are it and those that are something else.
+
+    Args:
+        keep: [P], points of the building.
+        ground: the plane under it; None takes the level of the lowest kept points.
+        others: [P], points of other things that stand on the ground; none unless given.
+    """
 
     def __init__(
-        self, scene: Scene, shape: Shape, keep: NDArray[np.bool_], ground: Ground | None, sight: Sight
+        self, scene: Scene, shape: Shape, keep: Map, ground: Ground | None, sight: Sight, others: Map | None = None
     ) -> None:
         keep = keep & _supported(shape, keep)
         self.scene, self.keep, self.ground = scene, keep, ground
         self.sight = sight
-        self.samples, self.spacing = _columns(scene, shape, keep, ground)
+        self.posts = make_surface(scene, shape, keep, ground, discs=False, columns=True)
+        self.body = make_surface(scene, shape, keep, ground, discs=True, columns=True)
+        others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)
+        self.others = make_surface(scene, shape, others, None, discs=True, columns=False)
         self.floor = ground or _lowest(scene, shape, keep)
 
     def place(self, index: int) -> Place:
         """All maps of view ``index``."""
         view = self.scene.views[index]
         h, w = map_size(view)
-        if not len(self.samples):
+        if not len(self.posts.samples):
             empty = np.zeros((h, w), bool)
-            return Place(empty, empty.astype(np.float32), empty, empty)
-        pixels, depth, radius = self._project(view, h, w)
-        near = _splat(pixels, depth, CORE * radius, h, w)
+            return Place(empty, empty, empty.astype(np.float32), empty, empty, empty)
+        near = self.body.depth(view, h, w)
+        pixels, _, radius = self.posts.project(view, h, w)
         core = _close(pixels, CORE * radius, h, w)
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
-        outside = (~_fill_holes(core)).astype(np.uint8)
+        reach = core | np.isfinite(near)
+        outside = (~_fill_holes(reach)).astype(np.uint8)
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
-        return Place(core, away, self._ground_first(view, near, h, w), self._hidden(index, h, w))
-
-    def _project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int64], NDArray, NDArray]:
-        """Map pixels [M, 2] (x, y), depths and spacings in map pixels of the samples inside the frame."""
-        uv, depth = view.project(self.samples)
-        uv = uv * (w / view.width, h / view.height)
-        seen = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
-        radius = self.spacing[seen] * view.fx / depth[seen] * w / view.width
-        return np.floor(uv[seen]).astype(np.int64), depth[seen], radius
+        behind = self.others.depth(view, h, w) + self.body.cell < near
+        return Place(core, reach, away, self._ground_first(view, near, h, w), self._hidden(index, h, w), behind)
 
     def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> Map:
         if self.floor is None:
@@ -175,39 +180,6 @@ def _lowest(scene: Scene, shape: Shape, keep: NDArray[np.bool_]) -> Ground | Non
         return None
     level = float(np.percentile(scene.points[keep] @ shape.up, 0.5))
     return Ground(shape.up, level, float(np.median(shape.spacing[keep])))
-
-
-def _columns(
-    scene: Scene, shape: Shape, keep: NDArray[np.bool_], ground: Ground | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Kept points and samples below them down to the ground (or the lowest points around), thinned to a grid."""
-    points, spacing = scene.points[keep], shape.spacing[keep]
-    if not len(points):
-        return np.zeros((0, 3)), np.zeros(0)
-    spacing = np.clip(spacing, 0.5 * np.median(spacing), 3 * np.median(spacing))
-    height = np.maximum(ground.height(points), 0) if ground is not None else shape.height[keep]
-    step = np.maximum(spacing, height / MAX_COLUMN)
-    count = np.floor(height / step).astype(np.int64) + 1
-    owner = np.repeat(np.arange(len(points)), count)
-    rank = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-    samples = points[owner] - (rank * step[owner])[:, None] * shape.up
-    cell = 0.5 * float(np.median(spacing))
-    _, first = np.unique(np.floor(samples / cell).astype(np.int64), axis=0, return_index=True)
-    return samples[first], step[owner][first]
-
-
-def _splat(pixels: NDArray[np.int64], depth: NDArray, radius: NDArray, h: int, w: int) -> NDArray[np.float32]:
-    """The nearest depth among discs around pixels; infinite where there is none, [h, w]."""
-    result = np.full((h, w), np.inf, np.float32)
-    level = np.clip(np.round(2 * np.log2(np.maximum(radius, 1))), 0, 2 * np.log2(MAP_SIDE / 4)).astype(int)
-    for step in np.unique(level):
-        rows = level == step
-        spots = np.full((h, w), np.inf, np.float32)
-        np.minimum.at(spots, (pixels[rows, 1], pixels[rows, 0]), depth[rows].astype(np.float32))
-        size = 2 * round(2 ** (step / 2)) + 1
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        result = np.minimum(result, cv2.erode(spots, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=float("inf")))
-    return result
 
 
 def _close(pixels: NDArray[np.int64], radius: NDArray, h: int, w: int) -> Map:

@@ -39,6 +39,8 @@ FLAG_BELOW = 0.75
 DISAGREE_ABOVE = 0.05
 #: A mask below this share of its photo shows too little of the building to train on.
 MIN_BUILDING = 0.005
+#: A piece of mask without points stays where at least this share of it is covered by the building's extent.
+STRAY_COVER = 0.3
 
 
 @dataclass(frozen=True)
@@ -189,11 +191,38 @@ class _Work:
         point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
         extent = Extent(self.scene, self.shape, point_mask, self.graph.ground, self.graph.sight)
         for index, view in enumerate(self.scene.views):
-            core = cv2.resize(extent.place(index).core.astype(np.uint8), (view.width, view.height))
-            self.labels[index][(core > 0) & (self.labels[index] == BACKGROUND)] = UNKNOWN
+            place = extent.place(index)
+            size = (view.width, view.height)
+            core = cv2.resize(place.core.astype(np.uint8), size) > 0
+            seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
+            labels = self.labels[index]
+            labels[self._strays(index, core, point_mask)] = BACKGROUND
+            labels[seen & (labels == BACKGROUND) & ~self._sky(index)] = UNKNOWN
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask)
         return Propagation(masks, reasons, warnings, consistency(self.scene, masks, self.config.vote_dilation))
+
+    def _strays(self, index: int, core: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Pieces of a mask apart from the rest that hold no click and no point and lie beside the building, [H, W]."""
+        mask = building(self.labels[index])
+        _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+        here = self.scene.track_view == index
+        known = np.concatenate([self.scene.track_uv[here][accepted[self.owner[here]]], self._positive(index)])
+        covered = np.bincount(pieces[core], minlength=len(stats)) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
+        holds = np.bincount(pieces[pixel_at(mask.shape, known)], minlength=len(stats)) > 0
+        stray = ~holds & (covered < STRAY_COVER)
+        stray[0] = False
+        return np.asarray(stray[pieces] if holds[1:].any() else np.zeros_like(mask), bool)
+
+    def _positive(self, index: int) -> NDArray[np.float64]:
+        return self.prompts.get(index, Clicks()).positive
+
+    def _sky(self, index: int) -> NDArray[np.bool_]:
+        """What is sky in a photo, [H, W]."""
+        view, graph = self.scene.views[index], self.graph
+        sky = graph.sky[graph.start[index] : graph.start[index + 1]] > 0
+        small = sky[self.regions[index].labels].astype(np.uint8)
+        return cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_NEAREST) > 0
 
     def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
         """(index, result) in order, on a few threads; OpenCV and NumPy release the interpreter."""

@@ -29,7 +29,7 @@ class Regions:
             texture (log of the mean gradient at two scales), spread of L.
         centres: float32 [S, 2] in working pixels.
         area: float32 [S], share of the photo's pixels, sums to 1.
-        at_frame: uint8 [S], bits: 1 touches the top of the frame, 2 any other side.
+        top: float32 [S], share of the photo's width at which the region touches the top.
         pairs: int32 [E, 2] neighbouring regions.
         border: float32 [E] length of the common border in reduced pixels.
         contrast: float32 [E] colour difference across it.
@@ -40,7 +40,7 @@ class Regions:
     features: NDArray[np.float32]
     centres: NDArray[np.float32]
     area: NDArray[np.float32]
-    at_frame: NDArray[np.uint8]
+    top: NDArray[np.float32]
     pairs: NDArray[np.int32]
     border: NDArray[np.float32]
     contrast: NDArray[np.float32]
@@ -74,7 +74,7 @@ def cut_regions(photo: NDArray[np.uint8]) -> Regions:
         features=features,
         centres=(centres * (w / size[0], h / size[1])).astype(np.float32),
         area=pixels / pixels.sum(),
-        at_frame=_at_frame(labels, count),
+        top=(np.bincount(labels[0], minlength=count) / size[0]).astype(np.float32),
         pairs=pairs,
         border=border,
         contrast=contrast,
@@ -141,11 +141,3 @@ def _neighbours(
     contrast = np.bincount(inverse, step, len(key)) / np.maximum(border, 1)
     pairs = np.stack([key // count, key % count], 1).astype(np.int32)
     return pairs, border.astype(np.float32), contrast.astype(np.float32)
-
-
-def _at_frame(labels: NDArray[np.int32], count: int) -> NDArray[np.uint8]:
-    result = np.zeros(count, np.uint8)
-    result[labels[0]] |= 1
-    for side in (labels[-1], labels[:, 0], labels[:, -1]):
-        result[side] |= 2
-    return result

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A surface from few points: discs around them, columns below them, and how far away a photo sees it first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.shape import Shape
+from mgf_engine.scene.model import Scene, View
+
+Map = NDArray[np.bool_]
+Points = NDArray[np.float64]
+
+MAX_COLUMN = 40  # samples between a point and the ground
+DISC = 1.2  # spacings; the surface is known this far around a point
+FLAT = 0.6  # flatness from which a point has a surface
+SPLAT = 0.8  # cells; radius of a sample
+_RINGS = ((0.5, 6), (1.0, 12))  # share of the disc's radius, samples
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Samples [M, 3] with the spacing [M] of the points they come from, thinned to cells of one size."""
+
+    samples: Points
+    spacing: Points
+    cell: float
+
+    def project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int64], Points, Points]:
+        """Map pixels [N, 2] (x, y), depths and spacings in map pixels of the samples inside the frame."""
+        uv, depth = view.project(self.samples)
+        uv = uv * (w / view.width, h / view.height)
+        seen = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
+        radius = self.spacing[seen] * view.fx / depth[seen] * w / view.width
+        return np.floor(uv[seen]).astype(np.int64), depth[seen], radius
+
+    def depth(self, view: View, h: int, w: int) -> NDArray[np.float32]:
+        """Depth at which each map pixel meets the surface first, infinite where it does not, [h, w]."""
+        pixels, depth, _ = self.project(view, h, w)
+        return _splat(pixels, depth, SPLAT * self.cell * view.fx / depth * w / view.width, h, w)
+
+
+def make_surface(scene: Scene, shape: Shape, keep: Map, ground: Ground | None, discs: bool, columns: bool) -> Surface:
+    """The surface around kept points.
+
+    Args:
+        keep: [P].
+        ground: where columns end; None: the lowest points around.
+        discs: add a disc around each point whose neighbours are flat.
+        columns: add what is below, down to the ground.
+    """
+    if not keep.any():
+        return Surface(np.zeros((0, 3)), np.zeros(0), 1.0)
+    usual = float(np.median(shape.spacing[keep]))
+    spacing = np.clip(shape.spacing, 0.5 * usual, 3 * usual)
+    cell = 0.5 * usual
+    samples, owner = scene.points[keep], np.flatnonzero(keep)
+    if discs:
+        samples, owner = _thin(*_discs(scene.points, spacing, shape, owner), cell)
+    if columns:
+        height = np.maximum(ground.height(samples), 0) if ground is not None else shape.height[owner]
+        step = np.maximum(cell, height / MAX_COLUMN)
+        count = np.floor(height / step).astype(np.int64) + 1
+        top = np.repeat(np.arange(len(samples)), count)
+        rank = np.arange(len(top)) - np.repeat(np.cumsum(count) - count, count)
+        samples, owner = _thin(samples[top] - (rank * step[top])[:, None] * shape.up, owner[top], cell)
+    return Surface(samples, spacing[owner], cell)
+
+
+def _discs(points: Points, spacing: Points, shape: Shape, rows: NDArray[np.int64]) -> tuple[Points, NDArray[np.int64]]:
+    """Samples of a disc on the surface around each point, of the point alone where the surface is not flat."""
+    flat = rows[shape.flatness[rows] > FLAT]
+    normals = shape.normals[flat]
+    helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    first = np.cross(normals, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    samples, owner = [points[rows]], [rows]
+    for ring, number in _RINGS:
+        for angle in np.arange(number) * (2 * np.pi / number):
+            reach = (ring * DISC * spacing[flat])[:, None]
+            samples.append(points[flat] + reach * (np.cos(angle) * first + np.sin(angle) * second))
+            owner.append(flat)
+    return np.concatenate(samples), np.concatenate(owner)
+
+
+def _thin(samples: Points, owner: NDArray[np.int64], cell: float) -> tuple[Points, NDArray[np.int64]]:
+    cells = np.floor((samples - samples.min(0)) / cell).astype(np.int64)
+    spans = cells.max(0) + 1
+    _, first = np.unique((cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2], return_index=True)
+    return samples[first], owner[first]
+
+
+def _splat(pixels: NDArray[np.int64], depth: Points, radius: Points, h: int, w: int) -> NDArray[np.float32]:
+    """The nearest depth among discs around pixels; infinite where there is none, [h, w]."""
+    result = np.full((h, w), np.inf, np.float32)
+    level = np.clip(np.round(2 * np.log2(np.maximum(radius, 1))), 0, 2 * np.log2(max(h, w) / 4)).astype(int)
+    for step in np.unique(level):
+        rows = level == step
+        spots = np.full((h, w), np.inf, np.float32)
+        np.minimum.at(spots, (pixels[rows, 1], pixels[rows, 0]), depth[rows].astype(np.float32))
+        size = 2 * round(2 ** (step / 2)) + 1
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        result = np.minimum(result, cv2.erode(spots, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=float("inf")))
+    return result
