@@ -8,7 +8,9 @@ from collections.abc import Iterator
 import pytest
 import torch
 
+from mgf_engine.errors import BadInput
 from mgf_engine.raster import library
+from mgf_engine.raster.cuda.card import find_card
 
 
 def _backends() -> list[str]:
@@ -16,7 +18,7 @@ def _backends() -> list[str]:
         variants = library.runnable_variants()
     except RuntimeError:  # not built: one test fails with the message that says what to do
         variants = [""]
-    return ["reference", *(f"cpu:{variant}" for variant in variants), "cuda-source-on-cpu"]
+    return ["reference", *(f"cpu:{variant}" for variant in variants), "cuda-source-on-cpu", "cuda"]
 
 
 @pytest.fixture(autouse=True, scope="package")
@@ -34,6 +36,11 @@ def backend(request: pytest.FixtureRequest) -> Iterator[str]:
     name, _, variant = request.param.partition(":")
     if name == "cpu":
         library.use_variant(variant)
+    if name == "cuda":
+        try:
+            find_card()
+        except BadInput as error:
+            pytest.skip(str(error))
     yield name
     if name == "cpu":
         library.use_variant("")

@@ -97,19 +97,31 @@ class Result:
     stats: RenderStats
 
 
+def device_of(backend: str) -> torch.device:
+    """Where a backend's Gaussians and statistics lie."""
+    return torch.device("cuda", 0) if backend == "cuda" else torch.device("cpu")
+
+
+def draw(field: Gaussians, view: Camera, *, backend: str, error_map: Tensor | None = None, **options) -> Rendering:
+    """Render on the backend's device; Gaussians and outputs are on the CPU, and gradients find their way."""
+    device = device_of(backend)
+    error_map = None if error_map is None else error_map.to(device)
+    return render(field.to(device), view, backend=backend, error_map=error_map, **options).cpu()
+
+
 def run(
     field: Gaussians, view: Camera, backend: str, weights: dict[str, Tensor], error_map: Tensor, **options
 ) -> Result:
     """Render, then the backward pass of sum(weights[output] * output)."""
-    own, stats = leaves(field), RenderStats.zeros(len(field))
-    rendering = render(own, view, backend=backend, stats=stats, error_map=error_map, **options)
+    own, stats = leaves(field), RenderStats.zeros(len(field), device_of(backend))
+    rendering = draw(own, view, backend=backend, stats=stats, error_map=error_map, **options)
     loss = sum(
         (getattr(rendering, name) * weight.to(getattr(rendering, name).dtype)).sum() for name, weight in weights.items()
     )
     loss.backward()
     given = {name: getattr(own, name) for name in TRAINED}
     gradients = {name: torch.zeros_like(p) if p.grad is None else p.grad for name, p in given.items()}
-    return Result(rendering, gradients, stats)
+    return Result(rendering, gradients, stats.to(torch.device("cpu")))
 
 
 def output_names(heads: str) -> tuple[str, ...]:

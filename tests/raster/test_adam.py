@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import pytest
 import torch
+from rendered import device_of
 
 from mgf_engine.raster.adam import adam_step
 
@@ -20,15 +21,15 @@ def tensors(*shape: int) -> list[torch.Tensor]:
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("case", ["all", "seen", "rates", "columns"])
 def test_agrees_with_plain_torch(backend: str, shape: tuple[int, ...], case: str) -> None:
-    ours, twin = tensors(*shape), tensors(*shape)
+    ours, twin = [t.to(device_of(backend)) for t in tensors(*shape)], tensors(*shape)
     width = ours[0].shape[1:].numel()
     seen = torch.rand(shape[0], generator=torch.Generator().manual_seed(1)) < 0.6 if case != "all" else None
     rate = torch.linspace(0.01, 0.1, width) if case in ("rates", "columns") else 0.02
     active = max(1, width // 4) if case == "columns" else None
     for step in (1, 2, 50):
-        adam_step(*ours, rate, step, seen, active=active, backend=backend)
+        adam_step(*ours, rate, step, None if seen is None else seen.to(ours[0].device), active=active, backend=backend)
         adam_step(*twin, rate, step, seen, active=active, backend="reference")
-    for a, b, start in zip(ours, twin, tensors(*shape), strict=True):
+    for a, b, start in zip([t.cpu() for t in ours], twin, tensors(*shape), strict=True):
         assert torch.allclose(a, b, rtol=1e-5, atol=1e-5)  # steps of up to 10 where v is almost 0
         if seen is not None:
             assert torch.equal(a[~seen], start[~seen]), "a row that was not seen has changed"

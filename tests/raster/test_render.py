@@ -11,6 +11,8 @@ from rendered import (
     assert_agrees,
     assert_gradients_agree,
     camera,
+    device_of,
+    draw,
     gaussians,
     leaves,
     random_weights,
@@ -25,7 +27,7 @@ def test_one_round_gaussian_in_the_middle(backend: str) -> None:
     field = gaussians(1)
     field.positions[:], field.log_scales[:], field.opacity_logits[:] = 0.0, -1.0, 0.0
     view = camera(33, 33)
-    seen = render(field, view, sh_degree=0, backend=backend)
+    seen = draw(field, view, sh_degree=0, backend=backend)
     x, y = int(view.cx), int(view.cy)
     assert seen.alpha[y, x] == pytest.approx(0.5, abs=0.01)
     assert seen.depth[y, x] / seen.alpha[y, x] == pytest.approx(5.0, abs=0.01)
@@ -109,9 +111,9 @@ def test_statistics(backend: str) -> None:
 
 
 def test_statistics_add_up_over_views_until_reset(backend: str) -> None:
-    field, stats = leaves(gaussians(60)), RenderStats.zeros(60)
+    field, stats = leaves(gaussians(60)), RenderStats.zeros(60, device_of(backend))
     for seed in (1, 2):
-        seen = render(field, camera(seed=seed), sh_degree=0, backend=backend, stats=stats)
+        seen = draw(field, camera(seed=seed), sh_degree=0, backend=backend, stats=stats)
         seen.colour.sum().backward()
     assert stats.count.max() == 2
     stats.reset()
@@ -119,9 +121,9 @@ def test_statistics_add_up_over_views_until_reset(backend: str) -> None:
 
 
 def test_no_statistics_without_a_backward_pass(backend: str) -> None:
-    stats = RenderStats.zeros(20)
+    stats = RenderStats.zeros(20, device_of(backend))
     with torch.no_grad():
-        render(gaussians(20), camera(), sh_degree=0, backend=backend, stats=stats)
+        draw(gaussians(20), camera(), sh_degree=0, backend=backend, stats=stats)
     assert stats.count.sum() == 0
 
 
@@ -130,11 +132,11 @@ def test_two_renderings_before_their_backward_passes(backend: str) -> None:
     field = gaussians(100, seed=9)
     one, two = camera(seed=1), camera(40, 30, seed=2)
     alone = leaves(field)
-    render(alone, one, sh_degree=1, backend=backend).colour.sum().backward()
-    render(alone, two, sh_degree=1, backend=backend).depth.sum().backward()
+    draw(alone, one, sh_degree=1, backend=backend).colour.sum().backward()
+    draw(alone, two, sh_degree=1, backend=backend).depth.sum().backward()
     together = leaves(field)
-    first = render(together, one, sh_degree=1, backend=backend)
-    second = render(together, two, sh_degree=1, backend=backend)
+    first = draw(together, one, sh_degree=1, backend=backend)
+    second = draw(together, two, sh_degree=1, backend=backend)
     (first.colour.sum() + second.depth.sum()).backward()
     for name in ("positions", "sh"):
         a, b = getattr(alone, name).grad, getattr(together, name).grad

@@ -10,10 +10,10 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from rendered import assert_agrees, assert_finite, camera, gaussians, random_weights, run
+from rendered import assert_agrees, assert_finite, camera, draw, gaussians, random_weights, run
 
 from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.raster.api import Camera, render
+from mgf_engine.raster.api import Camera
 
 
 def front_camera(width: int = 45, height: int = 35, near: float = 0.2) -> Camera:
@@ -172,7 +172,7 @@ MASKS = {
 @pytest.mark.parametrize("mask", MASKS)
 def test_tile_masks(backend: str, mask: str) -> None:
     found = assert_agrees(ahead(80, seed=9), front_camera(), backend, tile_mask=MASKS[mask]).rendering
-    whole = render(ahead(80, seed=9), front_camera(), sh_degree=3, backend=backend)
+    whole = draw(ahead(80, seed=9), front_camera(), sh_degree=3, backend=backend)
     wanted = MASKS[mask].bool().repeat_interleave(16, 0).repeat_interleave(16, 1)[:35, :45]
     assert torch.equal(found.colour.detach(), whole.colour * wanted)
     assert found.visible.any() == bool(MASKS[mask].any())

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which device is chosen, what is said about it, and what is kept of compiled kernels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from mgf_engine.errors import BadInput
+from mgf_engine.raster import device
+from mgf_engine.raster.cuda import card, compiler
+from mgf_engine.raster.cuda.driver import Driver, DriverError
+
+
+@pytest.fixture(autouse=True)
+def _fresh() -> Any:
+    device.choose_device.cache_clear()
+    yield
+    device.choose_device.cache_clear()
+
+
+def refuse() -> card.Found:
+    raise BadInput("There is no card.")
+
+
+def test_auto_says_why_it_takes_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(card, "find_card", refuse)
+    choice = device.choose_device("auto")
+    assert choice.device.type == "cpu" and choice.text == "Device: CPU. There is no card."
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    device.choose_device.cache_clear()
+    assert device.choose_device("auto").surprising
+
+
+def test_cuda_without_a_card_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(card, "find_card", refuse)
+    with pytest.raises(BadInput, match=r"no card.*--device cpu"):
+        device.choose_device("cuda")
+
+
+def test_a_card_is_taken_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(card, "find_card", lambda: card.Found("Card 9000", 90, 24 * 2**30))
+    assert device.choose_device("auto").text == "Device: Card 9000, 24 GiB, because it can be used."
+    assert device.choose_device("cuda").device.type == "cuda"
+    assert device.choose_device("cpu").device.type == "cpu"
+
+
+def test_torch_without_cuda_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.version, "cuda", None)
+    card.find_card.cache_clear()
+    with pytest.raises(BadInput, match="build of torch has no CUDA"):
+        card.find_card()
+    card.find_card.cache_clear()
+
+
+def test_compiled_kernels_are_kept_and_damaged_ones_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    try:
+        compiler.library()
+    except BadInput as error:
+        pytest.skip(str(error))
+    monkeypatch.setenv("MGF_CACHE", str(tmp_path))
+    first = card.cubin("adam", 90)
+    (kept,) = (tmp_path / "kernels").iterdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(compiler, "compile_program", lambda *a: pytest.fail("compiled again"))
+        assert card.cubin("adam", 90) == first
+    kept.write_bytes(b"broken")
+    assert card.cubin("adam", 90)[:4] == b"\x7fELF" and kept.read_bytes()[:4] == b"\x7fELF"
+    assert card.cubin("adam", 80) != first and len(list(kept.parent.iterdir())) == 2
+
+
+class Stub:
+    """A driver that answers every call with one code."""
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+
+    def cuInit(self, flags: int) -> int:
+        return 0
+
+    def cuGetErrorString(self, code: int, text: Any) -> int:
+        text._obj.value = b"it broke"
+        return 0
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments: self.code
+
+
+def test_failures_of_the_driver_carry_its_words() -> None:
+    with pytest.raises(DriverError, match=r"cuModuleLoadData failed: it broke \(700\)"):
+        Driver(Stub(700)).load(b"")
+    with pytest.raises(MemoryError, match="too little memory"):
+        Driver(Stub(2)).load(b"")
