@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Checks and times the CUDA rasterizer on the card of this machine, in one call of a few minutes.
+
+``python -m mgf_engine.bench.card`` prints the card, compiles every kernel for it, compares a rendering, its gradients
+and the training loss with the CPU kernels, renders twice to see the same bits, runs whole iterations without waiting,
+and times them. ``--racecheck`` does the comparison again under compute-sanitizer where that is installed. Figures go to
+standard output as Markdown, or as JSON with ``--json``; the exit code is 1 when a check fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import time
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from mgf_engine.bench.kernels import building, corner_view, noise_target
+from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.losses import total_loss
+from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.field.schedule import rates_at
+from mgf_engine.field.targets import Target
+from mgf_engine.raster.api import Camera, Rendering, RenderStats, render
+from mgf_engine.raster.cuda import compiler, rasterizer_on
+from mgf_engine.raster.cuda.card import find_card
+from mgf_engine.raster.cuda.sources import programs
+
+OUTPUTS = ("colour", "alpha", "depth", "normal", "distortion")  # the median jumps where rounding moves it over 1/2
+TRAINED = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
+#: Two float32 renderings differ by yes-or-no rules that rounding decides in single pixels: so quantiles, not maxima.
+IMAGE_LIMIT, GRADIENT_LIMIT, LOSS_LIMIT = 1e-4, 5e-3, 1e-5
+_QUANTILE = 0.999
+
+
+class Training:
+    """A field and a target on one device, and training iterations on them."""
+
+    def __init__(self, n: int, width: int, height: int, device: torch.device) -> None:
+        self.device, self.camera = device, corner_view(width, height)
+        self.target: Target = noise_target(self.camera).to(device)
+        self.optimiser = Optimiser(building(n).to(device))
+        self.stats = RenderStats.zeros(n, device)
+
+    def forward(self, wait: bool) -> tuple[Rendering, Any]:
+        error = torch.zeros(self.camera.height, self.camera.width, device=self.device)
+        seen = render(
+            self.optimiser.leaves(), self.camera, sh_degree=3, tile_mask=self.target.tile_mask, stats=self.stats,
+            error_map=error, wait=wait,
+        )  # fmt: skip
+        return seen, total_loss(seen, self.target, Config(), torch.tensor([0.2, 0.5, 0.8]), True, error)
+
+    def iterate(self, wait: bool = False) -> None:
+        seen, terms = self.forward(wait)
+        terms.total.backward()
+        self.optimiser.step(rates_at(0.5), seen.visible, 0.05)
+
+
+def far(a: Tensor, b: Tensor) -> float:
+    """Difference of two tensors, nearly its largest, relative to the largest value of the first."""
+    difference = (a.detach().cpu() - b.detach().cpu()).abs().flatten()
+    rank = max(1, int(_QUANTILE * len(difference)))
+    return float(difference.kthvalue(rank).values / a.detach().abs().max().clamp_min(1e-12).cpu())
+
+
+def compare(n: int, width: int, height: int) -> dict[str, float]:
+    """Differences of a forward and backward pass on the card from the same on the CPU."""
+    found: dict[str, float] = {}
+    sides = [Training(n, width, height, torch.device(name)) for name in ("cpu", "cuda")]
+    passes = [side.forward(wait=True) for side in sides]
+    for name in OUTPUTS:
+        found[name] = far(getattr(passes[0][0], name), getattr(passes[1][0], name))
+    found["loss"] = abs(float(passes[0][1].total.detach()) / float(passes[1][1].total.detach()) - 1)
+    for _, terms in passes:
+        terms.total.backward()
+    fields = [side.optimiser.field for side in sides]
+    for name in TRAINED:
+        found[f"gradient of {name}"] = far(*(getattr(f, name).grad for f in fields))
+    return found
+
+
+def same_bits(n: int, width: int, height: int) -> bool:
+    """Does the card give the same gradients twice?"""
+    found: list[Gaussians] = []
+    for _ in range(2):
+        side = Training(n, width, height, torch.device("cuda"))
+        side.forward(wait=True)[1].total.backward()
+        found.append(side.optimiser.field)
+    return all(torch.equal(getattr(found[0], name).grad, getattr(found[1], name).grad) for name in TRAINED)
+
+
+def milliseconds(work: Any, rounds: int) -> float:
+    """Per call, from the first start to the end of the last, after a warm-up."""
+    for _ in range(5):
+        work()
+    torch.cuda.synchronize()
+    started = time.perf_counter()
+    for _ in range(rounds):
+        work()
+    torch.cuda.synchronize()
+    return 1e3 * (time.perf_counter() - started) / rounds
+
+
+def timings(n: int, width: int, height: int, rounds: int) -> dict[str, float]:
+    """Milliseconds of an iteration and of its forward half, entries per Gaussian, and memory."""
+    torch.cuda.reset_peak_memory_stats()
+    side = Training(n, width, height, torch.device("cuda"))
+    with torch.no_grad():
+        forward = milliseconds(lambda: side.forward(wait=False), rounds)
+    iteration = milliseconds(side.iterate, rounds)
+    step = side.optimiser
+    bytes_moved = sum(getattr(step.field, name).numel() for name in TRAINED) * 4 * 9  # see docs/cuda.md
+    room = rasterizer_on("cuda").room
+    return {
+        "iteration ms": iteration,
+        "forward ms": forward,
+        "GB/s of parameters, gradients and moments alone": bytes_moved / iteration / 1e6,
+        "peak MiB": torch.cuda.max_memory_allocated() / 2**20,
+        "iterations lost for want of room": float(room.lost),
+    }
+
+
+def check_waiting(n: int, camera: Camera) -> bool:
+    """Does an iteration never wait for the card? torch raises an error where it would."""
+    side = Training(n, camera.width, camera.height, torch.device("cuda"))
+    for _ in range(3):
+        side.iterate()
+    torch.cuda.synchronize()
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        side.iterate()
+        return True
+    except RuntimeError as error:
+        print(f"An iteration waits for the card: {error}", file=sys.stderr)
+        return False
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+
+
+def racecheck() -> str:
+    """Runs the comparison under compute-sanitizer; returns its last line."""
+    tool = shutil.which("compute-sanitizer")
+    if tool is None:
+        return "compute-sanitizer is not installed"
+    command = [sys.executable, "-m", "mgf_engine.bench.card", "--only-compare", "--gaussians", "2000"]
+    done = subprocess.run([tool, "--tool", "racecheck", *command], capture_output=True, text=True, timeout=500)
+    lines = [line for line in (done.stdout + done.stderr).splitlines() if "RACECHECK SUMMARY" in line]
+    return lines[-1] if lines else f"compute-sanitizer ended with code {done.returncode}"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--gaussians", type=int, default=100_000)
+    parser.add_argument("--size", default="750x500")
+    parser.add_argument("--rounds", type=int, default=100)
+    parser.add_argument("--only-compare", action="store_true", help="compare with the CPU, and nothing else")
+    parser.add_argument("--racecheck", action="store_true", help="compare once more under compute-sanitizer")
+    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+    given = parser.parse_args(arguments)
+    try:
+        found = find_card()
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return 2
+    width, height = (int(x) for x in given.size.split("x"))
+    figures: dict[str, Any] = {"card": vars(found)}
+    figures["differences from the CPU"] = compare(given.gaussians, width, height)
+    failed = _too_far(figures["differences from the CPU"])
+    if not given.only_compare:
+        started = time.perf_counter()
+        usage = [u for p in programs() for u in compiler.compile_program(p, found.architecture).usage]
+        figures["seconds to compile"] = time.perf_counter() - started
+        figures["kernels"] = [vars(u) for u in usage]
+        figures["same bits twice"] = same_bits(given.gaussians, width, height)
+        figures["never waits"] = check_waiting(given.gaussians, corner_view(width, height))
+        figures["timings"] = timings(given.gaussians, width, height, given.rounds)
+        failed += [name for name in ("same bits twice", "never waits") if not figures[name]]
+    if given.racecheck:
+        figures["races"] = racecheck()
+        if "0 hazards" not in figures["races"] and "not installed" not in figures["races"]:
+            failed.append("races")
+    _print(figures, given.json)
+    for name in failed:
+        print(f"Failed: {name}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _too_far(differences: dict[str, float]) -> list[str]:
+    limits = {"loss": LOSS_LIMIT}
+    return [
+        name
+        for name, value in differences.items()
+        if not value <= limits.get(name, GRADIENT_LIMIT if name.startswith("gradient") else IMAGE_LIMIT)
+    ]
+
+
+def _print(figures: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(figures, indent=1))
+        return
+    for name, value in figures.items():
+        if name == "kernels":
+            continue
+        if not isinstance(value, dict):
+            print(f"- {name}: {value}")
+            continue
+        print(f"\n| {name} | |\n|---|---|")
+        for key, entry in value.items():
+            print(f"| {key} | {entry if not isinstance(entry, float) else f'{entry:.4g}'} |")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
