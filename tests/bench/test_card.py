@@ -33,7 +33,7 @@ def test_iterations_of_the_cuda_sources_train_as_those_in_c(monkeypatch: pytest.
         assert not torch.equal(start, side.optimiser.field.positions)
     for name in card.TRAINED:
         a, b = (getattr(f, name).detach() for f in fields.values())
-        # Adam's first steps are as long for a tiny gradient as for a large one: where its sign is rounding, rows differ.
+        # Adam's first steps are as long for tiny gradients as for large ones: where a sign is rounding, rows differ.
         assert ((a - b).abs() > 1e-3 * a.abs().max()).float().mean() < 0.01, name
 
 
