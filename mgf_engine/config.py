@@ -98,7 +98,7 @@ class Config:
     opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26 (surface 'opacity' only)", low=0.01, high=0.99)
     level_steps: int = option(8, "mesh", "Bisection steps on each crossing edge", low=0, high=16)
     smoothing: int = option(4, "mesh", "Rounds of smoothing, each over the next vertices only; 0 keeps the raw surface", low=0, high=1000)
-    max_faces: int = option(500_000, "mesh", "Reduce the mesh to this many faces; 0 keeps all", low=0, high=100_000_000, advanced=False)
+    max_faces: int = option(0, "mesh", "Reduce the mesh to this many faces; 0 keeps all", low=0, high=100_000_000, advanced=False)
     min_component: float = option(0.01, "mesh", "Parts with a smaller share of the largest part's area, or of its pixels in the photos, are dropped", low=0, high=1)
     crop_box: str = option("", "mesh", "Mesh only what lies in this box of the scene: 6 numbers (lowest and highest corner), 16 (matrix from the cube -1..1, row by row) or a file of them; empty for no limit")
     close_bottom: bool = option(False, "mesh", "Close the hole where the building meets the ground")
@@ -112,7 +112,7 @@ class Config:
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
-    "draft": {"iterations": 1000, "max_gaussians": 50_000, "resolution": 500, "sh_degree": 1, "max_faces": 250_000},
+    "draft": {"iterations": 1000, "max_gaussians": 50_000, "resolution": 500, "sh_degree": 1},
     "standard": {},
     "fine": {
         "iterations": 10_000,
