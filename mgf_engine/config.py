@@ -119,7 +119,6 @@ PRESETS: dict[str, dict[str, Any]] = {
         "max_gaussians": 400_000,
         "resolution": 1500,
         "sh_degree": 3,
-        "max_faces": 2_000_000,
     },
 }
 
