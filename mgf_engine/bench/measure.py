@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.geometry import evaluate_mesh, mask_iou
 from mgf_engine.evaluate.surfaces import Points, SeeingCamera
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN
+from mgf_engine.mesh.export import read_ply, write_ply
 
 #: Thresholds in metres always reported; one ground pixel and its double are added.
 THRESHOLDS = (0.05, 0.10, 0.20)
@@ -33,12 +34,17 @@ CROP_FOOT = 0.1
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scene ready to be reconstructed and scored; ``cameras`` are the true ones with their masks."""
+    """A scene ready to be reconstructed and scored; ``cameras`` are the true ones with their masks.
+
+    ``scale`` and ``offset`` lead from the true frame to the scene's: ``scene = scale * true + offset``.
+    """
 
     folder: Path
     cameras: list[SeeingCamera]
     ground_pixel: float
-    crop: Points  # [2, 3]
+    crop: Points  # [2, 3], true frame
+    scale: float = 1.0
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     @property
     def truth(self) -> Path:
@@ -63,7 +69,14 @@ def prepare_scene(name: str, photos: int | None = None, width: int | None = None
     truth = read_surface(folder / "truth.ply").vertices
     low, high = truth.min(0) - CROP_MARGIN, truth.max(0) + CROP_MARGIN
     low[2] = CROP_FOOT
-    return Prepared(folder, true_cameras(folder), float(record["ground_pixel"]), np.stack([low, high]))
+    frame = folder / "perturbation.json"  # where the scene's frame is not the true one
+    moved: dict[str, Any] = {"scale": 1.0, "offset": (0.0, 0.0, 0.0)}
+    if frame.exists():
+        moved = json.loads(frame.read_text(encoding="utf-8"))
+    return Prepared(
+        folder, true_cameras(folder), float(record["ground_pixel"]), np.stack([low, high]), moved["scale"],
+        tuple(moved["offset"]),
+    )  # fmt: skip
 
 
 def true_cameras(folder: Path) -> list[SeeingCamera]:
@@ -99,10 +112,11 @@ def measure(run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool) 
     code, tail, usage = _timed(command, job)
     row.update(usage)
     if code != 0 or not mesh.exists():
-        return {**row, "failed": tail or f"exit code {code}"}
+        return {**row, "code": code, "failed": tail or f"exit code {code}"}
     whole_picture = bool(run.command) or str(run.options.get("use_masks", True)).lower() in ("false", "0", "off", "no")
     thresholds = sorted({*THRESHOLDS, round(scene.ground_pixel, 4), round(2 * scene.ground_pixel, 4)})
     crop = scene.crop if whole_picture else above_ground(scene.crop)
+    _to_true_frame(mesh, scene)
     scores = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop, seed=run.seed)
     row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)
     if not run.command:
@@ -111,6 +125,14 @@ def measure(run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool) 
     if not keep_job:
         _slim(job)
     return row
+
+
+def _to_true_frame(path: Path, scene: Prepared) -> None:
+    """Rewrite a mesh that was made in a scaled or moved frame."""
+    if scene.scale == 1.0 and not any(scene.offset):
+        return
+    mesh = read_ply(path)
+    write_ply(replace(mesh, vertices=(mesh.vertices - np.array(scene.offset)) / scene.scale), path)
 
 
 def above_ground(crop: Points) -> Points:
@@ -127,6 +149,7 @@ def job_figures(job: Path) -> dict[str, Any]:
     for name in ("psnr", "ssim", "lpips", "gaussians", "iterations"):
         figures[name] = merged.get(name)
     figures["figures"] = merged
+    figures["warnings"] = [text for entry in stages.values() for text in entry["warnings"]]
     return figures
 
 

@@ -31,6 +31,10 @@ def bench_main(argv: Sequence[str] | None = None) -> int:
             from mgf_engine.bench.masks import masks_main
 
             return masks_main(args[1:])
+        if args[:1] == ["stability"]:
+            from mgf_engine.bench.stability import stability_main
+
+            return stability_main(args[1:])
         return _run_suite(_parser().parse_args(args))
     except BadInput as error:
         print(f"Error: {error}", file=sys.stderr)
@@ -44,7 +48,8 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Measure the engine on scenes with known truth.",
         epilog=f"suites:\n{lines}\n  scenes      make a scene: 'mgf bench scenes --help'\n"
-        "  masks       score the masks alone: 'mgf bench masks --help'",
+        "  masks       score the masks alone: 'mgf bench masks --help'\n"
+        "  stability   where the method breaks: 'mgf bench stability --help'",
     )
     parser.add_argument("suite", choices=sorted(SUITES), help="what to measure", metavar="SUITE")
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of jobs, results and the page")

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf bench stability``: the failure map. One thing at a time gets worse; F1 and PSNR follow, with masks and without.
+
+Every run is a process of its own. Results are kept as ``OUT/results/<key>.json`` and not made again, so the map may be
+made in pieces (``--only``) and is drawn from whatever is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import math
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.bench.measure import measure, prepare_scene
+from mgf_engine.bench.perturb import PERTURBATIONS, Perturbation, perturb
+from mgf_engine.bench.suites import Options, Run
+from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
+from mgf_engine.system import write_json
+
+Row = dict[str, Any]
+#: Small enough that a run takes about a minute of one core.
+SMALL: Options = {"preset": "draft", "resolution": 320, "iterations": 500, "max_gaussians": 15_000}
+#: Where the F1 of the curves is taken, metres.
+DISTANCE = 0.10
+#: Shares of the undisturbed F1: kept well, and useless.
+KEPT, USELESS = 0.9, 0.5
+MODES = ("masks", "no masks")
+
+
+def stability_main(argv: Sequence[str]) -> int:
+    """Entry point of ``mgf bench stability``; returns the exit code (1 when a run ended in a fault)."""
+    from mgf_engine.bench.stability_charts import write_page
+
+    args = _parser().parse_args(argv)
+    wanted = _chosen(args.only)
+    source = prepare_scene(args.scene).folder
+    rows: list[Row] = []
+    for name, level, mode, seed in _runs(wanted, args.modes, args.levels, args.seeds):
+        row = _row(args, source, name, level, mode, seed)
+        if row is not None:
+            rows.append(row)
+            print(describe(row), flush=True)
+    write_json(args.out / "stability.json", rows)
+    page = write_page(summarise(rows), args.out)
+    faults = [row for row in rows if row.get("code") not in (None, EXIT_BAD_INPUT)]
+    print(f"{len(rows)} rows, {len(faults)} faults; page: {page}")
+    return EXIT_FAULT if faults else EXIT_DONE
+
+
+def _parser() -> argparse.ArgumentParser:
+    names = "\n".join(f"  {name:<16} {p.title}: {', '.join(f'{v:g}' for v in p.levels)} {p.unit}"
+                      for name, p in PERTURBATIONS.items())  # fmt: skip
+    parser = argparse.ArgumentParser(
+        prog="mgf bench stability", formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Where the method breaks: F1 and PSNR as one thing gets worse.", epilog=f"perturbations:\n{names}",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, default=Path("bench/stability"), help="folder of results and the page")
+    parser.add_argument("--scene", default="demo", help="name or folder of a synthetic scene (default demo)")
+    parser.add_argument("--other", type=Path, help="another scene, whose photos stand for 'another place'")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="only these perturbations")
+    parser.add_argument("--levels", nargs="+", type=float, default=[], help="only these levels")
+    parser.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES), help="with masks, without, or both")
+    parser.add_argument("--seeds", type=int, default=1, help="runs per level")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="option given to every run")
+    parser.add_argument("--samples", type=int, default=60_000, help="points sampled on each mesh")
+    parser.add_argument("--label", default="", help="part of every run's key: measure again under a new label")
+    parser.add_argument("--page-only", action="store_true", help="draw the page from the results that are there")
+    return parser
+
+
+def _chosen(only: Sequence[str]) -> list[str]:
+    unknown = [name for name in only if name not in PERTURBATIONS]
+    if unknown:
+        raise BadInput(f"There is no perturbation '{unknown[0]}'; take some of {', '.join(PERTURBATIONS)}.")
+    return list(only) or list(PERTURBATIONS)
+
+
+def _runs(
+    names: Sequence[str], modes: Sequence[str], levels: Sequence[float], seeds: int
+) -> Iterator[tuple[str, float, str, int]]:
+    """What is measured, in order; masks that are given wrong mean nothing to runs without masks."""
+    for name in names:
+        entry = PERTURBATIONS[name]
+        for level in entry.levels:
+            for mode in modes:
+                if (levels and level not in levels) or (mode == "no masks" and entry.masks == "given"):
+                    continue
+                for seed in range(seeds):
+                    yield name, level, mode, seed
+
+
+def _row(args: argparse.Namespace, source: Path, name: str, level: float, mode: str, seed: int) -> Row | None:
+    """The result of one run: an earlier one, or made now; None when it is missing and nothing is to be made."""
+    entry = PERTURBATIONS[name]
+    options = {**SMALL, **_pairs(args.set), **({"use_masks": False} if mode == "no masks" else {})}
+    undisturbed = level == entry.levels[0]
+    what = "undisturbed" if undisturbed else f"{name} {level:g}"  # one run serves all perturbations
+    kind = "true" if entry.masks == "given" else "prompts"
+    run = Run(f"{what}, {mode}", source.name, options, seed, kind)
+    label = json.dumps([args.label, what, args.samples, args.other.name if args.other and name == "foreign" else ""])
+    path = args.out / "results" / f"{run.key(label)}.json"
+    if not path.exists():
+        if args.page_only:
+            return None
+        folder = args.out / "scenes" / path.stem
+        perturb(source, folder, name, level, seed, args.other)
+        row = measure(run, prepare_scene(str(folder)), args.out / "jobs" / path.stem, args.samples, keep_job=False)
+        shutil.rmtree(folder)
+        if outcome(row) == "fault":  # to be mended and tried again
+            return {**row, "name": name, "level": level, "mode": mode}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_json(path, row)
+    return {**json.loads(path.read_text(encoding="utf-8")), "name": name, "level": level, "mode": mode}
+
+
+def _pairs(texts: Sequence[str]) -> Options:
+    pairs = [text.partition("=") for text in texts]
+    for name, equals, _ in pairs:
+        if not equals:
+            raise BadInput(f"Give NAME=VALUE, not '{name}'.")
+    return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+def f1_of(row: Row) -> float:
+    """F1 in percent at :data:`DISTANCE`; 0 for a run that was refused or failed."""
+    if "geometry" not in row:
+        return 0.0
+    scores = row["geometry"]
+    return float(scores["f1"][scores["thresholds"].index(DISTANCE)])
+
+
+def outcome(row: Row) -> str:
+    """How a run ended: ``fault``, ``refused``, ``warned`` or ``silent``."""
+    if "geometry" in row:
+        value = f1_of(row)
+        if not math.isfinite(value):
+            return "fault"
+        return "warned" if row.get("warnings") else "silent"
+    return "refused" if row.get("code") == EXIT_BAD_INPUT else "fault"
+
+
+def describe(row: Row) -> str:
+    """One line for the terminal."""
+    text = row.get("failed") or " ".join(row.get("warnings", []))
+    psnr = row.get("psnr")
+    return (
+        f"{row['name']:<16} {row['level']:<7g} {row['mode']:<9} F1 {f1_of(row):5.1f}  "
+        f"PSNR {'-' if psnr is None else f'{psnr:.1f}'}  {row['cpu_seconds']:4.0f} CPU s  {outcome(row)}  {text[:150]}"
+    )
+
+
+def summarise(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Per perturbation: the curves (means over seeds) and at which level each becomes useless.
+
+    Returns:
+        dicts with ``name``, ``entry`` (:class:`Perturbation`), ``curves``: mode -> list of points (``level``, ``f1``,
+        ``share`` of the undisturbed F1, ``psnr``, ``outcome``, ``text``), ``useless`` and ``kept``: mode -> level (None
+        where the curve stays above).
+    """
+    result = []
+    for name in dict.fromkeys(row["name"] for row in rows):
+        entry = PERTURBATIONS[name]
+        curves = {mode: _curve([r for r in rows if r["name"] == name and r["mode"] == mode], entry) for mode in MODES}
+        curves = {mode: curve for mode, curve in curves.items() if curve}
+        result.append({
+            "name": name, "entry": entry, "curves": curves,
+            "useless": {mode: crossing(curve, USELESS) for mode, curve in curves.items()},
+            "kept": {mode: crossing(curve, KEPT) for mode, curve in curves.items()},
+        })  # fmt: skip
+    return result
+
+
+def _curve(rows: Sequence[Row], entry: Perturbation) -> list[dict[str, Any]]:
+    points: list[dict[str, Any]] = []
+    for level in entry.levels:
+        mine = [row for row in rows if row["level"] == level]
+        if not mine:
+            continue
+        psnr = [row["psnr"] for row in mine if row.get("psnr") is not None]
+        texts = [row.get("failed") or " ".join(row.get("warnings", [])) for row in mine]
+        worst = max(mine, key=lambda row: ("silent", "warned", "refused", "fault").index(outcome(row)))
+        points.append({
+            "level": level, "f1": sum(map(f1_of, mine)) / len(mine), "psnr": sum(psnr) / len(psnr) if psnr else None,
+            "outcome": outcome(worst), "text": next((t for t in texts if t), ""),
+        })  # fmt: skip
+    whole = points[0]["f1"] if points and points[0]["level"] == entry.levels[0] else None
+    for point in points:
+        point["share"] = point["f1"] / whole if whole else None
+    return points
+
+
+def crossing(curve: Sequence[dict[str, Any]], share: float) -> float | None:
+    """The level at which the curve first falls below this share of its start, between two levels linearly; or None."""
+    for before, after in itertools.pairwise(curve):
+        if after["share"] is None:
+            return None
+        if after["share"] < share:
+            part = (before["share"] - share) / (before["share"] - after["share"])
+            return float(before["level"] + part * (after["level"] - before["level"]))
+    return None
