@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -33,11 +34,18 @@ class Surface:
 
     def project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int64], Points, Points]:
         """Map pixels [N, 2] (x, y), depths and spacings in map pixels of the samples inside the frame."""
-        uv, depth = view.project(self.samples)
-        uv = uv * (w / view.width, h / view.height)
-        seen = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
+        x, y, depth = view.rotation @ self._columns + view.translation[:, None]
+        safe = np.maximum(depth, 1e-12)
+        u = (x / safe * view.fx + view.cx) * (w / view.width)
+        v = (y / safe * view.fy + view.cy) * (h / view.height)
+        seen = np.flatnonzero((depth > 0) & (u >= 0) & (u < w) & (v >= 0) & (v < h))
         radius = self.spacing[seen] * view.fx / depth[seen] * w / view.width
-        return np.floor(uv[seen]).astype(np.int64), depth[seen], radius
+        return np.stack([u[seen], v[seen]], axis=1).astype(np.int64), depth[seen], radius
+
+    @cached_property
+    def _columns(self) -> Points:
+        """The samples as [3, M], contiguous: every photo projects all of them in every round."""
+        return np.ascontiguousarray(self.samples.T)
 
     def depth(self, view: View, h: int, w: int) -> NDArray[np.float32]:
         """Depth at which each map pixel meets the surface first, infinite where it does not, [h, w]."""
@@ -63,12 +71,14 @@ def make_surface(scene: Scene, shape: Shape, keep: Map, ground: Ground | None, d
     if discs:
         samples, owner = _thin(*_discs(scene.points, spacing, shape, owner), cell)
     if columns:
-        height = np.maximum(ground.height(samples), 0) if ground is not None else shape.height[owner]
+        top = _highest(samples, shape.up, cell)
+        height = np.maximum(ground.height(samples[top]), 0) if ground is not None else shape.height[owner[top]]
         step = np.maximum(cell, height / MAX_COLUMN)
         count = np.floor(height / step).astype(np.int64) + 1
-        top = np.repeat(np.arange(len(samples)), count)
-        rank = np.arange(len(top)) - np.repeat(np.cumsum(count) - count, count)
-        samples, owner = _thin(samples[top] - (rank * step[top])[:, None] * shape.up, owner[top], cell)
+        rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        below = np.repeat(samples[top], count, axis=0) - (rank * np.repeat(step, count))[:, None] * shape.up
+        samples = np.concatenate([samples, below])
+        samples, owner = _thin(samples, np.concatenate([owner, np.repeat(owner[top], count)]), cell)
     return Surface(samples, spacing[owner], cell)
 
 
@@ -87,6 +97,17 @@ def _discs(points: Points, spacing: Points, shape: Shape, rows: NDArray[np.int64
             samples.append(points[flat] + reach * (np.cos(angle) * first + np.sin(angle) * second))
             owner.append(flat)
     return np.concatenate(samples), np.concatenate(owner)
+
+
+def _highest(samples: Points, up: Points, cell: float) -> NDArray[np.int64]:
+    """The highest sample over each cell of the ground: the column below it holds those of all others there, [K]."""
+    first = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.7 else [0, 1.0, 0])
+    first /= np.linalg.norm(first)
+    flat = np.stack([samples @ first, samples @ np.cross(up, first)], axis=1)
+    _, place = np.unique(np.floor(flat / cell).astype(np.int64), axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    order = np.lexsort((samples @ up, place))
+    return order[np.flatnonzero(np.diff(place[order], append=-1))]
 
 
 def _thin(samples: Points, owner: NDArray[np.int64], cell: float) -> tuple[Points, NDArray[np.int64]]:
