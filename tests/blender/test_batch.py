@@ -90,7 +90,10 @@ def test_ctrl_c_cancels_the_engine(house, engine, tmp_path):
     engine("slow")
     job = tmp_path / "job"
     command = [sys.executable, str(BATCH), "--reconstruct", "--scene", str(house.folder), "--job", str(job)]
-    process = subprocess.Popen([*command, "--out", str(tmp_path / "a.blend")], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*command, "--out", str(tmp_path / "a.blend")], stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore Ctrl-C
+    )  # fmt: skip
     while not (job / "arguments.json").exists() and process.poll() is None:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
