@@ -9,7 +9,8 @@ import importlib
 _ROOMS = (
     "common.runner", "common.editors", "properties", "engine.operators", "preferences", "scene_import.operators",
     "scene_import.panel", "prompts.tool", "reconstruct.operators", "prompts.operators", "prompts.preview",
-    "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.operators", "results.panel", "cli",
+    "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.arrival", "results.operators", "results.panel",
+    "cli",
 )  # fmt: skip
 
 

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh blocks from numpy arrays, without loops in Python."""
+"""Mesh blocks from numpy arrays, without loops in Python and in steps short enough for a timer.
+
+What takes long is done in :func:`prepare_mesh`, which touches no Blender data and so may run in a thread.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
@@ -11,37 +16,131 @@ import numpy as np
 from .materials import COLOR_ATTRIBUTE
 
 
-def make_mesh(name: str, positions: np.ndarray, triangles: np.ndarray, colors: np.ndarray | None) -> bpy.types.Mesh:
-    """A mesh of triangles, or of loose points when there are none.
+@dataclass(frozen=True)
+class MeshData:
+    """A mesh as Blender stores it.
+
+    Attributes:
+        positions: float32 [N, 3], object coordinates.
+        triangles: int32 [F, 3].
+        colors: float32 [N, 4] in sRGB, 0..1, or None.
+        edges: int32 [E, 2], vertices of each edge.
+        corner_edges: int32 [3 F], the edge from each corner to the next of its face.
+        kept: bool, one for each face given: faces whose corners coincide are left out.
+        extras: name -> a value per vertex, [N].
+    """
+
+    positions: np.ndarray
+    triangles: np.ndarray
+    colors: np.ndarray | None
+    edges: np.ndarray
+    corner_edges: np.ndarray
+    kept: np.ndarray
+    extras: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def prepare_mesh(
+    positions: np.ndarray,
+    triangles: np.ndarray,
+    colors: np.ndarray | None = None,
+    extras: dict[str, np.ndarray] | None = None,
+) -> MeshData:
+    """Bring arrays into Blender's form; uses no Blender data.
 
     Args:
         positions: [N, 3], object coordinates.
-        triangles: int32 [F, 3].
+        triangles: int [F, 3]; none makes a mesh of loose points.
         colors: uint8 [N, 3] in sRGB, or None.
+        extras: name -> [N], whole numbers or floats.
     """
-    mesh = bpy.data.meshes.new(name)
-    mesh.vertices.add(len(positions))
-    mesh.vertices.foreach_set("co", np.ascontiguousarray(positions, np.float32).ravel())
-    if len(triangles):
-        mesh.loops.add(3 * len(triangles))
-        mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(triangles, np.int32).ravel())
-        mesh.polygons.add(len(triangles))
-        mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * len(triangles), 3, dtype=np.int32))
-        mesh.polygons.foreach_set("loop_total", np.full(len(triangles), 3, np.int32))
+    a, b, c = np.asarray(triangles, np.int32).reshape(-1, 3).T
+    kept = (a != b) & (b != c) & (c != a)
+    faces = np.ascontiguousarray(np.asarray(triangles, np.int32).reshape(-1, 3)[kept])
+    edges, corner_edges = edges_of(faces)
+    rgba = None
     if colors is not None:
-        set_colors(mesh, colors)
-    mesh.update(calc_edges=True)
-    mesh.validate()
+        rgba = np.ones((len(colors), 4), np.float32)
+        rgba[:, :3] = colors.astype(np.float32) / 255.0
+    places = np.nan_to_num(np.ascontiguousarray(positions, np.float32))
+    return MeshData(places, faces, rgba, edges, corner_edges, kept, dict(extras or {}))
+
+
+def edges_of(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges int32 [E, 2], smaller vertex first, and the edge of each corner int32 [3 F]."""
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    low, high = np.minimum(starts, ends).astype(np.int64), np.maximum(starts, ends)
+    keys, corner_edges = np.unique((low << 32) | high, return_inverse=True)
+    edges = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
+    return edges, corner_edges.reshape(-1).astype(np.int32)
+
+
+def make_mesh(name: str, data: MeshData, sharp_degrees: float | None = None) -> bpy.types.Mesh:
+    """A mesh block, see :func:`mesh_steps`."""
+    mesh = bpy.data.meshes.new(name)
+    for _ in mesh_steps(mesh.name, data, sharp_degrees):
+        pass
     return mesh
 
 
-def set_colors(mesh: bpy.types.Mesh, colors: np.ndarray) -> None:
-    """Vertex colours, uint8 [N, 3] in sRGB, as the mesh's active colour attribute."""
-    layer = mesh.attributes.new(COLOR_ATTRIBUTE, "BYTE_COLOR", "POINT")
-    rgba = np.ones((len(colors), 4), np.float32)
-    rgba[:, :3] = colors.astype(np.float32) / 255.0
-    layer.data.foreach_set("color_srgb", rgba.ravel())
-    mesh.color_attributes.active_color = mesh.color_attributes[COLOR_ATTRIBUTE]
+def mesh_steps(name: str, data: MeshData, sharp_degrees: float | None = None) -> Iterator[None]:
+    """Fill the empty mesh block ``name``, yielding after each step; it is looked up anew for each.
+
+    Args:
+        sharp_degrees: edges where the surface turns by more become sharp, all else is shaded smooth.
+
+    Raises:
+        KeyError: the block is gone, for example after an undo.
+    """
+    mesh = bpy.data.meshes[name]
+    mesh.vertices.add(len(data.positions))
+    mesh.attributes["position"].data.foreach_set("vector", data.positions.ravel())
+    if len(data.triangles):
+        yield
+        yield from _faces(name, data)
+        yield
+        _edges(bpy.data.meshes[name], data)
+    if data.colors is not None:
+        yield
+        set_colors(bpy.data.meshes[name], data.colors)
+    for key, values in data.extras.items():
+        yield
+        set_attribute(bpy.data.meshes[name], key, values)
+    yield
+    mesh = bpy.data.meshes[name]
+    if sharp_degrees is not None and len(data.triangles):
+        mesh.set_sharp_from_angle(angle=math.radians(sharp_degrees))
+        yield
+    bpy.data.meshes[name].update()
+
+
+def _faces(name: str, data: MeshData) -> Iterator[None]:
+    mesh, count = bpy.data.meshes[name], len(data.triangles)
+    mesh.loops.add(3 * count)
+    mesh.attributes[".corner_vert"].data.foreach_set("value", data.triangles.ravel())
+    yield
+    mesh = bpy.data.meshes[name]
+    mesh.polygons.add(count)
+    mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
+
+
+def _edges(mesh: bpy.types.Mesh, data: MeshData) -> None:
+    mesh.edges.add(len(data.edges))
+    mesh.attributes[".edge_verts"].data.foreach_set("value", data.edges.ravel())
+    mesh.attributes[".corner_edge"].data.foreach_set("value", data.corner_edges)
+
+
+def set_colors(mesh: bpy.types.Mesh, rgba: np.ndarray, name: str = COLOR_ATTRIBUTE) -> None:
+    """Vertex colours, float32 [N, 4] in sRGB, as the mesh's active colour attribute."""
+    layer = mesh.attributes.get(name) or mesh.attributes.new(name, "BYTE_COLOR", "POINT")
+    layer.data.foreach_set("color_srgb", np.ascontiguousarray(rgba, np.float32).ravel())
+    choose_colors(mesh, name)
+
+
+def choose_colors(mesh: bpy.types.Mesh, name: str) -> None:
+    """Draw and render a mesh in one of its colour attributes."""
+    layers = mesh.color_attributes
+    layers.active_color = layers[name]
+    layers.render_color_index = layers.find(name)
 
 
 def set_attribute(mesh: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
@@ -49,10 +148,3 @@ def set_attribute(mesh: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
     kind, dtype = ("INT", np.int32) if values.dtype.kind in "iu" else ("FLOAT", np.float32)
     layer = mesh.attributes.new(name, kind, "POINT")
     layer.data.foreach_set("value", np.ascontiguousarray(values, dtype))
-
-
-def shade_smooth_by_angle(mesh: bpy.types.Mesh, degrees: float = 40.0) -> None:
-    """Smooth faces with sharp edges where the surface turns by more than ``degrees``."""
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(mesh.polygons), bool))
-    mesh.set_sharp_from_angle(angle=math.radians(degrees))
-    mesh.update()

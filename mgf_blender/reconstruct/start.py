@@ -15,6 +15,7 @@ from ..common.job import DONE, Job
 from ..engine.environment import engine_command
 from ..prompts import files
 from ..properties import scene_key, scene_of
+from ..results import arrival
 from . import estimate, live
 
 
@@ -98,15 +99,27 @@ def ended(job: Job) -> None:
     if job.kind == "reconstruct" and not job.cached:
         estimate.learn(scene.mgf.options, job.folder)
     if job.kind == "reconstruct" and scene.mgf.import_when_done:
-        run_in(scene, "import_result")
+        if in_background():
+            run_in(scene, "import_result")
+        else:
+            arrival.begin(scene, job_folder(scene))
     elif job.kind == "scene":
         run_in(scene, "import_sfm")
     elif job.kind == "masks":
         scene.mgf.show_mask = True
 
 
-def run_in(scene: bpy.types.Scene, name: str) -> None:
-    """Call an operator of ours in a scene, as one undo step, from outside any area; failures go to the job's text."""
+def in_background() -> bool:
+    """Whether Blender runs without a window, where no timer ticks."""
+    return bool(bpy.app.background)
+
+
+def run_in(scene: bpy.types.Scene, name: str, **properties: object) -> str:
+    """Call an operator of ours in a scene, as one undo step, from outside any area.
+
+    Returns:
+        Why it failed, which also joins the warnings of the scene's last job; empty when it did not.
+    """
     manager = bpy.context.window_manager
     window = next((w for w in manager.windows if w.scene == scene), None)
     override = {"scene": scene, "view_layer": scene.view_layers[0]}
@@ -114,8 +127,11 @@ def run_in(scene: bpy.types.Scene, name: str) -> None:
         override["window"] = window
     try:
         with bpy.context.temp_override(**override):
-            getattr(bpy.ops.mgf, name)("EXEC_DEFAULT", window is not None)
+            getattr(bpy.ops.mgf, name)("EXEC_DEFAULT", window is not None, **properties)
     except RuntimeError as error:
+        text = str(error).removeprefix("Error: ").strip()
         latest = runner.jobs(scene.mgf.key)
         if latest:
-            latest[-1].warnings.append(str(error).removeprefix("Error: ").strip())
+            latest[-1].warnings.append(text)
+        return text
+    return ""

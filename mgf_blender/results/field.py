@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.errors import UserError
 from ..common.materials import show_points
-from ..common.meshes import make_mesh, set_attribute
+from ..common.meshes import make_mesh, prepare_mesh
 from ..common.ply import read_ply
 from ..scene_import.tree import Tree
 
@@ -31,10 +31,12 @@ def import_field(tree: Tree, path: Path) -> bpy.types.Object:
         raise UserError(f"'{path}' is not a Gaussian field; choose the field.ply of a job.")
     base = np.stack([ply.vertices[f"f_dc_{i}"] for i in range(3)], axis=1)
     colors = np.clip((0.5 + _SH0 * base) * 255 + 0.5, 0, 255).astype(np.uint8)
-    mesh = make_mesh("Gaussian Field", ply.positions - tree.offset, np.zeros((0, 3), np.int32), colors)
-    set_attribute(mesh, "opacity", 1.0 / (1.0 + np.exp(-ply.vertices["opacity"].astype(np.float32))))
     sizes = np.stack([ply.vertices[f"scale_{i}"] for i in range(3)], axis=1).astype(np.float32)
-    set_attribute(mesh, "size", np.exp(sizes.max(axis=1)))
+    values = {
+        "opacity": 1.0 / (1.0 + np.exp(-ply.vertices["opacity"].astype(np.float32))),
+        "size": np.exp(sizes.max(axis=1)),
+    }
+    mesh = make_mesh("Gaussian Field", prepare_mesh(ply.positions - tree.offset, np.zeros((0, 3)), colors, values))
     obj = bpy.data.objects.new("Gaussian Field", mesh)
     for old in [o for o in tree.objects("Points") if o.get("mgf_field")]:
         bpy.data.objects.remove(old, do_unlink=True)

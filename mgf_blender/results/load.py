@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common.errors import UserError
 from ..common.materials import vertex_color_material
-from ..common.meshes import make_mesh, set_attribute, shade_smooth_by_angle
+from ..common.meshes import MeshData, make_mesh, prepare_mesh
 from ..common.ply import Ply, read_ply
 from ..scene_import.cameras import (
     DISTORTED_KEY,
@@ -22,13 +22,14 @@ from ..scene_import.cameras import (
     load_image,
 )
 from ..scene_import.colmap import Points
-from ..scene_import.frame import make_frame
+from ..scene_import.frame import Frame, make_frame
 from ..scene_import.points import add_points
 from ..scene_import.tree import Tree
 from .job_folder import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
 
 SHARP_ANGLE = 40.0  # degrees
+MESH_NAME = "Building"
 
 
 @dataclass(frozen=True)
@@ -41,32 +42,83 @@ class Result:
     delivery: Delivery
 
 
-def import_result(scene: bpy.types.Scene, folder: Path, tree: Tree | None = None) -> Result:
+@dataclass(frozen=True)
+class Content:
+    """A finished job as read from disk; holds no Blender data, so a thread can read it.
+
+    Attributes:
+        offset: float64 [3], taken off the mesh's coordinates.
+        frame, cloud: placement and sparse points of a job read without its COLMAP scene.
+    """
+
+    delivery: Delivery
+    offset: np.ndarray
+    mesh: MeshData | None
+    parts: Parts | None
+    frame: Frame | None = None
+    cloud: Ply | None = None
+
+
+def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
+    """Read a finished job.
+
+    Args:
+        folder: the job folder.
+        offset: of the imported COLMAP scene; None when the job comes alone.
+
+    Raises:
+        UserError: the job is not finished or a file is damaged.
+    """
+    delivery = read_delivery(folder.absolute())
+    frame, cloud = (None, None) if offset is not None else _frame_of_job(delivery)
+    offset = frame.offset if frame is not None else offset
+    if delivery.mesh is None:
+        return Content(delivery, offset, None, None, frame, cloud)
+    surface = read_ply(delivery.mesh)
+    if len(surface.triangles) == 0:
+        raise UserError(f"'{delivery.mesh}' holds no faces; read the job's report for the reason.")
+    parts = read_parts(delivery.parts, len(surface.triangles)) if delivery.parts is not None else None
+    mesh = prepare_mesh(surface.positions - offset, surface.triangles, surface.colors(), surface.extras())
+    if parts is not None:
+        parts = Parts(parts.names, parts.face[mesh.kept])
+    return Content(delivery, offset, mesh, parts, frame, cloud)
+
+
+def import_result(
+    scene: bpy.types.Scene,
+    folder: Path,
+    tree: Tree | None = None,
+    content: Content | None = None,
+    mesh: bpy.types.Mesh | None = None,
+) -> Result:
     """Import a finished job; earlier results in the same tree are replaced, other objects stay.
 
     Args:
         folder: the job folder.
         tree: the imported COLMAP scene; made from the job's own cameras and points when None.
+        content: what :func:`read_result` gave for the folder, when that was read before.
+        mesh: the mesh block made of it, when that was made before.
 
     Raises:
         UserError: the job is not finished or a file is damaged; the scene is then unchanged.
     """
-    delivery = read_delivery(folder.absolute())
-    surface = read_ply(delivery.mesh) if delivery.mesh is not None else None
-    if surface is not None and len(surface.triangles) == 0:
-        raise UserError(f"'{delivery.mesh}' holds no faces; read the job's report for the reason.")
-    parts = read_parts(delivery.parts, len(surface.triangles)) if delivery.parts and surface is not None else None
-    if tree is None or tree.root is None:
-        tree = _tree_of_job(scene, delivery)
+    alone = tree is None or tree.root is None
+    offset = None if alone else tree.offset
+    fits = content is not None and alone == (content.frame is not None)
+    if not fits or (offset is not None and not np.array_equal(offset, content.offset)):
+        content, mesh = read_result(folder, offset), None
+    delivery = content.delivery
+    if alone:
+        tree = _tree_of_job(scene, content)
     tree.clear("Renders")
     for view in delivery.views:
         _add_view(tree, view)
     if scene.camera is None and tree.objects("Cameras"):
         scene.camera = tree.objects("Cameras")[0]
     obj = None
-    if surface is not None:
+    if content.mesh is not None:
         tree.clear("Mesh")
-        obj = _add_mesh(tree, surface, parts)
+        obj = _add_mesh(tree, mesh or make_mesh(MESH_NAME, content.mesh, SHARP_ANGLE), content.parts)
         layer = scene.view_layers[0]
         for points in tree.objects("Points"):
             if points.name in layer.objects:
@@ -74,35 +126,38 @@ def import_result(scene: bpy.types.Scene, folder: Path, tree: Tree | None = None
     return Result(tree, obj, len(tree.objects("Renders")), delivery)
 
 
-def _tree_of_job(scene: bpy.types.Scene, delivery: Delivery) -> Tree:
-    """A tree for a job imported without its COLMAP scene."""
+def _frame_of_job(delivery: Delivery) -> tuple[Frame, Ply | None]:
+    """Placement of a job imported without its COLMAP scene, and its sparse points."""
+    if not delivery.views:
+        raise UserError(f"'{delivery.folder}' holds no views; run the job again.")
     specs = [v.camera for v in delivery.views]
     cloud = read_ply(delivery.points) if delivery.points is not None else None
     xyz = cloud.positions if cloud is not None else np.zeros((0, 3))
     rotations = np.array([s.rotation for s in specs]).reshape(-1, 3, 3)
     centres = np.array([-s.rotation.T @ s.translation for s in specs]).reshape(-1, 3)
-    if not len(specs):
-        raise UserError(f"'{delivery.folder}' holds no views; run the job again.")
-    tree = Tree.make(scene, delivery.folder.name, make_frame(xyz, rotations, centres))
-    add_cameras(tree, specs)
+    return make_frame(xyz, rotations, centres), cloud
+
+
+def _tree_of_job(scene: bpy.types.Scene, content: Content) -> Tree:
+    """A tree for a job imported without its COLMAP scene."""
+    delivery, cloud = content.delivery, content.cloud
+    tree = Tree.make(scene, delivery.folder.name, content.frame)
+    add_cameras(tree, [v.camera for v in delivery.views])
     if cloud is not None:
-        rgb = cloud.colors()
-        n = len(xyz)
+        rgb, n = cloud.colors(), len(cloud.positions)
         error = cloud.vertices.get("error", np.zeros(n, np.float32))
         length = cloud.vertices.get("track_length", np.zeros(n, np.int32))
-        add_points(tree, Points(xyz, rgb if rgb is not None else np.full((n, 3), 200, np.uint8), error, length))
+        rgb = rgb if rgb is not None else np.full((n, 3), 200, np.uint8)
+        add_points(tree, Points(cloud.positions, rgb, error, length))
     return tree
 
 
-def _add_mesh(tree: Tree, surface: Ply, parts: Parts | None) -> bpy.types.Object:
-    mesh = make_mesh("Building", surface.positions - tree.offset, surface.triangles, surface.colors())
-    for name, values in surface.extras().items():
-        set_attribute(mesh, name, values)
-    shade_smooth_by_angle(mesh, SHARP_ANGLE)
+def _add_mesh(tree: Tree, mesh: bpy.types.Mesh, parts: Parts | None) -> bpy.types.Object:
+    mesh.name = MESH_NAME
     mesh.materials.append(vertex_color_material())
     if parts is not None:
         assign_parts(mesh, parts)
-    obj = bpy.data.objects.new("Building", mesh)
+    obj = bpy.data.objects.new(MESH_NAME, mesh)
     tree.add("Mesh", obj)
     return obj
 

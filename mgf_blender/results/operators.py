@@ -11,7 +11,7 @@ from ..common.operators import Operator
 from ..reconstruct.start import job_folder
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.tree import Tree
-from . import switch
+from . import arrival, switch
 from .field import import_field
 from .job_folder import read_delivery
 from .load import import_result
@@ -42,14 +42,21 @@ class MGF_OT_import_result(Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         state = context.scene.mgf
         if self.directory or (state.job_folder and (job_folder(context.scene) / "deliver.json").is_file()):
-            return self.execute(context)
+            arrival.begin(context.scene, self._folder(context.scene))
+            return {"CANCELLED"}  # nothing has changed yet; the arrival ends in execute, which is the undo step
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
+    def _folder(self, scene: bpy.types.Scene) -> Path:
+        return Path(bpy.path.abspath(self.directory)) if self.directory else job_folder(scene)
+
     def run(self, context: bpy.types.Context) -> None:
         scene = context.scene
-        folder = Path(bpy.path.abspath(self.directory)) if self.directory else job_folder(scene)
-        result = import_result(scene, folder, Tree.find(scene))
+        folder = self._folder(scene)
+        there = arrival.ready(scene, folder)
+        content = arrival.content_of(there) if there is not None else None
+        mesh = there.take_mesh() if there is not None else None
+        result = import_result(scene, folder, Tree.find(scene), content, mesh)
         scene.mgf.figures = json.dumps(result.delivery.figures)
         scene.mgf.job_folder = scene.mgf.job_folder or str(folder)
         faces = len(result.mesh.data.polygons) if result.mesh is not None else 0

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from ..common.materials import show_points
-from ..common.meshes import make_mesh, set_attribute
+from ..common.meshes import make_mesh, prepare_mesh
 from .colmap import Points
 from .tree import Tree
 
@@ -19,9 +19,8 @@ def add_points(tree: Tree, points: Points, name: str = "Sparse Points") -> bpy.t
     """One mesh of loose vertices, drawn as round points; None when the model has no points."""
     if len(points.xyz) == 0:
         return None
-    mesh = make_mesh(name, points.xyz - tree.offset, np.zeros((0, 3), np.int32), points.rgb)
-    set_attribute(mesh, "track_length", points.track_length)
-    set_attribute(mesh, "reprojection_error", points.error)
+    values = {"track_length": points.track_length, "reprojection_error": points.error}
+    mesh = make_mesh(name, prepare_mesh(points.xyz - tree.offset, np.zeros((0, 3)), points.rgb, values))
     obj = bpy.data.objects.new(name, mesh)
     tree.add("Points", obj)
     show_points(obj, _SIZE * tree.radius)

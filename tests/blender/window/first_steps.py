@@ -14,7 +14,7 @@ _SEARCH, _UNFOLD = (400, 72), (188, 108)
 _HERE, _EXISTING = (700, 327), (1000, 327)
 _PATH, _CHECK_EXISTING = (820, 356), (650, 386)
 _WHEELS, _INSTALL = (820, 380), (650, 432)
-_CONFIRM = (104, 34)  # from the place that was clicked
+_CONFIRM = (112, 53)  # from the place that was clicked
 
 
 def install_extension(window: Window, zip_file: Path) -> None:

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A finished job comes into the scene without holding the window: a thread reads, short steps build the mesh.
+
+The last step calls ``mgf.import_result``, which links what is ready, so that the whole import is one undo step. Names
+and keys are held between the steps, never Blender data: an undo or another file in between costs the mesh made so
+far and nothing else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..common.errors import UserError
+from ..common.meshes import mesh_steps
+from ..common.runner import redraw
+from ..properties import scene_key, scene_of
+from ..scene_import.tree import Tree
+from .load import MESH_NAME, SHARP_ANGLE, Content, read_result
+
+_TICK = 0.02  # seconds between two steps
+_KEY = "mgf_arriving"
+
+_arrivals: dict[str, Arrival] = {}  # scene key -> the import under way
+_problems: dict[str, str] = {}  # scene key -> why the last one failed
+_longest = 0.0
+
+
+class Arrival:
+    """One import under way.
+
+    Args:
+        key: of the scene.
+        folder: the job folder.
+        offset: of the imported COLMAP scene, or None.
+    """
+
+    def __init__(self, key: str, folder: Path, offset: np.ndarray | None) -> None:
+        self.key, self.folder, self.offset = key, folder, offset
+        self.content: Content | None = None
+        self.error: Exception | None = None
+        self.mesh_name = ""
+        self._steps: Iterator[None] | None = None
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def drain(self) -> bool:
+        """Go one step on; returns whether there is more to do before the import."""
+        if self._thread.is_alive():
+            return True
+        if self.error is not None or self.content is None or self.content.mesh is None:
+            return False
+        try:
+            if self._steps is None:
+                mesh = bpy.data.meshes.new(MESH_NAME)
+                mesh[_KEY] = True
+                self.mesh_name = mesh.name
+                self._steps = mesh_steps(mesh.name, self.content.mesh, SHARP_ANGLE)
+            next(self._steps)
+        except StopIteration:
+            return False
+        except KeyError:  # an undo or another file took the mesh away; the import makes it in one go
+            self.mesh_name = ""
+            return False
+        return True
+
+    def take_mesh(self) -> bpy.types.Mesh | None:
+        """The finished mesh, which is the caller's from now on."""
+        mesh = bpy.data.meshes.get(self.mesh_name) if self.mesh_name else None
+        self.mesh_name = ""
+        if mesh is None or _KEY not in mesh:
+            return None
+        del mesh[_KEY]
+        return mesh
+
+    def drop(self) -> None:
+        """Remove what was made and not taken."""
+        mesh = self.take_mesh()
+        if mesh is not None and mesh.users == 0:
+            bpy.data.meshes.remove(mesh)
+
+    def _read(self) -> None:
+        try:
+            self.content = read_result(self.folder, self.offset)
+        except Exception as error:  # shown by the operator on the main thread
+            self.error = error
+
+
+def begin(scene: bpy.types.Scene, folder: Path) -> None:
+    """Start to bring a job's results into a scene; does nothing when that is under way."""
+    key = scene_key(scene)
+    if key in _arrivals:
+        return
+    tree = Tree.find(scene)
+    _problems.pop(key, None)
+    _arrivals[key] = Arrival(key, folder, tree.offset if tree is not None else None)
+    if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.register(_tick, first_interval=_TICK, persistent=True)
+
+
+def under_way(scene: bpy.types.Scene) -> bool:
+    """Whether results are on their way into a scene."""
+    return scene.mgf.key in _arrivals
+
+
+def problem(scene: bpy.types.Scene) -> str:
+    """Why the last import into a scene failed, or an empty text."""
+    return _problems.get(scene.mgf.key, "")
+
+
+def ready(scene: bpy.types.Scene, folder: Path) -> Arrival | None:
+    """The arrival of a folder that is waiting to be imported into a scene."""
+    found = _arrivals.get(scene.mgf.key)
+    return found if found is not None and found.folder == folder else None
+
+
+def pump() -> bool:
+    """One step of every import; returns whether there is more to do. Tests call it in place of the timer."""
+    global _longest
+    begun = time.perf_counter()
+    for key, arrival in list(_arrivals.items()):
+        if not arrival.drain():
+            _import(key, arrival)
+    _longest = max(_longest, time.perf_counter() - begun)
+    return bool(_arrivals)
+
+
+def longest_step() -> float:
+    """The longest time in seconds one step held Blender's main thread."""
+    return _longest
+
+
+def _import(key: str, arrival: Arrival) -> None:
+    from ..reconstruct.start import run_in
+
+    scene = scene_of(key)
+    try:
+        if scene is not None:
+            text = run_in(scene, "import_result", directory=str(arrival.folder))
+            if text:
+                _problems[key] = text
+    finally:
+        _arrivals.pop(key, None)
+        arrival.drop()
+
+
+def _tick() -> float | None:
+    alive = pump()
+    redraw()
+    return _TICK if alive else None
+
+
+def register() -> None:
+    """Nothing to do: the timer starts with the first import."""
+
+
+def unregister() -> None:
+    """Leave no timer and no half-made mesh behind."""
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
+    for arrival in _arrivals.values():
+        with contextlib.suppress(ReferenceError, AttributeError):
+            arrival.drop()
+    _arrivals.clear()
+    _problems.clear()
+
+
+def content_of(arrival: Arrival) -> Content | None:
+    """What the thread read.
+
+    Raises:
+        UserError: it could not be read.
+    """
+    if isinstance(arrival.error, UserError):
+        raise arrival.error
+    if arrival.error is not None:
+        raise UserError(f"The results cannot be read ({arrival.error!r}); run the job again.") from arrival.error
+    return arrival.content
