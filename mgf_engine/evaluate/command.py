@@ -15,6 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--samples", type=int, default=1_000_000, help="points sampled on each mesh")
     parser.add_argument("--scene", type=Path, help="COLMAP scene: true points that no camera saw are left out")
     parser.add_argument("--align", choices=("none", "rigid", "similarity"), default="none", help="register first (ICP)")
+    parser.add_argument("--picture", type=Path, help="draw both meshes coloured by distance into this file (z is up)")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
 
 

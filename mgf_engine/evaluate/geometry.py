@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.evaluate.align import align_to
+from mgf_engine.evaluate.error_map import write_error_map
 from mgf_engine.evaluate.surfaces import Hygiene, Points, SeeingCamera, Surface, read_surface
 
 
@@ -102,7 +103,7 @@ def score_surface(
     hygiene = mesh.hygiene()
     if align != "none":
         matrix = align_to(mesh, truth, scale=align == "similarity")
-        mesh = Surface(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)
+        mesh = _moved(mesh, matrix)
     true_points, _ = truth.sample(samples, rng)
     points, _ = mesh.sample(samples, rng)
     true_points, points = _inside(true_points, crop), _inside(points, crop)
@@ -179,7 +180,8 @@ def colmap_cameras(scene: Path) -> list[SeeingCamera]:
 def evaluate_command(args: argparse.Namespace) -> int:
     """``mgf evaluate``: print the scores as a table and, on request, write them as JSON."""
     cameras = colmap_cameras(args.scene) if args.scene else None
-    scores = evaluate_mesh(args.mesh, args.truth, args.thresholds, args.samples, cameras, align=args.align)
+    mesh, truth = read_surface(args.mesh), read_surface(args.truth)
+    scores = score_surface(mesh, truth, args.thresholds, args.samples, cameras, align=args.align)
     print("threshold  accuracy  completeness      F1")
     for row in zip(scores.thresholds, scores.accuracy, scores.completeness, scores.f1, strict=True):
         print("{:9g}  {:7.2f}%  {:11.2f}%  {:5.2f}%".format(*row))
@@ -192,11 +194,19 @@ def evaluate_command(args: argparse.Namespace) -> int:
         f"{clean.faces} faces in {clean.components} parts, {clean.holes} holes, {clean.non_manifold_edges} "
         f"non-manifold edges; {scores.truth_seen:.1f}% of the truth seen"
     )
+    if args.picture:
+        write_error_map(args.picture, _moved(mesh, scores.alignment), truth, min(args.thresholds))
     if args.json:
         partial = args.json.with_name(args.json.name + ".partial")
         partial.write_text(json.dumps(scores.as_dict(), indent=1), encoding="utf-8")
         os.replace(partial, args.json)
     return EXIT_DONE
+
+
+def _moved(mesh: Surface, matrix: Any) -> Surface:
+    """The mesh after a similarity [4, 4]."""
+    matrix = np.asarray(matrix, dtype=np.float64)
+    return Surface(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)
 
 
 def _inside(points: Points, crop: Points | None) -> Points:

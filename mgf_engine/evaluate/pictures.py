@@ -77,15 +77,30 @@ def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int])
     """Cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side."""
     up = upward(scene)
     low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
-    centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     towards = np.mean([view.centre for view in scene.views], axis=0) - centre
     side = towards - up * (towards @ up)
     if np.linalg.norm(side) < 1e-3 * radius:  # photographed from all around: any side may come first
         side = scene.views[0].centre - centre
-        side -= up * (side @ up)
+    return circle_views(mesh, up, side, count, size)
+
+
+def circle_views(
+    mesh: Mesh, up: NDArray[np.float64], side: NDArray[np.float64], count: int, size: tuple[int, int]
+) -> list[View]:
+    """Cameras on a circle around the mesh, 25 degrees above it.
+
+    Args:
+        up: unit direction.
+        side: where the first camera stands, seen from the mesh; what is along ``up`` of it does not matter.
+        size: width and height of the pictures.
+    """
+    low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
+    centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    side = side - up * (side @ up)
     if np.linalg.norm(side) < 1e-9:
         side = np.cross(up, [0.3, 0.5, 0.8])
-    side /= np.linalg.norm(side)
+    side = side / np.linalg.norm(side)
     other = np.cross(up, side)
     angles = np.arange(count) * 2 * np.pi / count
     return [_looking_at(centre, side * np.cos(a) + other * np.sin(a), up, radius, size) for a in angles]
