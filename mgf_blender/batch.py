@@ -148,8 +148,7 @@ def _import(package: str, args: argparse.Namespace) -> None:
     _dress(scene)
     if args.picture is not None:
         _picture(package, args, scene, tree)
-    errors = importlib.import_module(f"{package}.common.errors")
-    save(bpy, args.out.absolute(), errors.UserError)
+    save(bpy, args.out.absolute(), package)
     print(f"Saved {args.out}")
 
 
@@ -178,17 +177,20 @@ def _dress(scene) -> None:
     scene.view_settings.view_transform = "Standard"
 
 
-def save(bpy, path: Path, user_error: type[Exception]) -> None:
+def save(bpy, path: Path, package: str) -> None:
     """Write the .blend to a temporary name first, so that a full disk leaves no half file."""
+    errors = importlib.import_module(f"{package}.common.errors")
+    files = importlib.import_module(f"{package}.common.files")
     temporary = path.with_name(f".{path.stem}.writing.blend")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         bpy.ops.wm.save_as_mainfile(filepath=str(temporary), copy=True, compress=True, relative_remap=True)
         os.replace(temporary, path)
     except (RuntimeError, OSError) as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise user_error(f"Cannot save '{path}' ({error}); check the folder and the free space.") from error
+        for left in (temporary, temporary.with_name(temporary.name + "@")):
+            with contextlib.suppress(OSError):
+                left.unlink(missing_ok=True)
+        raise errors.UserError(files.cannot_write(path, error)) from error
 
 
 def _package() -> str:

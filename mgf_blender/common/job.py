@@ -62,6 +62,8 @@ class Job:
     exit_code: int | None = None
     last_errors: deque[str] = field(default_factory=lambda: deque(maxlen=40))
     process: Process | None = None
+    seconds: float = 0.0  # from the start to the end
+    _begun: float = 0.0
     _stop_asked: float = 0.0
     _ended_by_message: bool = False
 
@@ -81,7 +83,7 @@ class Job:
         except Exception as error:
             self.status, self.text, self.exit_code = FAILED, str(error), EXIT_FAULT
             raise
-        self.status = RUNNING
+        self.status, self._begun = RUNNING, time.monotonic()
 
     def cancel(self) -> None:
         """Ask the job to stop; what it has done stays resumable."""
@@ -173,6 +175,7 @@ class Job:
 
     def _end(self, status: str, text: str, code: int) -> None:
         self.status, self.text, self.exit_code = status, text, code
+        self.seconds = time.monotonic() - self._begun if self._begun else 0.0
         if not self.log and (self.folder / "log.txt").is_file():
             self.log = str(self.folder / "log.txt")
         if self.on_end is not None:

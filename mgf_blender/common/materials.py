@@ -22,10 +22,11 @@ def part_material(name: str) -> bpy.types.Material:
 
 def point_color_material() -> bpy.types.Material:
     """The same for points."""
-    return _color_material(_POINTS, roughness=1.0)
+    return _color_material(_POINTS, roughness=1.0, attribute=COLOR_ATTRIBUTE)
 
 
-def _color_material(name: str, roughness: float) -> bpy.types.Material:
+def _color_material(name: str, roughness: float, attribute: str = "") -> bpy.types.Material:
+    """A material in the colours of ``attribute``, or of whichever colour attribute the mesh chooses for renders."""
     material = bpy.data.materials.get(name)
     if material is not None:
         return material
@@ -36,8 +37,9 @@ def _color_material(name: str, roughness: float) -> bpy.types.Material:
     shader = next(n for n in tree.nodes if n.type == "BSDF_PRINCIPLED")
     shader.inputs["Roughness"].default_value = roughness
     shader.inputs["Specular IOR Level"].default_value = 0.2
-    color = tree.nodes.new("ShaderNodeAttribute")
-    color.attribute_name = COLOR_ATTRIBUTE
+    color = tree.nodes.new("ShaderNodeAttribute" if attribute else "ShaderNodeVertexColor")
+    if attribute:
+        color.attribute_name = attribute
     color.location = (shader.location.x - 220, shader.location.y)
     tree.links.new(color.outputs["Color"], shader.inputs["Base Color"])
     return material

@@ -8,6 +8,14 @@ import textwrap
 import bpy
 
 
+def tr(text: str, **values: object) -> str:
+    """A text of the interface in the user's language, with values put in: ``tr("{count} cameras", count=3)``.
+
+    Texts without values that are handed to a layout need no call: Blender looks them up itself.
+    """
+    return bpy.app.translations.pgettext_iface(text).format(**values)
+
+
 def wrapped(text: str, width: int = 46) -> list[str]:
     """The lines of a sentence for a sidebar; long paths are broken."""
     return textwrap.wrap(text, width, break_long_words=True) or [""]

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import bpy
 
 from ..common.errors import UserError
+from ..common.files import replace_file
 from .properties import BUILDING
 
 
@@ -40,13 +40,8 @@ def write(scene: bpy.types.Scene, path: Path, only: str | None = None) -> None:
     Raises:
         UserError: the file cannot be written.
     """
-    temporary = path.with_name(path.name + ".writing")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps(to_data(scene, only), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        os.replace(temporary, path)
-    except OSError as error:
-        raise UserError(f"Cannot write '{path}' ({error.strerror or error}); choose another folder.") from error
+    text = json.dumps(to_data(scene, only), indent=1, ensure_ascii=False) + "\n"
+    replace_file(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def read(path: Path) -> dict[str, list[tuple[float, float, bool, str]]]:

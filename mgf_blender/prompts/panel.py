@@ -4,7 +4,7 @@
 import bpy
 
 from ..common import runner
-from ..common.text import draw_sentence
+from ..common.text import draw_sentence, tr
 from ..reconstruct.panel import draw_job
 from . import overlay, preview
 from .properties import BUILDING, active_photo
@@ -65,7 +65,10 @@ class MGF_PT_prompts(bpy.types.Panel):
         parts = sum(not c.negative and c.part != BUILDING for c in photo.clicks)
         positive = len(photo.clicks) - negative - parts
         row = layout.row(align=True)
-        row.label(text=f"{positive} on the building, {negative} off it" + (f", {parts} parts" if parts else ""))
+        text = tr("{positive} on the building, {negative} off it", positive=positive, negative=negative)
+        if parts:
+            text += tr(", {count} parts", count=parts)
+        row.label(text=text, translate=False)
         row.operator("mgf.clear_clicks", text="", icon="TRASH")
         if not photo.file:
             layout.label(text="The photo was not found on disk", icon="ERROR")
@@ -110,7 +113,8 @@ class MGF_PT_masks(bpy.types.Panel):
         photo = active_photo(context.scene)
         entry = overlay.mask_entry(context.scene, photo.name) if photo is not None else None
         if entry is not None:
-            layout.label(text=f"Agreement with the points: {float(entry.get('score', 0)):.0%}")
+            text = tr("Agreement with the points: {share:.0%}", share=float(entry.get("score", 0)))
+            layout.label(text=text, translate=False)
             if entry.get("flag"):
                 draw_sentence(layout, str(entry["flag"]), "ERROR")
 

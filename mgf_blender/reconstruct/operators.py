@@ -50,6 +50,15 @@ class MGF_OT_reconstruct(_JobOperator):
     bl_label = "Reconstruct Building"
     bl_options = {"REGISTER", "UNDO"}
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        state = context.scene.mgf
+        wanted = state.source and state.options.use_masks and not state.masks_folder and len(state.photos)
+        if wanted and not any(p.done() for p in state.photos):
+            cls.poll_message_set("Mark the building in one photo or more first, or choose your own masks")
+            return False
+        return super().poll(context)
+
     def run(self, context: bpy.types.Context) -> set[str]:
         context.view_layer.update()  # the crop box may have been moved by a script
         context.scene.mgf.options.crop_box = crop_text(Tree.find(context.scene))

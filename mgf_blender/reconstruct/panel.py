@@ -4,10 +4,9 @@
 import bpy
 
 from ..common import options, runner
-from ..common.errors import UserError
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, Job
-from ..common.text import draw_sentence
-from ..engine.environment import engine_python
+from ..common.text import draw_sentence, tr
+from ..engine.notice import draw_engine_missing
 from .estimate import duration, estimate
 from .operators import interrupted, last_job
 
@@ -21,6 +20,35 @@ _SECTION_TITLES = {
     "mesh": "Mesh",
     "deliver": "Output",
 }
+
+
+class MGF_PT_mark(bpy.types.Panel):
+    """Where the building is: the way to the photos, and how many are marked"""
+
+    bl_idname = "MGF_PT_mark"
+    bl_label = "Prompts"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "MGF"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return len(context.scene.mgf.photos) > 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, state = self.layout, context.scene.mgf
+        if state.masks_folder or not state.options.use_masks:
+            text = "Your own masks are used" if state.masks_folder else "Masks are switched off"
+            layout.label(text=text, icon="INFO")
+            return
+        done, count = sum(p.done() for p in state.photos), len(state.photos)
+        row = layout.row()
+        row.scale_y = 1.0 if done else 1.6
+        row.operator("mgf.mark_building", icon="CURSOR")
+        text = tr("{done} of {count} photos marked", done=done, count=count)
+        if not done:
+            text = tr("Mark the building in one photo or more")
+        layout.label(text=text, icon="CHECKMARK" if done else "INFO", translate=False)
 
 
 class MGF_PT_reconstruct(bpy.types.Panel):
@@ -45,7 +73,8 @@ class MGF_PT_reconstruct(bpy.types.Panel):
             if not option["advanced"]:
                 column.prop(state.options, name)
         column.prop(state, "job_folder")
-        if _engine_missing(layout):
+        column.prop(state, "import_when_done")
+        if draw_engine_missing(layout):
             return
         job = last_job(context.scene)
         live = job is not None and job.live
@@ -53,17 +82,14 @@ class MGF_PT_reconstruct(bpy.types.Panel):
             self._draw_start(layout, context, job)
         if job is not None:
             draw_job(layout, job)
-        layout.prop(state, "import_when_done")
 
     def _draw_start(self, layout: bpy.types.UILayout, context: bpy.types.Context, job: Job | None) -> None:
         state = context.scene.mgf
-        done = sum(p.done() for p in state.photos)
-        if len(state.photos) and not state.masks_folder:
-            row = layout.row(align=True)
-            row.label(text=f"{done} of {len(state.photos)} photos marked", icon="CHECKMARK" if done else "ERROR")
-            row.operator("mgf.mark_building", text="", icon="CURSOR")
         cost = estimate(state.options, max(1, _photo_count(context.scene)))
-        layout.label(text=f"About {duration(cost.seconds)} and {cost.memory / 1e9:.1f} GB of memory", icon="TIME")
+        text = tr(
+            "About {time} and {gigabytes:.1f} GB of memory", time=duration(cost.seconds), gigabytes=cost.memory / 1e9
+        )
+        layout.label(text=text, icon="TIME", translate=False)
         column = layout.column()
         column.scale_y = 1.6
         column.operator("mgf.reconstruct", icon="HOME")
@@ -118,7 +144,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
             row.label(text=_figure(value))
     else:
         icon = {DONE: "CHECKMARK", FAILED: "ERROR", CANCELLED: "PAUSE"}.get(job.status, "INFO")
-        draw_sentence(box, job.text or {DONE: "Finished", CANCELLED: "Cancelled"}.get(job.status, ""), icon)
+        draw_sentence(box, _outcome(job), icon)
     for text in job.warnings[-3:]:
         draw_sentence(box, text, "INFO")
     row = layout.row(align=True)
@@ -132,27 +158,26 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
 def _headline(job: Job) -> str:
     if job.status == QUEUED:
         ahead = sum(j.live for j in runner.jobs()) - 1
-        return f"Waiting for {ahead} other job{'s' if ahead != 1 else ''}"
+        return tr("Waiting for another job") if ahead == 1 else tr("Waiting for {count} other jobs", count=ahead)
     if job.status == CANCELLING:
-        return "Stopping"
-    stage = _STAGES.get(job.stage, "Starting the engine" if not job.stage else options.title(job.stage))
-    left = duration(job.seconds_left)
-    return f"{stage}, {job.fraction:.0%}" + (f", {left} left" if left else "")
+        return tr("Stopping")
+    if not job.stage:
+        return tr("Starting the engine")
+    stage, left = tr(_STAGES.get(job.stage, options.title(job.stage))), duration(job.seconds_left)
+    if not left:
+        return tr("{stage}, {share:.0%}", stage=stage, share=job.fraction)
+    return tr("{stage}, {share:.0%}, {time} left", stage=stage, share=job.fraction, time=left)
+
+
+def _outcome(job: Job) -> str:
+    """How a job ended."""
+    if job.text or job.status != DONE:
+        return job.text or tr("Cancelled")
+    return tr("Finished in {time}", time=duration(job.seconds)) if job.seconds else tr("Finished")
 
 
 def _figure(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _engine_missing(layout: bpy.types.UILayout) -> bool:
-    """Say what is wrong with the engine and lead to the preferences; True when there is none."""
-    try:
-        engine_python()
-    except UserError as error:
-        draw_sentence(layout, str(error), "ERROR")
-        layout.operator("mgf.show_preferences", icon="PREFERENCES")
-        return True
-    return False
 
 
 def _photo_count(scene: bpy.types.Scene) -> int:
@@ -175,7 +200,7 @@ class MGF_OT_show_preferences(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (MGF_OT_show_preferences, MGF_PT_reconstruct, MGF_PT_options)
+CLASSES = (MGF_OT_show_preferences, MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options)
 
 
 def register() -> None:

@@ -2,16 +2,18 @@
 """Operators of the Results panel."""
 
 import json
+import shutil
 from pathlib import Path
 
 import bpy
 
 from ..common.errors import UserError
+from ..common.files import replace_file
 from ..common.operators import Operator
 from ..reconstruct.start import job_folder
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.tree import Tree
-from . import arrival, switch
+from . import arrival, surface, switch
 from .field import import_field
 from .job_folder import read_delivery
 from .load import import_result
@@ -108,7 +110,63 @@ class MGF_OT_show_in_camera(Operator):
         switch.show(Tree.find(context.scene), context.scene.camera, self.kind)
 
 
-CLASSES = (MGF_OT_import_result, MGF_OT_import_field, MGF_OT_show_in_camera)
+class MGF_OT_paint_mesh(Operator):
+    """Choose what the mesh is painted with, in the viewport and in renders"""
+
+    bl_idname = "mgf.paint_mesh"
+    bl_label = "Paint Mesh"
+    bl_options = {"REGISTER", "UNDO"}
+
+    kind: bpy.props.EnumProperty(
+        name="Paint",
+        description="What the colours of the mesh show",
+        items=[
+            ("COLOR", "Colors", "The colours of the photos"),
+            ("CONFIDENCE", "Confidence", "How far each spot can be trusted, from dark (guessed) to bright (certain)"),
+            ("VIEWS", "Views", "How many photos show each spot"),
+        ],
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        tree = Tree.find(context.scene)
+        if tree is None or not tree.objects("Mesh"):
+            cls.poll_message_set("Import a result first")
+            return False
+        return True
+
+    def run(self, context: bpy.types.Context) -> None:
+        for obj in Tree.find(context.scene).objects("Mesh"):
+            surface.show(obj.data, self.kind)
+            obj.hide_set(False)
+
+
+class MGF_OT_export_field(_NeedsJob):
+    """Save the Gaussian field as a standard 3DGS PLY file, for viewers and for Blender 5.3 and later"""
+
+    bl_idname = "mgf.export_field"
+    bl_label = "Save Field As"
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", default="field.ply", options={"SKIP_SAVE"})
+    check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default="*.ply", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        delivery = read_delivery(job_folder(context.scene))
+        if delivery.field is None:
+            raise UserError("The job has no field; run the job again.")
+        path = Path(bpy.path.abspath(self.filepath)).with_suffix(".ply")
+        replace_file(path, lambda temporary: shutil.copyfile(delivery.field, temporary))
+        self.report({"INFO"}, f"Saved {path}")
+
+
+CLASSES = (
+    MGF_OT_import_result, MGF_OT_import_field, MGF_OT_export_field, MGF_OT_show_in_camera, MGF_OT_paint_mesh,
+)  # fmt: skip
 
 
 def register() -> None:

@@ -6,9 +6,14 @@ import json
 import bpy
 
 from ..common import options
+from ..common.text import tr
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
-from . import switch
+from . import surface, switch
+from .notice import draw_waiting
+
+_PAINTS = {"COLOR": "Colors", "CONFIDENCE": "Confidence", "VIEWS": "Views"}
+_SHOWS = {"PHOTO": "Photo", "RENDER": "Render", "ERROR": "Error", "MESH": "Mesh"}
 
 
 class MGF_PT_results(bpy.types.Panel):
@@ -31,24 +36,44 @@ class MGF_PT_results(bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("mgf.import_result", icon="IMPORT")
         row.operator("mgf.open_job_file", text="", icon="URL").name = "report.html"
+        draw_waiting(layout, scene)
         if not meshes:
             return
-        layout.operator("mgf.import_field", icon="OUTLINER_OB_POINTCLOUD")
+        row = layout.row(align=True)
+        row.operator("mgf.import_field", icon="OUTLINER_OB_POINTCLOUD")
+        row.operator("mgf.export_field", text="", icon="EXPORT")
         for obj in meshes:
-            layout.label(text=f"{obj.name}: {len(obj.data.polygons):,} faces", icon="MESH_DATA", translate=False)
-        camera = scene.camera
-        if camera is not None and PHOTO_KEY in camera:
-            column = layout.column(align=True)
-            column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
-            row = column.row(align=True)
-            there = switch.available(camera)
-            for kind in switch.KINDS:
-                cell = row.row(align=True)
-                cell.enabled = kind in there
-                cell.operator(
-                    "mgf.show_in_camera", text=kind.capitalize(), depress=kind == camera.get(SHOWN_KEY)
-                ).kind = kind
+            _draw_mesh(layout, obj)
+        if scene.camera is not None and PHOTO_KEY in scene.camera:
+            _draw_camera(layout, scene.camera)
         _draw_figures(layout, scene.mgf.figures)
+
+
+def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
+    """A mesh, and what it is painted with."""
+    column = layout.column(align=True)
+    text = tr("{name}: {count:,} faces", name=obj.name, count=len(obj.data.polygons))
+    column.label(text=text, icon="MESH_DATA", translate=False)
+    kinds, now = surface.available(obj.data), surface.shown(obj.data)
+    if len(kinds) < 2:
+        return
+    row = column.row(align=True)
+    for kind in kinds:
+        row.operator("mgf.paint_mesh", text=_PAINTS[kind], depress=kind == now).kind = kind
+    if now not in {"", "COLOR"}:
+        column.label(text=surface.scale_text(obj.data, now), translate=False)
+
+
+def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
+    """The active camera, and what it shows."""
+    column = layout.column(align=True)
+    column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
+    row = column.row(align=True)
+    there = switch.available(camera)
+    for kind in switch.KINDS:
+        cell = row.row(align=True)
+        cell.enabled = kind in there
+        cell.operator("mgf.show_in_camera", text=_SHOWS[kind], depress=kind == camera.get(SHOWN_KEY)).kind = kind
 
 
 def _draw_figures(layout: bpy.types.UILayout, text: str) -> None:

@@ -3,6 +3,9 @@
 
 import bpy
 
+from ..common.text import tr
+from ..engine.notice import draw_engine_missing
+from ..results.notice import draw_waiting
 from .crop import find_crop_box
 from .tree import Tree
 
@@ -19,19 +22,15 @@ class MGF_PT_scene(bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
         tree = Tree.find(context.scene)
-        column = layout.column(align=tree is not None)
-        column.scale_y = 1.4 if tree is None else 1.0
-        column.operator("mgf.import_colmap", icon="OUTLINER_OB_CAMERA")
-        column.operator("mgf.import_photos", icon="FILE_IMAGE")
         if tree is None:
-            column.operator("mgf.import_result", icon="IMPORT")
+            _draw_import(layout, context.scene)
             return
         row = layout.row(align=True)
-        row.label(text=f"{len(tree.objects('Cameras'))} cameras", icon="CAMERA_DATA")
+        row.label(text=tr("{count} cameras", count=len(tree.objects("Cameras"))), icon="CAMERA_DATA", translate=False)
         row.operator("mgf.look_through", text="", icon="TRIA_LEFT").step = -1
         row.operator("mgf.look_through", text="", icon="VIEW_CAMERA").step = 0
         row.operator("mgf.look_through", text="", icon="TRIA_RIGHT").step = 1
-        layout.prop(state, "fit_render")
+        row.prop(state, "fit_render", text="", icon="FULLSCREEN_ENTER")
         if find_crop_box(tree) is None:
             layout.operator("mgf.add_crop_box", icon="MESH_CUBE")
             return
@@ -39,6 +38,17 @@ class MGF_PT_scene(bpy.types.Panel):
         row.operator("mgf.select_crop_box", text="Crop Box", icon="MESH_CUBE")
         row.operator("mgf.add_crop_box", text="", icon="FULLSCREEN_EXIT")
         row.operator("mgf.remove_crop_box", text="", icon="X")
+
+
+def _draw_import(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """An empty scene: the ways in, and what stands in the way of a reconstruction."""
+    column = layout.column()
+    column.scale_y = 1.4
+    column.operator("mgf.import_colmap", icon="OUTLINER_OB_CAMERA")
+    column.operator("mgf.import_photos", icon="FILE_IMAGE")
+    column.operator("mgf.import_result", icon="IMPORT")
+    draw_waiting(layout, scene)
+    draw_engine_missing(layout)
 
 
 class MGF_PT_placement(bpy.types.Panel):
@@ -84,6 +94,9 @@ class MGF_PT_source(bpy.types.Panel):
         layout.prop(state, "source", text="Scene")
         layout.prop(state, "photo_folder", text="Photos")
         layout.operator("mgf.reload_scene", icon="FILE_REFRESH")
+        column = layout.column(align=True)
+        column.operator("mgf.import_colmap", text="Import Another Scene", icon="OUTLINER_OB_CAMERA")
+        column.operator("mgf.import_photos", text="Import Other Photos", icon="FILE_IMAGE")
 
 
 CLASSES = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source)

@@ -54,7 +54,7 @@ def main() -> int:
     arguments = sys.argv[1:]
     mode = os.environ.get("FAKE_ENGINE", "ok")
     if arguments[0] == "doctor":
-        print("mgf 9.9\n  torch 2.13.0\nEverything a job needs is here.")
+        print("mgf 9.9\n  torch     2.13.0\nEverything a job needs is here.")
         return 0
     if arguments[0] == "preview":
         return preview(arguments, mode)

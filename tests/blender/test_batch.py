@@ -104,4 +104,4 @@ def test_ctrl_c_cancels_the_engine(house, engine, tmp_path):
 
 def test_unwritable_place(house):
     done = run("--scene", house.folder, "--out", Path("/proc/nowhere/a.blend"))
-    assert done.returncode == 2 and "Cannot save" in done.stderr and "Traceback" not in done.stderr
+    assert done.returncode == 2 and "Cannot write" in done.stderr and "Traceback" not in done.stderr

@@ -85,7 +85,7 @@ def test_option_set_back_to_default_reaches_a_resumed_job(ready):
 @pytest.mark.parametrize(
     ("prepare", "words"),
     [
-        (lambda s: s.photos[0].clicks.clear(), "No point marks the building"),
+        (lambda s: s.photos[0].clicks.clear(), "Mark the building in one photo or more first"),
         (lambda s: setattr(s, "source", ""), "Import a COLMAP scene or photos first"),
     ],
 )

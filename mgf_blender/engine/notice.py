@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the panels say when there is no engine."""
+
+import bpy
+
+from ..common.errors import UserError
+from ..common.text import draw_sentence
+from .environment import engine_python
+
+
+def draw_engine_missing(layout: bpy.types.UILayout) -> bool:
+    """Say what is wrong with the engine and lead to the preferences; True when there is none."""
+    try:
+        engine_python()
+    except UserError as error:
+        draw_sentence(layout, str(error), "ERROR")
+        layout.operator("mgf.show_preferences", icon="PREFERENCES")
+        return True
+    return False

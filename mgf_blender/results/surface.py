@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the surface is painted with: the colours of the photos, or how far each spot can be trusted."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..common.errors import UserError
+from ..common.materials import COLOR_ATTRIBUTE
+from ..common.meshes import choose_colors, set_colors
+from ..common.text import tr
+
+#: Kind -> the colour attribute that shows it and the value per vertex it is made from.
+KINDS = {
+    "COLOR": (COLOR_ATTRIBUTE, ""),
+    "CONFIDENCE": ("Confidence Colors", "confidence"),
+    "VIEWS": ("Views Colors", "views"),
+}
+_TOP = 98.0  # percentile of the views that is drawn in the brightest colour
+#: Dark violet, blue, green, yellow: even steps of lightness, told apart with any kind of colour vision.
+_STOPS = np.array([(0.27, 0.0, 0.33), (0.23, 0.32, 0.55), (0.13, 0.57, 0.55), (0.37, 0.79, 0.38), (0.99, 0.91, 0.15)])
+
+
+def available(mesh: bpy.types.Mesh) -> list[str]:
+    """The kinds a mesh carries values for, in the order of :data:`KINDS`."""
+    return [kind for kind, (layer, value) in KINDS.items() if (value or layer) in mesh.attributes]
+
+
+def shown(mesh: bpy.types.Mesh) -> str:
+    """The kind a mesh is painted with now; empty when it is none of ours."""
+    active = mesh.color_attributes.active_color
+    return next((kind for kind, (layer, _) in KINDS.items() if active is not None and active.name == layer), "")
+
+
+def show(mesh: bpy.types.Mesh, kind: str) -> None:
+    """Paint a mesh, in the viewport and in renders.
+
+    Raises:
+        UserError: the mesh carries no such value.
+    """
+    if kind not in available(mesh):
+        raise UserError(f"The mesh carries no {kind.lower()}; run the job again with this version of the engine.")
+    layer, value = KINDS[kind]
+    if not value or layer in mesh.color_attributes:
+        choose_colors(mesh, layer)
+        return
+    values = np.empty(len(mesh.vertices), np.int32 if mesh.attributes[value].data_type == "INT" else np.float32)
+    mesh.attributes[value].data.foreach_get("value", values)
+    top = 1.0 if kind == "CONFIDENCE" else max(1.0, float(np.percentile(values, _TOP)))
+    mesh[f"mgf_top_{value}"] = top
+    rgba = np.ones((len(values), 4), np.float32)
+    rgba[:, :3] = ramp(np.clip(values / top, 0, 1))
+    set_colors(mesh, rgba, layer)
+
+
+def scale_text(mesh: bpy.types.Mesh, kind: str) -> str:
+    """What dark and bright mean, for the panel."""
+    if kind == "CONFIDENCE":
+        return tr("Dark: guessed, bright: certain")
+    return tr("Dark: no photo, bright: {count:.0f} photos or more", count=mesh.get("mgf_top_views", 1.0))
+
+
+def ramp(values: np.ndarray) -> np.ndarray:
+    """0..1 -> sRGB [..., 3]."""
+    at = np.linspace(0, 1, len(_STOPS))
+    return np.stack([np.interp(values, at, _STOPS[:, i]) for i in range(3)], axis=-1)

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the panels say from the empty scene to the finished mesh, and when something is wrong."""
+
+from __future__ import annotations
+
+import time
+
+import bpy
+import pytest
+from layouts import draw
+
+from mgf_blender.common import runner
+from mgf_blender.engine import operators as engine_operators
+from mgf_blender.engine.task import Step, Task
+from mgf_blender.preferences import MGF_Preferences
+from mgf_blender.prompts import files
+from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
+from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct
+from mgf_blender.reconstruct.start import make_job
+from mgf_blender.results import arrival
+from mgf_blender.results.panel import MGF_PT_results
+from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_PT_source
+
+VIEWPORT = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source, MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options,
+            MGF_PT_results)  # fmt: skip
+
+
+def all_panels() -> str:
+    """Everything both editors say now."""
+    return "\n".join(draw(cls).said for cls in (*VIEWPORT, MGF_PT_prompts, MGF_PT_masks))
+
+
+def test_empty_scene_shows_the_ways_in(addon, engine):
+    assert draw(MGF_PT_scene).said == "Import COLMAP Scene\nImport Photos\nImport Result"
+    assert [draw(cls).said for cls in VIEWPORT[1:5]] == [""] * 4
+    assert "Import a scene in the 3D viewport first" in draw(MGF_PT_prompts).said
+
+
+def test_missing_engine_is_said_before_anything_is_imported(addon, monkeypatch, house):
+    monkeypatch.delenv("MGF_ENGINE_PYTHON", raising=False)
+    for _ in range(2):
+        said = " ".join(all_panels().split())
+        assert "The engine is not installed; press Install Engine" in said and "Set Up Engine" in said
+        assert "Reconstruct Building" not in said
+        bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+
+
+def test_from_import_to_mesh(addon, engine, house):
+    engine("ok", FAKE_RESULT=house.job)
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    said = all_panels()
+    assert "12 cameras" in said and "Mark the building in one photo or more" in said and "Mark Building" in said
+    assert "About " in said and " GB of memory" in said
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    files.add_click(addon.photos[0], 90, 9, True, "building")
+    files.add_click(addon.photos[0], 90, 90, False, "door")
+    said = all_panels()
+    assert "1 of 3 photos marked" in said and "1 on the building, 1 off it, 1 parts" in said
+    bpy.ops.mgf.reconstruct()
+    said = all_panels()
+    assert "Finished in " in said and "Open Report" in said and "Building: 16 faces" in said and "PSNR" in said
+
+
+def test_running_waiting_and_cancelled(addon, engine, house):
+    engine("slow")
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    runner.submit(make_job(bpy.context.scene))
+    assert "Waiting" in draw(MGF_PT_reconstruct).said or "Starting" in draw(MGF_PT_reconstruct).said
+    end = time.monotonic() + 20
+    while "Reading photos, " not in draw(MGF_PT_reconstruct).said and time.monotonic() < end:
+        runner.pump()
+        time.sleep(0.01)
+    drawn = draw(MGF_PT_reconstruct)
+    assert "12 s left" in drawn.said and "Reconstruct Building" not in drawn.said
+    assert "mgf.cancel_job" in [name for name, *_ in drawn.operators]
+    bpy.ops.mgf.cancel_job()
+    assert "Stopping" in draw(MGF_PT_reconstruct).said
+    while runner.pump():
+        time.sleep(0.01)
+    said = draw(MGF_PT_reconstruct).said
+    assert "Cancelled" in said and "Resume" in said and "Reconstruct Building" in said
+
+
+def test_own_masks_need_no_points(addon, engine, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.masks_folder = str(house.folder)
+    assert draw(MGF_PT_mark).said == "Your own masks are used"
+    addon.masks_folder, addon.options.use_masks = "", False
+    assert draw(MGF_PT_mark).said == "Masks are switched off"
+
+
+def test_results_on_their_way_and_broken(addon, engine, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.job)
+    (house.job / "mesh.ply").write_bytes(b"solid")
+    arrival.begin(bpy.context.scene, house.job)
+    assert "Bringing the results in" in draw(MGF_PT_results).said
+    while arrival.pump():
+        time.sleep(0.005)
+    assert "not a PLY file" in " ".join(draw(MGF_PT_results).said.split())
+
+
+@pytest.mark.parametrize("source", ["MANAGED", "EXISTING"])
+def test_preferences(addon, engine, source, monkeypatch):
+    class Stand:
+        draw, _draw_install, _draw_task = (vars(MGF_Preferences)[n] for n in ("draw", "_draw_install", "_draw_task"))
+        bl_rna = MGF_Preferences.bl_rna
+        engine_source, wheel_folder = source, ""
+
+    def said() -> str:
+        from layouts import Recorder
+
+        stand = Stand()
+        stand.layout = Recorder()
+        stand.draw(bpy.context)
+        return stand.layout.said
+
+    monkeypatch.setattr(engine_operators, "_task", None)
+    assert "Check Engine" in said() and ("Install Engine" in said()) == (source == "MANAGED")
+    bpy.ops.mgf.check_engine()
+    assert "torch\n2.13.0" in said() and "Everything a job needs is here." in said()
+    task = Task([Step("Making the environment", ["false"])], engine_operators.log_path(), lambda s, t: "It failed.")
+    monkeypatch.setattr(engine_operators, "_task", task)
+    assert "Making the environment" in said()
+    task.run()
+    assert "It failed." in said()
