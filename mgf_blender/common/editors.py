@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 
 _TAB = "MGF"
+_MARGIN = 0.97  # share of the free space that a photo fills
 _unsettled: list[str] = []
 _tries = 0
 
@@ -84,10 +85,29 @@ def _prepare(window: bpy.types.Window, area: bpy.types.Area) -> bool:
         return False
     area.tag_redraw()
     if area.type == "IMAGE_EDITOR":
-        main = next(r for r in area.regions if r.type == "WINDOW")
-        with bpy.context.temp_override(window=window, area=area, region=main):
-            bpy.ops.image.view_all(fit_view=True)
+        fit_photo(window, area)
     return True
+
+
+def fit_photo(window: bpy.types.Window, area: bpy.types.Area) -> None:
+    """Show the whole photo of an Image Editor beside the sidebar, which lies over the picture."""
+    main, sidebar = (next(r for r in area.regions if r.type == kind) for kind in ("WINDOW", "UI"))
+    space = area.spaces.active
+    if space.image is None or not all(space.image.size):
+        return
+    covered = sidebar.width if _overlap() else 0
+    width, height = space.image.size
+    zoom = _MARGIN * min((main.width - covered) / width, main.height / height)
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.image.view_all(fit_view=True)
+        if zoom > 0:
+            bpy.ops.image.view_zoom_ratio(ratio=zoom)
+            bpy.ops.image.view_pan(offset=(covered / 2 / zoom, 0.0))
+
+
+def _overlap() -> bool:
+    """Whether sidebars lie over the editors' content."""
+    return bpy.context.preferences.system.use_region_overlap
 
 
 def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float) -> None:

@@ -6,6 +6,7 @@ Blender's Python is not touched: the engine needs its own numpy and torch.
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import sys
 import time
@@ -21,6 +22,10 @@ from .task import Step, Task
 SIZE_CPU, SIZE_CUDA = "about 2 GB", "about 7 GB"
 _TORCH_INDEX = "https://download.pytorch.org/whl/"
 _SMALLEST_FREE = 3 << 30
+#: What pip prints when an index does not answer, over its versions.
+_NO_NETWORK = ("NewConnectionError", "Failed to establish a new connection", "Temporary failure in name resolution",
+               "ConnectTimeout", "ReadTimeoutError", "Connection refused", "Network is unreachable", "Max retries",
+               )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -86,8 +91,9 @@ def make_task(plan: Plan, log: Path) -> Task:
                                        "-c", str(plan.constraints), str(plan.wheel)], 3),
         Step("Checking the engine", [python, "-m", "mgf_engine", "doctor"], 0.5),
     ]  # fmt: skip
-    log.parent.mkdir(parents=True, exist_ok=True)
-    log.write_text(time.strftime("Installation started %Y-%m-%d %H:%M:%S\n"), encoding="utf-8")
+    with contextlib.suppress(OSError):  # without a log the panel still says how it goes
+        log.parent.mkdir(parents=True, exist_ok=True)
+        log.write_text(time.strftime("Installation started %Y-%m-%d %H:%M:%S\n"), encoding="utf-8")
     return Task(steps, log, explain)
 
 
@@ -96,10 +102,7 @@ def explain(step: Step, lines: list[str]) -> str:
     text = "\n".join(lines)
     if "No space left on device" in text or "not enough space" in text:
         return "The disk is full; free some space and install again."
-    if any(
-        s in text
-        for s in ("NewConnectionError", "Temporary failure in name resolution", "ConnectTimeout", "Max retries")
-    ):
+    if any(sign in text for sign in _NO_NETWORK):
         return "The package index cannot be reached; check the network, or install from a wheel folder."
     if "ensurepip" in text:
         return "This Python cannot make environments (ensurepip is missing); use an existing environment instead."
