@@ -200,6 +200,7 @@ def read_job(folder: Path) -> dict[str, Any]:
         if not all(isinstance(data[key], str | None) for key in ("source", "prompts", "masks")):
             raise TypeError("source, prompts or masks")
         data["format"]
+        _check_stages(data["stages"])
     except FileNotFoundError as error:
         raise BadInput(f"'{folder}' holds no job; give the scene to start one.") from error
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
@@ -207,6 +208,14 @@ def read_job(folder: Path) -> dict[str, Any]:
     if data["format"] != FORMAT:
         raise BadInput(f"The job in '{folder}' was written by another version of MGF; start in a new folder.")
     return data
+
+
+def _check_stages(stages: dict[str, Any]) -> None:
+    """Every stage's record as :meth:`Job.finish` writes it; TypeError or KeyError where it is not."""
+    for name, entry in stages.items():
+        kinds = {"key": str, "seconds": int | float, "peak_memory": int, "figures": dict, "warnings": list}
+        if name not in STAGES or not all(isinstance(entry[key], kind) for key, kind in kinds.items()):
+            raise TypeError(f"stage {name}")
 
 
 def _check_folder(folder: Path, source: Path, resume: bool) -> None:

@@ -69,14 +69,7 @@ def prepare_scene(name: str, photos: int | None = None, width: int | None = None
     truth = read_surface(folder / "truth.ply").vertices
     low, high = truth.min(0) - CROP_MARGIN, truth.max(0) + CROP_MARGIN
     low[2] = CROP_FOOT
-    frame = folder / "perturbation.json"  # where the scene's frame is not the true one
-    moved: dict[str, Any] = {"scale": 1.0, "offset": (0.0, 0.0, 0.0)}
-    if frame.exists():
-        moved = json.loads(frame.read_text(encoding="utf-8"))
-    return Prepared(
-        folder, true_cameras(folder), float(record["ground_pixel"]), np.stack([low, high]), moved["scale"],
-        tuple(moved["offset"]),
-    )  # fmt: skip
+    return Prepared(folder, true_cameras(folder), float(record["ground_pixel"]), np.stack([low, high]))
 
 
 def true_cameras(folder: Path) -> list[SeeingCamera]:

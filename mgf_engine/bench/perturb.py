@@ -32,7 +32,8 @@ class Perturbation:
         title, unit: for charts and tables.
         levels: what is measured; the first leaves the scene as it is.
         apply: changes a copy of the scene to a level.
-        masks: where runs take their masks from: ``prompts`` (clicks) or ``given`` (the copy's own ``masks`` folder).
+        masks: where runs take their masks from: ``prompts`` (clicks) or ``given`` (the copy's own ``masks`` folder:
+            what the perturbation does to the field and the mesh alone).
         worse: what one more unit of level does, ``more`` or ``less`` (fewer photos are worse).
     """
 
@@ -53,16 +54,16 @@ PERTURBATIONS: dict[str, Perturbation] = {
     "blur": Perturbation("Motion blur", "px of 480", (0, 3, 6, 12, 24), photos.blur),
     "shadows": Perturbation("Moving shadows", "share of light lost", (0, 0.3, 0.6, 0.85), photos.cast_shadows),
     "foreign": Perturbation("Photos of another place", "photos", (0, 1, 3, 8, 15), photos.swap_foreign),
-    "pose": Perturbation("Pose noise", "px of 480", (0, 0.5, 1, 2, 4), model.shake_poses),
-    "focal": Perturbation("Focal length wrong", "%", (0, 1, 3, 10, 30), model.wrong_focal),
+    "pose": Perturbation("Pose noise", "px of 480", (0, 0.5, 1, 2, 4), model.shake_poses, "given"),
+    "focal": Perturbation("Focal length wrong", "%", (0, 1, 3, 10, 30), model.wrong_focal, "given"),
     "points_missing": Perturbation("Sparse points missing", "of all", (0, 0.5, 0.9, 0.97), model.drop_points),
     "points_outliers": Perturbation("Sparse points anywhere", "of all", (0, 0.25, 0.5, 0.8), model.scatter_points),
     "masks_eroded": Perturbation("Given masks eroded", "px of 480", (0, 4, 10, 25), masks.erode, "given"),
     "masks_dilated": Perturbation("Given masks dilated", "px of 480", (0, 4, 10, 25), masks.dilate, "given"),
     "masks_holes": Perturbation("Holes in given masks", "of the area", (0, 0.1, 0.3, 0.6), masks.punch_holes, "given"),
     "masks_wrong": Perturbation("Given masks wrong", "of the photos", (0, 0.1, 0.2, 0.35, 0.5), masks.replace, "given"),
-    "scale": Perturbation("Scale of the scene", "factor", (1, 1e-3, 1e3), model.scale),
-    "offset": Perturbation("Offset of the coordinates", "m", (0, 1e3, 1e6), model.offset),
+    "scale": Perturbation("Scale of the scene", "factor", (1, 1e-3, 1e3), model.scale, "given"),
+    "offset": Perturbation("Offset of the coordinates", "m", (0, 1e3, 1e6), model.offset, "given"),
 }  # fmt: skip
 
 

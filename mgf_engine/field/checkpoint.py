@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from mgf_engine.arrays import read_arrays
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.optimiser import Optimiser
@@ -20,7 +20,7 @@ from mgf_engine.system import atomic_path
 
 _NAMES = tuple(f.name for f in fields(Gaussians))
 _STATS = tuple(f.name for f in fields(RenderStats))
-_UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, json.JSONDecodeError)
+_UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 @dataclass
@@ -47,8 +47,7 @@ def read_field(path: Path) -> Gaussians:
         BadInput: the file is missing or damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
-            return _field_of(data, "")
+        return _field_of(read_arrays(path), "")
     except _UNREADABLE as error:
         raise BadInput(f"The field '{path}' is missing or damaged; run 'mgf field' again.") from error
 
@@ -71,21 +70,43 @@ def read_checkpoint(path: Path) -> Checkpoint | None:
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as data:
-            state = json.loads(data["state"].tobytes())
-            optimiser = Optimiser(_field_of(data, "field."))
-            for name in optimiser.moments:
-                pair = (_tensor(data["first." + name]), _tensor(data["second." + name]))
-                if any(m.shape != getattr(optimiser.field, name).shape for m in pair):
-                    raise ValueError(name)
-                optimiser.moments[name] = pair
-            optimiser.step_count = int(state["step_count"])
-            stats = RenderStats(**{name: torch.from_numpy(data["stats." + name].copy()) for name in _STATS})
-            if any(value.shape != (len(optimiser.field),) for value in stats.all):
-                raise ValueError("stats")
-            return Checkpoint(optimiser, stats, int(state["iteration"]), dict(state["figures"]))
+        data = read_arrays(path)
+        state = json.loads(data["state"].tobytes())
+        optimiser = Optimiser(_field_of(data, "field."))
+        for name in optimiser.moments:
+            pair = (_tensor(data["first." + name]), _tensor(data["second." + name]))
+            if any(m.shape != getattr(optimiser.field, name).shape or not m.isfinite().all() for m in pair):
+                raise ValueError(name)
+            optimiser.moments[name] = pair
+        optimiser.step_count, iteration = _count(state["step_count"]), _count(state["iteration"])
+        return Checkpoint(optimiser, _stats_of(data, len(optimiser.field)), iteration, _figures_of(state["figures"]))
     except _UNREADABLE:
         return None
+
+
+def _stats_of(data: dict[str, np.ndarray], count: int) -> RenderStats:
+    stats = RenderStats(**{name: torch.from_numpy(data["stats." + name]) for name in _STATS})
+    for value, fresh in zip(stats.all, RenderStats.zeros(count).all, strict=True):
+        if value.shape != fresh.shape or value.dtype != fresh.dtype or not value.isfinite().all():
+            raise ValueError("stats")
+    return stats
+
+
+def _figures_of(figures: Any) -> dict[str, Any]:
+    """The figures so far, of the types the trainer goes on with."""
+    _count(figures["start_gaussians"])
+    seconds, curve = figures["seconds"], figures["curve"]
+    if not all(isinstance(name, str) and isinstance(value, int | float) for name, value in seconds.items()):
+        raise ValueError("seconds")
+    if not all(isinstance(point["psnr"], int | float) for point in curve):
+        raise ValueError("curve")
+    return dict(figures)
+
+
+def _count(value: Any) -> int:
+    if type(value) is not int or not 0 <= value < 1 << 40:
+        raise ValueError(f"{value!r:.40} is no count")
+    return value
 
 
 def _field_of(data: Any, prefix: str) -> Gaussians:

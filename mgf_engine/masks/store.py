@@ -9,7 +9,7 @@ beside and moved into place; ``scores.json`` comes last and says that the rest i
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.levels import Part
 from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.scene.images import png_size
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import atomic_path, write_json
 
@@ -88,17 +89,19 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
         data = json.loads((folder / "scores.json").read_text(encoding="utf-8"))
         views = data["views"]
         names = [v["name"] for v in views]
-        scores = np.array([v["score"] for v in views], np.float32)
+        scores = np.array([v["score"] for v in views], np.float64).clip(-1e9, 1e9).astype(np.float32)
         used = np.array([v["used"] for v in views], bool)
         files = [str(v["labels"]) for v in views]
         points = np.frombuffer((folder / "points.bin").read_bytes(), np.uint8).astype(bool)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        if scores.ndim != 1 or used.ndim != 1 or not np.isfinite(scores).all():
+            raise ValueError("scores")
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise BadInput(f"Cannot read the masks in '{folder}' ({error}); {again}.") from error
-    if names != [v.name for v in scene.views] or len(points) != len(scene.points):
+    if names != [v.name for v in scene.views] or files != label_files(scene) or len(points) != len(scene.points):
         raise BadInput(f"The masks in '{folder}' belong to another scene; {again}.")
     labels = []
     for view, file in zip(scene.views, files, strict=True):
-        image = read_png(folder / file)
+        image = read_png(folder / file, ((view.width, view.height),))
         if image is None or image.dtype != np.uint8 or image.shape != (view.height, view.width):
             raise BadInput(f"The mask '{folder / file}' is missing, damaged or of another size; {again}.")
         labels.append(image)
@@ -114,12 +117,20 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def read_png(path: Path) -> NDArray[Any] | None:
-    """The image as stored (any depth and channels, BGR order), or None where it cannot be read."""
+def read_png(path: Path, sizes: Collection[tuple[int, int]] | None = None) -> NDArray[Any] | None:
+    """The image as stored (any depth and channels, BGR order), or None where it cannot be read.
+
+    Args:
+        sizes: widths and heights that are expected; an image whose header tells another is not decoded (a small file
+            can unpack to gigabytes) and counts as unreadable.
+    """
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        data = path.read_bytes()
     except OSError:
         return None
-    if not data.size:
+    if not data or (sizes is not None and png_size(data) not in sizes):
         return None
-    return cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return None

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import BUILDING, UNKNOWN, building
 from mgf_engine.masks.store import read_png
+from mgf_engine.scene.images import png_size
 from mgf_engine.scene.model import Scene, View
 
 
@@ -50,19 +51,21 @@ def _read_one(folder: Path, view: View) -> NDArray[np.uint8] | None:
     path = _find(folder, view.name)
     if path is None:
         return None
-    image = read_png(path)
+    original, working = (view.original_width, view.original_height), (view.width, view.height)
+    try:
+        size = png_size(path.read_bytes())
+    except OSError as error:
+        raise BadInput(f"The mask '{path}' cannot be read ({error.strerror}); check its rights.") from error
+    if size is not None and size not in (original, working):
+        raise BadInput(
+            f"The mask '{path}' has {size[0]} x {size[1]} pixels, but its photo has {original[0]} x {original[1]}; "
+            "make the mask from the photo itself."
+        )
+    image = read_png(path, (original, working))
     if image is None:
         raise BadInput(f"The mask '{path}' cannot be read; save it as a PNG again.")
     labels = to_labels(image, path)
-    size = (labels.shape[1], labels.shape[0])
-    if size == (view.width, view.height) and size != (view.original_width, view.original_height):
-        return labels  # made on the working photo
-    if size != (view.original_width, view.original_height):
-        raise BadInput(
-            f"The mask '{path}' has {size[0]} x {size[1]} pixels, but its photo has {view.original_width} x "
-            f"{view.original_height}; make the mask from the photo itself."
-        )
-    return view.warp_labels(labels)
+    return labels if size != original else view.warp_labels(labels)  # the former: made on the working photo
 
 
 def _find(folder: Path, name: str) -> Path | None:

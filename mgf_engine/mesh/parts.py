@@ -36,7 +36,7 @@ def named_parts(masks_folder: Path, scene: Scene) -> dict[str, Elements]:
     try:
         listed = json.loads((masks_folder / "parts.json").read_text(encoding="utf-8"))["parts"]
         entries = [(str(p["name"]), [(str(n), int(label)) for n, label in p["elements"]]) for p in listed]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return {}
     index = {view.name: i for i, view in enumerate(scene.views)}
     result: dict[str, Elements] = {}

@@ -22,6 +22,8 @@ from mgf_engine.errors import BadInput
 _ORIENTATION_TAG = 274
 #: EXIF orientations that swap width and height.
 _SWAPPING = (5, 6, 7, 8)
+_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+_PNG_EXIF = {"exif", "Raw profile type exif"}
 _KINDS = "JPEG, PNG, TIFF, WebP or BMP"
 
 
@@ -52,7 +54,9 @@ def read_info(path: Path) -> PhotoInfo:
             try:
                 with Image.open(path) as image:
                     width, height = image.size
-                    orientation = int(image.getexif().get(_ORIENTATION_TAG, 1) or 1)
+                    # Pillow decodes a whole PNG to look for EXIF behind its pixels; only what stands before counts.
+                    has_exif = image.format != "PNG" or not _PNG_EXIF.isdisjoint(image.info)
+                    orientation = int(image.getexif().get(_ORIENTATION_TAG, 1) or 1) if has_exif else 1
             finally:
                 Image.MAX_IMAGE_PIXELS = limit
     except Exception as error:
@@ -78,7 +82,8 @@ def read_rgb(path: Path, turn: bool = False) -> NDArray[np.uint8]:
     except OSError as error:
         raise BadInput(f"Cannot read the photo '{path}' ({error.strerror}); check the file.") from error
     flags = cv2.IMREAD_COLOR_RGB if turn else cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
-    if len(data) == 0 or _is_cut_jpeg(data):
+    raw = data.data
+    if len(data) == 0 or _is_cut_jpeg(data) or (is_png(raw) and png_size(raw) is None):
         raise _unreadable(path)
     try:
         image = cv2.imdecode(data, flags)
@@ -114,6 +119,26 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
     temporary = path.with_name(path.name + ".part")
     temporary.write_bytes(io.BytesIO(data.tobytes()).getbuffer())
     os.replace(temporary, path)
+
+
+def is_png(data: bytes | memoryview) -> bool:
+    """Whether the bytes begin like a PNG."""
+    return bytes(data[:8]) == _PNG_MAGIC
+
+
+def png_size(data: bytes | memoryview) -> tuple[int, int] | None:
+    """Width and height from a PNG header; None where it is none, cut off, or a chunk promises more than is there
+    (OpenCV would reserve the memory first).
+    """
+    if not is_png(data) or len(data) < 33 or bytes(data[12:16]) != b"IHDR":
+        return None
+    at, name = 8, b""
+    while at + 12 <= len(data) and name != b"IEND":
+        length, name = int.from_bytes(data[at : at + 4], "big"), bytes(data[at + 4 : at + 8])
+        at += 12 + length
+    if name != b"IEND" or at > len(data):
+        return None
+    return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
 
 
 def _is_cut_jpeg(data: NDArray[np.uint8]) -> bool:

@@ -3,16 +3,15 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import zipfile
 from dataclasses import asdict
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from mgf_engine.arrays import read_arrays
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.images import read_info
 from mgf_engine.scene.model import Lens, Scene, Similarity, View
@@ -51,17 +50,11 @@ def read_scene(folder: Path) -> Scene:
         BadInput: the file or a working photo is missing or damaged.
     """
     try:
-        data = (folder / FILE).read_bytes()
+        scene = _build(folder, read_arrays(folder / FILE))
+        _check(scene)
     except OSError as error:
         raise _unusable(folder, error.strerror or "cannot be read") from error
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            bad = archive.testzip()  # all sums first: a damaged header could ask for any amount of memory
-        if bad is not None:
-            raise ValueError(f"{bad} is damaged")
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            scene = _build(folder, {name: arrays[name] for name in arrays.files})
-    except Exception as error:  # a damaged archive can fail in any of zipfile's, zlib's and numpy's ways
+    except Exception as error:  # the head is JSON that may hold anything
         raise _unusable(folder, str(error) or type(error).__name__) from error
     for view in scene.views:
         info = read_info(folder / view.file) if (folder / view.file).is_file() else None
@@ -91,6 +84,41 @@ def _build(folder: Path, arrays: dict[str, Any]) -> Scene:
         to_normalised=Similarity(head["scale"], arrays["rotation"], arrays["translation"]),
         roots=tuple(head["roots"]), held_out=tuple(head["held_out"]), folder=folder,
     )  # fmt: skip
+
+
+def _check(scene: Scene) -> None:
+    """Everything that later stages rely on without looking again.
+
+    Raises:
+        ValueError, TypeError: something is out of range.
+    """
+    count, points, observations = len(scene.views), len(scene.points), len(scene.track_view)
+    for view in scene.views:
+        parts = PurePosixPath(view.file).parts
+        if len(parts) != 2 or parts[0] != "images" or parts[1] == ".." or "\\" in view.file:
+            raise ValueError(f"the working photo '{view.file}' lies outside")
+        sizes = (view.width, view.height, view.original_width, view.original_height)
+        if not isinstance(view.name, str) or not all(type(n) is int and 0 < n < 1 << 20 for n in sizes):
+            raise ValueError(f"the view '{view.name}' has no size")
+        numbers = np.array([view.fx, view.fy, view.cx, view.cy, *view.rotation.ravel(), *view.translation], np.float64)
+        if not np.isfinite(numbers).all() or min(view.fx, view.fy) <= 0:
+            raise ValueError(f"the view '{view.name}' has an impossible camera")
+    if scene.points.shape != (points, 3) or scene.colors.shape != (points, 3) or scene.errors.shape != (points,):
+        raise ValueError("the points do not fit together")
+    start = scene.track_start
+    if len(start) != points + 1 or start[0] != 0 or start[-1] != observations or (np.diff(start) < 0).any():
+        raise ValueError("the tracks do not fit together")
+    if scene.track_uv.shape != (observations, 2) or not np.isfinite(scene.track_uv).all():
+        raise ValueError("the observations do not fit together")
+    if observations and not (0 <= int(scene.track_view.min()) <= int(scene.track_view.max()) < count):
+        raise ValueError("an observation is of no view")
+    if not all(type(i) is int and 0 <= i < count for i in (*scene.roots, *scene.held_out)):
+        raise ValueError("a root is no view")
+    frame = scene.to_normalised
+    if frame.rotation.shape != (3, 3) or frame.translation.shape != (3,) or not float(frame.scale) > 0:
+        raise ValueError("the frame is impossible")
+    if not all(np.isfinite(a).all() for a in (scene.points, frame.rotation, frame.translation, frame.scale)):
+        raise ValueError("a coordinate is not finite")
 
 
 def _lens(entry: dict[str, Any] | None) -> Lens | None:
