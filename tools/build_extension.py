@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build the Blender extension: one zip, validated, and the static index Blender installs and updates from.
 
-    python tools/build_extension.py [--out dist] [--wheel FILE | --no-wheel] [--options]
+    python tools/build_extension.py [--out dist] [--targets NAME ... | --wheel FILE | --no-wheel] [--options]
 
-The zip holds the manifest and the content of ``mgf_blender`` at its root, the engine's wheel and the pinned versions
-as data. Validation and index use Blender's own tool, which the ``bpy`` package carries; run this script with the
-Python of such an environment, or name the tool with ``--tool``.
+The zip holds the manifest and the content of ``mgf_blender`` at its root, the engine's wheels (one for each system,
+all built here) and the pinned versions as data. Validation and index use Blender's own tool, which the ``bpy`` package
+carries; run this script with the Python of such an environment, or name the tool with ``--tool``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -25,6 +26,8 @@ REPO = Path(__file__).resolve().parents[1]
 #: Fixed time stamps, so that the same sources give the same zip.
 _EPOCH = (2020, 1, 1, 0, 0, 0)
 _SKIP = {"__pycache__"}
+#: The names in ``mgf_engine.raster.build.TARGETS``, which this script's Python need not be able to import.
+ALL_TARGETS = ("linux-x86_64", "linux-aarch64", "windows-x86_64", "macos-x86_64", "macos-aarch64")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -40,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
         stage = Path(temporary) / "stage"
         assemble(stage)
         if not args.no_wheel:
-            carry_engine(stage / "wheelhouse", args.wheel, args.engine_python)
+            carry_engine(stage / "wheelhouse", args.wheel, args.targets, args.engine_python)
         target = args.out / f"{manifest['id']}-{manifest['version']}.zip"
         pack(stage, target)
     print(f"{target} ({target.stat().st_size / 1e6:.2f} MB)")
@@ -57,23 +60,17 @@ def assemble(stage: Path) -> None:
         shutil.copy2(REPO / name, stage / name)
 
 
-def carry_engine(folder: Path, wheel: Path | None, python: Path) -> None:
-    """Put the engine's wheel and the pinned versions into ``folder``; builds the wheel when none is given."""
+def carry_engine(folder: Path, wheel: Path | None, targets: list[str], python: Path) -> None:
+    """Put the engine's wheels and the pinned versions into ``folder``; builds one wheel per target if none is given.
+
+    Args:
+        targets: names in ``mgf_engine.raster.build.TARGETS``.
+    """
     folder.mkdir()
     if wheel is None:
-        command = [
-            str(python),
-            "-m",
-            "pip",
-            "wheel",
-            "--no-deps",
-            "--no-build-isolation",
-            "-q",
-            "-w",
-            str(folder),
-            str(REPO),
-        ]
-        subprocess.run(command, check=True)
+        command = [str(python), "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q", "-w", str(folder)]
+        for target in targets:
+            subprocess.run([*command, str(REPO)], check=True, env={**os.environ, "MGF_WHEEL_TARGET": target})
     else:
         shutil.copy2(wheel, folder / wheel.name)
     shutil.copy2(REPO / "constraints.txt", folder / "constraints.txt")
@@ -122,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description="Build the Blender extension.")
     p.add_argument("--out", type=Path, default=REPO / "dist", help="folder for zip and index")
     p.add_argument("--wheel", type=Path, help="the engine's wheel; built when not given")
+    p.add_argument("--targets", nargs="+", default=ALL_TARGETS, metavar="NAME", help="systems to carry wheels for")
     p.add_argument("--no-wheel", action="store_true", help="leave the engine out, for quick tests of the add-on")
     p.add_argument("--options", action="store_true", help="only refresh mgf_blender/options.json from the engine")
     default = REPO / ".venv" / "bin" / "python"

@@ -7,6 +7,7 @@ Blender's Python is not touched: the engine needs its own numpy and torch.
 from __future__ import annotations
 
 import contextlib
+import platform
 import shutil
 import sys
 import time
@@ -15,11 +16,12 @@ from pathlib import Path
 
 from ..common.addon import carried_folder
 from ..common.errors import UserError
+from ..common.text import N_, tr
 from .environment import python_of
 from .task import Step, Task
 
 #: Roughly what the engine takes on disk, for the question before the download.
-SIZE_CPU, SIZE_CUDA = "about 2 GB", "about 7 GB"
+SIZE_CPU, SIZE_CUDA = N_("about 2 GB"), N_("about 7 GB")
 _TORCH_INDEX = "https://download.pytorch.org/whl/"
 _SMALLEST_FREE = 3 << 30
 #: What pip prints when an index does not answer, over its versions.
@@ -52,17 +54,36 @@ class Plan:
 
 
 def carried_wheel() -> Path:
-    """The engine's wheel inside the extension.
+    """The engine's wheel for this machine inside the extension.
 
     Raises:
-        UserError: this copy of the add-on carries none (a checkout that was not built).
+        UserError: this copy of the add-on carries none (a checkout that was not built), or none for this machine.
     """
     wheels = sorted(carried_folder().glob("mgf_engine-*.whl"))
     if not wheels:
         raise UserError(
             "This copy of the add-on carries no engine; install the extension's zip, or use an existing environment."
         )
-    return wheels[-1]
+    system, machine = platform.system(), platform.machine().lower()
+    fitting = [wheel for wheel in wheels if wheel_fits(wheel.name, system, machine)]
+    if not fitting:
+        raise UserError(
+            "This copy of the add-on carries no engine for {machine}; use an existing environment instead.",
+            machine=f"{system} {machine}",
+        )
+    return fitting[-1]
+
+
+def wheel_fits(name: str, system: str, machine: str) -> bool:
+    """Whether a wheel's file name is for ``platform.system()`` and ``platform.machine()`` in small letters."""
+    tag = name.removesuffix(".whl").rsplit("-", 1)[-1]
+    family = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}.get(machine, machine)
+    wanted = {
+        ("Linux", "x86_64"): ("linux", "x86_64"), ("Linux", "aarch64"): ("linux", "aarch64"),
+        ("Windows", "x86_64"): ("win", "amd64"), ("Darwin", "x86_64"): ("macosx", "x86_64"),
+        ("Darwin", "aarch64"): ("macosx", "arm64"),
+    }.get((system, family))  # fmt: skip
+    return tag == "any" or (wanted is not None and wanted[0] in tag and tag.endswith(wanted[1]))
 
 
 def has_nvidia() -> bool:
@@ -79,17 +100,18 @@ def make_task(plan: Plan, log: Path) -> Task:
     _check_room(plan.target)
     if plan.wheel_folder is not None and not any(plan.wheel_folder.glob("torch-*.whl")):
         raise UserError(
-            f"'{plan.wheel_folder}' holds no wheel of torch; fill it with 'pip download' on a machine with network."
+            "'{wheel_folder}' holds no wheel of torch; fill it with 'pip download' on a machine with network.",
+            wheel_folder=plan.wheel_folder,
         )
     python = str(python_of(plan.target))
     pip = [python, "-m", "pip", "--disable-pip-version-check", "--no-input"]
     source = _source(plan)
     steps = [
-        Step("Making the environment", [str(plan.python), "-I", "-m", "venv", "--clear", str(plan.target)], 0.5),
-        Step("Installing torch", [*pip, "install", *source, "-c", str(plan.constraints), "torch"], 6),
-        Step("Installing the engine", [*pip, "install", *source[: 3 if plan.wheel_folder else 0],
+        Step(N_("Making the environment"), [str(plan.python), "-I", "-m", "venv", "--clear", str(plan.target)], 0.5),
+        Step(N_("Installing torch"), [*pip, "install", *source, "-c", str(plan.constraints), "torch"], 6),
+        Step(N_("Installing the engine"), [*pip, "install", *source[: 3 if plan.wheel_folder else 0],
                                        "-c", str(plan.constraints), str(plan.wheel)], 3),
-        Step("Checking the engine", [python, "-m", "mgf_engine", "doctor"], 0.5),
+        Step(N_("Checking the engine"), [python, "-m", "mgf_engine", "doctor"], 0.5),
     ]  # fmt: skip
     with contextlib.suppress(OSError):  # without a log the panel still says how it goes
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -99,21 +121,23 @@ def make_task(plan: Plan, log: Path) -> Task:
 
 def explain(step: Step, lines: list[str]) -> str:
     """One sentence for a failed step, from pip's last words."""
-    text = "\n".join(lines)
-    if "No space left on device" in text or "not enough space" in text:
-        return "The disk is full; free some space and install again."
-    if any(sign in text for sign in _NO_NETWORK):
-        return "The package index cannot be reached; check the network, or install from a wheel folder."
-    if "ensurepip" in text:
-        return "This Python cannot make environments (ensurepip is missing); use an existing environment instead."
-    if "No matching distribution" in text:
-        name = text.rsplit("No matching distribution found for ", 1)[-1].split()[0]
+    output = "\n".join(lines)
+    if "No space left on device" in output or "not enough space" in output:
+        return tr("The disk is full; free some space and install again.")
+    if any(sign in output for sign in _NO_NETWORK):
+        return tr("The package index cannot be reached; check the network, or install from a wheel folder.")
+    if "ensurepip" in output:
+        return tr("This Python cannot make environments (ensurepip is missing); use an existing environment instead.")
+    if "No matching distribution" in output:
+        name = output.rsplit("No matching distribution found for ", 1)[-1].split()[0]
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
-        return f"No build of {name} fits Python {version} on this system; use an existing environment instead."
-    if "ResolutionImpossible" in text:
-        return "The packages do not fit together; fill the wheel folder with 'pip download -c constraints.txt'."
+        text = "No build of {name} fits Python {version} on this system; use an existing environment instead."
+        return tr(text, name=name, version=version)
+    if "ResolutionImpossible" in output:
+        return tr("The packages do not fit together; fill the wheel folder with 'pip download -c constraints.txt'.")
     last = next((line for line in reversed(lines) if line.strip()), "no output")
-    return f"{step.title} failed ({last.strip()[:160]}); open the log for the details."
+    text = "{step} failed ({reason}); open the log for the details."
+    return tr(text, step=tr(step.title), reason=last.strip()[:160])
 
 
 def _source(plan: Plan) -> list[str]:
@@ -131,5 +155,7 @@ def _check_room(target: Path) -> None:
     free = shutil.disk_usage(folder).free
     if free < _SMALLEST_FREE:
         raise UserError(
-            f"Only {free / 2**30:.1f} GB are free in '{folder}'; the engine needs 3 GB, so free some space."
+            "Only {free:.1f} GB are free in '{folder}'; the engine needs 3 GB, so free some space.",
+            free=free / 2**30,
+            folder=folder,
         )

@@ -107,3 +107,25 @@ def test_check_engine(addon, engine, monkeypatch, tmp_path):
     monkeypatch.setenv("MGF_ENGINE_PYTHON", str(tmp_path / "gone"))
     with pytest.raises(RuntimeError, match="There is no Python"):
         bpy.ops.mgf.check_engine()
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "fits"),
+    [
+        ("Linux", "x86_64", "manylinux_2_17_x86_64"), ("Linux", "aarch64", "manylinux_2_17_aarch64"),
+        ("Windows", "amd64", "win_amd64"), ("Darwin", "arm64", "macosx_12_0_arm64"),
+        ("Darwin", "x86_64", "macosx_12_0_x86_64"), ("Windows", "arm64", None), ("FreeBSD", "amd64", None),
+    ],
+)  # fmt: skip
+def test_each_machine_gets_its_own_wheel(tmp_path, monkeypatch, system, machine, fits):
+    tags = ("manylinux_2_17_x86_64", "manylinux_2_17_aarch64", "win_amd64", "macosx_12_0_arm64", "macosx_12_0_x86_64")
+    for tag in tags:
+        (tmp_path / f"mgf_engine-0.1.0-py3-none-{tag}.whl").touch()
+    monkeypatch.setattr(install, "carried_folder", lambda: tmp_path)
+    monkeypatch.setattr(install.platform, "system", lambda: system)
+    monkeypatch.setattr(install.platform, "machine", lambda: machine)
+    if fits is None:
+        with pytest.raises(UserError, match="no engine for"):
+            install.carried_wheel()
+    else:
+        assert install.carried_wheel().name.endswith(f"-{fits}.whl")
