@@ -54,6 +54,7 @@ OTHER_ODDS = -2.0  # something else's points are nearer
 OTHER_GAP = 4.0  # spacings between the building and something else
 OTHER_BELOW = 0.2  # belief below which a point is something else's
 GROUND_ODDS = -4.0  # the ground's own points
+WITHIN_ODDS = 2.5  # points seen where the building is, and not in front of it
 #: What the geometry already calls ground teaches little about looks: walls may be of the same stone.
 EXPLAINED = 0.2
 NEAR_CLICK = 0.06  # share of the photo's width within which the nearest point tells what a click is on
@@ -136,10 +137,14 @@ class SceneGraph:
         away = (points < OTHER_BELOW) & ~ground[self.region_count :]
         others = apart | (away & self._far_from(keep))
         extent = Extent(self.scene, self.shape, keep, self.ground, self.sight, others)
+        within = np.zeros(self.point_count)
         for index, regions in enumerate(self.regions):
-            part = slice(self.start[index], self.start[index + 1])
-            odds[part], first = self._region_odds(extent.place(index), regions, self.scene.views[index])
+            part, place = slice(self.start[index], self.start[index + 1]), extent.place(index)
+            odds[part], first = self._region_odds(place, regions, self.scene.views[index])
             ground[part] = first & (self.ground is not None)
+            np.add.at(within, self.sight.owner[self.scene.track_view == index], extent.within(index, place))
+        share = within / np.maximum(np.diff(self.scene.track_start), 1)
+        odds[self.region_count :] += WITHIN_ODDS * share * ~ground[self.region_count :]
         return odds, ground
 
     def _sky(self) -> NDArray[np.int64]:

@@ -10,6 +10,7 @@ hid their foot. From that follow, per photo:
 * *ground first*: pixels whose ray meets the ground before the building.
 * *hidden*: pixels where points that this photo should have observed were not observed.
 * *behind*: pixels where another thing's points are nearer than the building.
+* *near*: depth at which the ray meets the building, infinite where it does not.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ class Place:
     ground_first: Map
     hidden: Map
     behind: Map
+    near: NDArray[np.float32]  # [h, w], normalised units
 
 
 class Extent:
@@ -73,8 +75,8 @@ class Extent:
         view = self.scene.views[index]
         h, w = map_size(view)
         if not len(self.posts.samples):
-            empty = np.zeros((h, w), bool)
-            return Place(empty, empty, empty.astype(np.float32), empty, empty, empty)
+            empty, nowhere = np.zeros((h, w), bool), np.full((h, w), np.inf, np.float32)
+            return Place(empty, empty, empty.astype(np.float32), empty, empty, empty, nowhere)
         near = self.body.depth(view, h, w)
         pixels, _, radius = self.posts.project(view, h, w)
         core = _close(pixels, CORE * radius, h, w)
@@ -83,7 +85,20 @@ class Extent:
         outside = (~_fill_holes(reach)).astype(np.uint8)
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
         behind = self.others.depth(view, h, w) + self.body.cell < near
-        return Place(core, reach, away, self._ground_first(view, near, h, w), self._hidden(index, h, w), behind)
+        first, hidden = self._ground_first(view, near, h, w), self._hidden(index, h, w)
+        return Place(core, reach, away, first, hidden, behind, near)
+
+    def within(self, index: int, place: Place) -> NDArray[np.bool_]:
+        """Which observations of view ``index`` lie on the building's surface or behind it, [N], in their order.
+
+        What is seen through the surface that the points span is a recess or a window of it, nothing in front of it.
+        """
+        view, (h, w) = self.scene.views[index], place.core.shape
+        here = self.scene.track_view == index
+        x, y = np.floor(self.scene.track_uv[here] * (w / view.width, h / view.height)).astype(np.int64).T
+        x, y = np.clip(x, 0, w - 1), np.clip(y, 0, h - 1)
+        depth = view.project(self.scene.points[self.sight.owner[here]])[1]
+        return (place.core & ~place.ground_first)[y, x] & (depth > place.near[y, x] - self.body.cell)
 
     def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> Map:
         if self.floor is None:
