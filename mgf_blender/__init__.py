@@ -7,10 +7,10 @@ Every room with an interface has ``register`` and ``unregister``; this file call
 import importlib
 
 _ROOMS = (
-    "common.runner", "common.editors", "properties", "engine.operators", "preferences", "scene_import.operators",
-    "scene_import.panel", "prompts.tool", "reconstruct.operators", "prompts.operators", "prompts.preview",
-    "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.arrival", "results.operators", "results.panel",
-    "cli",
+    "translations", "common.runner", "common.editors", "properties", "engine.operators", "preferences",
+    "scene_import.operators", "scene_import.panel", "prompts.tool", "reconstruct.operators", "prompts.operators",
+    "prompts.preview", "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.arrival",
+    "results.operators", "results.panel", "cli",
 )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import re
 import bpy
 
 from .common.addon import NAME
+from .common.text import draw_sentence, tr
 from .engine import operators
 from .engine.environment import managed_environment, python_of
 from .engine.task import DONE, FAILED, RUNNING
@@ -93,12 +94,12 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             return
         if task.status == RUNNING:
             row = layout.row(align=True)
-            row.progress(factor=task.fraction, text=task.title)
+            row.progress(factor=task.fraction, text=tr(task.title), translate=False)
             row.operator("mgf.cancel_engine_task", text="", icon="X")
             if task.output:
-                layout.label(text=task.output[-1].strip()[:100])
+                layout.label(text=task.output[-1].strip()[:100], translate=False)
         elif task.status == FAILED:
-            layout.label(text=task.text, icon="ERROR")
+            draw_sentence(layout, task.text, "ERROR", width=100)
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
             for name, value in _report_lines(task.output):

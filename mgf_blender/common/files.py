@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .errors import UserError
+from .text import tr
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -32,6 +33,6 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
 def cannot_write(path: Path, error: Exception) -> str:
     """One sentence for a file that could not be written."""
     if getattr(error, "errno", None) in {errno.ENOSPC, errno.EDQUOT} or "No space left" in str(error):
-        return f"The disk is full, '{path}' was not written; free some space and try again."
+        return tr("The disk is full, '{path}' was not written; free some space and try again.", path=path)
     reason = getattr(error, "strerror", None) or str(error).strip()
-    return f"Cannot write '{path}' ({reason}); choose another folder."
+    return tr("Cannot write '{path}' ({reason}); choose another folder.", path=path, reason=reason)

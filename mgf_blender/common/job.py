@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from .process import Process
+from .text import tr
 
 EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
 QUEUED, RUNNING, CANCELLING, DONE, FAILED, CANCELLED = "QUEUED", "RUNNING", "CANCELLING", "DONE", "FAILED", "CANCELLED"
@@ -88,7 +89,7 @@ class Job:
     def cancel(self) -> None:
         """Ask the job to stop; what it has done stays resumable."""
         if self.status == QUEUED:
-            self._end(CANCELLED, "Cancelled before it started.", EXIT_CANCELLED)
+            self._end(CANCELLED, tr("Cancelled before it started."), EXIT_CANCELLED)
         elif self.status == RUNNING and self.process is not None:
             self.status, self._stop_asked = CANCELLING, time.monotonic()
             self.process.ask_to_stop()
@@ -157,7 +158,7 @@ class Job:
         if code == EXIT_DONE:
             self._end(DONE, "", code)
         elif code == EXIT_CANCELLED or (self._stop_asked and not self._ended_by_message):
-            self._end(CANCELLED, self.text or "Cancelled; press Resume to continue.", EXIT_CANCELLED)
+            self._end(CANCELLED, self.text or tr("Cancelled; press Resume to continue."), EXIT_CANCELLED)
         elif self._ended_by_message:
             self._end(FAILED, self.text, code)
         else:
@@ -167,11 +168,17 @@ class Job:
         """One sentence for an engine that ended without saying why."""
         missing = next((e for e in self.last_errors if "No module named" in e and "mgf_engine" in e), None)
         if missing is not None:
-            return "The chosen environment has no MGF engine; install it or choose another one in the preferences."
+            return tr("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
         error = next((e for e in reversed(self.last_errors) if e.strip()), "")
-        how = f"was ended by signal {-code}" if code < 0 else f"ended with code {code}"
-        detail = f" ({error.strip()})" if error and code > 0 else ""
-        return f"The engine {how} without a word{detail}; press Resume to continue from the last checkpoint."
+        if code < 0:
+            text = "The engine was ended by signal {code}; press Resume to continue from the last checkpoint."
+        elif error:
+            text = "The engine ended with code {code} ({error}); press Resume to continue from the last checkpoint."
+        else:
+            text = (
+                "The engine ended with code {code} without a word; press Resume to continue from the last checkpoint."
+            )
+        return tr(text, code=abs(code), error=error.strip())
 
     def _end(self, status: str, text: str, code: int) -> None:
         self.status, self.text, self.exit_code = status, text, code

@@ -73,7 +73,11 @@ def read_ply(path: Path) -> Ply:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise UserError(f"Cannot read '{path}' ({error.strerror or error}); check that the file exists.") from error
+        raise UserError(
+            "Cannot read '{path}' ({reason}); check that the file exists.",
+            path=path,
+            reason=error.strerror or error,
+        ) from error
     order, elements, start = _read_header(data, path)
     try:
         if order == "ascii":
@@ -81,14 +85,14 @@ def read_ply(path: Path) -> Ply:
         else:
             tables = _binary_tables(data, start, elements, order)
     except (ValueError, IndexError, OverflowError, MemoryError) as error:
-        raise UserError(f"'{path}' is damaged or ends too early; write the file again.") from error
+        raise UserError("'{path}' is damaged or ends too early; write the file again.", path=path) from error
     vertices, faces = tables.get("vertex"), tables.get("face")
     if not isinstance(vertices, dict) or not {"x", "y", "z"} <= set(vertices):
-        raise UserError(f"'{path}' holds no vertices with x, y and z; it is not a mesh or point cloud.")
+        raise UserError("'{path}' holds no vertices with x, y and z; it is not a mesh or point cloud.", path=path)
     triangles = faces if isinstance(faces, np.ndarray) else np.zeros((0, 3), np.int32)
     count = len(vertices["x"])
     if len(triangles) and (triangles.min() < 0 or triangles.max() >= count):
-        raise UserError(f"'{path}' has faces that name vertices it does not hold; write the file again.")
+        raise UserError("'{path}' has faces that name vertices it does not hold; write the file again.", path=path)
     return Ply(vertices, triangles)
 
 
@@ -96,7 +100,9 @@ def _read_header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
     """Byte order ('ascii', '<' or '>'), the elements and the offset of the first data byte."""
     end = data.find(b"end_header", 0, _MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:
-        raise UserError(f"'{path}' is not a PLY file; choose a file that ends in .ply and was written as one.")
+        raise UserError(
+            "'{path}' is not a PLY file; choose a file that ends in .ply and was written as one.", path=path
+        )
     start = data.find(b"\n", end) + 1
     order, elements = "", []
     try:
@@ -115,7 +121,7 @@ def _read_header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
         if not order or start == 0 or any(e.count < 0 for e in elements):
             raise ValueError
     except (KeyError, IndexError, ValueError) as error:
-        raise UserError(f"The header of '{path}' is damaged; write the file again.") from error
+        raise UserError("The header of '{path}' is damaged; write the file again.", path=path) from error
     return order, elements, start
 
 

@@ -56,7 +56,9 @@ class Process:
         except OSError as error:
             reason = error.strerror or error
             raise UserError(
-                f"Cannot start '{self.command[0]}' ({reason}); check the engine in the preferences."
+                "Cannot start '{command}' ({reason}); check the engine in the preferences.",
+                command=self.command[0],
+                reason=reason,
             ) from error
         self._open = 2
         for stream, name in ((self._popen.stdout, "out"), (self._popen.stderr, "err")):

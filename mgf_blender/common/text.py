@@ -13,7 +13,18 @@ def tr(text: str, **values: object) -> str:
 
     Texts without values that are handed to a layout need no call: Blender looks them up itself.
     """
-    return bpy.app.translations.pgettext_iface(text).format(**values)
+    known = look_up(text)
+    return known.format(**values) if values else known
+
+
+def look_up(text: str) -> str:
+    """What Blender's dictionaries have for a text, or the text itself."""
+    return bpy.app.translations.pgettext_iface(text)
+
+
+def N_(text: str) -> str:
+    """Marks a text that is translated where it is shown."""
+    return text
 
 
 def wrapped(text: str, width: int = 46) -> list[str]:
@@ -21,8 +32,8 @@ def wrapped(text: str, width: int = 46) -> list[str]:
     return textwrap.wrap(text, width, break_long_words=True) or [""]
 
 
-def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str) -> None:
+def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str, width: int = 46) -> None:
     """A sentence on as many lines as it needs, the icon before the first."""
     column = layout.column(align=True)
-    for i, line in enumerate(wrapped(text)):
+    for i, line in enumerate(wrapped(text, width)):
         column.label(text=line, icon=icon if i == 0 else "BLANK1", translate=False)

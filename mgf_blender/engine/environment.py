@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..common.addon import preferences, user_folder
 from ..common.errors import UserError
+from ..common.text import tr
 
 #: Overrides the preferences; for scripts and continuous integration.
 VARIABLE = "MGF_ENGINE_PYTHON"
@@ -33,14 +34,14 @@ def engine_python() -> Path:
         UserError: none is installed or chosen, or it is gone.
     """
     if os.environ.get(VARIABLE):
-        return _existing(Path(os.environ[VARIABLE]), f"the variable {VARIABLE}")
+        return _existing(Path(os.environ[VARIABLE]), tr("the variable {name}", name=VARIABLE))
     prefs = preferences()
     if prefs is not None and prefs.engine_source == "EXISTING":
         if not prefs.engine_path:
             raise UserError("No environment is chosen; set its folder in the preferences of the add-on.")
         import bpy
 
-        return _existing(Path(bpy.path.abspath(prefs.engine_path)), "the preferences")
+        return _existing(Path(bpy.path.abspath(prefs.engine_path)), tr("the preferences"))
     python = python_of(managed_environment())
     if not python.is_file():
         raise UserError("The engine is not installed; press Install Engine in the preferences of the add-on.")
@@ -55,5 +56,7 @@ def engine_command(*arguments: str) -> list[str]:
 def _existing(path: Path, where: str) -> Path:
     python = python_of(path)
     if not python.is_file():
-        raise UserError(f"There is no Python in '{path}'; correct the environment given by {where}.")
+        raise UserError(
+            "There is no Python in '{path}'; correct the environment given by {where}.", path=path, where=where
+        )
     return python

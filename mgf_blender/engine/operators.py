@@ -12,6 +12,7 @@ import bpy
 from ..common.addon import preferences, user_folder
 from ..common.errors import UserError
 from ..common.runner import redraw
+from ..common.text import N_, tr
 from . import install
 from .environment import engine_command, managed_environment
 from .task import RUNNING, Step, Task
@@ -93,7 +94,7 @@ class MGF_OT_check_engine(_EngineOperator, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            steps = [Step("Checking the engine", engine_command("doctor"))]
+            steps = [Step(N_("Checking the engine"), engine_command("doctor"))]
         except UserError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -119,7 +120,7 @@ class MGF_OT_download_weights(_EngineOperator, bpy.types.Operator):
         try:
             folder = preferences().weights_folder
             extra = ["--folder", bpy.path.abspath(folder)] if folder else []
-            steps = [Step("Downloading the weights", engine_command("weights", *extra))]
+            steps = [Step(N_("Downloading the weights"), engine_command("weights", *extra))]
         except UserError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -180,9 +181,9 @@ class MGF_OT_open_engine_log(bpy.types.Operator):
 def _install_question() -> str:
     prefs = preferences()
     if prefs.wheel_folder:
-        return "The packages come from the wheel folder"
+        return tr("The packages come from the wheel folder")
     size = install.SIZE_CUDA if prefs.torch_build == "CUDA" else install.SIZE_CPU
-    return f"Packages are downloaded from the internet ({size} on disk)"
+    return tr("Packages are downloaded from the internet ({size} on disk)", size=tr(size))
 
 
 def _plan() -> install.Plan:
@@ -196,7 +197,7 @@ def _plan() -> install.Plan:
     if folder is None and not bpy.app.online_access:
         raise UserError("Online access is off; allow it in the System preferences, or choose a folder of wheels.")
     if folder is not None and not folder.is_dir():
-        raise UserError(f"The wheel folder '{folder}' does not exist; choose another one.")
+        raise UserError("The wheel folder '{folder}' does not exist; choose another one.", folder=folder)
     wheel = install.carried_wheel()
     torch = prefs.torch_build.lower()
     if torch == "auto":
@@ -210,12 +211,12 @@ def _plan() -> install.Plan:
 def _explain_check(step: Step, lines: list[str]) -> str:
     text = "\n".join(lines)
     if "No module named mgf_engine" in text or "No module named 'mgf_engine'" in text:
-        return "The chosen environment has no MGF engine; install it or choose another environment."
+        return tr("The chosen environment has no MGF engine; install it or choose another environment.")
     problem = next((line for line in lines if line.startswith("Problem: ")), None)
     if problem is not None:
         return problem.removeprefix("Problem: ")
     last = next((line for line in reversed(lines) if line.strip()), "no output")
-    return f"The engine cannot run ({last.strip()[:160]}); open the log for the details."
+    return tr("The engine cannot run ({reason}); open the log for the details.", reason=last.strip()[:160])
 
 
 CLASSES = (

@@ -53,12 +53,14 @@ def read(path: Path) -> dict[str, list[tuple[float, float, bool, str]]]:
     try:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
-        raise UserError(f"Cannot read '{path}' ({error}); choose a prompts.json file.") from error
+        raise UserError(
+            "Cannot read '{path}' ({error}); choose a prompts.json file.", path=path, error=error
+        ) from error
     try:
         return {str(name): list(_clicks(entry)) for name, entry in data.items()}
     except (AttributeError, TypeError, ValueError) as error:
         raise UserError(
-            f"'{path}' is no prompts file; it should map photos to lists of positive and negative points."
+            "'{path}' is no prompts file; it should map photos to lists of positive and negative points.", path=path
         ) from error
 
 

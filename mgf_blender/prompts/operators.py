@@ -10,6 +10,7 @@ from ..common import runner
 from ..common.editors import image_editor, show_image, viewport
 from ..common.errors import UserError
 from ..common.operators import Operator
+from ..common.text import tr
 from ..reconstruct.operators import submit
 from ..reconstruct.start import make_job
 from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY
@@ -159,9 +160,12 @@ class MGF_OT_import_prompts(Operator):
         add_missing(scene, list(found))
         unknown = files.replace_clicks(scene, found)
         if unknown and len(unknown) == len(found):
-            raise UserError(f"The scene has no photo '{unknown[0]}'; import the scene that belongs to these prompts.")
+            raise UserError(
+                "The scene has no photo '{unknown}'; import the scene that belongs to these prompts.",
+                unknown=unknown[0],
+            )
         if unknown:
-            self.report({"WARNING"}, f"{len(unknown)} photos of the file are not in the scene")
+            self.report({"WARNING"}, tr("{count} photos of the file are not in the scene", count=len(unknown)))
 
 
 class MGF_OT_export_prompts(Operator):

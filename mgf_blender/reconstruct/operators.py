@@ -11,6 +11,7 @@ from ..common.editors import show_image
 from ..common.errors import UserError
 from ..common.job import DONE, Job
 from ..common.operators import Operator
+from ..common.text import tr
 from ..scene_import.crop import crop_text
 from ..scene_import.operators import bring_in, frame_tree
 from ..scene_import.tree import Tree
@@ -119,7 +120,7 @@ class MGF_OT_import_photos(Operator):
         folder = Path(bpy.path.abspath(self.directory))
         kinds = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"}
         if not folder.is_dir() or not any(p.suffix.lower() in kinds for p in folder.rglob("*")):
-            raise UserError(f"'{folder}' holds no photos; choose the folder they lie in.")
+            raise UserError("'{folder}' holds no photos; choose the folder they lie in.", folder=folder)
         state = context.scene.mgf
         state.source, state.job_folder = str(folder), ""
         return submit(self, make_job(context.scene, "scene"))
@@ -171,7 +172,7 @@ class MGF_OT_open_job_file(Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        return f"Open {properties.name} of the job"
+        return tr("Open {name} of the job", name=properties.name)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -183,7 +184,7 @@ class MGF_OT_open_job_file(Operator):
     def run(self, context: bpy.types.Context) -> None:
         path = job_folder(context.scene) / self.name
         if not path.exists():
-            raise UserError(f"The job has no {self.name} yet.")
+            raise UserError("The job has no {name} yet.", name=self.name)
         bpy.ops.wm.path_open(filepath=str(path))
 
 

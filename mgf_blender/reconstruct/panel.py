@@ -5,20 +5,25 @@ import bpy
 
 from ..common import options, runner
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, Job
-from ..common.text import draw_sentence, tr
+from ..common.text import N_, draw_sentence, tr
 from ..engine.notice import draw_engine_missing
 from .estimate import duration, estimate
 from .operators import interrupted, last_job
 
-_STAGES = {"scene": "Reading photos", "masks": "Finding the building", "field": "Training", "mesh": "Making the mesh",
-           "deliver": "Rendering and reporting"}  # fmt: skip
+_STAGES = {
+    "scene": N_("Reading photos"),
+    "masks": N_("Finding the building"),
+    "field": N_("Training"),
+    "mesh": N_("Making the mesh"),
+    "deliver": N_("Rendering and reporting"),
+}
 _SECTION_TITLES = {
-    "run": "Run",
-    "scene": "Scene",
-    "masks": "Masks",
-    "field": "Field",
-    "mesh": "Mesh",
-    "deliver": "Output",
+    "run": N_("Run"),
+    "scene": N_("Scene"),
+    "masks": N_("Masks"),
+    "field": N_("Field"),
+    "mesh": N_("Mesh"),
+    "deliver": N_("Output"),
 }
 
 
@@ -38,8 +43,8 @@ class MGF_PT_mark(bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
         if state.masks_folder or not state.options.use_masks:
-            text = "Your own masks are used" if state.masks_folder else "Masks are switched off"
-            layout.label(text=text, icon="INFO")
+            text = tr("Your own masks are used") if state.masks_folder else tr("Masks are switched off")
+            layout.label(text=text, icon="INFO", translate=False)
             return
         done, count = sum(p.done() for p in state.photos), len(state.photos)
         row = layout.row()
@@ -136,12 +141,12 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     box = layout.box().column(align=True)
     if job.live:
         row = box.row(align=True)
-        row.progress(factor=job.overall, text=_headline(job))
+        row.progress(factor=job.overall, text=_headline(job), translate=False)
         row.operator("mgf.cancel_job", text="", icon="X")
         for name, value in list(job.figures.items())[:6]:
             row = box.row()
             row.label(text=options.title(name))
-            row.label(text=_figure(value))
+            row.label(text=_figure(value), translate=False)
     else:
         icon = {DONE: "CHECKMARK", FAILED: "ERROR", CANCELLED: "PAUSE"}.get(job.status, "INFO")
         draw_sentence(box, _outcome(job), icon)

@@ -180,5 +180,7 @@ def content_of(arrival: Arrival) -> Content | None:
     if isinstance(arrival.error, UserError):
         raise arrival.error
     if arrival.error is not None:
-        raise UserError(f"The results cannot be read ({arrival.error!r}); run the job again.") from arrival.error
+        raise UserError(
+            "The results cannot be read ({error!r}); run the job again.", error=arrival.error
+        ) from arrival.error
     return arrival.content

@@ -28,7 +28,7 @@ def import_field(tree: Tree, path: Path) -> bpy.types.Object:
     ply = read_ply(path)
     names = {"f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"}
     if not names <= set(ply.vertices):
-        raise UserError(f"'{path}' is not a Gaussian field; choose the field.ply of a job.")
+        raise UserError("'{path}' is not a Gaussian field; choose the field.ply of a job.", path=path)
     base = np.stack([ply.vertices[f"f_dc_{i}"] for i in range(3)], axis=1)
     colors = np.clip((0.5 + _SH0 * base) * 255 + 0.5, 0, 255).astype(np.uint8)
     sizes = np.stack([ply.vertices[f"scale_{i}"] for i in range(3)], axis=1).astype(np.float32)

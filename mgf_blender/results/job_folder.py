@@ -48,15 +48,21 @@ def read_delivery(folder: Path) -> Delivery:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise UserError(f"'{folder}' holds no finished job (deliver.json is missing); resume the job first.") from error
+        raise UserError(
+            "'{folder}' holds no finished job (deliver.json is missing); resume the job first.", folder=folder
+        ) from error
     except (OSError, ValueError, RecursionError) as error:
-        raise UserError(f"Cannot read '{path}' ({error}); run the job again with Resume.") from error
+        raise UserError(
+            "Cannot read '{path}' ({error}); run the job again with Resume.", path=path, error=error
+        ) from error
     try:
         views = tuple(_view(folder, entry) for entry in content["views"])
         figures = dict(content.get("figures") or {})
         files = {key: _file(folder, content.get(key)) for key in ("mesh", "points", "field", "report", "parts")}
     except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
-        raise UserError(f"'{path}' is not what this version reads ({error!r}); run the job again.") from error
+        raise UserError(
+            "'{path}' is not what this version reads ({error!r}); run the job again.", path=path, error=error
+        ) from error
     return Delivery(folder, views, figures=figures, **files)
 
 

@@ -76,7 +76,7 @@ def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
         return Content(delivery, offset, None, None, frame, cloud)
     surface = read_ply(delivery.mesh)
     if len(surface.triangles) == 0:
-        raise UserError(f"'{delivery.mesh}' holds no faces; read the job's report for the reason.")
+        raise UserError("'{mesh}' holds no faces; read the job's report for the reason.", mesh=delivery.mesh)
     parts = read_parts(delivery.parts, len(surface.triangles)) if delivery.parts is not None else None
     mesh = prepare_mesh(surface.positions - offset, surface.triangles, surface.colors(), surface.extras())
     if parts is not None:
@@ -129,7 +129,7 @@ def import_result(
 def _frame_of_job(delivery: Delivery) -> tuple[Frame, Ply | None]:
     """Placement of a job imported without its COLMAP scene, and its sparse points."""
     if not delivery.views:
-        raise UserError(f"'{delivery.folder}' holds no views; run the job again.")
+        raise UserError("'{folder}' holds no views; run the job again.", folder=delivery.folder)
     specs = [v.camera for v in delivery.views]
     cloud = read_ply(delivery.points) if delivery.points is not None else None
     xyz = cloud.positions if cloud is not None else np.zeros((0, 3))

@@ -10,6 +10,7 @@ import bpy
 from ..common.errors import UserError
 from ..common.files import replace_file
 from ..common.operators import Operator
+from ..common.text import tr
 from ..reconstruct.start import job_folder
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.tree import Tree
@@ -62,7 +63,7 @@ class MGF_OT_import_result(Operator):
         scene.mgf.figures = json.dumps(result.delivery.figures)
         scene.mgf.job_folder = scene.mgf.job_folder or str(folder)
         faces = len(result.mesh.data.polygons) if result.mesh is not None else 0
-        self.report({"INFO"}, f"Mesh of {faces} faces, {result.renders} renders")
+        self.report({"INFO"}, tr("Mesh of {faces} faces, {renders} renders", faces=faces, renders=result.renders))
 
 
 class MGF_OT_import_field(_NeedsJob):
@@ -161,7 +162,7 @@ class MGF_OT_export_field(_NeedsJob):
             raise UserError("The job has no field; run the job again.")
         path = Path(bpy.path.abspath(self.filepath)).with_suffix(".ply")
         replace_file(path, lambda temporary: shutil.copyfile(delivery.field, temporary))
-        self.report({"INFO"}, f"Saved {path}")
+        self.report({"INFO"}, tr("Saved {path}", path=path))
 
 
 CLASSES = (

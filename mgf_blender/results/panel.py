@@ -6,14 +6,14 @@ import json
 import bpy
 
 from ..common import options
-from ..common.text import tr
+from ..common.text import N_, tr
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
 from . import surface, switch
 from .notice import draw_waiting
 
-_PAINTS = {"COLOR": "Colors", "CONFIDENCE": "Confidence", "VIEWS": "Views"}
-_SHOWS = {"PHOTO": "Photo", "RENDER": "Render", "ERROR": "Error", "MESH": "Mesh"}
+_PAINTS = {"COLOR": N_("Colors"), "CONFIDENCE": N_("Confidence"), "VIEWS": N_("Views")}
+_SHOWS = {"PHOTO": N_("Photo"), "RENDER": N_("Render"), "ERROR": N_("Error"), "MESH": N_("Mesh")}
 
 
 class MGF_PT_results(bpy.types.Panel):

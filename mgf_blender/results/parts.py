@@ -32,9 +32,9 @@ def read_parts(path: Path, faces: int) -> Parts:
         with np.load(path, allow_pickle=False) as data:
             parts = Parts([str(n) for n in data["names"]], np.asarray(data["face"]).astype(np.int32))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise UserError(f"Cannot read '{path}' ({error}); run the job again.") from error
+        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=error) from error
     if parts.face.shape != (faces,) or (faces and not 0 <= parts.face.min() <= parts.face.max() < len(parts.names)):
-        raise UserError(f"'{path}' belongs to another mesh; run the job again.")
+        raise UserError("'{path}' belongs to another mesh; run the job again.", path=path)
     return parts
 
 

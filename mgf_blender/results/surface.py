@@ -40,7 +40,9 @@ def show(mesh: bpy.types.Mesh, kind: str) -> None:
         UserError: the mesh carries no such value.
     """
     if kind not in available(mesh):
-        raise UserError(f"The mesh carries no {kind.lower()}; run the job again with this version of the engine.")
+        raise UserError(
+            "The mesh carries no {kind}; run the job again with this version of the engine.", kind=kind.lower()
+        )
     layer, value = KINDS[kind]
     if not value or layer in mesh.color_attributes:
         choose_colors(mesh, layer)

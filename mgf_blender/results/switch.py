@@ -30,7 +30,9 @@ def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
         slots = list(camera.data.background_images)
     elif kind in {"PHOTO", "RENDER"} and kind.lower() not in kinds:
         raise UserError(
-            f"'{camera.name}' has no {kind.lower()}; held-out photos get renders, others when Render All is on."
+            "'{name}' has no {kind}; held-out photos get renders, others when Render All is on.",
+            name=camera.name,
+            kind=kind.lower(),
         )
     for slot in slots:
         slot.show_background_image = slot.image is not None and slot.image.get(IMAGE_KEY) == kind.lower()
@@ -56,7 +58,8 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
     found = {s.image.get(IMAGE_KEY): s.image for s in camera.data.background_images if s.image is not None}
     if not {"photo", "render"} <= set(found):
         raise UserError(
-            f"'{camera.name}' has no render to compare with its photo; switch Render All on and run the job again."
+            "'{name}' has no render to compare with its photo; switch Render All on and run the job again.",
+            name=camera.name,
         )
     render = _pixels(found["render"])
     height, width = render.shape[:2]
@@ -94,7 +97,7 @@ def _pixels(image: bpy.types.Image) -> np.ndarray:
     """
     width, height = image.size
     if width == 0 or height == 0:
-        raise UserError(f"The picture '{image.name}' cannot be read; it was moved or deleted.")
+        raise UserError("The picture '{name}' cannot be read; it was moved or deleted.", name=image.name)
     flat = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(flat)
     return flat.reshape(height, width, image.channels)

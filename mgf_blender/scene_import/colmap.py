@@ -100,14 +100,20 @@ def read_model(folder: Path) -> Model:
         try:
             tables.append(reader(path.read_bytes()))
         except OSError as error:
-            raise UserError(f"Cannot read '{path}' ({error.strerror or error}); the model needs this file.") from error
+            raise UserError(
+                "Cannot read '{path}' ({reason}); the model needs this file.",
+                path=path,
+                reason=error.strerror or error,
+            ) from error
         except UserError as error:
-            raise UserError(f"'{path}': {error}") from error
+            raise UserError("'{path}': {error}", path=path, error=error) from error
         except (struct.error, ValueError, IndexError, OverflowError, MemoryError) as error:
-            raise UserError(f"'{path}' is damaged or ends too early; export the model from COLMAP again.") from error
+            raise UserError(
+                "'{path}' is damaged or ends too early; export the model from COLMAP again.", path=path
+            ) from error
     cameras, rows, points = tables
     if not rows:
-        raise UserError(f"The model in '{folder}' has no registered photos; run COLMAP's mapper again.")
+        raise UserError("The model in '{folder}' has no registered photos; run COLMAP's mapper again.", folder=folder)
     photos = [_photo(row, cameras, folder) for row in rows]
     return Model(folder, tuple(sorted(photos, key=lambda p: p.name)), points)
 
@@ -131,9 +137,16 @@ def make_camera(model: str, width: int, height: int, params: tuple[float, ...]) 
         UserError: the model is unknown or a number is unusable.
     """
     if model not in _COUNTS:
-        raise UserError(f"the camera model '{model}' is not supported; undistort the photos with COLMAP first.")
+        raise UserError(
+            "the camera model '{model}' is not supported; undistort the photos with COLMAP first.", model=model
+        )
     if len(params) != _COUNTS[model]:
-        raise UserError(f"a {model} camera has {len(params)} parameters instead of {_COUNTS[model]}.")
+        raise UserError(
+            "a {model} camera has {count} parameters instead of {expected}.",
+            model=model,
+            count=len(params),
+            expected=_COUNTS[model],
+        )
     if model in _ONE_FOCAL:
         fx, fy, cx, cy, rest = params[0], params[0], params[1], params[2], params[3:]
     else:
@@ -147,9 +160,18 @@ def make_camera(model: str, width: int, height: int, params: tuple[float, ...]) 
 def _photo(row: tuple[int, str, int, np.ndarray, np.ndarray, int], cameras: dict[int, Camera], folder: Path) -> Photo:
     number, name, camera_id, q, t, observed = row
     if camera_id not in cameras:
-        raise UserError(f"The photo '{name}' in '{folder}' uses camera {camera_id}, which the model does not hold.")
+        raise UserError(
+            "The photo '{name}' in '{folder}' uses camera {camera_id}, which the model does not hold.",
+            name=name,
+            folder=folder,
+            camera_id=camera_id,
+        )
     if not (np.isfinite(q).all() and np.isfinite(t).all() and 1e-6 < np.abs(q).max() < 1e6):
-        raise UserError(f"The pose of the photo '{name}' in '{folder}' is not a number; export the model again.")
+        raise UserError(
+            "The pose of the photo '{name}' in '{folder}' is not a number; export the model again.",
+            name=name,
+            folder=folder,
+        )
     return Photo(number, name, cameras[camera_id], quaternion_to_matrix(q), np.asarray(t, np.float64), observed)
 
 
@@ -208,7 +230,9 @@ def _cameras_bin(data: bytes) -> dict[int, Camera]:
     for _ in range(cursor.count(_CAMERA_HEAD.size + 8)):
         number, kind, width, height = cursor.take(_CAMERA_HEAD)
         if kind not in CAMERA_MODELS:
-            raise UserError(f"camera model number {kind} is not supported; undistort the photos with COLMAP first.")
+            raise UserError(
+                "camera model number {kind} is not supported; undistort the photos with COLMAP first.", kind=kind
+            )
         name, n = CAMERA_MODELS[kind]
         cameras[number] = make_camera(name, width, height, cursor.take(struct.Struct(f"<{n}d")))
     return cameras

@@ -21,12 +21,13 @@ def find_model(path: Path) -> Path:
     """
     folder = path.parent if path.is_file() else path
     if not folder.is_dir():
-        raise UserError(f"'{path}' does not exist; choose the folder of a COLMAP model or of its project.")
+        raise UserError("'{path}' does not exist; choose the folder of a COLMAP model or of its project.", path=path)
     found = [f for f in _model_folders(folder) if _images_file(f) is not None]
     if not found:
         raise UserError(
-            f"'{folder}' holds no COLMAP model (cameras, images and points3D as .bin or .txt); "
-            "choose the model's folder or the folder around 'sparse'."
+            "'{folder}' holds no COLMAP model (cameras, images and points3D as .bin or .txt); "
+            "choose the model's folder or the folder around 'sparse'.",
+            folder=folder,
         )
     return max(found, key=lambda f: _images_file(f).stat().st_size)  # type: ignore[union-attr]
 

@@ -10,6 +10,7 @@ from mathutils import Matrix, Vector
 from ..common.editors import frame_scene
 from ..common.errors import UserError
 from ..common.operators import Operator
+from ..common.text import tr
 from ..prompts.roots import choose_roots
 from .cameras import PHOTO_KEY, SIZE_KEY, fit_render, set_clipping
 from .colmap import read_model
@@ -137,7 +138,7 @@ class MGF_OT_set_scale(Operator):
         root.matrix_basis = Matrix.Scale(factor, 4) @ root.matrix_basis
         for obj in tree.objects("Cameras"):
             set_clipping(obj.data, tree)
-        self.report({"INFO"}, f"Scaled by {factor:.6g}")
+        self.report({"INFO"}, tr("Scaled by {factor:.6g}", factor=factor))
 
 
 class MGF_OT_set_up_axis(Operator):
@@ -254,7 +255,7 @@ def bring_in(
     state.source = str(path.parent if path.is_file() else path)
     list_roots(scene, done, path)
     if operator is not None:
-        operator.report({"INFO"}, f"{done.cameras} cameras, {done.points} points")
+        operator.report({"INFO"}, tr("{cameras} cameras, {points} points", cameras=done.cameras, points=done.points))
         for text in done.warnings:
             operator.report({"WARNING"}, text)
     return done
@@ -312,7 +313,7 @@ def _two_points(context: bpy.types.Context) -> list[Vector]:
     else:
         found = [o.matrix_world.translation.copy() for o in context.selected_objects]
     if len(found) != 2:
-        raise UserError(f"Select exactly two vertices or two objects; {len(found)} are selected.")
+        raise UserError("Select exactly two vertices or two objects; {count} are selected.", count=len(found))
     return found
 
 

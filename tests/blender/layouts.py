@@ -58,9 +58,9 @@ class Recorder:
     def operator_menu_enum(self, name, prop, icon="NONE"):
         self.operator(name, icon=icon)
 
-    def progress(self, factor=0.0, text=""):
+    def progress(self, factor=0.0, text="", translate=True):
         assert 0 <= factor <= 1
-        self._say(text, translate=False)
+        self._say(text, translate)
 
     def panel(self, name, default_closed=False):
         return Recorder(self.texts, self.operators), Recorder(self.texts, self.operators)

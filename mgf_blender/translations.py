@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Translations of the interface: one file per language in ``languages/``, English text -> translated text.
+
+``tools/extract_strings.py LOCALE`` makes or refreshes such a file; what it leaves empty is shown in English.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+
+FOLDER = Path(__file__).with_name("languages")
+#: Operators' labels have a context of their own in Blender.
+_CONTEXTS = ("*", "Operator")
+
+
+def dictionary(folder: Path = FOLDER) -> dict[str, dict[tuple[str, str], str]]:
+    """Locale -> (context, English) -> translated, as Blender wants it; a file that cannot be read is left out."""
+    found: dict[str, dict[tuple[str, str], str]] = {}
+    for path in sorted(folder.glob("*.json")):
+        try:
+            texts = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        found[path.stem] = {(c, english): text for english, text in texts.items() if text for c in _CONTEXTS}
+    return found
+
+
+def register() -> None:
+    """Hand the dictionaries to Blender."""
+    bpy.app.translations.register(__package__, dictionary())
+
+
+def unregister() -> None:
+    """Take them back."""
+    bpy.app.translations.unregister(__package__)

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every text of the interface can be translated, and a translation reaches the user."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import string
+import sys
+
+import bpy
+import pytest
+from conftest import REPO
+from layouts import draw
+
+from mgf_blender import translations
+from mgf_blender.common import text as text_module
+from mgf_blender.common.errors import UserError
+from mgf_blender.common.text import tr
+from mgf_blender.prompts import files
+from mgf_blender.reconstruct.panel import MGF_PT_mark
+from mgf_blender.scene_import.panel import MGF_PT_scene
+
+
+@pytest.fixture(scope="module")
+def tool():
+    spec = importlib.util.spec_from_file_location("extract_strings", REPO / "tools" / "extract_strings.py")
+    module = importlib.util.module_from_spec(spec)
+    path = list(sys.path)
+    spec.loader.exec_module(module)
+    sys.path[:] = path
+    return module
+
+
+@pytest.fixture
+def german(addon, monkeypatch):
+    """A German interface; builds of Blender without languages (the bpy module) get the dictionary by another way."""
+    view = bpy.context.preferences.view
+    if bpy.app.build_options.international:
+        monkeypatch.setattr(view, "language", "de_DE")
+        view.use_translate_interface = view.use_translate_tooltips = True
+    else:
+        known = translations.dictionary()["de_DE"]
+        monkeypatch.setattr(text_module, "look_up", lambda text: known.get(("*", text), text))
+
+
+def fields(text: str) -> set[str]:
+    return {name for _, name, _, _ in string.Formatter().parse(text) if name}
+
+
+def test_no_text_with_values_bypasses_translation(tool):
+    assert tool.untranslatable() == []
+
+
+def test_the_check_finds_a_bypass(tool, tmp_path, monkeypatch):
+    (tmp_path / "panel.py").write_text(
+        'layout.label(text=f"{n} cameras")\nlayout.label(text=f"{n:.2f}", translate=False)\n'
+    )
+    monkeypatch.setattr(tool, "ADDON", tmp_path)
+    assert tool.untranslatable() == ["panel.py:1"]
+
+
+def test_texts_are_complete_and_languages_fit(addon, tool):
+    texts = {**tool.registered_texts(), **tool.source_texts()}
+    assert len(texts) > 350 and {"Preset", "Reconstruct Building", "{count} cameras"} <= set(texts)
+    for path in sorted(translations.FOLDER.glob("*.json")):
+        known = json.loads(path.read_text(encoding="utf-8"))
+        assert set(known) == set(texts), f"run tools/extract_strings.py {path.stem}"
+        for english, text in known.items():
+            assert not text or fields(text) == fields(english), (path.stem, english)
+
+
+def test_german_reaches_labels_values_and_errors(german, house, engine):
+    assert translations.dictionary()["de_DE"]["Operator", "Import COLMAP Scene"] == "COLMAP-Szene importieren"
+    assert tr("{count} cameras", count=12) == "12 Kameras"
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    assert "12 Kameras" in draw(MGF_PT_scene).said
+    files.add_click(bpy.context.scene.mgf.photos[0], 1, 1, False, "building")
+    assert "1 von 3 Fotos markiert" in draw(MGF_PT_mark).said
+    error = UserError("The disk is full, '{path}' was not written; free some space and try again.", path="a {b}")
+    assert str(error).startswith("Der Datenträger ist voll, „a {b}“")
+
+
+def test_english_stays_english_and_unknown_texts_pass(addon):
+    assert tr("{count} cameras", count=3) == "3 cameras" and tr("100 % {") == "100 % {"
+
+
+def test_damaged_or_empty_dictionaries_are_left_out(tmp_path):
+    (tmp_path / "fr_FR.json").write_text("{")
+    (tmp_path / "it_IT.json").write_text('{"Cancel": "Annulla", "Open": ""}')
+    assert translations.dictionary(tmp_path) == {
+        "it_IT": {("*", "Cancel"): "Annulla", ("Operator", "Cancel"): "Annulla"}
+    }
