@@ -11,6 +11,8 @@ from mgf_engine.config import Config
 
 #: Reduction of resolution and the share of the run until which it holds.
 _LEVELS = ((4, 0.15), (2, 0.45), (1, 1.0))
+#: Time of an iteration at each reduction, beside one at full resolution; a part of the work does not depend on pixels.
+_COST = {4: 0.25, 2: 0.4, 1: 1.0}
 _SMALLEST_SIDE = 160  # px; no level makes the longest side shorter than this
 
 
@@ -51,6 +53,21 @@ def reduction_at(share: float, longest_side: int, config: Config) -> int:
         if share < until and longest_side / factor >= _SMALLEST_SIDE:
             return factor
     return 1
+
+
+def work_at(share: float, longest_side: int, config: Config) -> float:
+    """Share of the run's time that has gone at a share of its iterations, 0..1: small pictures are quick."""
+
+    def work(until: float) -> float:
+        total, start = 0.0, 0.0
+        for _, end in _LEVELS:
+            stop = min(end, until)
+            if stop > start:
+                total += (stop - start) * _COST[reduction_at(start, longest_side, config)]
+                start = stop
+        return total
+
+    return work(share) / work(1.0)
 
 
 def sh_degree_at(share: float, config: Config) -> int:

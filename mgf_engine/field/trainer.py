@@ -27,7 +27,7 @@ from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.initialise import initial_field
 from mgf_engine.field.losses import LossTerms, total_loss
 from mgf_engine.field.optimiser import Optimiser
-from mgf_engine.field.schedule import RATES, rates_at, reduction_at, sh_degree_at, view_order
+from mgf_engine.field.schedule import RATES, rates_at, reduction_at, sh_degree_at, view_order, work_at
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import vote
@@ -189,7 +189,8 @@ class _Trainer:
         curve = self.figures["curve"][-5:]
         psnr = float(np.mean([p["psnr"] for p in curve])) if curve else 0.0
         elapsed = sum(self.seconds.values())
-        left = elapsed / max(self.iteration, 1) * (self.config.iterations - self.iteration) if share > 0.01 else None
+        work = work_at(self.iteration / self.config.iterations, self.longest_side, self.config)
+        left = elapsed * (1 / work - 1) if share > 0.01 else None
         self.reporter.progress(
             self.iteration / self.config.iterations, left, iteration=self.iteration,
             gaussians=len(self.optimiser.field), psnr=round(psnr, 2),

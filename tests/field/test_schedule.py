@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""When things happen during training, and how the time left is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mgf_engine.config import make_config
+from mgf_engine.field.schedule import rates_at, reduction_at, work_at
+
+
+@pytest.mark.parametrize(("side", "levels"), [(750, [4, 2, 1]), (400, [2, 1]), (200, [1])])
+def test_pictures_grow_and_never_start_too_small(side: int, levels: list[int]) -> None:
+    seen = [reduction_at(share, side, make_config({})) for share in np.linspace(0, 1, 101)]
+    assert list(dict.fromkeys(seen)) == levels
+
+
+@pytest.mark.parametrize("side", [200, 400, 750])
+def test_work_goes_from_nothing_to_all_and_slower_while_pictures_are_small(side: int) -> None:
+    shares = np.linspace(0, 1, 101)
+    work = np.array([work_at(share, side, make_config({})) for share in shares])
+    assert work[0] == 0 and work[-1] == pytest.approx(1) and (np.diff(work) > 0).all()
+    assert (work <= shares + 1e-9).all()
+    if side == 200:
+        assert work == pytest.approx(shares)
+    else:
+        assert work[40] < 0.35
+
+
+def test_work_is_even_at_one_resolution() -> None:
+    config = make_config({"coarse_to_fine": False})
+    assert work_at(0.3, 750, config) == pytest.approx(0.3)
+
+
+def test_rates_only_fall() -> None:
+    for name, first in rates_at(0.0).items():
+        values = [rates_at(share)[name] for share in np.linspace(0, 1, 21)]
+        assert values[0] == first and (np.diff(values) <= 0).all() and values[-1] > 0
