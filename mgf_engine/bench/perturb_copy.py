@@ -18,7 +18,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import BACKGROUND, BUILDING
 
 Photo = NDArray[np.uint8]
-_LINKS = ("elements", "sparse_truth", "truth.ply", "scene.json")
+_LINKS = ("elements", "truth.ply", "scene.json")  # not sparse_truth: the engine would find that model, too
 #: Widths that levels in pixels are given for.
 REFERENCE_WIDTH = 480.0
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
+from mgf_engine.masks.agreement import contradicted_masks
 from mgf_engine.masks.contact import write_contact_sheet
 from mgf_engine.masks.levels import Part, add_elements, tie_parts
 from mgf_engine.masks.model import BUILDING, MaskSet, building
@@ -108,6 +109,9 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
         labels.append(np.zeros((view.height, view.width), np.uint8) if mask is None else mask)
         reasons.append("no mask was given" if mask is None else "" if building(mask).any() else "the mask is empty")
     used = np.array([not r for r in reasons])
+    for index, agreement in contradicted_masks(scene, labels, used, config.vote_dilation).items():
+        reasons[index] = f"other photos' masks contradict it (agreement {agreement:.0%})"
+        used[index] = False
     rows = np.arange(len(scene.points))
     points = vote(scene.points, scene, labels, np.flatnonzero(used).tolist(), config, rows)
     masks = MaskSet(tuple(labels), used, used.astype(np.float32), points)

@@ -58,6 +58,8 @@ def read_prompts(path: Path, scene: Scene) -> Prompts:
     data = _read_json(path)
     prompts: Prompts = {}
     for name, entry in data.items():
+        if name.replace("\\", "/") in scene.left_out:
+            continue
         index = _find_view(name, scene, path)
         if index in prompts:
             raise BadInput(f"'{path}' has two entries for the photo '{scene.views[index].name}'; merge them into one.")

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
+from mgf_engine.scene.doubts import without_doubtful
 from mgf_engine.scene.exposure import even_exposure
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
@@ -68,17 +70,17 @@ def _load(source: Path, folder: Path, working: Path, config: Config, reporter: R
     exclude = folder if source == job or job in source.parents else job
     reporter.progress(0.0)
     model_folder = find_model(source, exclude)
-    start = 0.0
+    start, unplaced = 0.0, list[str]()
     if model_folder is None:
         photo_root, names = list_photos(source, exclude)
         start = _SFM_SHARE
         model_folder = reconstruct(photo_root, names, folder / "sfm", config, reporter, lambda f: f * start)
         model = read_model(model_folder)
         paths = [photo_root / image.name for image in model.images]
-        left = len(names) - len(model.images)
-        if left:
+        unplaced = sorted(set(names) - {image.name for image in model.images})
+        if unplaced:
             reporter.warning(
-                f"{left} of {len(names)} photos could not be placed and are left out; "
+                f"{len(unplaced)} of {len(names)} photos could not be placed and are left out; "
                 "photos taken closer together, with more overlap, would help."
             )
     else:
@@ -91,6 +93,9 @@ def _load(source: Path, folder: Path, working: Path, config: Config, reporter: R
 
     make_photos(photos, working, config.threads, progress)
     scene = build_scene(model, photos, folder, config)
+    scene = without_doubtful(scene, working, config.holdout_every, reporter)
+    if unplaced:
+        scene = replace(scene, left_out=(*scene.left_out, *unplaced))
     if config.even_exposure:
         gains = even_exposure(scene, working)
         log.info("scene: photos brought to one exposure, factors %.2f to %.2f", gains.min(), gains.max())

@@ -124,6 +124,7 @@ class Scene:
         roots: indices of the views the user is asked to click on (a fifth, spread out).
         held_out: indices of the views kept out of training.
         folder: the job's ``scene`` folder (working photos lie under it).
+        left_out: names of the user's photos that are not among the views; clicks on them are passed over.
     """
 
     views: tuple[View, ...]
@@ -137,6 +138,7 @@ class Scene:
     roots: tuple[int, ...]
     held_out: tuple[int, ...]
     folder: Path
+    left_out: tuple[str, ...] = ()
 
     def photo(self, index: int) -> NDArray[np.uint8]:
         """The working photo of a view, RGB uint8 [height, width, 3]."""

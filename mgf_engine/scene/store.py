@@ -30,7 +30,7 @@ def save_scene(scene: Scene) -> None:
     views = [{k: v for k, v in _plain(view).items() if k not in _POSE} for view in scene.views]
     head = {
         "format": FORMAT, "views": views, "roots": list(scene.roots), "held_out": list(scene.held_out),
-        "scale": scene.to_normalised.scale,
+        "scale": scene.to_normalised.scale, "left_out": list(scene.left_out),
     }  # fmt: skip
     arrays: dict[str, Any] = {name: getattr(scene, name) for name in _ARRAYS}
     arrays["head"] = np.frombuffer(json.dumps(head).encode(), np.uint8)
@@ -83,6 +83,7 @@ def _build(folder: Path, arrays: dict[str, Any]) -> Scene:
         views=views, **{name: arrays[name] for name in _ARRAYS},
         to_normalised=Similarity(head["scale"], arrays["rotation"], arrays["translation"]),
         roots=tuple(head["roots"]), held_out=tuple(head["held_out"]), folder=folder,
+        left_out=tuple(str(name) for name in head.get("left_out", ())),
     )  # fmt: skip
 
 

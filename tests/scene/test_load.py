@@ -66,7 +66,9 @@ def test_whole_stage(kind: str, tmp_path: Path) -> None:
         assert (view.original_width, view.original_height) == SIZE
     assert_same(scene, read_scene(tmp_path / "job" / "scene"))
     fractions = [m["fraction"] for m in messages.sent if m["type"] == "progress"]
-    assert fractions == sorted(fractions) and fractions[-1] == 1.0 and not messages.warnings
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+    # The colours of these photos belong to rays, not to points, and five photos are few: both is said, nothing else.
+    assert all("brightness" in text or "degrees" in text for text in messages.warnings)
     assert sorted(p.name for p in scene.folder.iterdir()) == ["images", FILE]
 
 
@@ -112,7 +114,7 @@ def test_photos_at_another_scale(factor: float, tmp_path: Path) -> None:
         write_photo(source / "images" / image.name, photo_of(image.camera, size))
     messages = Messages()
     scene = load(source, tmp_path / "job", messages)
-    assert len(messages.warnings) == 1 and "5 of 5 photos have another size" in messages.warnings[0]
+    assert sum("5 of 5 photos have another size" in text for text in messages.warnings) == 1
     assert (scene.views[0].original_width, scene.views[0].original_height) == size
     assert scene.views[0].width > 0.7 * size[0]  # undistorting crops a little
     assert reprojection(scene).max() < 0.03

@@ -10,28 +10,19 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from house import build_house
 
 from mgf_engine.bench.perturb import PERTURBATIONS, RECORD, perturb
 from mgf_engine.bench.perturb_photos import line_kernel
 from mgf_engine.errors import BadInput
-from mgf_engine.scene.colmap import find_photos, read_model
+from mgf_engine.scene.colmap import find_model, find_photos, read_model
+from stability.house_scene import PHOTOS, house_scene
 
-PHOTOS = 12
 WIDTH = 240  # of the photos; levels in pixels are given for 480
 
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The painted house as a folder of the generator's form."""
-    folder = tmp_path_factory.mktemp("house")
-    house = build_house(folder, PHOTOS)
-    (folder / "masks").mkdir()
-    for name, mask in house.masks.items():
-        cv2.imwrite(str(folder / "masks" / name), mask.astype(np.uint8))
-    (folder / "sparse_truth").symlink_to(folder / "sparse/0")
-    (folder / "scene.json").write_text(json.dumps({"ground_pixel": 0.02}))
-    return folder
+    return house_scene(tmp_path_factory)
 
 
 def made(source: Path, tmp_path: Path, name: str, level: float, **more: object) -> Path:
@@ -66,6 +57,7 @@ def test_every_level_is_a_scene_the_engine_can_read_and_repeats_itself(source: P
     level = PERTURBATIONS[name].levels[-1]
     first = made(source, tmp_path / "a", name, level)
     again = made(source, tmp_path / "b", name, level)
+    assert find_model(first) == first / "sparse/0"
     model = read_model(first / "sparse/0")
     names = [image.name for image in model.images]
     assert find_photos(names, first / "sparse/0", first) == [first / "images" / name for name in names]

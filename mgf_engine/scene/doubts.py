@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is wrong with a scene before any work goes into it: photos of another place, stray points, bad cameras.
+
+Stray points and foreign photos are taken out; what cannot be mended is said in one sentence with its cure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.messages import Reporter
+from mgf_engine.scene.images import read_rgb
+from mgf_engine.scene.model import Scene
+from mgf_engine.scene.roots import choose_held_out, choose_roots
+
+Array = NDArray[np.float64]
+#: A point is stray when its observations lie this far off, working pixels, beyond what is usual in the scene.
+STRAY, USUAL = 4.0, 3.0
+#: A photo is foreign below the first correlation with the other photos at its points, where a quarter of the photos
+#: reach the second (photos that all differ, by shadows for example, tell nothing).
+FOREIGN, FAMILIAR = 0.35, 0.7
+FEWEST_SPOTS = 30  # observations that can tell a foreign photo
+MOST_FOREIGN = 0.3  # of all photos; where more look foreign, nobody can say which are
+#: Median reprojection error that spoils the mesh, working pixels.
+UNSTEADY = 0.8
+FEW_PHOTOS = 5
+SPACING = 25.0  # degrees from photo to photo, seen from the building; stereo fails beyond
+ONE_SIDED = 200.0  # degrees around the building; less leaves sides that no photo shows
+
+
+def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter) -> Scene:
+    """The scene without stray points and foreign photos; warns about each, and about what is left that is weak.
+
+    Args:
+        folder: holds the working photos under their file names, as they were taken (before exposures are evened).
+        every: of the option ``holdout_every``.
+
+    Raises:
+        BadInput: fewer than two photos or no points are left.
+    """
+    stray = stray_points(scene)
+    if stray.any():
+        share = float(stray.mean())
+        scene = keep_points(scene, ~stray)
+        if share > 0.05:
+            reporter.warning(
+                f"{share:.0%} of the sparse points are not where the photos see them and are left out; "
+                "building the COLMAP model again would give better ones."
+            )
+    brightness = observed_colors(scene, folder)
+    foreign = foreign_views(brightness, scene)
+    if not foreign and usual_likeness(brightness, scene) < FAMILIAR:
+        reporter.warning(
+            "The photos show the same points in very different brightness: shadows that moved, clipped exposures or "
+            "photos of another place; leave out those that differ."
+        )
+    if foreign:
+        names = ", ".join(f"'{scene.views[i].name}'" for i in foreign[:3]) + (", ..." if len(foreign) > 3 else "")
+        reporter.warning(
+            f"{len(foreign)} of {len(scene.views)} photos do not show what the COLMAP model saw in them and are left "
+            f"out ({names}); check whether they are of another place."
+        )
+        scene = drop_views(scene, foreign, every)
+    for text in weaknesses(scene):
+        reporter.warning(text)
+    return scene
+
+
+def reprojection_errors(scene: Scene) -> Array:
+    """Distance between each observation and the projection of its point, working pixels, [T]; inf behind a camera."""
+    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    errors = np.empty(len(owner))
+    for index, view in enumerate(scene.views):
+        mine = np.flatnonzero(scene.track_view == index)
+        uv, depth = view.project(scene.points[owner[mine]])
+        errors[mine] = np.where(depth > 0, np.linalg.norm(uv - scene.track_uv[mine], axis=1), np.inf)
+    return errors
+
+
+def stray_points(scene: Scene) -> NDArray[np.bool_]:
+    """Points that most of their photos see elsewhere, bool [P]. Holds while a sixth of them are sound."""
+    errors = reprojection_errors(scene)
+    if not len(errors):
+        return np.zeros(len(scene.points), bool)
+    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    limit = STRAY + USUAL * float(np.percentile(errors, 10))
+    far = np.bincount(owner, errors > limit, len(scene.points))
+    seen = np.diff(scene.track_start)
+    return np.asarray((seen > 0) & (far > 0.5 * seen))
+
+
+def observed_colors(scene: Scene, folder: Path) -> Array:
+    """Mean brightness of the 3 x 3 pixels around each observation, 0..255, [T]."""
+    result = np.zeros(len(scene.track_view))
+    for index, view in enumerate(scene.views):
+        mine = np.flatnonzero(scene.track_view == index)
+        calm = cv2.blur(read_rgb(folder / Path(view.file).name), (3, 3)).mean(2)
+        x, y = np.floor(scene.track_uv[mine]).astype(int).T
+        result[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]
+    return result
+
+
+def foreign_views(brightness: Array, scene: Scene) -> list[int]:
+    """Photos whose brightness at their points has little to do with what the other photos show there.
+
+    The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
+    more than :data:`MOST_FOREIGN` of all look so.
+
+    Args:
+        brightness: of each observation, [T].
+    """
+    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    found: list[int] = []
+    while True:
+        trusted = ~np.isin(scene.track_view, found)
+        likeness = np.array([_likeness(i, brightness, owner, scene, trusted) for i in range(len(scene.views))])
+        likeness[found] = np.nan
+        low = np.flatnonzero(likeness < FOREIGN)
+        if not len(low) or np.isfinite(likeness).sum() < 3 or np.nanpercentile(likeness, 75) < FAMILIAR:
+            return sorted(found) if len(found) <= MOST_FOREIGN * len(scene.views) else []
+        found += low[np.argsort(likeness[low], kind="stable")][: -(-len(low) // 3)].tolist()
+
+
+def usual_likeness(brightness: Array, scene: Scene) -> float:
+    """What the better quarter of the photos reaches of :func:`_likeness`; 1 where too few points tell."""
+    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    everything = np.ones(len(brightness), bool)
+    values = [_likeness(i, brightness, owner, scene, everything) for i in range(len(scene.views))]
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.percentile(known, 75)) if len(known) >= 3 else 1.0
+
+
+def _likeness(
+    index: int, brightness: Array, owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_]
+) -> float:
+    """Correlation of a photo's brightness with the mean of the other trusted photos' at its points; NaN: too few."""
+    own = scene.track_view == index
+    others = trusted & ~own
+    count = np.bincount(owner[others], minlength=len(scene.points))
+    total = np.bincount(owner[others], brightness[others], len(scene.points))
+    usable = own & (count[owner] > 0)
+    if usable.sum() < FEWEST_SPOTS:
+        return float("nan")
+    a, b = brightness[usable], total[owner[usable]] / count[owner[usable]]
+    if a.std() < 1e-9 or b.std() < 1e-9:
+        return float("nan")
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def keep_points(scene: Scene, keep: NDArray[np.bool_]) -> Scene:
+    """The scene with these points (bool [P]) and their observations.
+
+    Raises:
+        BadInput: none is left.
+    """
+    if not keep.any():
+        raise BadInput("No sparse point is left that the photos agree on; build the COLMAP model again.")
+    kept = np.repeat(keep, np.diff(scene.track_start))
+    lengths = np.diff(scene.track_start)[keep]
+    return replace(
+        scene, points=scene.points[keep], colors=scene.colors[keep], errors=scene.errors[keep],
+        track_start=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64), track_view=scene.track_view[kept],
+        track_uv=scene.track_uv[kept],
+    )  # fmt: skip
+
+
+def drop_views(scene: Scene, drop: list[int], every: int) -> Scene:
+    """The scene without these views, and without points that fewer than two of the others see.
+
+    Raises:
+        BadInput: fewer than two photos are left, or no point.
+    """
+    left = [i for i in range(len(scene.views)) if i not in drop]
+    if len(left) < 2:
+        raise BadInput("Fewer than two photos show the scene of the COLMAP model; use the photos it was made from.")
+    slot = np.full(len(scene.views), -1)
+    slot[left] = np.arange(len(left))
+    kept = slot[scene.track_view] >= 0
+    before = np.concatenate([[0], np.cumsum(kept)])
+    smaller = replace(
+        scene, views=tuple(scene.views[i] for i in left), track_start=before[scene.track_start].astype(np.int64),
+        track_view=slot[scene.track_view[kept]].astype(np.int32), track_uv=scene.track_uv[kept],
+        left_out=(*scene.left_out, *(scene.views[i].name for i in drop)),
+    )  # fmt: skip
+    smaller = keep_points(smaller, np.diff(smaller.track_start) >= 2)
+    centres = np.array([view.centre for view in smaller.views])
+    seen = np.bincount(smaller.track_view, minlength=len(left))
+    roots = choose_roots(centres, np.array([view.rotation[2] for view in smaller.views]), seen)
+    return replace(smaller, roots=roots, held_out=choose_held_out(len(left), roots, every))
+
+
+def weaknesses(scene: Scene) -> list[str]:
+    """One sentence for everything that will make the mesh worse than it could be: cause and cure."""
+    found = []
+    errors = reprojection_errors(scene)
+    median = float(np.median(errors)) if len(errors) else 0.0
+    if median > UNSTEADY:
+        found.append(
+            f"Cameras and points of the COLMAP model disagree by {median:.1f} pixels of the working photos, so the "
+            "mesh will be inaccurate; adjust the model again (COLMAP's bundle adjuster) with the right lens."
+        )
+    spacing = degrees_apart(scene)
+    if spacing > SPACING or len(scene.views) < FEW_PHOTOS:
+        found.append(
+            f"There are {len(scene.views)} photos, {spacing:.0f} degrees apart as seen from the building: the mesh "
+            "will have holes and errors of depth; photos 5 to 15 degrees apart do better."
+        )
+    around = degrees_around(scene)
+    if around < ONE_SIDED:
+        found.append(
+            f"The photos stand within {around:.0f} degrees around the building; sides that no photo shows will be "
+            "missing or made up."
+        )
+    return found
+
+
+def degrees_apart(scene: Scene) -> float:
+    """Median angle between a camera and the nearest other one, seen from the middle of the points; degrees."""
+    away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
+    towards = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+    cosine = np.clip(towards @ towards.T, -1.0, 1.0)
+    np.fill_diagonal(cosine, -1.0)
+    return float(np.degrees(np.median(np.arccos(cosine.max(1)))))
+
+
+def degrees_around(scene: Scene) -> float:
+    """The smallest sector around the middle of the points that holds all cameras, seen from above; degrees.
+
+    Down is the mean of the photos' own downward axes.
+    """
+    away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
+    down = np.array([view.rotation[1] for view in scene.views]).mean(0)
+    axes = np.linalg.svd(down[None])[2]  # the first row lies along down, the others span the ground
+    angle = np.sort(np.degrees(np.arctan2(away @ axes[2], away @ axes[1])))
+    gaps = np.diff(np.concatenate([angle, [angle[0] + 360.0]]))
+    return float(360.0 - gaps.max())

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Foreign photos and stray points are found and taken out, bad cameras and thin sets of photos are spoken of."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stability.house_scene import PHOTOS, house_scene
+
+from mgf_engine.bench.perturb import perturb
+from mgf_engine.config import make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.prompts import read_prompts
+from mgf_engine.scene.doubts import (
+    degrees_apart,
+    degrees_around,
+    drop_views,
+    foreign_views,
+    keep_points,
+    observed_colors,
+    reprojection_errors,
+    stray_points,
+)
+from mgf_engine.scene.load import load_scene
+from mgf_engine.scene.model import Scene
+from mgf_engine.scene.store import read_scene
+from scene.synthetic import Messages
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return house_scene(tmp_path_factory)
+
+
+def loaded(source: Path, tmp_path: Path, name: str = "noise", level: float = 0.0) -> tuple[Scene, list[str], Path]:
+    folder = perturb(source, tmp_path / "copy", name, level)
+    messages = Messages()
+    scene = load_scene(folder, tmp_path / "job/scene", make_config({}), messages.reporter)
+    return scene, messages.warnings, folder
+
+
+def test_a_sound_scene_is_left_alone(source: Path, tmp_path: Path) -> None:
+    scene, warnings, _ = loaded(source, tmp_path)
+    assert warnings == []
+    assert len(scene.views) == PHOTOS
+    assert scene.left_out == ()
+    assert not stray_points(scene).any()
+    assert foreign_views(observed_colors(scene, scene.folder / "images"), scene) == []
+    assert np.median(reprojection_errors(scene)) < 0.01
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_foreign_photos_are_left_out_by_name_and_their_clicks_passed_over(
+    source: Path, tmp_path: Path, count: int
+) -> None:
+    scene, warnings, folder = loaded(source, tmp_path, "foreign", count)
+    changed = {p.name for p in (folder / "images").iterdir() if not p.is_symlink()}
+    assert set(scene.left_out) == changed
+    assert len(scene.views) == PHOTOS - count
+    assert f"{count} of {PHOTOS} photos" in warnings[0]
+    assert sorted(changed)[0] in warnings[0]
+    again = read_scene(scene.folder)
+    assert again.left_out == scene.left_out
+    clicks = json.loads((folder / "prompts.json").read_text())
+    clicks[sorted(changed)[0]] = {"positive": [[5, 5]]}
+    prompts = tmp_path / "prompts.json"
+    prompts.write_text(json.dumps(clicks))
+    assert len(read_prompts(prompts, again)) == len(set(clicks) - changed)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_points_that_no_photo_sees_where_they_lie_are_left_out(source: Path, tmp_path: Path, share: float) -> None:
+    sound, _, _ = loaded(source, tmp_path / "sound")
+    scene, warnings, _ = loaded(source, tmp_path, "points_outliers", share)
+    assert abs(len(scene.points) / len(sound.points) - (1 - share)) < 0.03
+    assert reprojection_errors(scene).max() < 20
+    assert "sparse points are not where the photos see them" in warnings[0]
+
+
+@pytest.mark.parametrize(("name", "level"), [("pose", 8.0), ("focal", 10.0)])
+def test_cameras_that_disagree_with_the_points_are_spoken_of(
+    source: Path, tmp_path: Path, name: str, level: float
+) -> None:
+    _, warnings, _ = loaded(source, tmp_path, name, level)
+    assert any("disagree by" in text and "bundle adjuster" in text for text in warnings)
+
+
+def test_few_photos_and_photos_from_one_side_are_spoken_of(source: Path, tmp_path: Path) -> None:
+    few, warnings, _ = loaded(source, tmp_path / "few", "photos", 4)
+    assert abs(degrees_apart(few) - 80) < 25
+    assert any("photos 5 to 15 degrees apart" in text for text in warnings)
+    side, warnings, _ = loaded(source, tmp_path / "side", "side", 120)
+    assert 80 < degrees_around(side) < 140
+    assert any("degrees around the building" in text for text in warnings)
+    whole, _, _ = loaded(source, tmp_path / "whole")
+    assert degrees_around(whole) > 320
+
+
+def test_moving_shadows_are_spoken_of_and_drop_no_photo(source: Path, tmp_path: Path) -> None:
+    scene, warnings, _ = loaded(source, tmp_path, "shadows", 0.85)
+    assert len(scene.views) == PHOTOS
+    assert any("shadows that moved" in text for text in warnings)
+
+
+def test_exposures_alone_make_no_photo_foreign(source: Path, tmp_path: Path) -> None:
+    scene, _, _ = loaded(source, tmp_path, "exposure", 2.0)
+    assert len(scene.views) == PHOTOS
+
+
+def test_views_are_dropped_with_their_observations(source: Path, tmp_path: Path) -> None:
+    scene, _, _ = loaded(source, tmp_path)
+    smaller = drop_views(scene, [0, 5], every=4)
+    assert [v.name for v in smaller.views] == [v.name for i, v in enumerate(scene.views) if i not in (0, 5)]
+    assert smaller.left_out == (scene.views[0].name, scene.views[5].name)
+    assert (np.diff(smaller.track_start) >= 2).all()
+    assert reprojection_errors(smaller).max() < 0.1  # every observation still belongs to its point and view
+    assert max(*smaller.roots, *smaller.held_out) < PHOTOS - 2
+    with pytest.raises(BadInput, match="two photos"):
+        drop_views(scene, list(range(PHOTOS - 1)), every=4)
+
+
+def test_no_point_left_is_refused(source: Path, tmp_path: Path) -> None:
+    scene, _, _ = loaded(source, tmp_path)
+    with pytest.raises(BadInput, match="No sparse point"):
+        keep_points(scene, np.zeros(len(scene.points), bool))
+    kept = keep_points(replace(scene), np.arange(len(scene.points)) % 2 == 0)
+    assert reprojection_errors(kept).max() < 0.1
