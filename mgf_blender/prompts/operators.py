@@ -151,6 +151,8 @@ class MGF_OT_import_prompts(Operator):
     filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if self.filepath:  # dropped
+            return self.execute(context)
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
@@ -254,6 +256,20 @@ class MGF_OT_find_masks(Operator):
         return submit(self, make_job(context.scene, "masks"))
 
 
+class MGF_FH_prompts(bpy.types.FileHandler):
+    """Dropping a prompts file on a photo reads its points."""
+
+    bl_idname = "MGF_FH_prompts"
+    bl_label = "Prompts"
+    bl_import_operator = "mgf.import_prompts"
+    bl_file_extensions = ".json"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        in_editor = context.area is not None and context.area.type == "IMAGE_EDITOR"
+        return in_editor and len(context.scene.mgf.photos) > 0
+
+
 def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
     """Add photos that a prompts file names and an imported camera shows, but the list lacks."""
     from ..scene_import.tree import Tree
@@ -278,6 +294,7 @@ CLASSES = (
     MGF_OT_mark_building, MGF_OT_show_viewport, MGF_OT_next_photo, MGF_OT_add_photo, MGF_OT_remove_photo,
     MGF_OT_clear_clicks, MGF_OT_import_prompts,
     MGF_OT_export_prompts, MGF_OT_preview_mask, MGF_OT_cancel_preview, MGF_OT_find_masks,
+    MGF_FH_prompts,
 )  # fmt: skip
 
 

@@ -68,6 +68,8 @@ class MGF_PT_prompts(bpy.types.Panel):
         text = tr("{positive} on the building, {negative} off it", positive=positive, negative=negative)
         if parts:
             text += tr(", {count} parts", count=parts)
+        if not len(photo.clicks):
+            text = tr("Click the building, Ctrl click beside it")
         row.label(text=text, translate=False)
         row.operator("mgf.clear_clicks", text="", icon="TRASH")
         if not photo.file:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import bpy
 
+from ..common.editors import fit_photo
+
 BUILDING = "building"
 
 
@@ -67,5 +69,8 @@ def show_photo(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> Non
     here = context.area if context.area is not None and context.area.type == "IMAGE_EDITOR" else None
     areas = [here] if here else [a for a in context.screen.areas if a.type == "IMAGE_EDITOR"]
     for area in areas:
+        before = area.spaces.active.image
         area.spaces.active.image = image
+        if context.window is not None and (before is None or tuple(before.size) != tuple(image.size)):
+            fit_photo(context.window, area)
         area.tag_redraw()

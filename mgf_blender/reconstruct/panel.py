@@ -51,8 +51,6 @@ class MGF_PT_mark(bpy.types.Panel):
         row.scale_y = 1.0 if done else 1.6
         row.operator("mgf.mark_building", icon="CURSOR")
         text = tr("{done} of {count} photos marked", done=done, count=count)
-        if not done:
-            text = tr("Mark the building in one photo or more")
         layout.label(text=text, icon="CHECKMARK" if done else "INFO", translate=False)
 
 

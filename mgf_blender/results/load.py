@@ -15,6 +15,7 @@ from ..common.meshes import MeshData, make_mesh, prepare_mesh
 from ..common.ply import Ply, read_ply
 from ..scene_import.cameras import (
     DISTORTED_KEY,
+    PHOTO_KEY,
     CameraSpec,
     add_background,
     add_cameras,
@@ -102,7 +103,7 @@ def import_result(
     Raises:
         UserError: the job is not finished or a file is damaged; the scene is then unchanged.
     """
-    alone = tree is None or tree.root is None
+    alone = tree is None or tree.root is None or _foreign(tree, content.delivery if content else read_delivery(folder))
     offset = None if alone else tree.offset
     fits = content is not None and alone == (content.frame is not None)
     if not fits or (offset is not None and not np.array_equal(offset, content.offset)):
@@ -124,6 +125,12 @@ def import_result(
             if points.name in layer.objects:
                 points.hide_set(True, view_layer=layer)  # they would speckle the surface
     return Result(tree, obj, len(tree.objects("Renders")), delivery)
+
+
+def _foreign(tree: Tree, delivery: Delivery) -> bool:
+    """Whether a job is of other photos than the tree's, so that it needs a tree of its own."""
+    names = {o.get(PHOTO_KEY) for o in tree.objects("Cameras")}
+    return bool(names) and not any(view.camera.name in names for view in delivery.views)
 
 
 def _frame_of_job(delivery: Delivery) -> tuple[Frame, Ply | None]:

@@ -29,7 +29,9 @@ class Tree:
 
     @classmethod
     def make(cls, scene: bpy.types.Scene, name: str, frame: Frame) -> Tree:
-        """Add an empty tree to a scene; the empty gets the frame's pose."""
+        """Add an empty tree to a scene; the empty gets the frame's pose. Trees whose objects are all gone leave."""
+        for old in [c for c in scene.collection.children if c.get(ROLE_KEY) == "tree" and not len(c.all_objects)]:
+            bpy.data.batch_remove([*old.children_recursive, old])
         top = bpy.data.collections.new(name)
         top[ROLE_KEY] = "tree"
         scene.collection.children.link(top)

@@ -50,7 +50,7 @@ def test_from_import_to_mesh(addon, engine, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     addon.job_folder = str(house.folder.parent / "new job")
     said = all_panels()
-    assert "12 cameras" in said and "Mark the building in one photo or more" in said and "Mark Building" in said
+    assert "12 cameras" in said and "0 of 3 photos marked" in said and "Mark Building" in said
     assert "About " in said and " GB of memory" in said
     files.add_click(addon.photos[0], 9, 9, False, "building")
     files.add_click(addon.photos[0], 90, 9, True, "building")

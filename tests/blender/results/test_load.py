@@ -119,6 +119,19 @@ def test_job_alone_makes_its_own_cameras(scene, house):
     assert result.mesh is not None and scene.camera is not None
 
 
+def test_a_job_of_other_photos_gets_a_tree_of_its_own(scene, house, tmp_path):
+    tree = import_scene(scene, house.folder).tree
+    other = synthetic.write_house(tmp_path / "other")
+    content = json.loads((other.job / "deliver.json").read_text())
+    for view in content["views"]:
+        view["name"] = "other/" + view["name"]
+    (other.job / "deliver.json").write_text(json.dumps(content))
+    result = import_result(scene, other.job, tree)
+    assert result.tree.collection != tree.collection
+    assert len(tree.objects("Cameras")) == len(result.tree.objects("Cameras")) == 12
+    assert not tree.objects("Mesh") and len(result.tree.objects("Mesh")) == 1
+
+
 def test_import_again_leaves_no_copies(scene, house):
     tree = import_scene(scene, house.folder).tree
     import_result(scene, house.job, tree)

@@ -156,6 +156,13 @@ def test_import_frames_the_viewports(tree):
         assert not space.overlay.show_relationship_lines and space.shading.color_type == "VERTEX"
 
 
+def test_deleted_scene_leaves_no_empty_collections(tree, house):
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    assert len(bpy.data.collections) == 5 and len(Tree.find(bpy.context.scene).objects("Cameras")) == 12
+
+
 def test_drop_handler_knows_the_files():
     from mgf_blender.scene_import.operators import MGF_FH_colmap
 
