@@ -9,6 +9,7 @@ import errno
 import json
 import logging
 import os
+import re
 import signal
 import sys
 import threading
@@ -33,6 +34,11 @@ _STAGE_HELP = {
     "deliver": "render novel views and write the report",
 }
 _FULL_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+#: What libraries say in errors of their own when memory is short.
+_NO_MEMORY = re.compile(
+    r"can't allocate memory|not enough memory|Insufficient memory|Cannot allocate memory|bad_alloc|std::bad_alloc"
+    r"|failed to map segment|cannot allocate memory|can't start new thread|Unable to allocate", re.IGNORECASE
+)  # fmt: skip
 _NO_ACCESS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
@@ -186,7 +192,7 @@ def _explain(error: BaseException) -> tuple[int, str]:
         return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
     if type(error).__name__ == "OutOfMemoryError":  # torch's, for cards
         return EXIT_BAD_INPUT, "The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):
         return EXIT_BAD_INPUT, "Out of memory; lower --resolution or --max-gaussians and run again with --resume."
     return EXIT_FAULT, f"Unexpected fault: {type(error).__name__}: {error}"
 

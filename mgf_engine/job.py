@@ -21,7 +21,7 @@ from mgf_engine import __version__
 from mgf_engine.config import Config, as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import STAGES
-from mgf_engine.system import write_json
+from mgf_engine.system import sweep, write_json
 
 FORMAT = 1
 #: Files and folders each stage writes; removed before the stage runs anew.
@@ -94,6 +94,7 @@ class Job:
         try:
             if earlier is not None:
                 job.stages = earlier["stages"]
+            sweep(folder)
             job.save()
         except BaseException:
             job.close()

@@ -19,7 +19,6 @@ failed       ``code`` (exit code), ``text`` (one sentence), ``log`` (path of the
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
@@ -27,6 +26,7 @@ from collections.abc import Callable
 from typing import Any
 
 from mgf_engine.errors import Cancelled
+from mgf_engine.system import json_bytes
 
 SCHEMA_VERSION = 1
 STAGES = ("scene", "masks", "field", "mesh", "deliver")
@@ -41,7 +41,7 @@ log = logging.getLogger("mgf")
 
 def encode(message: Message) -> str:
     """One message as one line of JSON, without the line end."""
-    return json.dumps(message, ensure_ascii=False, separators=(",", ":"))
+    return json_bytes(message, separators=(",", ":")).decode("utf-8")
 
 
 class Reporter:

@@ -101,7 +101,22 @@ def atomic_path(path: Path) -> Iterator[Path]:
 def write_json(path: Path, data: Any) -> None:
     """Write JSON so that readers see the old file or the new one, never a part."""
     with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(data, indent=1, ensure_ascii=False), encoding="utf-8")
+        temporary.write_bytes(json_bytes(data, indent=1))
+
+
+def json_bytes(data: Any, **how: Any) -> bytes:
+    """JSON as UTF-8; with escapes where a name holds letters that UTF-8 has not (file names of other encodings)."""
+    try:
+        return json.dumps(data, ensure_ascii=False, **how).encode("utf-8")
+    except UnicodeEncodeError:
+        return json.dumps(data, **how).encode("ascii")
+
+
+def sweep(folder: Path) -> None:
+    """Remove what a killed process left half-written below ``folder``; only while nobody else writes there."""
+    for path in folder.rglob(".part-*"):
+        with contextlib.suppress(OSError):
+            path.unlink()
 
 
 def _windows_peak_memory() -> int:

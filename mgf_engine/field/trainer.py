@@ -75,6 +75,8 @@ class _Trainer:
         self.checkpoint_path = folder / CHECKPOINT
         found = read_checkpoint(self.checkpoint_path)
         if found is None:
+            if self.checkpoint_path.exists():
+                reporter.warning("The checkpoint of the field is damaged; training starts over.")
             field = start_field(scene, masks, self.views, config, reporter)
             update_filter(field, [scene.views[i] for i in self.views])
             figures = {"start_gaussians": len(field), "curve": [], "seconds": {}}

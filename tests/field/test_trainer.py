@@ -77,6 +77,18 @@ def test_a_damaged_checkpoint_is_not_used(tmp_path) -> None:
         assert read_checkpoint(path) is None
 
 
+def test_training_says_when_it_starts_over_from_a_damaged_checkpoint(make_wall, tmp_path) -> None:
+    scene, masks = make_wall(CENTRES)
+    config = make_config({**OPTIONS, "iterations": 5})
+    fresh, _ = train(scene, masks, config, tmp_path / "fresh", Reporter())
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "training.npz").write_bytes(b"PK\x03\x04 garbage")
+    reporter = Reporter()
+    field, _ = train(scene, masks, config, tmp_path / "run", reporter)
+    assert any("checkpoint" in text for text in reporter.warnings)
+    assert same(field, fresh)
+
+
 @pytest.mark.parametrize("switch", ["multilevel_loss", "boundary_loss", "dense_start", "coarse_to_fine", "use_masks"])
 def test_every_ingredient_can_be_switched_off(make_wall, tmp_path, switch) -> None:
     scene, masks = make_wall(CENTRES)
