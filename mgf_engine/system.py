@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = (
-    "torch", "numpy", "pycolmap", "onnxruntime", "opencv-contrib-python-headless", "scipy", "libigl",
-    "fast-simplification", "trimesh",
+    "torch", "numpy", "pycolmap", "onnxruntime", "opencv-contrib-python-headless", "scipy", "libigl", "trimesh",
 )  # fmt: skip
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the raw level set to a clean mesh: faces without area, false parts, holes, orientation, face count."""
+"""From the raw level set to a clean mesh: faces without area, false parts, orientation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def face_areas(mesh: Mesh) -> NDArray[np.float64]:
 def with_faces(mesh: Mesh, faces: NDArray[np.int32]) -> Mesh:
     """The mesh of these faces, without vertices they do not use."""
     used, index = np.unique(faces, return_inverse=True)
-    return Mesh(mesh.vertices[used], index.reshape(-1, 3).astype(np.int32), mesh.colors[used])
+    return mesh.gather(used, index.reshape(-1, 3))
 
 
 def weld(mesh: Mesh) -> Mesh:
@@ -38,7 +38,7 @@ def weld(mesh: Mesh) -> Mesh:
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     faces = faces[proper]
     _, once = np.unique(np.sort(faces, 1), axis=0, return_index=True)
-    return with_faces(Mesh(mesh.vertices[first], faces, mesh.colors[first]), faces[np.sort(once)])
+    return with_faces(mesh.gather(first, faces), faces[np.sort(once)])
 
 
 def parts(mesh: Mesh) -> NDArray[np.int32]:
@@ -46,7 +46,7 @@ def parts(mesh: Mesh) -> NDArray[np.int32]:
     count = len(mesh.faces)
     if count == 0:
         return np.zeros(0, np.int32)
-    edge, face = _edges(mesh.faces)
+    edge, face = edges(mesh.faces)
     order = np.argsort(edge, kind="stable")
     same = edge[order][1:] == edge[order][:-1]
     a, b = face[order][1:][same], face[order][:-1][same]
@@ -107,7 +107,7 @@ def smooth(mesh: Mesh, rounds: int) -> Mesh:
     links.data[:] = 1.0
     degree = np.asarray(links.sum(1)).ravel()
     share = 0.5 / np.maximum(degree, 1)
-    share[np.concatenate(_open_edges(mesh.faces))] = 0.0
+    share[np.concatenate(open_edges(mesh.faces))] = 0.0
     vertices = mesh.vertices.copy()
     for _ in range(rounds):
         vertices += share[:, None] * (links @ vertices - degree[:, None] * vertices)
@@ -147,110 +147,20 @@ def split_nonmanifold(mesh: Mesh) -> Mesh:
     if len(mesh.faces) == 0:
         return mesh
     faces, origin = igl.split_nonmanifold(np.ascontiguousarray(mesh.faces, dtype=np.int64))[:2]
-    return Mesh(mesh.vertices[origin], faces.astype(np.int32), mesh.colors[origin])
+    return mesh.gather(origin, faces)
 
 
-def reduce_faces(mesh: Mesh, count: int) -> Mesh:
-    """At most ``count`` faces (quadric edge collapse); the mesh itself when it has no more."""
-    if count <= 0 or len(mesh.faces) <= count:
-        return mesh
-    import fast_simplification
-
-    centre = mesh.vertices.mean(0)
-    vertices, faces = fast_simplification.simplify(
-        (mesh.vertices - centre).astype(np.float32), mesh.faces, target_count=count
-    )
-    bare = Mesh(vertices.astype(np.float64) + centre, faces.astype(np.int32), np.zeros((len(vertices), 3), np.uint8))
-    return weld(bare)
-
-
-def boundary_loops(mesh: Mesh) -> list[NDArray[np.int32]]:
-    """Closed loops of vertices along open edges, each in the direction of its faces."""
-    start, end = _open_edges(mesh.faces)
-    following: dict[int, list[int]] = {}
-    for a, b in zip(start.tolist(), end.tolist(), strict=True):
-        following.setdefault(a, []).append(b)
-    loops: list[NDArray[np.int32]] = []
-    for first in sorted(following):
-        while following.get(first):
-            loop, here = [first], following[first].pop()
-            while here != first and following.get(here):
-                loop.append(here)
-                here = following[here].pop()
-            if here == first and len(loop) >= 3:
-                loops.append(np.array(loop, np.int32))
-    return loops
-
-
-def fill_holes(mesh: Mesh, longest: float) -> Mesh:
-    """Close holes whose rim is no longer than ``longest`` (normalised units) by a fan around their middle."""
-    vertices, faces, colors = [mesh.vertices], [mesh.faces], [mesh.colors]
-    count = len(mesh.vertices)
-    for loop in boundary_loops(mesh):
-        rim = mesh.vertices[loop]
-        if np.linalg.norm(rim - np.roll(rim, -1, axis=0), axis=1).sum() > longest:
-            continue
-        following = np.roll(loop, -1)
-        if len(loop) == 3:
-            faces.append(loop[None, ::-1])
-            continue
-        vertices.append(rim.mean(0, keepdims=True))
-        colors.append(mesh.colors[loop].mean(0, keepdims=True).astype(np.uint8))
-        faces.append(np.column_stack([following, loop, np.full(len(loop), count)]).astype(np.int32))
-        count += 1
-    return Mesh(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colors))
-
-
-def _edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """An undirected key for each of the three edges of each face [3 F], and the face it belongs to."""
     a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     key = np.minimum(a, b) << 32 | np.maximum(a, b)
     return key, np.repeat(np.arange(len(faces)), 3)
 
 
-def _open_edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def open_edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Edges with one face only, in the direction of that face."""
-    key, _ = _edges(faces)
+    key = edges(faces)[0]
     _, inverse, counts = np.unique(key, return_inverse=True, return_counts=True)
     single = counts[inverse] == 1
     a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     return a[single], b[single]
-
-
-def cap_rims(mesh: Mesh) -> Mesh:
-    """Close every open rim by a flat polygon of its own vertices (ear clipping): the bottom of a building."""
-    caps = [_ears(mesh.vertices[loop], loop) for loop in boundary_loops(mesh)]
-    return replace(mesh, faces=np.concatenate([mesh.faces, *caps]).astype(np.int32))
-
-
-def _ears(rim: NDArray[np.float64], loop: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Triangles over a rim [n, 3], facing away from the faces that border it; ears with the best angle go first."""
-    following = np.roll(rim, -1, axis=0)
-    normal = -np.cross(rim, following).sum(0)  # the cap runs against the direction of the rim
-    if not np.any(normal):
-        return np.zeros((0, 3), np.int32)
-    normal /= np.linalg.norm(normal)
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    first /= np.linalg.norm(first)
-    flat = (rim @ np.stack([first, np.cross(normal, first)], 1))[::-1]  # now counter-clockwise about the normal
-    names, left, faces = loop[::-1], list(range(len(loop))), []
-    while len(left) > 3:
-        p = flat[left]
-        before, after = np.roll(p, 1, axis=0), np.roll(p, -1, axis=0)
-        turn = _cross2(p - before, after - p)
-        length = np.linalg.norm(p - before, axis=1) * np.linalg.norm(after - p, axis=1)
-        best = np.argsort(-turn / np.maximum(length, 1e-30), kind="stable")
-        ear = next((i for i in best[:40] if turn[i] > 0 and not _covers(before[i], p[i], after[i], p)), best[0])
-        faces.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
-        del left[ear]
-    return names[np.array([*faces, left])].astype(np.int32)
-
-
-def _covers(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], p: NDArray[np.float64]) -> bool:
-    """Whether a point of p [n, 2] lies inside the counter-clockwise triangle."""
-    inside = (_cross2(b - a, p - a) > 0) & (_cross2(c - b, p - b) > 0) & (_cross2(a - c, p - c) > 0)
-    return bool(inside.any())
-
-
-def _cross2(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

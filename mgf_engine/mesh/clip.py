@@ -49,11 +49,16 @@ def _turned(faces: NDArray[np.int32], lone: NDArray[np.bool_]) -> NDArray[np.int
 
 
 def _with_cuts(mesh: Mesh, side: NDArray[np.float64], cut: NDArray[np.int32]) -> tuple[Mesh, NDArray[np.int64]]:
-    """The mesh with a vertex where each edge of ``cut`` [C, 2] meets the plane, and the index of each, [C]."""
+    """The mesh with a vertex where each edge of ``cut`` [C, 2] meets the plane, and the index of each, [C].
+
+    Colours are those between the ends, values those of the nearer end (they may be counts or labels).
+    """
     edges, index = np.unique(np.sort(cut, 1), axis=0, return_inverse=True)
     a, b = edges[:, 0], edges[:, 1]
     share = (side[a] / (side[a] - side[b]))[:, None]
+    nearer = np.where(share[:, 0] < 0.5, a, b)
     vertices = mesh.vertices[a] + share * (mesh.vertices[b] - mesh.vertices[a])
     colors = np.rint(mesh.colors[a] + share * (mesh.colors[b].astype(np.float64) - mesh.colors[a])).astype(np.uint8)
-    whole = Mesh(np.concatenate([mesh.vertices, vertices]), mesh.faces, np.concatenate([mesh.colors, colors]))
+    values = {name: np.concatenate([value, value[nearer]]) for name, value in mesh.values.items()}
+    whole = Mesh(np.concatenate([mesh.vertices, vertices]), mesh.faces, np.concatenate([mesh.colors, colors]), values)
     return whole, index.reshape(-1) + len(mesh.vertices)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The mesh stage (section 3.3): screening, tetrahedra, opacity, level set, cleaning, colours."""
+"""The mesh stage (section 3.3): screening, tetrahedra, opacity, level set, cleaning, colours, reduction."""
 
 from __future__ import annotations
 
@@ -20,10 +20,13 @@ from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos
+from mgf_engine.mesh.face_votes import cut_background
 from mgf_engine.mesh.fusion import FusedField, Photos
-from mgf_engine.mesh.isosurface import SOLID, bisect, march
+from mgf_engine.mesh.holes import cap_rims, fill_holes
+from mgf_engine.mesh.isosurface import FREE, SOLID, bisect, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
+from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, delaunay, tetra_points
 from mgf_engine.messages import Reporter
@@ -39,7 +42,7 @@ SURE_ERROR, SURE_TRACK = 1.0, 3  # sparse points with a smaller error (px) and a
 MADE_UP = 0.005  # share of the area up to which a patch that no view shows may stay
 MATCHED_WITH = 4  # photos that each photo's depths are matched with
 BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry the surface to where it is cut
-SMALL_HOLE = 0.05  # of the mesh's diagonal: holes with a shorter rim are closed
+SMALL_HOLE = 60  # ground pixels: holes with a shorter rim that no view looks through are closed
 
 
 def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Config, reporter: Reporter) -> Mesh:
@@ -59,7 +62,8 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
     box = crop_of(config.crop_box, scene)
     mesh = level_set(kept if box is None else beside(kept, box), field, config, reporter)
     reporter.progress(_PLACED, faces=len(mesh.faces))
-    mesh = cleaned(mesh, field, views, config, box)
+    vote = config.use_masks and config.screening
+    mesh = cleaned(mesh, field, views, config, box, [masks.labels[i] for i in chosen] if vote else None)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     inside = [building(masks.labels[i]) for i in chosen]
     colored = color_from_photos(
@@ -67,7 +71,12 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
         lambda share: reporter.progress(_CLEANED + (1 - _CLEANED) * share),
     )  # fmt: skip
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
-    return replace(colored, values=field.confidence(colored.vertices))
+    pixel = ground_pixels(colored, views)
+    reduced = reduce_faces(
+        colored, config.max_faces, config.face_error * pixel, config.color_error if config.color_error < 256 else -1.0
+    )
+    log.info("mesh: reduced to %d faces", len(reduced.faces))
+    return replace(reduced, values=field.confidence(reduced.vertices))
 
 
 def surface_field(
@@ -146,9 +155,17 @@ def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool
 
 
 def cleaned(
-    mesh: Mesh, field: OpacityField | FusedField, views: Sequence[View], config: Config, box: CropBox | None = None
+    mesh: Mesh,
+    field: OpacityField | FusedField,
+    views: Sequence[View],
+    config: Config,
+    box: CropBox | None = None,
+    labels: Sequence[NDArray[np.uint8]] | None = None,
 ) -> Mesh:
-    """The level set without false parts, oriented outward, small holes closed, cut at the box, reduced.
+    """The level set without false parts, oriented outward, small holes closed, cut at the box.
+
+    Args:
+        labels: label map of each view, where the masks are to vote on the faces.
 
     Raises:
         BadInput: nothing is left.
@@ -159,15 +176,18 @@ def cleaned(
     front, back = clean.count_pixels(mesh, views)
     mesh = clean.orient_outward(mesh, front, back)
     mesh = clean.drop_hidden_parts(mesh, front + back, config.min_component)
+    if labels is not None:
+        mesh = clean.drop_small_parts(cut_background(mesh, views, labels), config.min_component)
+        mesh = clean.split_nonmanifold(mesh)
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
-    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    mesh = clean.fill_holes(mesh, SMALL_HOLE * diagonal)
+    pixel = ground_pixels(mesh, views)
+    mesh = fill_holes(mesh, SMALL_HOLE * pixel, lambda points: field.classify(points) == FREE)
     mesh = clean.smooth(mesh, config.smoothing)
     if box is not None:
         mesh = clip(mesh, box.planes())
         if len(mesh.faces) == 0:
             raise BadInput("No surface lies in the crop box; make it larger or move it over the building.")
     if config.close_bottom:
-        mesh = clean.cap_rims(mesh)
-    return clean.reduce_faces(mesh, config.max_faces)
+        mesh = cap_rims(mesh)
+    return mesh

@@ -26,3 +26,8 @@ class Mesh:
     faces: NDArray[np.int32]
     colors: NDArray[np.uint8]
     values: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    def gather(self, index: NDArray[np.integer], faces: NDArray[np.integer]) -> Mesh:
+        """The mesh of the vertices at ``index`` [M], with all they carry, and ``faces`` [F, 3] between them."""
+        values = {name: value[index] for name, value in self.values.items()}
+        return Mesh(self.vertices[index], np.asarray(faces, np.int32), self.colors[index], values)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,13 @@ def test_the_mesh_ends_at_the_crop_box():
     reporter.stage("mesh")
     with pytest.raises(BadInput):
         extract_mesh(field, scene, masks, make_config({"crop_box": "5 5 5 6 6 6"}), reporter)
+
+
+def test_values_are_carried_and_new_vertices_take_those_of_the_nearer_end():
+    whole = ball(subdivisions=3)
+    values = {"views": np.arange(len(whole.vertices), dtype=np.int32), "x": whole.vertices[:, 0].astype(np.float32)}
+    part = clip(replace(whole, values=values), HALF_TURNED)
+    assert set(part.values) == {"views", "x"} and part.values["views"].dtype == np.int32
+    assert np.abs(part.values["x"] - part.vertices[:, 0]).max() < 0.1
+    old = np.abs(part.vertices @ HALF_TURNED[0, :3] + HALF_TURNED[0, 3]) > 1e-9
+    assert old.any() and np.array_equal(part.vertices[old], whole.vertices[part.values["views"][old]])
