@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from mgf_engine.scene.model import Scene
 
 log = logging.getLogger("mgf")
+#: Mean confidence of a mesh below which its F1 is about half of what the scene allows (docs/stability.md).
+DOUBTFUL = 0.5
 Figures = dict[str, Any]
 
 
@@ -148,7 +150,17 @@ def _run_mesh(job: Job, reporter: Reporter) -> Figures:
     if "confidence" in mesh.values:
         figures["confidence"] = round(float(mesh.values["confidence"].mean()), 3)
         figures["unseen_share"] = round(float((mesh.values["views"] == 0).mean()), 4)
+        if figures["confidence"] < DOUBTFUL:
+            reporter.warning(weak_surface(figures["confidence"], figures["unseen_share"]))
     return figures
+
+
+def weak_surface(confidence: float, unseen: float) -> str:
+    """What to say of a mesh that the photos hardly confirm."""
+    return (
+        f"The photos confirm the mesh only weakly (mean confidence {confidence:.2f} of 1, {unseen:.0%} of it seen by "
+        "no photo): do not measure on it; more and sharper photos closer together, or better cameras, would help."
+    )
 
 
 def _run_deliver(job: Job, reporter: Reporter) -> Figures:

@@ -31,6 +31,7 @@ MOST_FOREIGN = 0.3  # of all photos; where more look foreign, nobody can say whi
 UNSTEADY = 0.8
 FEW_PHOTOS = 5
 SPACING = 25.0  # degrees from photo to photo, seen from the building; stereo fails beyond
+FEW_POINTS = 30  # seen per photo (median); masks and stereo lean on them
 ONE_SIDED = 200.0  # degrees around the building; less leaves sides that no photo shows
 
 
@@ -210,6 +211,12 @@ def weaknesses(scene: Scene) -> list[str]:
         found.append(
             f"There are {len(scene.views)} photos, {spacing:.0f} degrees apart as seen from the building: the mesh "
             "will have holes and errors of depth; photos 5 to 15 degrees apart do better."
+        )
+    seen = float(np.median(np.bincount(scene.track_view, minlength=len(scene.views))))
+    if seen < FEW_POINTS:
+        found.append(
+            f"Half of the photos see fewer than {seen + 1:.0f} sparse points, which say where things stand: masks and "
+            "mesh will be poor; build the COLMAP model again with more features, or from sharper photos."
         )
     around = degrees_around(scene)
     if around < ONE_SIDED:

@@ -100,6 +100,11 @@ def test_few_photos_and_photos_from_one_side_are_spoken_of(source: Path, tmp_pat
     assert degrees_around(whole) > 320
 
 
+def test_few_points_are_spoken_of(source: Path, tmp_path: Path) -> None:
+    _, warnings, _ = loaded(source, tmp_path, "points_missing", 0.97)
+    assert any("sparse points, which say where things stand" in text for text in warnings)
+
+
 def test_moving_shadows_are_spoken_of_and_drop_no_photo(source: Path, tmp_path: Path) -> None:
     scene, warnings, _ = loaded(source, tmp_path, "shadows", 0.85)
     assert len(scene.views) == PHOTOS

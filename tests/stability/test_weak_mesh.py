@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A mesh that the photos hardly confirm is not handed over in silence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mgf_engine import pipeline
+from mgf_engine.config import make_config
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.messages import Reporter
+from mgf_engine.scene.model import Similarity
+
+
+@pytest.mark.parametrize(("confidence", "said"), [(0.2, True), (0.49, True), (0.7, False)])
+def test_a_weak_mesh_is_spoken_of(
+    confidence: float, said: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
+    mesh.values.update(confidence=np.full(3, confidence, np.float32), views=np.array([0, 3, 4], np.int32))
+    scene = SimpleNamespace(to_normalised=Similarity(1.0, np.eye(3), np.zeros(3)))
+    monkeypatch.setattr(pipeline, "load_inputs", lambda job: (scene, None))
+    monkeypatch.setattr("mgf_engine.field.checkpoint.read_field", lambda path: None)
+    monkeypatch.setattr("mgf_engine.mesh.extract.extract_mesh", lambda *args: mesh)
+    monkeypatch.setattr("mgf_engine.mesh.parts.named_parts", lambda *args: {})
+    job = SimpleNamespace(path=lambda *parts: tmp_path.joinpath(*parts), config=make_config({}))
+    reporter = Reporter()
+    pipeline._run_mesh(job, reporter)  # type: ignore[arg-type]
+    assert bool(reporter.warnings) == said
+    if said:
+        assert "33% of it seen by no photo" in reporter.warnings[0]
