@@ -24,6 +24,7 @@ from mgf_engine.config import SECTIONS, Config, options_schema, read_config
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, Cancelled
 from mgf_engine.messages import STAGES, Reporter
 from mgf_engine.scene.crop import read_crop_box
+from mgf_engine.system import near_memory_limit
 from mgf_engine.terminal import make_sink
 
 _STAGE_HELP = {
@@ -192,7 +193,7 @@ def _explain(error: BaseException) -> tuple[int, str]:
         return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
     if type(error).__name__ == "OutOfMemoryError":  # torch's, for cards
         return EXIT_BAD_INPUT, "The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
-    if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):
+    if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) or near_memory_limit():
         return EXIT_BAD_INPUT, "Out of memory; lower --resolution or --max-gaussians and run again with --resume."
     return EXIT_FAULT, f"Unexpected fault: {type(error).__name__}: {error}"
 

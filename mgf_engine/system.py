@@ -50,6 +50,24 @@ def peak_memory() -> int:
     return peak if sys.platform == "darwin" else peak * 1024
 
 
+def near_memory_limit(share: float = 0.7) -> bool:
+    """Whether this process came near the limit of its address space (``ulimit -v``); False without one.
+
+    Libraries fail in strange ways when the system denies them memory; this tells what the matter was.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return False
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+        return int(status.split("VmPeak:")[1].split()[0]) * 1024 > share * limit
+    return False
+
+
 def total_memory() -> int | None:
     """Bytes of memory in the machine, or None where the system does not say."""
     try:

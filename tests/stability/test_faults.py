@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -70,6 +72,18 @@ def test_libraries_without_memory_are_understood(text: str) -> None:
     assert code == EXIT_BAD_INPUT
     assert said.startswith("Out of memory")
     assert _explain(RuntimeError("something else"))[0] == EXIT_FAULT
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux for the process's memory")
+def test_strange_errors_near_the_memory_limit_are_understood() -> None:
+    code = (
+        "import resource; from mgf_engine.cli import _explain; from mgf_engine.system import near_memory_limit;"
+        "error = SystemError('error return without exception set'); print(_explain(error)[0], near_memory_limit());"
+        "resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30)); print(_explain(error)[0]);"
+        "block = bytearray(3500 << 20); del block; print(_explain(error)[0])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["1", "False", "1", "2"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")
