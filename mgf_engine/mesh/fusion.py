@@ -9,7 +9,7 @@ the minimum over views decides, and asking costs a look-up per view instead of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,6 +37,7 @@ UNMATCHED = 0.2  # weight of a depth that only the field vouches for, beside one
 
 CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
 ENOUGH_VIEWS = 3  # photos that must show a spot for full confidence
+CHUNK = 1 << 20  # points that are asked at a time, which bounds the memory
 ENOUGH = 50  # triangulated points from which the level is calibrated
 
 Progress = Callable[[float], None]
@@ -89,24 +90,30 @@ class FusedField:
         progress: Progress = lambda share: None,
     ) -> None:
         self.offset = 0.0
-        surfaces: list[Surface] = []
-        for number, view in enumerate(views):
-            progress(number / len(views) / (1 if photos is None else 3))
-            surfaces.append(render_surface(gaussians, view, photos.grey(number) if photos else None))
+        near = [list(photos.neighbours[number]) if photos else [] for number in range(len(views))]
+        left = np.bincount([k for number in range(len(views)) for k in (number, *near[number])], minlength=len(views))
+        surfaces: dict[int, Surface] = {}  # only those that a view still to come is matched with
         self.maps: list[DepthMap] = []
-        for number, (surface, mask) in enumerate(zip(surfaces, masks, strict=True)):
-            progress((len(views) + 2 * number) / len(views) / 3)
-            others = [surfaces[k] for k in photos.neighbours[number]] if photos else []
-            matched = match_surface(surface, others) if others else unmatched(surface)
-            self.maps.append(depth_map(surface, mask, matched))
+        for number, mask in enumerate(masks):
+            progress(number / len(views))
+            for k in (number, *near[number]):
+                if k not in surfaces:
+                    surfaces[k] = render_surface(gaussians, views[k], photos.grey(k) if photos else None)
+            surface, others = surfaces[number], [surfaces[k] for k in near[number]]
+            self.maps.append(depth_map(surface, mask, match_surface(surface, others) if others else unmatched(surface)))
+            for k in (number, *near[number]):
+                left[k] -= 1
+                if left[k] == 0:
+                    del surfaces[k]
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
         """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
-        belief = self._ask(points, progress)
-        state = np.where(_distance(belief) > self.offset, FREE, SOLID).astype(np.uint8)
-        state[(belief["weight"] == 0) & (belief["covered"] > 0)] = SOLID
-        state[(belief["weight"] == 0) & (belief["covered"] == 0)] = INVALID
-        state[outside_hull(belief["outside"], belief["seen"])] = FREE
+        state = np.empty(len(points), np.uint8)
+        for part, belief in self._ask(points, progress):
+            state[part] = np.where(_distance(belief) > self.offset, FREE, SOLID)
+            state[part][(belief["weight"] == 0) & (belief["covered"] > 0)] = SOLID
+            state[part][(belief["weight"] == 0) & (belief["covered"] == 0)] = INVALID
+            state[part][outside_hull(belief["outside"], belief["seen"])] = FREE
         return state
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
@@ -115,16 +122,19 @@ class FusedField:
         Gaussians are trained to look right, and light stops on their near side: their centres, and so the rendered
         depths, tend to lie a fraction of a pixel behind the surface.
         """
-        belief = self._ask(points, lambda share: None)
-        near = _distance(belief)[(belief["weight"] > 0) & ~outside_hull(belief["outside"], belief["seen"])]
-        near = near[np.abs(near) < 0.9]
+        asked = [
+            _distance(belief)[(belief["weight"] > 0) & ~outside_hull(belief["outside"], belief["seen"])]
+            for _, belief in self._ask(points)
+        ]
+        near = np.concatenate([d[np.abs(d) < 0.9] for d in asked]) if asked else np.zeros(0)
         self.offset = float(np.median(near)) if len(near) >= ENOUGH else 0.0
         return self.offset * BAND_PIXELS
 
     def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Points [N, 3] near which at least one view really shows a surface, bool [N]."""
-        belief = self._ask(points, lambda share: None)
-        near: NDArray[np.bool_] = (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
+        near = np.zeros(len(points), bool)
+        for part, belief in self._ask(points):
+            near[part] = (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
         return near
 
     def confidence(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
@@ -134,24 +144,30 @@ class FusedField:
             ``views``: how many photos show a surface there, uint8 [N]; ``confidence``: 0..1, float32 [N]. Three photos
             that show it are worth 0.5, three whose patches look alike there 1; 0 is made up to close a gap.
         """
-        belief = self._ask(points, lambda share: None)
-        alike = belief["likeness"] / np.maximum(belief["near"], 1)
-        enough = np.minimum(belief["near"] / ENOUGH_VIEWS, 1.0)
-        confidence = (enough * (0.5 + 0.5 * np.clip(alike, 0, 1))).astype(np.float32)
-        return {"views": np.minimum(belief["near"], 255).astype(np.uint8), "confidence": confidence}
+        views, confidence = np.empty(len(points), np.uint8), np.empty(len(points), np.float32)
+        for part, belief in self._ask(points):
+            alike = belief["likeness"] / np.maximum(belief["near"], 1)
+            enough = np.minimum(belief["near"] / ENOUGH_VIEWS, 1.0)
+            confidence[part] = enough * (0.5 + 0.5 * np.clip(alike, 0, 1))
+            views[part] = np.minimum(belief["near"], 255)
+        return {"views": views, "confidence": confidence}
 
-    def _ask(self, points: NDArray[np.float64], progress: Progress) -> NDArray[np.void]:
-        """What the views together say of each point (struct Belief in ``raster/kernels/fuse.c``)."""
-        points32 = np.ascontiguousarray(points, dtype=np.float32)
-        belief = np.zeros(len(points), _BELIEF)
-        for number, m in enumerate(self.maps):
-            progress(number / len(self.maps))
-            view = m.view
-            pose = np.concatenate([view.rotation.ravel(), view.translation])
-            intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
-            camera = (pose, intrinsics, NEAR, m.mask, m.pixels, view.height, view.width)
-            parallel("fuse_points_work", len(points), points32, *camera, BAND_PIXELS / view.fx, JUMP, belief)
-        return belief
+    def _ask(
+        self, points: NDArray[np.float64], progress: Progress = lambda share: None
+    ) -> Iterator[tuple[slice, NDArray[np.void]]]:
+        """What the views together say of each point (struct Belief in ``raster/kernels/fuse.c``), CHUNK at a time."""
+        for start in range(0, len(points), CHUNK):
+            part = slice(start, min(start + CHUNK, len(points)))
+            points32 = np.ascontiguousarray(points[part], dtype=np.float32)
+            belief = np.zeros(len(points32), _BELIEF)
+            for number, m in enumerate(self.maps):
+                progress((start + number / len(self.maps) * len(points32)) / len(points))
+                view = m.view
+                pose = np.concatenate([view.rotation.ravel(), view.translation])
+                intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
+                camera = (pose, intrinsics, NEAR, m.mask, m.pixels, view.height, view.width)
+                parallel("fuse_points_work", len(points32), points32, *camera, BAND_PIXELS / view.fx, JUMP, belief)
+            yield part, belief
 
 
 def _distance(belief: NDArray[np.void]) -> NDArray[np.float32]:

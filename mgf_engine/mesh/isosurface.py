@@ -56,16 +56,19 @@ def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArr
         state: uint8 [M], FREE, SOLID or INVALID; tetrahedra with an invalid corner are left out.
         points: float64 [M, 3]; quadrilaterals are cut along the shorter diagonal of their middle points.
     """
-    corners = state[tetrahedra]
-    code = (corners == SOLID) @ np.array([1, 2, 4, 8])
-    crossing = (corners != INVALID).all(1) & (code > 0) & (code < 15)
+    code, crossing = np.zeros(len(tetrahedra), np.uint8), np.ones(len(tetrahedra), bool)
+    for k in range(4):  # corner by corner: all at once would take several times the memory of the tetrahedra
+        corner = state[tetrahedra[:, k]]
+        code |= (corner == SOLID).astype(np.uint8) << k
+        crossing &= corner != INVALID
+    crossing &= (code > 0) & (code < 15)
     code = code[crossing]
     ordered = np.take_along_axis(tetrahedra[crossing], _ORDER[code], 1)
-    a, b, c, d = ordered[np.bitwise_count(code.astype(np.uint8)) == 1].T
+    a, b, c, d = ordered[np.bitwise_count(code) == 1].T
     one = np.stack([a, b, a, c, a, d], 1).reshape(-1, 3, 2)
-    a, b, c, d = ordered[np.bitwise_count(code.astype(np.uint8)) == 3].T
+    a, b, c, d = ordered[np.bitwise_count(code) == 3].T
     three = np.stack([a, d, b, d, c, d], 1).reshape(-1, 3, 2)
-    a, b, c, d = ordered[np.bitwise_count(code.astype(np.uint8)) == 2].T
+    a, b, c, d = ordered[np.bitwise_count(code) == 2].T
     quads = np.stack([a, c, a, d, b, d, b, c], 1).reshape(-1, 4, 2)
     return _number(np.concatenate([one, three, _cut(quads, points)]), len(state))
 

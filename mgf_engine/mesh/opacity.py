@@ -25,6 +25,8 @@ from mgf_engine.scene.model import Scene, View
 HULL_SHARE = 0.25  # a point is outside the visual hull when more than this share of its views call it background,
 HULL_FEW = 2  # and more than this many (fewer, where fewer see it on the building)
 
+CHUNK = 1 << 22  # points that are asked at a time, which bounds the memory; each chunk projects the field anew
+
 Progress = Callable[[float], None]
 
 
@@ -50,6 +52,13 @@ class OpacityField:
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
         """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]; only the sign of O - level is found out."""
+        state = np.empty(len(points), np.uint8)
+        for start in range(0, len(points), CHUNK):
+            part = slice(start, min(start + CHUNK, len(points)))
+            state[part] = self._classify(points[part], _share_of(progress, part, len(points)))
+        return state
+
+    def _classify(self, points: NDArray[np.float64], progress: Progress) -> NDArray[np.uint8]:
         points32 = np.ascontiguousarray(points, dtype=np.float32)
         state, seen = self._hull(points32)
         lowest = np.full((len(points), 2), 2.0, np.float32)
@@ -86,6 +95,11 @@ class OpacityField:
         state[seen == 0] = INVALID
         state[outside_hull(background, seen)] = FREE
         return state, seen
+
+
+def _share_of(progress: Progress, part: slice, count: int) -> Progress:
+    """Progress of one part of ``count`` points as that of the whole."""
+    return lambda share: progress((part.start + share * (part.stop - part.start)) / count)
 
 
 def outside_hull(background: NDArray[np.integer], seen: NDArray[np.integer]) -> NDArray[np.bool_]:

@@ -207,3 +207,48 @@ def test_screening_follows_its_switches():
     assert len(screen(field, scene, masks, make_config({}))) == 100
     assert len(screen(field, scene, masks, make_config({"screening": False}))) == 102
     assert len(screen(field, scene, masks, make_config({"use_masks": False}))) == 102
+
+
+@pytest.mark.parametrize("surface", ["fused", "opacity"])
+def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
+    from mgf_engine.mesh import fusion, opacity
+    from mgf_engine.mesh.extract import surface_field
+
+    scene, masks = scene_of(ring(8), ball())
+    field = surface_field(sphere(200), scene, masks, range(8), make_config({"surface": surface}), reporter())
+    points = np.random.default_rng(0).normal(size=(1000, 3))
+    shares: list[float] = []
+    whole = field.classify(points), field.confirmed(points), field.confidence(points)
+    monkeypatch.setattr(fusion, "CHUNK", 128)
+    monkeypatch.setattr(opacity, "CHUNK", 128)
+    parts = field.classify(points, shares.append), field.confirmed(points), field.confidence(points)
+    assert len(np.unique(whole[0])) > 1 and np.array_equal(whole[0], parts[0]) and np.array_equal(whole[1], parts[1])
+    assert all(np.array_equal(whole[2][name], parts[2][name]) for name in whole[2])
+    assert shares == sorted(shares) and shares[0] >= 0 and 0.9 < shares[-1] <= 1
+
+
+def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
+    import weakref
+
+    from mgf_engine.mesh import fusion
+
+    alive: list[weakref.ref] = []
+    most = 0
+    original = fusion.render_surface
+
+    def render(*arguments):
+        nonlocal most
+        surface = original(*arguments)
+        alive.append(weakref.ref(surface))
+        most = max(most, sum(r() is not None for r in alive))
+        return surface
+
+    monkeypatch.setattr(fusion, "render_surface", render)
+    views = ring(12)
+    scene, masks = scene_of(views, ball())
+    grey = np.zeros((views[0].height, views[0].width), np.float32)
+    photos = fusion.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 11)] for n in range(12)])
+    from mgf_engine.mesh.opacity import judging_masks
+
+    field = fusion.FusedField(sphere(100), views, judging_masks(scene, masks, range(12), 1), photos)
+    assert len(field.maps) == len(alive) == 12 and most <= 4
