@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mgf_engine.bench.prompts import inside_points, spread_photos
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import BACKGROUND, BUILDING
+from mgf_engine.scene.colmap import find_model
 
 Entry = dict[str, list[list[float]]]
 Clicks = dict[str, Entry]
@@ -39,9 +40,10 @@ def make_clicks(folder: Path, variant: str, path: Path) -> None:
 
 
 def read_truth(folder: Path) -> Truth:
-    """Names, poses and true masks of the photos of a synthetic scene that structure from motion placed."""
+    """Names, poses and true masks of the photos in the model that the engine takes of a synthetic scene."""
     model = pycolmap.Reconstruction(folder / "sparse_truth")
-    placed = {str(i.name) for i in pycolmap.Reconstruction(folder / "sparse/0").images.values()}
+    loaded = find_model(folder) or folder / "sparse/0"
+    placed = {str(i.name) for i in pycolmap.Reconstruction(loaded).images.values()}
     images = sorted((i for i in model.images.values() if str(i.name) in placed), key=lambda i: str(i.name))
     poses = [[*i.projection_center(), *i.cam_from_world().rotation.matrix()[2]] for i in images]
     masks = []

@@ -23,7 +23,7 @@ from scipy.sparse.linalg import cg
 from scipy.spatial import cKDTree
 
 from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
-from mgf_engine.masks.extent import Extent, Place, Sight
+from mgf_engine.masks.extent import Extent, Place, Sight, over_building
 from mgf_engine.masks.ground import Ground, find_ground
 from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.prompts import Prompts
@@ -42,7 +42,7 @@ POINT_EVIDENCE_WEIGHT = 2.0  # and at a point, which has as many ties as photos 
 # Evidence, as natural logarithms of odds.
 LOOKS_LIMIT = 3.0  # colour, texture and shape say at most this much
 PLANT_ODDS = -2.0  # leaves and grass
-CORE_ODDS = 1.5  # the ray meets the building
+CORE_ODDS = 2.2  # the ray meets the building
 RIM_ODDS = 0.4  # or the rim around its outermost points
 FAR_ODDS = -2.0  # per spacing of the points away from it, beyond FAR_FROM
 FAR_FROM, FAR_LIMIT = 1.2, 5.0
@@ -55,6 +55,8 @@ OTHER_GAP = 4.0  # spacings between the building and something else
 OTHER_BELOW = 0.2  # belief below which a point is something else's
 GROUND_ODDS = -4.0  # the ground's own points
 WITHIN_ODDS = 2.5  # points seen where the building is, and not in front of it
+OVER_ODDS = 4.0  # points that stand on the building
+OVER_TIES = 0.5  # their evidence weighs this much per photo that saw them: the regions around a spire are mostly sky
 #: What the geometry already calls ground teaches little about looks: walls may be of the same stone.
 EXPLAINED = 0.2
 NEAR_CLICK = 0.06  # share of the photo's width within which the nearest point tells what a click is on
@@ -98,26 +100,28 @@ class SceneGraph:
         sky = self._unclicked_sky(prompts)
         # Where nobody said what is not the building, the sky says it first.
         silent = not any(len(c.negative) for c in prompts.values())
+        weight = self.evidence_weight
         belief, trust = self._first_guess(pull + CLICK_WEIGHT * (sky & silent), target)
         looks, teach = np.zeros(len(belief)), trust
         for round_ in range(rounds):
             looks = self._looks(belief, teach, seed)
             odds = looks + PLANT_ODDS * self.plants + SKY_ODDS * sky
             if round_ > 0:
-                place, grounded = self._place(belief, prompts, seed)
+                place, grounded, over = self._place(belief, prompts, seed)
                 odds += place
+                weight = np.where(over, np.maximum(self.evidence_weight, OVER_TIES * self.degree), self.evidence_weight)
                 teach = np.where(grounded, EXPLAINED, 1.0)
             else:
                 teach = np.ones(len(belief))
             wanted = 1.0 / (1.0 + np.exp(-odds))
-            strength = self.evidence_weight * np.abs(2 * wanted - 1) + 1e-4
+            strength = weight * np.abs(2 * wanted - 1) + 1e-4
             belief = self._flow(pull + strength, pull * target + strength * wanted, belief)
         return self._split(belief, looks)
 
-    def _place(self, belief: Array, prompts: Prompts, seed: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Log-odds of what the geometry says, [N]: ground, reach and cover of the points; and what is ground, [N]."""
+    def _place(self, belief: Array, prompts: Prompts, seed: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Log-odds of what the geometry says, [N], what is ground, [N], and which points stand on the building, [N]."""
         points = belief[self.region_count :]
-        odds, ground = np.zeros(len(belief)), np.zeros(len(belief), bool)
+        odds, ground, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
         self.ground = find_ground(self.scene, self.shape, 1 - points, seed)
         if self.ground is not None:
             grounded = self.ground.holds(self.scene, self.shape)
@@ -133,8 +137,11 @@ class SceneGraph:
         odds[self.region_count :] += APART_ODDS * apart
         keep &= ~apart
         if keep.sum() < 10:
-            return odds, ground
-        away = (points < OTHER_BELOW) & ~ground[self.region_count :]
+            return odds, ground, over
+        over[self.region_count :] = over_building(self.scene.points, keep, self.shape)
+        odds += OVER_ODDS * over
+        keep |= over[self.region_count :] & (points > OTHER_BELOW)
+        away = (points < OTHER_BELOW) & ~ground[self.region_count :] & ~over[self.region_count :]
         others = apart | (away & self._far_from(keep))
         extent = Extent(self.scene, self.shape, keep, self.ground, self.sight, others)
         within = np.zeros(self.point_count)
@@ -145,7 +152,7 @@ class SceneGraph:
             np.add.at(within, self.sight.owner[self.scene.track_view == index], extent.within(index, place))
         share = within / np.maximum(np.diff(self.scene.track_start), 1)
         odds[self.region_count :] += WITHIN_ODDS * share * ~ground[self.region_count :]
-        return odds, ground
+        return odds, ground, over
 
     def _sky(self) -> NDArray[np.int64]:
         """Piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""

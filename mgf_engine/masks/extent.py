@@ -33,6 +33,9 @@ CORE = 1.5  # spacings of the points
 SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
 STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
 EXPECTED = 8.0  # points that should be seen within the window in which they are counted
+PLAN_SIDE = 64  # cells along the longer side of the building's ground plan
+PLAN_CLOSE = 0.12  # of that side; gaps up to twice this between its points belong to the plan
+OVER_SHARE = 0.7  # of the building's height around, from which a point above its plan stands on it
 HIDDEN_BLUR = (5.0, 14.0)  # px on the map, smallest and largest window (standard deviation)
 
 
@@ -178,6 +181,36 @@ def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float
     with np.errstate(divide="ignore"):
         depth = np.where(slope < -1e-9, -above / np.minimum(slope, -1e-9), np.inf)
     return np.where(depth > 0, depth, np.inf)
+
+
+def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
+    """Points that stand on the building: above its ground plan and not low, as spires and chimneys do, [P].
+
+    Args:
+        points: [P, 3]; keep: [P], points of the building.
+    """
+    keep = keep & _supported(shape, keep)
+    if keep.sum() < 10:
+        return np.zeros(len(points), bool)
+    side = np.linalg.svd(shape.up[None])[2][1:]
+    plan, height = points @ side.T, points @ shape.up
+    low, high = plan[keep].min(0), plan[keep].max(0)
+    cell = max(float((high - low).max()) / PLAN_SIDE, 1e-9)
+    reach = round(PLAN_CLOSE * PLAN_SIDE)
+    size = np.ceil((high - low) / cell).astype(int) + 1 + 2 * reach
+    at = np.floor((plan - low) / cell).astype(np.int64) + reach
+    inside = ((at >= 0) & (at < size)).all(1)
+    at = np.clip(at, 0, size - 1)
+    top = np.full(size, -np.inf, np.float32)
+    np.maximum.at(top, tuple(at[keep].T), height[keep])
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    area = _fill_holes(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
+    floor = float(np.percentile(height[keep], 1))
+    tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), kernel)
+    tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells
+    x, y = at.T
+    return np.asarray(inside & area[x, y] & (height - floor > OVER_SHARE * tall[x, y]), bool)
 
 
 def _supported(shape: Shape, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:

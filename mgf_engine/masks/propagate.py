@@ -26,6 +26,7 @@ from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.regions import Regions, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.shape import measure_shape
+from mgf_engine.masks.sky import draw_skyline
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
@@ -195,9 +196,11 @@ class _Work:
             size = (view.width, view.height)
             core = cv2.resize(place.core.astype(np.uint8), size) > 0
             seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
-            labels = self.labels[index]
+            labels, sky = self.labels[index], self._sky(index)
+            drawn = draw_skyline(self.scene.photo(index), building(labels), sky)
+            labels[:] = drawn
             labels[self._strays(index, core, point_mask)] = BACKGROUND
-            labels[seen & (labels == BACKGROUND) & ~self._sky(index)] = UNKNOWN
+            labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask)
         return Propagation(masks, reasons, warnings, consistency(self.scene, masks, self.config.vote_dilation))

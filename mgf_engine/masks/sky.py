@@ -7,6 +7,7 @@ edge, and that no point of the scene was ever found in it.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
@@ -20,6 +21,14 @@ SMOOTH = 1.0  # log of the mean gradient, see :class:`Regions`
 #: A piece with more than this share of the points its size would have elsewhere is no sky.
 POINTS_SHARE = 0.03
 SMALLEST = 0.004  # share of the photo
+LARGE = 0.03  # share of the photo from which one wrong point does not speak against a piece
+#: A region of a clear sky is this near (CIELAB) to the sky's even change across the photo; in a cloudy one as near as
+#: the middle of the others times FIELD_SPREAD.
+FIELD_STEP, FIELD_SPREAD = 4.0, 5.0
+#: Skyline: how far from the regions that are sky it is looked for (share of the longer side), and the CIELAB steps from
+#: the sky between which it is drawn.
+SKYLINE_REACH = 0.016
+SKYLINE_STEPS = (4.0, 12.0)
 TOP_SHARE = 0.02  # of the photo's width that a piece must touch at the top
 
 
@@ -37,10 +46,77 @@ def find_sky(regions: Regions, observed: NDArray[np.int64]) -> NDArray[np.int64]
         size = np.bincount(piece, regions.area)
         found = np.bincount(piece, points)
         touching = np.bincount(piece, regions.top)
-        good = (size > SMALLEST) & (touching > TOP_SHARE) & (found <= POINTS_SHARE * size * max(len(observed), 1))
+        allowed = POINTS_SHARE * size * max(len(observed), 1) + (size > LARGE)
+        good = (size > SMALLEST) & (touching > TOP_SHARE) & (found <= allowed)
         new = good[piece] & (result == 0)
         result[new] = piece[new] + 1 + result.max()
+    result[~_even(regions, result)] = 0
     return _with_rim(regions, result, points)
+
+
+def draw_skyline(photo: NDArray[np.uint8], mask: NDArray[np.bool_], sky: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The mask with its edge against the sky drawn pixel by pixel: regions are coarser than roof edges and chimneys.
+
+    Args:
+        photo: RGB uint8 [H, W, 3]; mask: [H, W]; sky: [H, W], the regions that are sky.
+    """
+    reach = max(3, round(SKYLINE_REACH * max(mask.shape)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    sure = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1)
+    if not sure.any():
+        return mask
+    lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+    above, known = _spread(lab, sure.astype(np.float32), 2.0 * reach)
+    below, body = _spread(lab, cv2.erode(mask.astype(np.uint8), disc, borderValue=1).astype(np.float32), 2.0 * reach)
+    contrast = np.linalg.norm(above - below, axis=2)
+    step = np.where(body > 0, np.clip(0.4 * contrast, *SKYLINE_STEPS), SKYLINE_STEPS[0])
+    like = np.linalg.norm(lab - above, axis=2) < step
+    near = (cv2.dilate(sky.astype(np.uint8), disc) > 0) & (known > 0)
+    clear = near & like & _joined(like & (near | (sure > 0)), sure > 0)
+    # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
+    clear &= (contrast > 2 * SKYLINE_STEPS[0]) | (body <= 0)
+    beside = cv2.dilate(mask.astype(np.uint8), disc) > 0
+    gap = near & ~like & beside & ~mask & _joined(mask | (near & ~like & beside), mask)
+    return (mask & ~clear) | gap
+
+
+def _spread(
+    lab: NDArray[np.float32], weight: NDArray[np.float32], sigma: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Mean colour [H, W, 3] of the weighted pixels around each pixel, and whether there are any (> 0), [H, W]."""
+    total = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)
+    mean = np.asarray(cv2.GaussianBlur(lab * weight[..., None], (0, 0), sigma), np.float32)
+    mean /= np.maximum(total, np.float32(1e-6))[..., None]
+    return mean, np.asarray(np.where(total > 1e-3, total, 0), np.float32)
+
+
+def _joined(mask: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The pieces of a mask that hold a seed."""
+    count, pieces = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
+    held = np.zeros(count, bool)
+    held[pieces[seeds & mask]] = True
+    held[0] = False
+    return np.asarray(held[pieces], bool)
+
+
+def _even(regions: Regions, sky: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Regions whose colour is what the sky around would have there; a pale roof is not, though no edge parts it."""
+    result = np.ones(len(sky), bool)
+    centres = regions.centres / np.maximum(regions.centres.max(0), 1e-6)
+    x, y = centres.T
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], 1).astype(np.float64)
+    for piece in np.unique(sky[sky > 0]):
+        rows = np.flatnonzero(sky == piece)
+        if len(rows) < 4 * basis.shape[1]:
+            continue
+        colour, weight = regions.features[rows, :3].astype(np.float64), regions.area[rows].astype(np.float64)
+        for _ in range(4):
+            fit = np.linalg.lstsq(basis[rows] * weight[:, None], colour * weight[:, None], rcond=None)[0]
+            away = np.linalg.norm(colour - basis[rows] @ fit, axis=1)
+            scale = max(float(np.median(away)), 0.5)
+            weight = regions.area[rows] / (1 + (away / (2 * scale)) ** 2)
+        result[rows] = away < max(FIELD_STEP, FIELD_SPREAD * scale)
+    return result
 
 
 def _with_rim(regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64]) -> NDArray[np.int64]:

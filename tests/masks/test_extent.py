@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine.masks.extent import Extent, Sight, ground_depth, map_size
+from mgf_engine.masks.extent import Extent, Sight, ground_depth, map_size, over_building
 from mgf_engine.masks.ground import find_ground
 from mgf_engine.masks.shape import clicked_groups, measure_shape, up_direction
 from mgf_engine.scene.model import Scene, Similarity, View
@@ -90,6 +90,33 @@ def test_ground_first(scene: Scene, extent: Extent):
     place, view = extent.place(1), scene.views[1]
     assert at(place.ground_first, view, [0, -1.5, 0]) and at(place.ground_first, view, [2.5, -1, 0])
     assert not at(place.ground_first, view, [0, 0, 0.4]) and not at(place.ground_first, view, [2.5, 0, 2.5])
+
+
+def test_within_is_what_is_seen_on_the_wall_or_through_it(scene: Scene, extent: Extent):
+    within = extent.within(1, extent.place(1))
+    owner = extent.sight.owner[scene.track_view == 1]
+    assert within[owner < WALL].mean() > 0.95
+    before = (owner >= WALL) & (scene.points[owner, 1] < -0.5)
+    assert before.sum() > 50 and not within[before].any()
+
+
+def test_a_spire_stands_on_the_building_and_a_tree_beside_it_does_not():
+    rng = np.random.default_rng(1)
+    side, along, height = rng.integers(0, 4, 2000), rng.uniform(-2, 2, 2000), rng.uniform(0, 3, 2000)
+    edge = np.where(side % 2, 2.0, -2.0)
+    walls = np.stack([np.where(side < 2, along, edge), np.where(side < 2, edge, along), height], 1)
+    spire = np.stack([rng.normal(0, 0.1, 40), rng.normal(0, 0.1, 40), rng.uniform(3.2, 5, 40)], 1)
+    tree = spire + np.array([5.0, 0, -1])
+    yard = np.stack([rng.uniform(-1, 1, 40), rng.uniform(-1, 1, 40), rng.uniform(0, 1, 40)], 1)
+    points = np.concatenate([walls, spire, tree, yard])
+    blank = Scene(
+        (camera(0),), points, np.zeros((len(points), 3), np.uint8), np.zeros(len(points), np.float32),
+        np.zeros(len(points) + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32),
+        Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), Path("."),
+    )  # fmt: skip
+    over = over_building(points, np.arange(len(points)) < 2000, measure_shape(blank))
+    assert over[2000:2040].all() and not over[2040:2080].any() and not over[2080:].any()
+    assert not over_building(points, np.zeros(len(points), bool), measure_shape(blank)).any()
 
 
 def test_hidden_where_expected_points_are_missing(scene: Scene, extent: Extent):

@@ -4,7 +4,7 @@
 import numpy as np
 
 from mgf_engine.masks.regions import cut_regions
-from mgf_engine.masks.sky import find_sky
+from mgf_engine.masks.sky import draw_skyline, find_sky
 
 
 def photo() -> np.ndarray:
@@ -30,3 +30,34 @@ def test_what_holds_points_is_no_sky():
     rng = np.random.default_rng(1)
     everywhere = np.stack([rng.uniform(0, 300, 400), rng.uniform(0, 90, 400)], 1)
     assert not find_sky(regions, regions.at(everywhere))[regions.at(np.array([[150.0, 40]]))].any()
+
+
+def test_a_pale_roof_is_no_sky_though_no_edge_parts_them():
+    picture = np.full((200, 300, 3), (200, 220, 240), np.uint8)
+    picture[60:150, 100:200] = (205, 228, 222)
+    picture[150:] = np.random.default_rng(0).integers(40, 90, (50, 300, 3))
+    regions = cut_regions(picture)
+    sky = find_sky(regions, regions.at(np.array([[20.0, 180]] * 30)))
+    assert sky[regions.at(np.array([[50.0, 100], [250, 20]]))].all()
+    assert not sky[regions.at(np.array([[150.0, 110]]))].any()
+
+
+def test_the_skyline_is_drawn_to_the_pixel():
+    picture = np.full((200, 300, 3), 235, np.uint8)
+    picture[80:, 60:240] = (120, 70, 50)
+    picture[60:80, 100:108] = (120, 70, 50)  # a chimney
+    truth = (picture == 50).any(2)
+    coarse = np.zeros((200, 300), bool)
+    coarse[77:, 57:243] = coarse[64:, 97:105] = True
+    coarse[:77, 57:97] = coarse[:77, 105:] = False
+    sky = np.zeros((200, 300), bool)
+    sky[:75] = sky[:, :55] = sky[:, 245:] = True
+    sky[56:80, 92:116] = False
+    drawn = draw_skyline(picture, coarse, sky)
+    assert (drawn != truth).sum() < 0.15 * (coarse != truth).sum()
+
+
+def test_no_skyline_without_sky():
+    mask = np.zeros((200, 300), bool)
+    mask[90:, 60:240] = True
+    assert (draw_skyline(photo(), mask, np.zeros((200, 300), bool)) == mask).all()
