@@ -29,12 +29,14 @@ class PhotoScore:
         iou: of the building, 0..1, where the truth is not an occluder; NaN where neither shows any building.
         edge: mean signed distance of the outline from the true one in pixels, positive where it is too wide;
             NaN without an outline near the true one.
+        occluded: pixels called building where the truth is something in front of it, as a share of the building.
         element_boundaries: F1 of the boundaries inside the building at 2 px, 0..1; NaN without true elements.
         element_overlap: mean over the true elements of the IoU with the best own one, 0..1; NaN without any.
     """
 
     iou: float
     edge: float
+    occluded: float
     element_boundaries: float
     element_overlap: float
 
@@ -45,9 +47,9 @@ def score_photo(labels: Labels, truth: Labels, elements: Labels) -> PhotoScore:
     mine, true = building(labels) & valid, building(truth) & valid
     union = int((mine | true).sum())
     iou = float((mine & true).sum()) / union if union else float("nan")
-    return PhotoScore(
-        iou, edge_bias(mine, true, valid), _element_boundaries(labels, elements), _element_overlap(labels, elements)
-    )
+    occluded = float((building(labels) & ~valid).sum()) / max(1, int(true.sum()))
+    inner = _element_boundaries(labels, elements), _element_overlap(labels, elements)
+    return PhotoScore(iou, edge_bias(mine, true, valid), occluded, *inner)
 
 
 def edge_bias(mine: NDArray[np.bool_], true: NDArray[np.bool_], valid: NDArray[np.bool_]) -> float:

@@ -150,6 +150,7 @@ def summary(scene: Scene, scores: list[PhotoScore], used: NDArray[np.bool_], cli
         "silently_bad": int((np.isfinite(iou) & used & (iou < BAD)).sum()),
         "flagged": int((~used).sum()),
         "edge": _mean([s.edge for s in scores]),
+        "occluded": _percent(np.array([s.occluded for s in scores])),
         "element_boundaries": _percent(np.array([s.element_boundaries for s in scores])),
         "element_overlap": _percent(np.array([s.element_overlap for s in scores])),
         "iou": {v.name: round(100 * float(x), 1) for v, x in zip(scene.views, iou, strict=True) if np.isfinite(x)},
@@ -169,7 +170,7 @@ def _mean(values: list[float]) -> float | None:
 _COLUMNS = (
     ("scene", "scene", 14), ("variant", "clicks", 26), ("clicked", "photos", 6), ("roots", "roots", 6),
     ("children", "child", 6), ("worst", "worst", 6), ("silently_bad", "silent", 6), ("flagged", "flags", 5),
-    ("edge", "edge", 6), ("consistency", "consist", 7), ("element_boundaries", "el.bd", 6),
+    ("edge", "edge", 6), ("occluded", "occl", 5), ("consistency", "consist", 7), ("element_boundaries", "el.bd", 6),
     ("element_overlap", "el.iou", 6), ("seconds_per_photo", "s/photo", 7),
 )  # fmt: skip
 

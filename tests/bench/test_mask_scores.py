@@ -35,5 +35,7 @@ def test_occluders_do_not_count_and_missing_buildings_do():
     half = truth.copy()
     half[20:40] = 0
     assert score_photo(half, hidden, hidden).iou == 1.0
+    assert score_photo(half, hidden, hidden).occluded == 0
+    assert score_photo(truth, hidden, hidden).occluded == pytest.approx(1.0)  # as large as what is seen
     assert score_photo(half, truth, truth).iou == pytest.approx(0.5)
     assert np.isnan(score_photo(box(0, 0), box(0, 0), box(0, 0)).iou)
