@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-RADIUS = 3
+RADIUS = 2
 
 
 def match_depths(

@@ -8,7 +8,7 @@
 
 #include "export.h"
 
-enum { PIECE = 64, RADIUS = 3, SIDE = 2 * RADIUS + 1, SAMPLES = SIDE * SIDE, PADDED = 64, MOST_STEPS = 33 };
+enum { PIECE = 64, RADIUS = 2, SIDE = 2 * RADIUS + 1, SAMPLES = SIDE * SIDE, PADDED = 32, MOST_STEPS = 33 };
 
 // A photo with its rendered surface; grey [height][width] in 0..1, depth [height][width], 0 where unknown.
 typedef struct {
