@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import pkgutil
 import re
+from pathlib import Path
 
 import bpy
 import pytest
@@ -84,18 +86,51 @@ def interface_texts() -> list[tuple[str, str, str]]:
     return texts
 
 
+def title_case(text: str) -> bool:
+    """Whether every word but the small ones begins in upper case."""
+    words = re.split(r"[\s/]+", text)
+    for i, word in enumerate(words):
+        first = next((c for c in word if c.isalpha()), "")
+        small = word.lower() in SMALL and 0 < i < len(words) - 1
+        if first and (first.isupper() if small else not first.isupper()):
+            return False
+    return True
+
+
+def written_texts() -> list[tuple[str, str, str]]:
+    """(where, call, text) of the texts that panels give to buttons, labels and greyed-out buttons."""
+    found = []
+    for path in sorted(Path(mgf_blender.__path__[0]).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+                continue
+            given = [k.value for k in node.keywords if k.arg == "text"]
+            given += node.args[:1] if node.func.attr == "poll_message_set" else []
+            for value in given:
+                if isinstance(value, ast.Constant) and value.value:
+                    found.append((f"{path.name}:{node.lineno}", node.func.attr, value.value))
+    return found
+
+
+def test_buttons_are_titles_and_labels_sentences():
+    """Buttons and options: Title Case. Labels and reasons: a sentence's case, without the final full stop."""
+    texts = written_texts()
+    assert {call for _, call, _ in texts} >= {"operator", "label", "poll_message_set", "prop"}
+    for where, call, text in texts:
+        if call in {"operator", "prop"}:
+            assert title_case(re.sub(r"\(.*\)", "", text).strip()), (where, text)
+        else:
+            assert text[0].isupper() and not text.endswith("."), (where, text)
+
+
 def test_strings_keep_the_interface_rules(addon):
     texts = interface_texts()
     assert len(texts) > 150
     wrong = []
     for where, kind, text in texts:
         if kind == "label":
-            words = re.split(r"[\s/]+", text)
-            for i, word in enumerate(words):
-                first = next((c for c in word if c.isalpha()), "")
-                small = word.lower() in SMALL and 0 < i < len(words) - 1
-                if first and (first.isupper() if small else not first.isupper()):
-                    wrong.append((where, kind, text))
+            if not title_case(text):
+                wrong.append((where, kind, text))
         elif not text or text.endswith(".") or not (text[0].isupper() or text[0].isdigit() or text.startswith("w_")):
             wrong.append((where, kind, text))
     assert not wrong

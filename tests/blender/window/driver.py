@@ -12,6 +12,14 @@ from pathlib import Path
 WIDTH, HEIGHT = 1400, 900
 
 
+def holds(test, state: dict) -> bool:
+    """Whether ``test(state)`` is true; a state that lacks what it asks for is not."""
+    try:
+        return bool(state and test(state))
+    except (KeyError, IndexError, TypeError):
+        return False
+
+
 class Window:
     """A Blender as it comes, with settings of its own.
 
@@ -35,10 +43,30 @@ class Window:
         os.close(write)
         with os.fdopen(read) as stream:
             self.environment["DISPLAY"] = ":" + stream.readline().strip()
+        self.program = blender
+        self.start()
+
+    def start(self, blend: Path | None = None) -> None:
+        """Start Blender, with a file when one is given, and wait for its window."""
+        (self.out / "state.json").unlink(missing_ok=True)
         helper = Path(__file__).with_name("helper.py")
-        with (out / "blender.log").open("w") as log:
-            command = [blender, "-p", "0", "0", str(WIDTH), str(HEIGHT), "--python", str(helper)]
-            self.blender = subprocess.Popen(command, env=self.environment, stdout=log, stderr=subprocess.STDOUT)
+        command = [self.program, "-p", "0", "0", str(WIDTH), str(HEIGHT)]
+        command += [str(blend)] if blend is not None else []
+        with (self.out / "blender.log").open("a") as log:
+            self.blender = subprocess.Popen(
+                [*command, "--python", str(helper)], env=self.environment, stdout=log, stderr=subprocess.STDOUT
+            )
+        self.wait("the window", lambda s: s["size"][0] > 100, 300)
+
+    def quit(self) -> None:
+        """Ctrl Q over the main editor, as users leave; waits for the end."""
+        self.move(400, 500)
+        self._x("key", "ctrl+q")
+        try:
+            self.blender.wait(60)
+        except subprocess.TimeoutExpired as error:
+            self.shot("timeout")
+            raise RuntimeError("Blender did not quit.") from error
 
     def state(self) -> dict:
         """What the helper last said."""
@@ -56,11 +84,8 @@ class Window:
                     f"Blender ended while waiting for {what}: {(self.out / 'blender.log').read_text()[-2000:]}"
                 )
             state = self.state()
-            try:
-                if state and test(state):
-                    return state
-            except (KeyError, IndexError, TypeError):
-                pass
+            if holds(test, state):
+                return state
             time.sleep(0.2)
         self.shot("timeout")
         raise RuntimeError(f"waited in vain for {what}: {json.dumps(self.state())[:3000]}")
@@ -72,7 +97,26 @@ class Window:
         end = time.monotonic() + 60
         while (self.out / "cmd").exists() and time.monotonic() < end:
             time.sleep(0.1)
-        time.sleep(1.2)
+        self.settle(3)
+
+    def settle(self, ticks: int = 2) -> None:
+        """Wait until Blender has gone through its event loop a few times, however busy the machine is."""
+        begun, end = self.state().get("tick", 0), time.monotonic() + 60
+        while self.state().get("tick", 0) < begun + ticks and time.monotonic() < end and self.blender.poll() is None:
+            time.sleep(0.05)
+
+    def press(self, place: tuple[float, float], what: str, test, seconds: float = 15) -> dict:
+        """Click until ``test(state)`` holds, three times at most, as a user does whose click was not taken."""
+        for _ in range(2):
+            self.click(*place)
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                state = self.state()
+                if holds(test, state):
+                    return state
+                time.sleep(0.2)
+        self.click(*place)
+        return self.wait(what, test, 2 * seconds)
 
     def _x(self, *arguments: object) -> None:
         subprocess.run(["xdotool", *map(str, arguments)], env=self.environment, check=True)
@@ -82,7 +126,8 @@ class Window:
         self._x("mousemove", round(x) - 3, round(y))
         time.sleep(0.3)
         self._x("mousemove", round(x), round(y))
-        time.sleep(0.5)
+        time.sleep(0.2)
+        self.settle(1)
 
     def click(self, x: float, y: float, button: int = 1, hold: str = "") -> None:
         """A real click, with a modifier key held when ``hold`` names one."""
@@ -96,7 +141,7 @@ class Window:
         time.sleep(0.2)
         if hold:
             self._x("keyup", hold)
-        time.sleep(0.6)
+        self.settle()
 
     def drag(self, x0: float, y0: float, x1: float, y1: float) -> None:
         """Press, move in steps, release."""
@@ -109,6 +154,22 @@ class Window:
         self._x("mouseup", 1)
         time.sleep(0.6)
 
+    def drag_file(self, x0: float, y0: float, x1: float, y1: float, shot: str) -> None:
+        """Drag a file out of a File Browser by small steps, or Blender does not pick it up; shows what it says."""
+        self.move(x0, y0)
+        self._x("mousedown", 1)
+        time.sleep(0.4)
+        for i in range(1, 31):
+            self._x("mousemove", round(x0 - 4 * i), round(y0))
+            time.sleep(0.05)
+        for i in range(1, 21):
+            self._x("mousemove", round(x0 - 120 + (x1 - x0 + 120) * i / 20), round(y0 + (y1 - y0) * i / 20))
+            time.sleep(0.05)
+        time.sleep(0.5)
+        self.shot(shot)
+        self._x("mouseup", 1)
+        time.sleep(0.5)
+
     def type(self, text: str) -> None:
         """Type into the field that has the cursor, in place of what it holds."""
         self.key("ctrl+a")
@@ -117,7 +178,8 @@ class Window:
 
     def choose_file(self, path: str) -> None:
         """Type a path into the file browser and confirm; a folder ends in a slash."""
-        time.sleep(2.0)
+        self.wait("the file browser", lambda s: s["browser"], 30)
+        self.settle(4)
         for _ in range(2):
             self.click(0.47 * WIDTH, 49)
         self.type(path)
@@ -128,7 +190,7 @@ class Window:
     def key(self, *names: str) -> None:
         """Press keys, for example ``ctrl+z``."""
         self._x("key", *names)
-        time.sleep(0.8)
+        self.settle()
 
     def shot_if(self, name: str) -> None:
         """A screenshot that is taken once."""

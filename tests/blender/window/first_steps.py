@@ -23,8 +23,9 @@ def install_extension(window: Window, zip_file: Path) -> None:
     time.sleep(1.5)
     window.click(*_EXTENSIONS)
     window.click(*_MENU)
+    window.settle(4)
     window.shot("01-install-from-disk")
-    window.click(*_FROM_DISK)
+    window.press(_FROM_DISK, "the file browser", lambda s: s["browser"])
     window.choose_file(str(zip_file))
     window.wait("the add-on", lambda s: any(m.endswith(".mgf") for m in s["addons"]), 30)
     window.click(*_ADDONS)
@@ -56,7 +57,7 @@ def use_environment(window: Window, python: Path) -> None:
     for _ in range(2):
         window.click(*_PATH)
     window.type(str(python))
-    window.click(*_CHECK_EXISTING)
+    window.press(_CHECK_EXISTING, "a check", lambda s: s["task"])
     state = window.wait("the check", lambda s: s["task"] and s["task"][0] in ("DONE", "FAILED"), 60)
     _settled(window, state, "05-engine")
 

@@ -6,10 +6,13 @@ Commands come as files ``cmd`` (one word and an argument), the state goes to ``s
 
 import json
 import os
+import time
 from pathlib import Path
 
 import bpy
 
+PAUSE = 0.25  # seconds between two looks
+last, gaps = 0.0, []
 OUT = Path(os.environ["MGF_WINDOW_OUT"])
 bpy.context.preferences.view.show_splash = False
 bpy.context.preferences.view.use_save_prompt = False
@@ -18,9 +21,8 @@ bpy.context.preferences.view.use_save_prompt = False
 def main_area():
     """The large editor of the window."""
     areas = bpy.context.window_manager.windows[0].screen.areas
-    return max(
-        (a for a in areas if a.type in {"VIEW_3D", "IMAGE_EDITOR", "PREFERENCES"}), key=lambda a: a.width * a.height
-    )
+    known = [a for a in areas if a.type in {"VIEW_3D", "IMAGE_EDITOR", "PREFERENCES"}]
+    return max(known or list(areas), key=lambda a: a.width * a.height)  # a file browser may fill the screen
 
 
 def region(area, kind):
@@ -52,10 +54,16 @@ def obey(text):
             bpy.ops.object.select_all(action="DESELECT")
     elif word == "py":
         exec(argument, {"bpy": bpy, "area": area, "window": window})  # set-up only, see drive.py
-    elif word == "quit":
-        bpy.ops.wm.quit_blender()
+    elif word == "browse":
+        browser = next(a for a in window.screen.areas if a.type in {"PROPERTIES", "FILE_BROWSER"})
+        browser.type = "FILE_BROWSER"
+        if browser.spaces.active.params is None:
+            return False  # not drawn yet
+        browser.spaces.active.params.directory = argument.encode()
+        browser.spaces.active.show_region_toolbar = browser.spaces.active.show_region_ui = False
     for r in area.regions:
         r.tag_redraw()
+    return True
 
 
 def state():
@@ -68,8 +76,12 @@ def state():
         "windows": len(bpy.context.window_manager.windows),
     }
     found["regions"] = {r.type: [r.x, r.y, r.width, r.height] for r in area.regions}
+    found["tick"] = len(gaps)
+    found["tab"], found["browser"] = None, any(a.type == "FILE_BROWSER" for a in window.screen.areas)
+    found["longest_gap"] = max(gaps, default=0.0)
     found["addons"] = [a.module for a in bpy.context.preferences.addons]
-    found["tab"] = getattr(region(area, "UI"), "active_panel_category", None)
+    if area.type in {"VIEW_3D", "IMAGE_EDITOR"}:  # of other editors, asking can crash Blender
+        found["tab"] = getattr(region(area, "UI"), "active_panel_category", None)
     scene = window.scene
     mgf = getattr(scene, "mgf", None)
     if mgf is not None:
@@ -90,6 +102,15 @@ def state():
         if runner is not None:
             found["jobs"] = [[j.kind, j.status, j.stage, j.overall, j.text] for j in runner.jobs()]
             found["longest_tick"] = runner.longest_tick()
+            found["pids"] = [j.process.pid for j in runner.jobs() if j.process is not None]
+        arrival = next((m for n, m in sys.modules.items() if n.endswith(".mgf.results.arrival")), None)
+        if arrival is not None:
+            found["longest_step"] = arrival.longest_step()
+        found["painted"] = [
+            o.data.color_attributes.active_color.name
+            for o in bpy.data.objects
+            if o.get("mgf_kind") == "Mesh" and o.data.color_attributes.active_color is not None
+        ]
         preview = next((m for n, m in sys.modules.items() if n.endswith(".mgf.prompts.preview")), None)
         if preview is not None:
             found["previews"] = {p.photo: [p.status, p.text, p.seconds] for p in preview._latest.values()}
@@ -107,20 +128,23 @@ def state():
 
 
 def tick():
-    command = OUT / "cmd"
+    global last
+    command, now = OUT / "cmd", time.monotonic()
+    if last:
+        gaps.append(now - last - PAUSE)
+    last = now
     try:
-        if command.exists():
-            text = command.read_text()
+        if command.exists() and obey(command.read_text()):
             command.unlink()
-            obey(text)
         text = json.dumps(state())
     except Exception as error:
+        command.unlink(missing_ok=True)
         import traceback
 
         text = json.dumps({"error": f"{error}\n{traceback.format_exc()}"})
     (OUT / "state.tmp").write_text(text)
     (OUT / "state.tmp").replace(OUT / "state.json")
-    return 0.25
+    return PAUSE
 
 
 bpy.app.timers.register(tick, first_interval=0.5, persistent=True)

@@ -4,10 +4,11 @@
     python tests/blender/window/run.py --blender BLENDER --zip dist/mgf-….zip --scene FOLDER --out shots
         (--engine PYTHON | --wheels FOLDER)  [--pictures docs/pictures]
 
-Install from disk, set up the engine, import, crop box, click points, preview the mask, reconstruct, watch, look at the
-results. Needs Xvfb, xdotool and ImageMagick. Every press is a real X event; a helper inside Blender only says where
-things are and changes settings. Exits with 0 only when the add-on's own state shows each step; screenshots are left
-in --out, and those of the documentation go to --pictures.
+Install from disk, set up the engine, import, crop box, drop the model, click points, preview the mask, save and open
+with the tool active, reconstruct, leave Blender and resume, look at the results. Needs Xvfb, xdotool and ImageMagick.
+Every press is a real X event; a helper inside Blender only says where things are and changes settings. Exits with 0
+only when the add-on's own state shows each step; screenshots are left in --out, and those of the documentation go to
+--pictures.
 """
 
 from __future__ import annotations
@@ -25,9 +26,11 @@ from driver import Window
 from first_steps import install_engine, install_extension, use_environment
 
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
-IMPORT = 50
-CROP, MARK, RECONSTRUCT = 145, 380, 438
+IMPORT, CROP, MARK = 50, 71, 195
+RECONSTRUCT, RESUME, RESULTS = 453, 510, 519  # with a photo marked
+PAINT, SHOW = 203, 249  # in the Results panel, the other panels closed
 POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 320
+FIRST_FILE, FILE_ROW = (1177, 364), 20  # icons in a File Browser in place of the Properties editor
 SIDE = 0.915  # of the small button at the end of a row, as a share of the sidebar's width
 
 #: Screenshot -> part of it (width, height, x, y) and picture of the documentation.
@@ -38,6 +41,7 @@ PICTURES = {
     "31-training": ((1160, 815, 0, 0), "blender-training"),
     "32-mesh": ((1160, 815, 0, 0), "blender-mesh"),
     "33-error": ((1160, 815, 0, 0), "blender-error"),
+    "35-confidence": ((1160, 815, 0, 0), "blender-confidence"),
 }
 
 
@@ -58,7 +62,6 @@ def main() -> int:
         print(f"{time.monotonic() - begun:6.1f} s  {text}", flush=True)
 
     try:
-        window.wait("the window", lambda s: s["size"][0] > 100, 240)
         window.tell('py bpy.context.preferences.view.filebrowser_display_type = "SCREEN"')
         window.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
         say("window ready")
@@ -70,16 +73,22 @@ def main() -> int:
             use_environment(window, args.engine.absolute())
         say("engine ready")
         import_scene(window, scene)
-        say("scene imported, crop box made and undone")
+        say("scene imported, crop box made and undone, model dropped into the viewport")
         set_options(window, args.set)
-        click_points(window, prompts)
+        at = click_points(window, prompts)
         say("points clicked, moved, removed, undone")
         say(f"mask previewed {preview_mask(window):.1f} s after the engine was asked")
-        reconstruct(window)
+        reopen_with_tool(window, at, args.out / "building.blend")
+        say("file saved with the point tool active, opened again, clicked on")
+        quit_and_resume(window, args.out / "building.blend")
+        say("Blender left in the middle of the job, the engine ended; opened again, job resumed")
+        watch_to_the_end(window)
         say("mesh in the scene")
         look_at_results(window)
         say("results looked at")
-        print(f"longest tick of the timer: {1000 * window.state()['longest_tick']:.1f} ms")
+        state = window.state()
+        print(f"longest tick of the jobs' timer: {1000 * state['longest_tick']:.1f} ms")
+        print(f"longest step of bringing the mesh in: {1000 * state['longest_step']:.1f} ms")
     finally:
         window.close()
     if args.pictures is not None:
@@ -94,17 +103,33 @@ def import_scene(window: Window, scene: Path) -> None:
     time.sleep(2)
     window.tell("tab")
     window.shot("10-empty")
-    window.click(*window.button(IMPORT))
+    window.press(window.button(IMPORT), "the file browser", lambda s: s["browser"])
     window.choose_file(f"{scene}/")
-    window.wait("the cameras", lambda s: s["objects"]["Cameras"] > 0)
-    time.sleep(1)
+    window.wait("the cameras", lambda s: s["objects"]["Cameras"] > 0 and not s["browser"])
+    time.sleep(2)
+    window.settle(4)
     window.shot("11-imported")
-    window.click(*window.button(CROP))
-    window.wait("the crop box", lambda s: s["crop"] == 1)
+    window.press(window.button(CROP), "the crop box", lambda s: s["crop"] == 1)
+    time.sleep(2)
     window.shot("12-crop-box")
     window.move(400, 500)
     window.key("ctrl+z")
     window.wait("undo of the crop box", lambda s: s["crop"] == 0)
+    drop_model(window, scene)
+
+
+def drop_model(window: Window, scene: Path) -> None:
+    """A file of the model, dragged out of a File Browser into the viewport, replaces the import."""
+    model = next(p.parent for p in sorted(scene.rglob("images.bin")))
+    window.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
+    window.tell(f"browse {model}/")
+    time.sleep(1)
+    rows = sorted(p.name for p in model.glob("*.bin"))
+    x, y = FIRST_FILE
+    window.drag_file(x, y + FILE_ROW * rows.index("images.bin"), 400, 420, "13-drop")
+    window.wait("the cameras of the dropped model", lambda s: s["objects"]["Cameras"] > 0, 60)
+    window.tell("py next(a for a in window.screen.areas if a.type == 'FILE_BROWSER').type = 'PROPERTIES'")
+    time.sleep(1)
 
 
 def set_options(window: Window, options: list[str]) -> None:
@@ -115,9 +140,9 @@ def set_options(window: Window, options: list[str]) -> None:
         window.tell(f"py window.scene.mgf.options.{name} = {value}")
 
 
-def click_points(window: Window, prompts: dict) -> None:
-    """Mark Building, then the points of the prompts file on the first root photo that the file knows."""
-    window.click(*window.button(MARK, SIDE))
+def click_points(window: Window, prompts: dict) -> int:
+    """Mark Building, then the points of the prompts file on the first root photo that the file knows; its index."""
+    window.press(window.button(MARK), "the photos", lambda s: s["area"] == "IMAGE_EDITOR")
     window.wait("the photo", lambda s: s["area"] == "IMAGE_EDITOR" and s["tool"] == "mgf.point_tool" and s["image"])
     window.wait("our tab", lambda s: s["tab"] == "MGF")
     time.sleep(1)
@@ -126,7 +151,7 @@ def click_points(window: Window, prompts: dict) -> None:
     for step in range(1, at + 1):
         window.click(*window.button(NEXT_PHOTO, 0.75))
         window.wait("a photo", lambda s, step=step: s["photo_index"] == step and s["image"])
-    window.tell("fit")
+    time.sleep(1)
     window.shot("20-photo")
     photo = window.state()["photos"][at]
     width, height = photo["size"]
@@ -141,6 +166,7 @@ def click_points(window: Window, prompts: dict) -> None:
     worst = max(max(abs(c[0] - p[0]), abs(c[1] - p[1])) for c, p in pairs)
     assert worst <= 2 * pixel, f"a click landed {worst:.1f} photo pixels away"
     edit_points(window, at, positive[0], negative[0] if negative else [width * 0.5, height * 0.97], pixel)
+    return at
 
 
 def edit_points(window: Window, at: int, first: list[float], beside: list[float], pixel: float) -> None:
@@ -174,7 +200,7 @@ def clear_of_sidebar(window: Window, u: float, v: float) -> bool:
 
 def preview_mask(window: Window) -> float:
     """The button and the overlay; then the automatic one after a click. Returns the seconds of the first."""
-    window.click(*window.button(PREVIEW))
+    window.press(window.button(PREVIEW), "a preview", lambda s: s["previews"])
     state = window.wait("the preview", lambda s: any(p[0] != "RUNNING" for p in s["previews"].values()), 60)
     (first,) = state["previews"].values()
     assert first[0] == "DONE", first
@@ -192,34 +218,77 @@ def preview_mask(window: Window) -> float:
     return first[2]
 
 
-def reconstruct(window: Window) -> None:
-    """Back to the viewport, the button, progress, and the mesh."""
-    window.click(*window.button(POINTS, SIDE))
-    window.wait("the viewport", lambda s: s["area"] == "VIEW_3D" and s["tab"] == "MGF")
+def reopen_with_tool(window: Window, at: int, blend: Path) -> None:
+    """Save and open while the point tool is active; it is still active then, and clicking goes on."""
+    window.tell(f"py bpy.ops.wm.save_as_mainfile(filepath={str(blend)!r})")
+    before = window.state()["photos"][at]["clicks"]
+    window.quit()
+    window.start(blend)
+    state = window.wait(
+        "the photo", lambda s: s["area"] == "IMAGE_EDITOR" and s["tool"] == "mgf.point_tool" and s["image"]
+    )
+    assert state["photos"][at]["clicks"] == before, "clicks were lost"
+    window.tell("tab")
+    u, v = (before[0][i] / state["photos"][at]["size"][i] for i in (0, 1))
+    window.click(*window.image_point(u - 0.04, v))
+    window.wait("one more point", lambda s: len(s["photos"][at]["clicks"]) == len(before) + 1)
+    time.sleep(4)  # the automatic preview
+    window.shot("24-reopened")
+
+
+def quit_and_resume(window: Window, blend: Path) -> None:
+    """Start the job, save, leave Blender in the middle; the engine ends with it. Open again and press Resume."""
+    window.press(window.button(POINTS, SIDE), "the viewport", lambda s: s["area"] == "VIEW_3D")
+    window.wait("our tab", lambda s: s["tab"] == "MGF")
     time.sleep(1)
     window.shot("30-before")
-    window.click(*window.button(RECONSTRUCT))
-    window.wait("the job", lambda s: s["jobs"][-1][0] == "reconstruct", 20)
+    window.press(window.button(RECONSTRUCT), "the job", lambda s: s["jobs"])
     window.wait("training", lambda s: s["jobs"][-1][2] == "field" and s["jobs"][-1][3] > 0.15, 1800)
     time.sleep(4)
     window.shot("31-training")
+    window.move(400, 500)
+    window.key("ctrl+s")
+    time.sleep(1)
+    pid = window.state()["pids"][-1]
+    window.quit()
+    end = time.monotonic() + 60
+    while Path(f"/proc/{pid}").exists() and time.monotonic() < end:
+        time.sleep(0.2)
+    assert not Path(f"/proc/{pid}").exists(), "the engine outlived Blender"
+    window.start(blend)
+    window.wait("the viewport", lambda s: s["area"] == "VIEW_3D" and s["objects"]["Cameras"] > 0)
+    window.tell("tab")
+    window.move(400, 500)
+    time.sleep(2)
+    window.shot("34-interrupted")
+    window.press(window.button(RESUME), "the resumed job", lambda s: s.get("jobs"))
+
+
+def watch_to_the_end(window: Window) -> None:
+    """The job ends and the mesh arrives without holding the window."""
     window.wait("the end", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 3600)
     assert window.state()["jobs"][-1][1] == "DONE", window.state()["jobs"][-1]
-    window.wait("the mesh", lambda s: s["objects"]["Mesh"] == 1, 60)
+    window.wait("the mesh", lambda s: s["objects"]["Mesh"] == 1, 120)
     window.tell("frame Mesh")
     time.sleep(3)
     window.shot("32-mesh")
 
 
 def look_at_results(window: Window) -> None:
-    """The heat map of a held-out photo, seen through its camera."""
+    """Through a held-out camera: its render and the error map; the mesh painted by confidence; all by their buttons."""
+    x, y = window.button(RESULTS)
+    window.click(x - 60, y, hold="ctrl")  # opens this panel and closes the others
+    time.sleep(1)
+    window.press(window.button(PAINT, 0.5), "confidence", lambda s: s["painted"] == ["Confidence Colors"])
+    time.sleep(2)
+    window.shot("35-confidence")
+    window.press(window.button(PAINT, 0.17), "colours", lambda s: s["painted"] == ["Color"])
     window.tell(
         "py window.scene.camera = next(o.parent for o in bpy.data.objects if o.get('mgf_kind') == 'Renders');"
         "area.spaces.active.region_3d.view_perspective = 'CAMERA'"
     )
-    for kind in ("RENDER", "ERROR"):
-        window.tell(f"py bpy.ops.mgf.show_in_camera(kind='{kind}')")
-        window.wait(kind, lambda s, kind=kind: s["camera"] == kind)
+    for kind, across in (("RENDER", 0.38), ("ERROR", 0.62)):
+        window.press(window.button(SHOW, across), kind, lambda s, kind=kind: s["camera"] == kind)
         time.sleep(2)
         window.shot(f"33-{kind.lower()}")
 
