@@ -22,6 +22,7 @@ from mgf_engine.scene.model import Scene, View
 
 Points = NDArray[np.float64]
 _SHAPE = '{"photo": {"positive": [[u, v], ...], "negative": [[u, v], ...], "parts": {"window": [[u, v], ...]}}}'
+_LARGEST_FILE = 32 << 20  # bytes; a thousand clicks on each of a thousand photos take less
 #: How a photo's name is compared, strictest first.
 _NAME_KEYS: tuple[Callable[[str], str], ...] = (
     lambda n: n,
@@ -85,6 +86,8 @@ def read_clicks_of(path: Path, view: View) -> Clicks:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise BadInput(f"'{path}' has {path.stat().st_size >> 20} MB, too much for clicks; give the prompts file.")
         data = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_unique_keys)
     except OSError as error:
         raise BadInput(f"Cannot read the prompts file '{path}' ({error.strerror or error}).") from error

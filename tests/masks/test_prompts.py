@@ -92,3 +92,17 @@ def test_missing_and_binary_files(tmp_path: Path, scene: Scene):
     path.write_bytes(b"\xff\xfe\x00\x80\x81")
     with pytest.raises(BadInput, match="not valid JSON"):
         read_prompts(path, scene)
+
+
+def test_a_file_far_too_large_for_clicks_is_refused_unread(tmp_path: Path, scene: Scene):
+    path = tmp_path / "video.mp4"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)  # takes no room on disk
+    with pytest.raises(BadInput, match="1048576 MB"):
+        read_prompts(path, scene)
+
+
+def test_clicks_on_photos_that_were_left_out_are_passed_over(tmp_path: Path, scene: Scene):
+    scene = replace(scene, left_out=("north/IMG_1.JPG",))
+    data = {"north/IMG_1.JPG": {"positive": [[5, 5]]}, "Tür 2.jpg": {"positive": [[30, 10]]}}
+    assert set(read_prompts(write(tmp_path, data), scene)) == {2}
