@@ -45,18 +45,20 @@ class MGF_OT_import_result(Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         state = context.scene.mgf
         if self.directory or (state.job_folder and (job_folder(context.scene) / "deliver.json").is_file()):
-            arrival.begin(context.scene, self._folder(context.scene))
-            return {"CANCELLED"}  # nothing has changed yet; the arrival ends in execute, which is the undo step
+            return self.execute(context)
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def _folder(self, scene: bpy.types.Scene) -> Path:
         return Path(bpy.path.abspath(self.directory)) if self.directory else job_folder(scene)
 
-    def run(self, context: bpy.types.Context) -> None:
+    def run(self, context: bpy.types.Context) -> set[str] | None:
         scene = context.scene
         folder = self._folder(scene)
         there = arrival.ready(scene, folder)
+        if there is None and self.options.is_invoke and not bpy.app.background:
+            arrival.begin(scene, folder)
+            return {"CANCELLED"}  # nothing has changed yet; the arrival ends here again, which is the undo step
         content = arrival.content_of(there) if there is not None else None
         mesh = there.take_mesh() if there is not None else None
         result = import_result(scene, folder, Tree.find(scene), content, mesh)
@@ -64,6 +66,7 @@ class MGF_OT_import_result(Operator):
         scene.mgf.job_folder = scene.mgf.job_folder or str(folder)
         faces = len(result.mesh.data.polygons) if result.mesh is not None else 0
         self.report({"INFO"}, tr("Mesh of {faces} faces, {renders} renders", faces=faces, renders=result.renders))
+        return None
 
 
 class MGF_OT_import_field(_NeedsJob):
