@@ -21,7 +21,7 @@ from mgf_engine.raster.points import deviations
 MAX_SIGMA = 3.0
 MERGE = 1e-6  # of the points' bounding box: nearer points become one
 
-with contextlib.suppress(ImportError):
+with contextlib.suppress(ModuleNotFoundError):  # one that is there and cannot be loaded says why itself
     from igl.copyleft import tetgen
 
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # [8, 3]
