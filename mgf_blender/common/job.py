@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from .process import Process
-from .text import tr
+from .text import N_, tr
 
 EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
 QUEUED, RUNNING, CANCELLING, DONE, FAILED, CANCELLED = "QUEUED", "RUNNING", "CANCELLING", "DONE", "FAILED", "CANCELLED"
@@ -171,11 +171,14 @@ class Job:
             return tr("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
         error = next((e for e in reversed(self.last_errors) if e.strip()), "")
         if code < 0:
-            text = "The engine was ended by signal {code}; press Resume to continue from the last checkpoint."
+            text = N_("The engine was ended by signal {code}; press Resume to continue from the last checkpoint.")
         elif error:
-            text = "The engine ended with code {code} ({error}); press Resume to continue from the last checkpoint."
+            text = N_(
+                "The engine ended with code {code} without a word ({error}); "
+                "press Resume to continue from the last checkpoint."
+            )
         else:
-            text = (
+            text = N_(
                 "The engine ended with code {code} without a word; press Resume to continue from the last checkpoint."
             )
         return tr(text, code=abs(code), error=error.strip())

@@ -131,12 +131,12 @@ def explain(step: Step, lines: list[str]) -> str:
     if "No matching distribution" in output:
         name = output.rsplit("No matching distribution found for ", 1)[-1].split()[0]
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
-        text = "No build of {name} fits Python {version} on this system; use an existing environment instead."
+        text = N_("No build of {name} fits Python {version} on this system; use an existing environment instead.")
         return tr(text, name=name, version=version)
     if "ResolutionImpossible" in output:
         return tr("The packages do not fit together; fill the wheel folder with 'pip download -c constraints.txt'.")
     last = next((line for line in reversed(lines) if line.strip()), "no output")
-    text = "{step} failed ({reason}); open the log for the details."
+    text = N_("{step} failed ({reason}); open the log for the details.")
     return tr(text, step=tr(step.title), reason=last.strip()[:160])
 
 

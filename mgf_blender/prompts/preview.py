@@ -19,7 +19,7 @@ from ..common.addon import preferences
 from ..common.errors import UserError
 from ..common.process import Process
 from ..common.runner import redraw
-from ..common.text import tr
+from ..common.text import N_, tr
 from ..engine.environment import engine_command
 from ..properties import scene_key, scene_of
 from . import files
@@ -73,7 +73,7 @@ class Preview:
     def _reason(self, code: int) -> str:
         if "No module named" in self.text and "mgf_engine" in self.text:
             return tr("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
-        text = "The engine ended with code {code} without a word; press Check Engine in the preferences."
+        text = N_("The engine ended with code {code} without a word; press Check Engine in the preferences.")
         return self.text or tr(text, code=code)
 
 

@@ -178,6 +178,39 @@ class MGF_PointTool(bpy.types.WorkSpaceTool):
         layout.prop(context.scene.mgf, "part")
 
 
+def take_up_again() -> bool:
+    """Activate the tool anew where a loaded file has it active: Blender keeps its name but not its keys.
+
+    Returns:
+        False while a window has not been drawn yet.
+    """
+    for window in bpy.context.window_manager.windows:
+        tool = window.workspace.tools.from_space_image_mode("VIEW") if window.workspace is not None else None
+        if tool is None or tool.idname != TOOL_ID:
+            continue
+        for area in window.screen.areas:
+            if area.type != "IMAGE_EDITOR" or area.spaces.active.ui_mode != "VIEW":
+                continue
+            with bpy.context.temp_override(window=window, area=area, region=area.regions[-1]):
+                if not bpy.ops.wm.tool_set_by_id.poll():
+                    return False
+                bpy.ops.wm.tool_set_by_id(name=TOOL_ID, space_type="IMAGE_EDITOR")
+    return True
+
+
+@bpy.app.handlers.persistent
+def after_load(*_: object) -> None:
+    """Handler: the tool of a loaded file works as it did; in the window once that has been drawn."""
+    if bpy.app.background:
+        take_up_again()
+    elif not bpy.app.timers.is_registered(_once):
+        bpy.app.timers.register(_once, first_interval=0.3)
+
+
+def _once() -> float | None:
+    return None if take_up_again() else 0.3
+
+
 def _redraw(context: bpy.types.Context) -> None:
     if context.area is not None:
         context.area.tag_redraw()  # the sidebar too, or it keeps showing the old count
@@ -191,10 +224,16 @@ def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.utils.register_tool(MGF_PointTool, separator=True)
+    bpy.app.handlers.load_post.append(after_load)
+    if not bpy.app.background:
+        bpy.app.timers.register(_once, first_interval=0.5)  # Blender may have started with a file
 
 
 def unregister() -> None:
     """Take them away."""
+    bpy.app.handlers.load_post.remove(after_load)
+    if bpy.app.timers.is_registered(_once):
+        bpy.app.timers.unregister(_once)
     bpy.utils.unregister_tool(MGF_PointTool)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..common.text import tr
+from ..common.text import N_, tr
 from .cameras import CameraSpec, add_cameras, fit_render
 from .colmap import Model, Photo, read_model
 from .frame import make_frame
@@ -95,7 +95,7 @@ def _warnings(specs: list[CameraSpec]) -> list[str]:
     lines = []
     missing = sum(s.picture is None for s in specs)
     if missing:
-        text = "{missing} of {count} photos were not found; set the photo folder and import again"
+        text = N_("{missing} of {count} photos were not found; set the photo folder and import again")
         lines.append(tr(text, missing=missing, count=len(specs)))
     if any(s.distorted for s in specs):
         lines.append(tr("The photos have lens distortion, so they match the cameras only after a reconstruction"))

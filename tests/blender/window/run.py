@@ -230,8 +230,8 @@ def reopen_with_tool(window: Window, at: int, blend: Path) -> None:
     assert state["photos"][at]["clicks"] == before, "clicks were lost"
     window.tell("tab")
     u, v = (before[0][i] / state["photos"][at]["size"][i] for i in (0, 1))
-    window.click(*window.image_point(u - 0.04, v))
-    window.wait("one more point", lambda s: len(s["photos"][at]["clicks"]) == len(before) + 1)
+    one_more = lambda s: len(s["photos"][at]["clicks"]) == len(before) + 1  # noqa: E731
+    window.press(window.image_point(u - 0.06, v), "one more point", one_more)
     time.sleep(4)  # the automatic preview
     window.shot("24-reopened")
 
