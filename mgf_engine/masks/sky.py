@@ -75,7 +75,8 @@ def draw_skyline(photo: NDArray[np.uint8], mask: NDArray[np.bool_], sky: NDArray
     clear = near & like & _joined(like & (near | (sure > 0)), sure > 0)
     # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
     clear &= (contrast > 2 * SKYLINE_STEPS[0]) | (body <= 0)
-    beside = cv2.dilate(mask.astype(np.uint8), disc) > 0
+    # Half as far: at the horizon the land beside the building is near the sky, too.
+    beside = cv2.dilate(mask.astype(np.uint8), np.ones((reach | 1, reach | 1), np.uint8)) > 0
     gap = near & ~like & beside & ~mask & _joined(mask | (near & ~like & beside), mask)
     return (mask & ~clear) | gap
 

@@ -18,7 +18,7 @@ Map = NDArray[np.bool_]
 Points = NDArray[np.float64]
 
 MAX_COLUMN = 40  # samples between a point and the ground
-DISC = 1.2  # spacings; the surface is known this far around a point
+DISC = 0.9  # spacings; the surface is known this far around a point
 FLAT = 0.6  # flatness from which a point has a surface
 SPLAT = 0.8  # cells; radius of a sample
 _RINGS = ((0.5, 6), (1.0, 12))  # share of the disc's radius, samples
@@ -65,7 +65,7 @@ def make_surface(scene: Scene, shape: Shape, keep: Map, ground: Ground | None, d
     if not keep.any():
         return Surface(np.zeros((0, 3)), np.zeros(0), 1.0)
     usual = float(np.median(shape.spacing[keep]))
-    spacing = np.clip(shape.spacing, 0.5 * usual, 3 * usual)
+    spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
     cell = 0.5 * usual
     samples, owner = scene.points[keep], np.flatnonzero(keep)
     if discs:
