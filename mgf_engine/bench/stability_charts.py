@@ -48,8 +48,8 @@ def draw_sheet(entries: Sequence[dict[str, Any]], key: str, path: Path) -> None:
         _draw(axes, entry, key)
     for axes in list(grid.flat)[len(entries) :]:
         axes.set_visible(False)
-    for mode, color in COLORS.items():
-        grid.flat[0].plot([], [], color=color, label=mode)
+    for mode in (m for m in COLORS if any(m in entry["curves"] for entry in entries)):
+        grid.flat[0].plot([], [], color=COLORS[mode], label=mode)
     grid.flat[0].legend(fontsize=7, frameon=False, loc="lower left")
     figure.savefig(path, dpi=110)
     plt.close(figure)
@@ -97,7 +97,7 @@ def markdown(entries: Sequence[dict[str, Any]]) -> str:
 
 
 def _level(value: float | None) -> str:
-    return "never" if value is None else f"{value:.3g}"
+    return "not reached" if value is None else f"{value:.3g}"
 
 
 def _sign(outcome: str) -> str:
