@@ -163,14 +163,15 @@ def mean_mask_iou(job: Path, scene: Path) -> float | None:
 
 
 def _source(folder: Path, poses: str, job: Path) -> Path:
-    """The folder the run reads: the scene itself, or a view of it with the true cameras."""
-    if poses == "sfm":
-        return folder
-    view = job.with_name(job.name + "-true-poses")
+    """A view of the scene with the wanted cameras alone; the engine would take the model with the most photos."""
+    view = job.with_name(f"{job.name}-{poses}-poses")
     shutil.rmtree(view, ignore_errors=True)
     (view / "sparse").mkdir(parents=True)
-    (view / "images").symlink_to(folder / "images", target_is_directory=True)
-    (view / "sparse/0").symlink_to(folder / "sparse_truth", target_is_directory=True)
+    for entry in folder.iterdir():
+        if not entry.name.startswith("sparse"):
+            (view / entry.name).symlink_to(entry, target_is_directory=entry.is_dir())
+    model = folder / ("sparse/0" if poses == "sfm" else "sparse_truth")
+    (view / "sparse/0").symlink_to(model, target_is_directory=True)
     return view
 
 

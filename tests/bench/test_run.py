@@ -15,11 +15,12 @@ import trimesh
 
 from mgf_engine.bench.charts import summary_tables, write_page
 from mgf_engine.bench.flight import Ring, plan
-from mgf_engine.bench.measure import mean_mask_iou, prepare_scene
+from mgf_engine.bench.measure import _source, mean_mask_iou, prepare_scene
 from mgf_engine.bench.run import bench_main
 from mgf_engine.bench.suites import ABLATION, PEERS, SUITES, SWITCHES, suite_runs
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.scene.colmap import find_model
 
 
 @pytest.fixture
@@ -67,6 +68,17 @@ def test_runs_are_scenes_times_variants_times_seeds_with_distinct_keys() -> None
     assert runs[0].key() != runs[0].key("again")
     with pytest.raises(BadInput, match="No variant"):
         suite_runs("resolution", only=["9000"])
+
+
+@pytest.mark.parametrize(("poses", "photos"), [("sfm", 4), ("true", 6)])
+def test_runs_see_the_wanted_cameras_alone(scene: Path, tmp_path: Path, poses: str, photos: int) -> None:
+    found = pycolmap.Reconstruction(scene / "sparse_truth")
+    for number in (1, 2):  # structure from motion does not place every photo
+        found.deregister_frame(found.images[number].frame_id)
+    (scene / "sparse" / "0").mkdir(parents=True)
+    found.write(scene / "sparse" / "0")
+    model = find_model(_source(scene, poses, tmp_path / "job"))
+    assert model is not None and pycolmap.Reconstruction(model).num_reg_images() == photos
 
 
 def test_an_external_tool_is_run_scored_and_not_repeated(
