@@ -29,7 +29,10 @@ def job_folder(scene: bpy.types.Scene) -> Path:
     if not state.job_folder:
         if not state.source:
             raise UserError("There is nothing to reconstruct; import a COLMAP scene or photos first.")
-        name = Path(bpy.path.abspath(state.source)).name or "building"
+        place = Path(bpy.path.abspath(state.source))
+        while place.name in {"0", "1", "sparse", "colmap", "dense"} and place != place.parent:
+            place = place.parent  # the folder people call the scene by
+        name = place.name or "building"
         if bpy.data.filepath:
             state.job_folder = f"//{Path(bpy.data.filepath).stem}_jobs/{name}"
         else:
