@@ -3,7 +3,7 @@
 
 The kernel (``raster/kernels/collapse.c``) keeps every vertex of the full mesh as a sample and checks it against the
 reduced one, so the bound holds for every sample, and topology cannot change. How far off a vertex may be is
-measured in ground pixels: what one pixel of the nearest photo that sees it covers there.
+measured in ground pixels: what one pixel of the nearest photo covers there.
 """
 
 from __future__ import annotations
@@ -14,30 +14,35 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look
 from mgf_engine.raster.library import call
 from mgf_engine.scene.model import View
 
-BEHIND = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
+NEAREST = 8  # views among which one is sought that a vertex faces
 
 
 def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
-    """Size of the finest pixel that shows each vertex, in the mesh's units, float32 [N].
+    """Size of a pixel of the nearest view that each vertex faces, in the mesh's units, float32 [N].
 
-    Vertices that no view shows get the median of the others; where no vertex is seen, all get zero.
+    What may stand between is not looked at: such a pixel is at worst smaller than the ones that show the vertex.
+    Where none of the nearest views is faced, the very nearest counts; without views all get zero.
     """
-    finest = np.full(len(mesh.vertices), np.inf, np.float32)
-    for view in views:
-        surface = look(mesh, view).depth
-        uv, depth = view.project(mesh.vertices)
-        framed = np.flatnonzero((depth > 0) & (uv >= 0).all(1) & (uv < (view.width, view.height)).all(1))
-        x, y = uv[framed].astype(np.int64).T
-        seen = framed[depth[framed] <= surface[y, x] * (1 + BEHIND)]
-        finest[seen] = np.minimum(finest[seen], depth[seen] / min(view.fx, view.fy))
-    known = np.isfinite(finest)
-    finest[~known] = np.median(finest[known]) if known.any() else 0.0
-    return finest
+    if not views or not len(mesh.vertices):
+        return np.zeros(len(mesh.vertices), np.float32)
+    centres = np.array([view.centre for view in views])
+    pixels = np.array([1.0 / max(view.fx, view.fy) for view in views])
+    distance, nearest = cKDTree(centres).query(
+        mesh.vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1
+    )
+    normals = vertex_normals(mesh)
+    size = (distance[:, 0] * pixels[nearest[:, 0]]).astype(np.float32)
+    missing = np.ones(len(size), bool)
+    for k in range(nearest.shape[1]):
+        faced = missing & (((centres[nearest[:, k]] - mesh.vertices) * normals).sum(1) > 0)
+        size[faced] = distance[faced, k] * pixels[nearest[faced, k]]
+        missing &= ~faced
+    return size
 
 
 def reduce_faces(
