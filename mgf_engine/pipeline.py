@@ -134,6 +134,7 @@ def _run_field(job: Job, reporter: Reporter) -> Figures:
 
 def _run_mesh(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.field.checkpoint import read_field
+    from mgf_engine.mesh.clean import vertex_areas
     from mgf_engine.mesh.export import in_scene, write_ply
     from mgf_engine.mesh.extract import extract_mesh
     from mgf_engine.mesh.parts import FILE as PARTS_FILE
@@ -148,8 +149,10 @@ def _run_mesh(job: Job, reporter: Reporter) -> Figures:
         write_parts(list(named), face_parts(mesh, scene, masks, list(named.values())), job.path(PARTS_FILE))
     figures: Figures = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
     if "confidence" in mesh.values:
-        figures["confidence"] = round(float(mesh.values["confidence"].mean()), 3)
-        figures["unseen_share"] = round(float((mesh.values["views"] == 0).mean()), 4)
+        # By area: vertices are many where the surface is rough, and there it is least certain.
+        areas = vertex_areas(mesh)
+        figures["confidence"] = round(float(np.average(mesh.values["confidence"], weights=areas)), 3)
+        figures["unseen_share"] = round(float(np.average(mesh.values["views"] == 0, weights=areas)), 4)
         if figures["confidence"] < DOUBTFUL:
             reporter.warning(weak_surface(figures["confidence"], figures["unseen_share"]))
     return figures

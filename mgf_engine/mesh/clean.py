@@ -25,6 +25,12 @@ def face_areas(mesh: Mesh) -> NDArray[np.float64]:
     return areas
 
 
+def vertex_areas(mesh: Mesh) -> NDArray[np.float64]:
+    """A third of the area of the faces around each vertex, [N]."""
+    shares = np.repeat(face_areas(mesh) / 3, 3)
+    return np.asarray(np.bincount(mesh.faces.ravel(), shares, len(mesh.vertices)), np.float64)
+
+
 def with_faces(mesh: Mesh, faces: NDArray[np.int32]) -> Mesh:
     """The mesh of these faces, without vertices they do not use."""
     used, index = np.unique(faces, return_inverse=True)

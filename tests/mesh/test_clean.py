@@ -213,3 +213,10 @@ def test_empty_meshes_pass_through():
         clean.orient_outward(nothing, none, none), clean.split_nonmanifold(nothing), fill_holes(nothing, 1.0),
     ):  # fmt: skip
         assert len(result.faces) == 0
+
+
+def test_areas_of_vertices_add_up_and_follow_the_faces():
+    vertices = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [-1, 0, 0]], float)
+    mesh = Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros((4, 3), np.uint8))
+    areas = clean.vertex_areas(mesh)
+    assert areas.sum() == pytest.approx(10) and np.allclose(areas, [10 / 3, 8 / 3, 10 / 3, 2 / 3])
