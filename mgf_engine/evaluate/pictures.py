@@ -76,8 +76,7 @@ def turntable(mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:
     """Cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side."""
     up = upward(scene)
-    low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
-    centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    centre, radius = _ball(mesh)
     towards = np.mean([view.centre for view in scene.views], axis=0) - centre
     side = towards - up * (towards @ up)
     if np.linalg.norm(side) < 1e-3 * radius:  # photographed from all around: any side may come first
@@ -95,8 +94,7 @@ def circle_views(
         side: where the first camera stands, seen from the mesh; what is along ``up`` of it does not matter.
         size: width and height of the pictures.
     """
-    low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
-    centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    centre, radius = _ball(mesh)
     side = side - up * (side @ up)
     if np.linalg.norm(side) < 1e-9:
         side = np.cross(up, [0.3, 0.5, 0.8])
@@ -104,6 +102,12 @@ def circle_views(
     other = np.cross(up, side)
     angles = np.arange(count) * 2 * np.pi / count
     return [_looking_at(centre, side * np.cos(a) + other * np.sin(a), up, radius, size) for a in angles]
+
+
+def _ball(mesh: Mesh) -> tuple[NDArray[np.float64], float]:
+    """Centre [3] and radius of a ball around the mesh, without its outermost vertices."""
+    low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
+    return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
 
 
 def upward(scene: Scene) -> NDArray[np.float64]:
