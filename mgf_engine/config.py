@@ -95,6 +95,7 @@ class Config:
     screening: bool = option(True, "mesh", "Drop Gaussians that the root masks vote against, eq. 21-22 (ablation d)")
     surface: str = option("fused", "mesh", "Where the surface lies: 'fused' is the mean of all views' depths, 'opacity' the minimum over views, eq. 25", choices=("fused", "opacity"))
     match_photos: bool = option(True, "mesh", "Move the fused depths to where neighbouring photos look most alike (surface 'fused' only)")
+    refine_rounds: int = option(1, "mesh", "Times the finished mesh is moved to where the photos agree about it (with match_photos only)", low=0, high=10)
     opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26 (surface 'opacity' only)", low=0.01, high=0.99)
     level_steps: int = option(8, "mesh", "Bisection steps on each crossing edge", low=0, high=16)
     smoothing: int = option(4, "mesh", "Rounds of smoothing, each over the next vertices only; 0 keeps the raw surface", low=0, high=1000)
@@ -114,13 +115,14 @@ class Config:
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
-    "draft": {"iterations": 1000, "max_gaussians": 50_000, "resolution": 500, "sh_degree": 1},
+    "draft": {"iterations": 1000, "max_gaussians": 50_000, "resolution": 500, "sh_degree": 1, "refine_rounds": 0},
     "standard": {},
     "fine": {
         "iterations": 10_000,
         "max_gaussians": 400_000,
         "resolution": 1500,
         "sh_degree": 3,
+        "refine_rounds": 2,
     },
 }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -21,12 +21,13 @@ from mgf_engine.mesh import clean
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.mesh.face_votes import cut_background
-from mgf_engine.mesh.fusion import FusedField, Photos
+from mgf_engine.mesh.fusion import FusedField, Photos, fuse_gaussians
 from mgf_engine.mesh.holes import cap_rims, fill_holes
 from mgf_engine.mesh.isosurface import FREE, SOLID, bisect, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
 from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
+from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, delaunay, tetra_points
 from mgf_engine.messages import Reporter
@@ -37,12 +38,30 @@ from mgf_engine.scene.model import Scene, View
 log = logging.getLogger("mgf")
 
 #: Shares of the stage, for the progress bar.
-_RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED = 0.15, 0.25, 0.35, 0.7, 0.85
+_RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED, _REFINED, _COLORED = 0.15, 0.22, 0.3, 0.5, 0.6, 0.75, 0.8
 SURE_ERROR, SURE_TRACK = 1.0, 3  # sparse points with a smaller error (px) and as many photos calibrate the level
 MADE_UP = 0.005  # share of the area up to which a patch that no view shows may stay
 MATCHED_WITH = 4  # photos that each photo's depths are matched with
 BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry the surface to where it is cut
 SMALL_HOLE = 60  # ground pixels: holes with a shorter rim that no view looks through are closed
+
+
+@dataclass(frozen=True)
+class Judges:
+    """The photos whose masks are good enough to say what is solid.
+
+    Attributes:
+        indices: their numbers in the scene.
+        verdicts: per view uint8 [H, W], as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
+        labels: label map of each view.
+        photos: their brightness, and which are compared; None where depths are not to be matched.
+    """
+
+    indices: list[int]
+    views: list[View]
+    verdicts: list[NDArray[np.uint8]]
+    labels: list[NDArray[np.uint8]]
+    photos: Photos | None
 
 
 def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Config, reporter: Reporter) -> Mesh:
@@ -52,26 +71,31 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
         BadInput: nothing is left to mesh; the message says at which step.
         Cancelled: the user asked to stop.
     """
-    chosen = voting_views(scene, masks)
-    if not chosen:
-        raise BadInput("No photo has a usable mask, so no view can say what is solid; add clicks on the building.")
+    judges = find_judges(scene, masks, config)
     reporter.progress(0.0)
     kept = screen(gaussians, scene, masks, config)
-    views = [scene.views[i] for i in chosen]
-    field = surface_field(kept, scene, masks, chosen, config, reporter)
+    field = surface_field(kept, judges, config, reporter)
+    if isinstance(field, FusedField):
+        sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
+        shift = field.calibrate(scene.points[sure])
+        log.info("mesh: surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
     box = crop_of(config.crop_box, scene)
     mesh = level_set(kept if box is None else beside(kept, box), field, config, reporter)
     reporter.progress(_PLACED, faces=len(mesh.faces))
-    vote = config.use_masks and config.screening
-    mesh = cleaned(mesh, field, views, config, box, [masks.labels[i] for i in chosen] if vote else None)
+    mesh = cleaned(mesh, field, judges.views, config, judges.labels if config.use_masks and config.screening else None)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
-    inside = [building(masks.labels[i]) for i in chosen]
+    if judges.photos:
+        mesh = refine(
+            mesh, judges.views, judges.verdicts, judges.photos, config.refine_rounds,
+            lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share),
+        )  # fmt: skip
+    mesh = trimmed(mesh, config, box)
     colored = color_from_photos(
-        mesh, views, lambda i: scene.photo(chosen[i]), inside,
-        lambda share: reporter.progress(_CLEANED + (1 - _CLEANED) * share),
+        mesh, judges.views, lambda i: scene.photo(judges.indices[i]), [building(label) for label in judges.labels],
+        lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share),
     )  # fmt: skip
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
-    pixel = ground_pixels(colored, views)
+    pixel = ground_pixels(colored, judges.views)
     reduced = reduce_faces(
         colored, config.max_faces, config.face_error * pixel, config.color_error if config.color_error < 256 else -1.0
     )
@@ -79,21 +103,34 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
     return replace(reduced, values=field.confidence(reduced.vertices))
 
 
+def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
+    """The photos that say what is solid.
+
+    Raises:
+        BadInput: there is none.
+    """
+    chosen = voting_views(scene, masks)
+    if not chosen:
+        raise BadInput("No photo has a usable mask, so no view can say what is solid; add clicks on the building.")
+    return Judges(
+        chosen,
+        [scene.views[i] for i in chosen],
+        judging_masks(scene, masks, chosen, config.vote_dilation),
+        [masks.labels[i] for i in chosen],
+        _photos(scene, masks, chosen) if config.match_photos and config.surface == "fused" else None,
+    )
+
+
 def surface_field(
-    gaussians: Gaussians, scene: Scene, masks: MaskSet, chosen: Sequence[int], config: Config, reporter: Reporter
+    gaussians: Gaussians, judges: Judges, config: Config, reporter: Reporter
 ) -> OpacityField | FusedField:
-    """What tells solid from free, as ``config.surface`` wants it; fused depths are calibrated on the masked points."""
-    views = [scene.views[i] for i in chosen]
-    verdicts = judging_masks(scene, masks, chosen, config.vote_dilation)
+    """What tells solid from free, as ``config.surface`` wants it."""
     gaussians = gaussians.to(choose_device(config.device).device)
     if config.surface == "opacity":
-        return OpacityField(gaussians, views, verdicts, config.opacity_level, agree=1)
-    photos = _photos(scene, masks, chosen) if config.match_photos else None
-    fused = FusedField(gaussians, views, verdicts, photos, lambda share: reporter.progress(_RENDERED * share))
-    sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
-    shift = fused.calibrate(scene.points[sure])
-    log.info("mesh: rendered surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
-    return fused
+        return OpacityField(gaussians, judges.views, judges.verdicts, config.opacity_level, agree=1)
+    return fuse_gaussians(
+        gaussians, judges.views, judges.verdicts, judges.photos, lambda share: reporter.progress(_RENDERED * share)
+    )
 
 
 def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
@@ -159,10 +196,9 @@ def cleaned(
     field: OpacityField | FusedField,
     views: Sequence[View],
     config: Config,
-    box: CropBox | None = None,
     labels: Sequence[NDArray[np.uint8]] | None = None,
 ) -> Mesh:
-    """The level set without false parts, oriented outward, small holes closed, cut at the box.
+    """The level set without false parts, oriented outward, small holes closed, smoothed.
 
     Args:
         labels: label map of each view, where the masks are to vote on the faces.
@@ -183,11 +219,17 @@ def cleaned(
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
     pixel = ground_pixels(mesh, views)
     mesh = fill_holes(mesh, SMALL_HOLE * pixel, lambda points: field.classify(points) == FREE)
-    mesh = clean.smooth(mesh, config.smoothing)
+    return clean.smooth(mesh, config.smoothing)
+
+
+def trimmed(mesh: Mesh, config: Config, box: CropBox | None = None) -> Mesh:
+    """The mesh cut at the box, its bottom closed where that is wanted.
+
+    Raises:
+        BadInput: nothing is left.
+    """
     if box is not None:
         mesh = clip(mesh, box.planes())
         if len(mesh.faces) == 0:
             raise BadInput("No surface lies in the crop box; make it larger or move it over the building.")
-    if config.close_bottom:
-        mesh = cap_rims(mesh)
-    return mesh
+    return cap_rims(mesh) if config.close_bottom else mesh

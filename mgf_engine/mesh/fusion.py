@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import outside_hull
-from mgf_engine.mesh.photometric import Matched, Surface, match_surface, unmatched
+from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_surface, unmatched
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.library import parallel
 from mgf_engine.raster.points import NEAR
@@ -72,35 +72,38 @@ class DepthMap:
 
 
 class FusedField:
-    """Signed distance of a field, fused from its depth maps.
+    """Signed distance of a surface, fused from the depth maps of all views.
 
     Args:
-        gaussians: the field, normalised frame.
-        views: the cameras that judge.
+        show: number of a view -> the surface it shows; asked once for each while it is needed.
         masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
-        photos: where given, the depths are first moved to where the photos look most alike.
+        neighbours: per view the numbers of those to move its depths with to where their photos look most alike.
+        search: how far, and in which steps.
+        band: half width of the band in which distances are known, in pixels.
     """
 
     def __init__(
         self,
-        gaussians: Gaussians,
-        views: Sequence[View],
+        show: Callable[[int], Surface],
         masks: Sequence[NDArray[np.uint8]],
-        photos: Photos | None = None,
+        neighbours: Sequence[Sequence[int]] = (),
+        search: Search = WIDE,
+        band: float = BAND_PIXELS,
         progress: Progress = lambda share: None,
     ) -> None:
-        self.offset = 0.0
-        near = [list(photos.neighbours[number]) if photos else [] for number in range(len(views))]
-        left = np.bincount([k for number in range(len(views)) for k in (number, *near[number])], minlength=len(views))
+        self.offset, self.band = 0.0, band
+        near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
+        left = np.bincount([k for number in range(len(masks)) for k in (number, *near[number])], minlength=len(masks))
         surfaces: dict[int, Surface] = {}  # only those that a view still to come is matched with
         self.maps: list[DepthMap] = []
         for number, mask in enumerate(masks):
-            progress(number / len(views))
+            progress(number / len(masks))
             for k in (number, *near[number]):
                 if k not in surfaces:
-                    surfaces[k] = render_surface(gaussians, views[k], photos.grey(k) if photos else None)
+                    surfaces[k] = show(k)
             surface, others = surfaces[number], [surfaces[k] for k in near[number]]
-            self.maps.append(depth_map(surface, mask, match_surface(surface, others) if others else unmatched(surface)))
+            matched = match_surface(surface, others, search) if others else unmatched(surface)
+            self.maps.append(depth_map(surface, mask, matched))
             for k in (number, *near[number]):
                 left[k] -= 1
                 if left[k] == 0:
@@ -128,7 +131,14 @@ class FusedField:
         ]
         near = np.concatenate([d[np.abs(d) < 0.9] for d in asked]) if asked else np.zeros(0)
         self.offset = float(np.median(near)) if len(near) >= ENOUGH else 0.0
-        return self.offset * BAND_PIXELS
+        return self.offset * self.band
+
+    def distance(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
+        """How far points [N, 3] lie in front of the surface, in half bands, -1..1, [N]; NaN where no view knows."""
+        distance = np.empty(len(points), np.float32)
+        for part, belief in self._ask(points):
+            distance[part] = np.where(belief["weight"] > 0, _distance(belief) - self.offset, np.nan)
+        return distance
 
     def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Points [N, 3] near which at least one view really shows a surface, bool [N]."""
@@ -166,7 +176,7 @@ class FusedField:
                 pose = np.concatenate([view.rotation.ravel(), view.translation])
                 intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
                 camera = (pose, intrinsics, NEAR, m.mask, m.pixels, view.height, view.width)
-                parallel("fuse_points_work", len(points32), points32, *camera, BAND_PIXELS / view.fx, JUMP, belief)
+                parallel("fuse_points_work", len(points32), points32, *camera, self.band / view.fx, JUMP, belief)
             yield part, belief
 
 
@@ -174,6 +184,25 @@ def _distance(belief: NDArray[np.void]) -> NDArray[np.float32]:
     """Mean signed distance in half bands, -1..1, positive in front of the surface; 0 where no view says anything."""
     distance: NDArray[np.float32] = belief["sum"] / np.maximum(belief["weight"], 1e-30)
     return distance
+
+
+def fuse_gaussians(
+    gaussians: Gaussians,
+    views: Sequence[View],
+    masks: Sequence[NDArray[np.uint8]],
+    photos: Photos | None = None,
+    progress: Progress = lambda share: None,
+) -> FusedField:
+    """The field's own surface as the cameras that judge see it, normalised frame.
+
+    Args:
+        photos: where given, the depths are first moved to where the photos look most alike.
+    """
+
+    def show(number: int) -> Surface:
+        return render_surface(gaussians, views[number], photos.grey(number) if photos else None)
+
+    return FusedField(show, masks, photos.neighbours if photos else (), progress=progress)
 
 
 def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.float32] | None = None) -> Surface:

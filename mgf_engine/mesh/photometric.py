@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from mgf_engine.raster.library import parallel
 from mgf_engine.scene.model import View
 
-STEPS = 9  # depths tried per pixel
-STEP_PIXELS = 0.5  # how far each moves the pixel in the neighbour that sees the most parallax
 JUMP = 0.01  # share of the depth that pixels of one surface may differ from its plane
 HIDDEN = 0.02  # share of the depth that the neighbour's own depth may differ
 TEXTURE = 0.008  # least standard deviation of a patch's brightness
@@ -26,6 +24,18 @@ SURE = 0.6  # least correlation at the best depth
 
 Array = NDArray[np.float32]
 Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Search:
+    """Which depths are tried: ``steps`` of them (odd), each of which moves a pixel by ``pixels`` in the neighbour that
+    sees the most parallax."""
+
+    steps: int
+    pixels: float
+
+
+WIDE = Search(9, 0.5)
 
 
 @dataclass(frozen=True)
@@ -59,14 +69,14 @@ def unmatched(surface: Surface) -> Matched:
     return Matched(surface.depth, np.zeros_like(surface.depth))
 
 
-def match_surface(first: Surface, others: Sequence[Surface]) -> Matched:
-    """The depth of ``first`` where its photo and the neighbours' agree best, within two pixels of parallax."""
+def match_surface(first: Surface, others: Sequence[Surface], search: Search = WIDE) -> Matched:
+    """The depth of ``first`` where its photo and the neighbours' agree best among those searched."""
     pixels = np.flatnonzero(first.depth.ravel() > 0).astype(np.int32)
     likeness = np.zeros(first.depth.size, np.float32)
     depth = first.depth.ravel().copy()
     if len(pixels) and others:
-        step = _step(first, others, pixels)
-        scores, counts = correlations(first, others, pixels, step)
+        step = _step(first, others, pixels, search)
+        scores, counts = correlations(first, others, pixels, step, search.steps)
         shift, best = _peak(scores, counts)
         depth[pixels] = depth[pixels] / (1 + shift * step)
         likeness[pixels] = best
@@ -75,7 +85,7 @@ def match_surface(first: Surface, others: Sequence[Surface]) -> Matched:
 
 
 def correlations(
-    first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], step: Array, steps: int = STEPS
+    first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], step: Array, steps: int = WIDE.steps
 ) -> tuple[Array, Array]:
     """Correlation of the patches around ``pixels`` [N] for each tried depth, summed over neighbours that see them.
 
@@ -109,8 +119,8 @@ def _intrinsics(view: View) -> NDArray[np.float64]:
     return np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]])
 
 
-def _step(first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32]) -> Array:
-    """Relative change of the inverse depth that moves a pixel by STEP_PIXELS where it moves the most, [N]."""
+def _step(first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], search: Search) -> Array:
+    """Relative change of the inverse depth that moves a pixel by one step where it moves the most, [N]."""
     width = first.depth.shape[1]
     inverse = 1.0 / first.depth.ravel()[pixels].astype(np.float64)
     rays = np.stack([pixels % width + 0.5, pixels // width + 0.5, np.ones(len(pixels))], 1)
@@ -122,7 +132,7 @@ def _step(first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32]) 
         uv = [a[:, :2] / np.where(ahead, a[:, 2], 1.0)[:, None] for a in at]
         moved = np.linalg.norm(uv[1] - uv[0], axis=1) / 0.001
         most = np.where(ahead, np.maximum(most, moved), most)
-    return np.minimum(STEP_PIXELS / most, 0.5 / STEPS).astype(np.float32)
+    return np.minimum(search.pixels / most, 0.5 / search.steps).astype(np.float32)
 
 
 def _peak(scores: Array, counts: Array) -> tuple[Array, Array]:

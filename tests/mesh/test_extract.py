@@ -212,10 +212,11 @@ def test_screening_follows_its_switches():
 @pytest.mark.parametrize("surface", ["fused", "opacity"])
 def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
     from mgf_engine.mesh import fusion, opacity
-    from mgf_engine.mesh.extract import surface_field
+    from mgf_engine.mesh.extract import find_judges, surface_field
 
     scene, masks = scene_of(ring(8), ball())
-    field = surface_field(sphere(200), scene, masks, range(8), make_config({"surface": surface}), reporter())
+    config = make_config({"surface": surface})
+    field = surface_field(sphere(200), find_judges(scene, masks, config), config, reporter())
     points = np.random.default_rng(0).normal(size=(1000, 3))
     shares: list[float] = []
     whole = field.classify(points), field.confirmed(points), field.confidence(points)
@@ -250,5 +251,5 @@ def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
     photos = fusion.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 11)] for n in range(12)])
     from mgf_engine.mesh.opacity import judging_masks
 
-    field = fusion.FusedField(sphere(100), views, judging_masks(scene, masks, range(12), 1), photos)
+    field = fusion.fuse_gaussians(sphere(100), views, judging_masks(scene, masks, range(12), 1), photos)
     assert len(field.maps) == len(alive) == 12 and most <= 4

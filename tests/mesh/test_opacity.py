@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.masks.model import UNKNOWN
-from mgf_engine.mesh.fusion import FusedField
+from mgf_engine.mesh.fusion import fuse_gaussians
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import OpacityField, judging_mask, judging_masks, outside_hull, spread_order
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
@@ -24,7 +24,7 @@ def setting():
 
 def make(kind, setting, agree=1):
     field, views, masks = setting
-    return OpacityField(field, views, masks, 0.5, agree) if kind == "opacity" else FusedField(field, views, masks)
+    return OpacityField(field, views, masks, 0.5, agree) if kind == "opacity" else fuse_gaussians(field, views, masks)
 
 
 @pytest.mark.parametrize("kind", ["opacity", "fused"])

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The finished mesh moved to where the photos agree about it.
+
+The depths of a trained field, and the planes on which patches of two photos are compared, are as noisy as its
+Gaussians. The mesh is the mean of what all views say, so compared once more on its own planes, in smaller steps,
+the photos tell its place more sharply. Only places change: no face comes or goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.mesh.clean import smooth
+from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.mesh.fusion import FusedField, Photos
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.photometric import Search, Surface
+from mgf_engine.mesh.reduce import ground_pixels
+from mgf_engine.mesh.view import look
+from mgf_engine.scene.model import View
+
+SEARCH = Search(9, 0.25)  # within one pixel of parallax
+BAND_PIXELS = 1.5  # half width of the band: narrower than at first, because the mesh is nearer to the truth
+REACH_PIXELS = 1.0  # a vertex moves this far at most in a round
+STEPS = 3  # of the search for the surface along a vertex's normal
+SURE = 0.5  # of the band: vertices for which the search ends further from the surface stay
+SMOOTHING = 2  # rounds of smoothing afterwards
+
+
+def refine(
+    mesh: Mesh,
+    views: Sequence[View],
+    masks: Sequence[NDArray[np.uint8]],
+    photos: Photos,
+    rounds: int,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Mesh:
+    """The mesh with its vertices where the photos agree about it.
+
+    Args:
+        views: normalised frame.
+        masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
+    """
+    for number in range(rounds):
+        field = _matched(mesh, views, masks, photos, lambda share, n=number: progress((n + share) / rounds))  # type: ignore[misc]
+        mesh = smooth(_onto(mesh, field, ground_pixels(mesh, views)), SMOOTHING)
+    return mesh
+
+
+def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.float32]) -> Surface:
+    """What a view sees of the mesh from the front.
+
+    Args:
+        normals: unit normal of each face, [F, 3].
+        grey: the photo's brightness, [H, W].
+    """
+    sight = look(mesh, view)
+    seen = sight.face >= 0
+    normal = np.zeros((*sight.face.shape, 3), np.float32)
+    normal[seen] = normals[sight.face[seen]] @ view.rotation.T
+    u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
+    v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    front = normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2] < 0
+    depth = np.where(front, sight.depth, 0.0).astype(np.float32)
+    # Where the mesh has a hole nothing is known: it may be missing there.
+    return Surface(view, grey, depth, normal, np.zeros_like(seen))
+
+
+def _matched(
+    mesh: Mesh,
+    views: Sequence[View],
+    masks: Sequence[NDArray[np.uint8]],
+    photos: Photos,
+    progress: Callable[[float], None],
+) -> FusedField:
+    """The mesh as the photos would have it."""
+    smoothed = vertex_normals(mesh)[mesh.faces].mean(1)
+    normals = smoothed / np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-12)
+
+    def show(number: int) -> Surface:
+        return look_surface(mesh, normals, views[number], photos.grey(number))
+
+    return FusedField(show, masks, photos.neighbours, SEARCH, BAND_PIXELS, progress)
+
+
+def _onto(mesh: Mesh, field: FusedField, pixel: NDArray[np.float32]) -> Mesh:
+    """Every vertex moved along its normal onto the surface of ``field``, where that is near enough.
+
+    Args:
+        pixel: size of a pixel at each vertex, [N].
+    """
+    normals = vertex_normals(mesh)
+    shift = np.zeros(len(pixel))
+    off = np.full(len(pixel), np.nan, np.float32)
+    for _ in range(STEPS):
+        off = field.distance(mesh.vertices + shift[:, None] * normals)
+        step = np.nan_to_num(off) * field.band * pixel
+        shift = np.clip(shift - step, -REACH_PIXELS * pixel, REACH_PIXELS * pixel)
+    shift[~(np.abs(off) < SURE)] = 0.0
+    return replace(mesh, vertices=mesh.vertices + shift[:, None] * normals)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A distorted mesh of a textured ball goes back to the ball where photos show it, and only there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mgf_engine.mesh.clean import smooth
+from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.mesh.extract import extract_mesh, find_judges
+from mgf_engine.mesh.fusion import Photos
+from mgf_engine.mesh.opacity import judging_masks
+from mgf_engine.mesh.reduce import ground_pixels
+from mgf_engine.mesh.refine import SMOOTHING, refine
+from mgf_engine.mesh.view import look, pixel_rays
+
+from .analytic import ball, camera, scene_of, sphere
+from .test_extract import make_config, reporter
+
+FINE = 6  # subdivisions of the ball
+
+
+def painted(view, plain: bool = False) -> np.ndarray:
+    """The photo of a unit ball with waves on it, brightness 0..1."""
+    rows, columns = np.indices((view.height, view.width))
+    rays = pixel_rays(view, rows.ravel(), columns.ravel())
+    middle = rays @ -view.centre
+    inside = middle**2 - view.centre @ view.centre + 1
+    depth = middle - np.sqrt(np.maximum(inside, 0))
+    x, y, z = (view.centre + depth[:, None] * rays).T
+    waves = np.sin(23 * x + 5 * y) + np.sin(19 * y - 11 * z + 1) + np.sin(27 * z + 7 * x) + np.sin(31 * x - 17 * y)
+    grey = np.where(inside > 0, 0.5 + (0 if plain else 0.1) * waves, 0.0)
+    return np.asarray(grey.reshape(view.height, view.width), np.float32)
+
+
+@pytest.fixture(scope="module")
+def setting():
+    """Cameras close together before one side of the ball; photos; and a ball with dents of up to half a pixel."""
+    views = [camera((4.0, 1.2 * (k - 2), 0.6 * (-1) ** k), name=f"{k}.png") for k in range(5)]
+    truth = ball(subdivisions=FINE)
+    scene, masks = scene_of(views, truth)
+    verdicts = judging_masks(scene, masks, range(5), 1)
+    pixel = ground_pixels(truth, views)
+    x, y, z = truth.vertices.T
+    dents = 0.5 * np.sin(8 * y) * np.sin(8 * z + 2 * x) * pixel
+    return views, verdicts, truth, replace(truth, vertices=truth.vertices * (1 + dents)[:, None]), pixel
+
+
+def refined(setting, plain: bool, rounds: int = 1):
+    views, verdicts, _, dented, _ = setting
+    greys = [painted(view, plain) for view in views]
+    near = [[k for k in (n - 1, n + 1) if 0 <= k < len(views)] for n in range(len(views))]
+    shares: list[float] = []
+    mesh = refine(dented, views, verdicts, Photos(lambda k: greys[k], near), rounds, shares.append)
+    assert shares == sorted(shares) and (not rounds or 0.5 < shares[-1] <= 1)
+    return mesh
+
+
+def seen_well(setting) -> np.ndarray:
+    """Vertices that at least three cameras see from the front."""
+    views, _, truth, _, _ = setting
+    seen = np.zeros(len(truth.vertices), int)
+    for view in views:
+        uv, depth = view.project(truth.vertices)
+        x, y = np.clip(uv, 0, (view.width - 1, view.height - 1)).astype(int).T
+        facing = (vertex_normals(truth) * (view.centre - truth.vertices)).sum(1) > 2.0
+        seen += facing & (np.abs(look(truth, view).depth[y, x] - depth) < 0.05)
+    return seen >= 3
+
+
+def off(mesh, pixel, rows) -> float:
+    """Root mean square distance from the unit ball, in pixels."""
+    return float(np.sqrt(np.mean(((np.linalg.norm(mesh.vertices, axis=1) - 1) / pixel)[rows] ** 2)))
+
+
+def test_dents_go_where_photos_show_texture(setting):
+    _, _, _, dented, pixel = setting
+    rows = seen_well(setting)
+    before, after = off(dented, pixel, rows), off(refined(setting, plain=False), pixel, rows)
+    assert before > 0.2 and rows.sum() > 1000
+    assert after < 0.4 * before
+    assert off(refined(setting, plain=False, rounds=2), pixel, rows) < 0.4 * before
+
+
+def test_without_texture_nothing_moves_but_what_smoothing_moves(setting):
+    _, _, _, dented, pixel = setting
+    mesh = refined(setting, plain=True)
+    moved = np.linalg.norm(mesh.vertices - smooth(dented, SMOOTHING).vertices, axis=1) / pixel
+    assert np.percentile(moved, 95) < 0.2 and moved.max() < 1
+
+
+def test_what_no_photo_sees_stays(setting):
+    _, _, truth, dented, pixel = setting
+    mesh = refined(setting, plain=False)
+    behind = truth.vertices[:, 0] < -0.5
+    moved = np.linalg.norm(mesh.vertices - smooth(dented, SMOOTHING).vertices, axis=1) / pixel
+    assert moved[behind].max() < 0.05 and (moved[behind] == 0).mean() > 0.999
+    assert np.array_equal(mesh.faces, dented.faces)
+
+
+def test_no_round_changes_nothing(setting):
+    assert refined(setting, plain=True, rounds=0) is setting[3]
+
+
+def test_the_stage_refines_only_where_photos_are_matched():
+    views = [camera((4.0 * np.cos(a), 4.0 * np.sin(a), 1.0), name=f"{a}.png") for a in np.arange(0, 6, 0.5)]
+    scene, masks = scene_of(views, ball(1.05))
+    assert find_judges(scene, masks, make_config({"match_photos": False})).photos is None
+    assert find_judges(scene, masks, make_config({"surface": "opacity"})).photos is None
+    rough = {"smoothing": 0, "face_error": 0.0, "refine_rounds": 0}
+    plain = extract_mesh(sphere(400), scene, masks, make_config(rough), reporter())
+    mesh = extract_mesh(sphere(400), scene, masks, make_config({**rough, "refine_rounds": 1}), reporter())
+    assert len(mesh.faces) == len(plain.faces) and not np.array_equal(mesh.vertices, plain.vertices)
