@@ -8,6 +8,7 @@ the preset is handed to the engine, which applies the preset itself.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ SECTIONS: list[str] = SCHEMA["sections"]
 PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
 _CAPITALS = {"sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda"}
 _SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM", "grabcut": "GrabCut"}
+_SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
 _SMALL = {"of", "the", "to", "in", "on", "by", "and", "a"}
 
 
@@ -69,13 +71,27 @@ def arguments(options: bpy.types.PropertyGroup, also: Iterable[str] = ()) -> lis
 
 
 def set_values(options: bpy.types.PropertyGroup, given: dict[str, Any]) -> None:
-    """Take over values, for example those of an earlier job; unknown names and wrong types are left out."""
+    """Take over values, for example those an earlier job was given, kept as text; what does not fit is left out."""
     if given.get("preset") in PRESETS:
         options.preset = given["preset"]
     for name, value in given.items():
-        kind = type(OPTIONS[name]["default"]) if name in OPTIONS and name != "preset" else None
-        if kind is not None and isinstance(value, kind | int if kind is float else kind):
-            setattr(options, name, value)
+        parsed = _parsed(OPTIONS[name], value) if name in OPTIONS and name != "preset" else None
+        if parsed is not None:
+            setattr(options, name, parsed)
+
+
+def _parsed(option: dict[str, Any], value: Any) -> Any:
+    """A value or its text in the option's own type; None when it is no such value."""
+    text, kind = str(value).strip(), type(option["default"])
+    try:
+        if kind is bool:
+            return _SWITCH.get(text.lower())
+        if kind is str:
+            return value if isinstance(value, str) and value in (option["choices"] or [value]) else None
+        number = kind(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _text(value: Any) -> str:

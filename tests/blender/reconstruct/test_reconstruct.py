@@ -188,6 +188,21 @@ def test_quit_and_reopen_finds_the_job(ready, engine, tmp_path):
     assert "--resume" in arguments(scene.mgf)
 
 
+def test_resume_goes_on_with_the_options_of_the_job(ready, engine):
+    """The engine keeps what it was given as text; other values would begin the job again from its first stage."""
+    ready.options.preset, ready.options.resolution, ready.options.screening = "draft", 320, False
+    ready.options.opacity_level = 0.25
+    engine("silent")
+    with pytest.raises(RuntimeError):
+        bpy.ops.mgf.reconstruct()
+    before = arguments(ready)
+    ready.options.preset, ready.options.screening, ready.options.opacity_level = "standard", True, 0.5
+    engine("ok")
+    bpy.ops.mgf.resume()
+    assert arguments(ready) == [*before, "--resume"]
+    assert (ready.options.preset, ready.options.resolution, ready.options.screening) == ("draft", 320, False)
+
+
 def test_import_of_a_result_is_one_undo_step(ready):
     ready.import_when_done = False
     bpy.ops.mgf.reconstruct()
