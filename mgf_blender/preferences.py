@@ -116,11 +116,4 @@ def _report_lines(output: list[str]) -> list[tuple[str, str]]:
     return [(row[0], row[1] if len(row) > 1 else "") for row in rows][:24]
 
 
-def register() -> None:
-    """Register the preferences."""
-    bpy.utils.register_class(MGF_Preferences)
-
-
-def unregister() -> None:
-    """Take the preferences away."""
-    bpy.utils.unregister_class(MGF_Preferences)
+register, unregister = bpy.utils.register_classes_factory((MGF_Preferences,))

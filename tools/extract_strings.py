@@ -20,7 +20,7 @@ REPO = Path(__file__).resolve().parents[1]
 ADDON = REPO / "mgf_blender"
 sys.path.insert(0, str(REPO))
 #: Calls that take a text first, and keywords of interface calls that take one.
-_FIRST = {"tr", "N_", "UserError", "poll_message_set"}
+_FIRST = {"tr", "N_", "UserError"}
 _KEYWORDS = {"text", "title", "message", "confirm_text"}
 _SHOWING = {"label", "operator", "prop", "progress", "invoke_confirm", "operator_menu_enum", "report"}
 
@@ -111,8 +111,7 @@ def _arguments(node: ast.Call) -> list[ast.expr]:
     values = [node.args[0]] if name in _FIRST and node.args else []
     if name in _SHOWING:
         values += [k.value for k in node.keywords if k.arg in _KEYWORDS]
-        values += node.args[1:2] if name == "report" else []
-    return values
+    return values + (node.args[1:2] if name in {"report", "needs"} else [])
 
 
 def _words(value: ast.expr) -> bool:

@@ -19,6 +19,13 @@ class Operator(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
 
+    @classmethod
+    def needs(cls, condition: object, otherwise: str) -> bool:
+        """For ``poll``: whether a condition holds; ``otherwise`` is shown at the grey button when it does not."""
+        if not condition:
+            cls.poll_message_set(otherwise)
+        return bool(condition)
+
     def run(self, context: bpy.types.Context) -> set[str] | None:
         """The operator's work; None means finished."""
         raise NotImplementedError

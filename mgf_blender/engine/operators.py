@@ -11,6 +11,7 @@ import bpy
 
 from ..common.addon import preferences, user_folder
 from ..common.errors import UserError
+from ..common.operators import Operator
 from ..common.runner import redraw
 from ..common.text import N_, tr
 from . import install
@@ -55,16 +56,13 @@ def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
     return {"FINISHED"}
 
 
-class _EngineOperator:
+class _EngineOperator(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if _task is not None and _task.status == RUNNING:
-            cls.poll_message_set("Wait until the running task has ended")
-            return False
-        return True
+        return cls.needs(_task is None or _task.status != RUNNING, "Wait until the running task has ended")
 
 
-class MGF_OT_install_engine(_EngineOperator, bpy.types.Operator):
+class MGF_OT_install_engine(_EngineOperator):
     """Make an environment for the engine and install it there with its pinned packages"""
 
     bl_idname = "mgf.install_engine"
@@ -75,35 +73,27 @@ class MGF_OT_install_engine(_EngineOperator, bpy.types.Operator):
             self, event, title="Install the engine?", message=_install_question(), confirm_text="Install"
         )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            task = install.make_task(_plan(), log_path())
-        except UserError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+    def run(self, context: bpy.types.Context) -> set[str]:
+        task = install.make_task(_plan(), log_path())
         preferences().engine_source = "MANAGED"
         begin("install", task)
         return _finish_in_background(self, task)
 
 
-class MGF_OT_check_engine(_EngineOperator, bpy.types.Operator):
+class MGF_OT_check_engine(_EngineOperator):
     """Ask the engine for its versions, device and kernel variant"""
 
     bl_idname = "mgf.check_engine"
     bl_label = "Check Engine"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            steps = [Step(N_("Checking the engine"), engine_command("doctor"))]
-        except UserError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+    def run(self, context: bpy.types.Context) -> set[str]:
+        steps = [Step(N_("Checking the engine"), engine_command("doctor"))]
         task = Task(steps, log_path(), _explain_check)
         begin("check", task)
         return _finish_in_background(self, task)
 
 
-class MGF_OT_download_weights(_EngineOperator, bpy.types.Operator):
+class MGF_OT_download_weights(_EngineOperator):
     """Download the weights of the mask model and check them"""
 
     bl_idname = "mgf.download_weights"
@@ -111,25 +101,19 @@ class MGF_OT_download_weights(_EngineOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not bpy.app.online_access:
-            cls.poll_message_set("Allow online access in the System preferences first")
-            return False
-        return super().poll(context)
+        allowed = cls.needs(bpy.app.online_access, "Allow online access in the System preferences first")
+        return allowed and super().poll(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            folder = preferences().weights_folder
-            extra = ["--folder", bpy.path.abspath(folder)] if folder else []
-            steps = [Step(N_("Downloading the weights"), engine_command("weights", *extra))]
-        except UserError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+    def run(self, context: bpy.types.Context) -> set[str]:
+        folder = preferences().weights_folder
+        extra = ["--folder", bpy.path.abspath(folder)] if folder else []
+        steps = [Step(N_("Downloading the weights"), engine_command("weights", *extra))]
         task = Task(steps, log_path(), install.explain)
         begin("weights", task)
         return _finish_in_background(self, task)
 
 
-class MGF_OT_cancel_engine_task(bpy.types.Operator):
+class MGF_OT_cancel_engine_task(Operator):
     """Stop the running installation or check"""
 
     bl_idname = "mgf.cancel_engine_task"
@@ -139,12 +123,11 @@ class MGF_OT_cancel_engine_task(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return _task is not None and _task.status == RUNNING
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def run(self, context: bpy.types.Context) -> None:
         _task.cancel()
-        return {"FINISHED"}
 
 
-class MGF_OT_remove_engine(_EngineOperator, bpy.types.Operator):
+class MGF_OT_remove_engine(_EngineOperator):
     """Delete the environment that Install Engine made"""
 
     bl_idname = "mgf.remove_engine"
@@ -153,14 +136,13 @@ class MGF_OT_remove_engine(_EngineOperator, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def run(self, context: bpy.types.Context) -> None:
         folder = managed_environment()
         if folder.is_dir() and (folder / "pyvenv.cfg").is_file():
             shutil.rmtree(folder, ignore_errors=True)
-        return {"FINISHED"}
 
 
-class MGF_OT_open_engine_log(bpy.types.Operator):
+class MGF_OT_open_engine_log(Operator):
     """Open the log of the last installation or check"""
 
     bl_idname = "mgf.open_engine_log"
@@ -168,14 +150,10 @@ class MGF_OT_open_engine_log(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not log_path().is_file():
-            cls.poll_message_set("Nothing was installed or checked yet")
-            return False
-        return True
+        return cls.needs(log_path().is_file(), "Nothing was installed or checked yet")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def run(self, context: bpy.types.Context) -> None:
         bpy.ops.wm.path_open(filepath=str(log_path()))
-        return {"FINISHED"}
 
 
 def _install_question() -> str:

@@ -26,10 +26,7 @@ class MGF_OT_mark_building(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if active_photo(context.scene) is None:
-            cls.poll_message_set("Import a scene first")
-            return False
-        return True
+        return cls.needs(active_photo(context.scene) is not None, "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
         image = photo_image(active_photo(context.scene))
@@ -66,10 +63,7 @@ class MGF_OT_next_photo(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not len(context.scene.mgf.photos):
-            cls.poll_message_set("Import a scene first")
-            return False
-        return True
+        return cls.needs(len(context.scene.mgf.photos), "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
         state = context.scene.mgf
@@ -86,10 +80,7 @@ class MGF_OT_add_photo(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         camera = context.scene.camera
-        if camera is None or PHOTO_KEY not in camera:
-            cls.poll_message_set("Look through an imported camera first")
-            return False
-        return True
+        return cls.needs(camera is not None and PHOTO_KEY in camera, "Look through an imported camera first")
 
     def run(self, context: bpy.types.Context) -> None:
         camera, state = context.scene.camera, context.scene.mgf
@@ -183,10 +174,7 @@ class MGF_OT_export_prompts(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not any(len(p.clicks) for p in context.scene.mgf.photos):
-            cls.poll_message_set("There are no points yet")
-            return False
-        return True
+        return cls.needs(any(len(p.clicks) for p in context.scene.mgf.photos), "There are no points yet")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)
@@ -206,10 +194,9 @@ class MGF_OT_preview_mask(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         photo = active_photo(context.scene)
-        if photo is None or not photo.done():
-            cls.poll_message_set("Click at least one point on the building in this photo first")
-            return False
-        return True
+        return cls.needs(
+            photo is not None and photo.done(), "Click at least one point on the building in this photo first"
+        )
 
     def run(self, context: bpy.types.Context) -> set[str]:
         found = preview.start(context.scene, active_photo(context.scene))
@@ -244,13 +231,10 @@ class MGF_OT_find_masks(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         state = context.scene.mgf
-        if not any(p.done() for p in state.photos):
-            cls.poll_message_set("Click at least one point on the building first")
-            return False
-        if runner.live_job(state.key):
-            cls.poll_message_set("A job of this scene is running; wait for it or cancel it")
-            return False
-        return True
+        marked = any(p.done() for p in state.photos)
+        return cls.needs(marked, "Click at least one point on the building first") and cls.needs(
+            not runner.live_job(state.key), "A job of this scene is running; wait for it or cancel it"
+        )
 
     def run(self, context: bpy.types.Context) -> set[str]:
         return submit(self, make_job(context.scene, "masks"))
@@ -298,13 +282,4 @@ CLASSES = (
 )  # fmt: skip
 
 
-def register() -> None:
-    """Register the operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    """Take them away."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

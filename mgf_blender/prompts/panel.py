@@ -139,13 +139,4 @@ def _draw_preview(layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy
 CLASSES = (MGF_UL_photos, MGF_PT_prompts, MGF_PT_masks)
 
 
-def register() -> None:
-    """Register list and panel."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    """Take them away."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

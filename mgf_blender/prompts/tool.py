@@ -31,10 +31,9 @@ class _OnPhoto(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         space = context.space_data
-        if space is None or space.type != "IMAGE_EDITOR" or photo_of_image(context.scene, space.image) < 0:
-            cls.poll_message_set("Show one of the listed photos in an Image Editor first")
-            return False
-        return True
+        in_editor = space is not None and space.type == "IMAGE_EDITOR"
+        shown = in_editor and photo_of_image(context.scene, space.image) >= 0
+        return cls.needs(shown, "Show one of the listed photos in an Image Editor first")
 
     def _locate(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """Take photo, pixel and reach from the pointer."""
@@ -144,10 +143,8 @@ class MGF_OT_use_point_tool(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if context.area is None or context.area.type != "IMAGE_EDITOR":
-            cls.poll_message_set("Only in an Image Editor")
-            return False
-        return True
+        in_editor = context.area is not None and context.area.type == "IMAGE_EDITOR"
+        return cls.needs(in_editor, "Only in an Image Editor")
 
     def run(self, context: bpy.types.Context) -> None:
         if context.space_data.ui_mode != "VIEW":

@@ -16,7 +16,7 @@ from ..scene_import.crop import crop_text
 from ..scene_import.operators import bring_in, frame_tree
 from ..scene_import.tree import Tree
 from . import live
-from .start import given_options, job_folder, make_job
+from .start import given_options, has_job_file, job_folder, make_job
 
 
 def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
@@ -35,13 +35,10 @@ def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
 class _JobOperator(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not context.scene.mgf.source:
-            cls.poll_message_set("Import a COLMAP scene or photos first")
-            return False
-        if runner.live_job(context.scene.mgf.key):
-            cls.poll_message_set("A job of this scene is running; wait for it or cancel it")
-            return False
-        return True
+        state = context.scene.mgf
+        return cls.needs(state.source, "Import a COLMAP scene or photos first") and cls.needs(
+            not runner.live_job(state.key), "A job of this scene is running; wait for it or cancel it"
+        )
 
 
 class MGF_OT_reconstruct(_JobOperator):
@@ -55,10 +52,9 @@ class MGF_OT_reconstruct(_JobOperator):
     def poll(cls, context: bpy.types.Context) -> bool:
         state = context.scene.mgf
         wanted = state.source and state.options.use_masks and not state.masks_folder and len(state.photos)
-        if wanted and not any(p.done() for p in state.photos):
-            cls.poll_message_set("Mark the building in one photo or more first, or choose your own masks")
-            return False
-        return super().poll(context)
+        ready = not wanted or any(p.done() for p in state.photos)
+        known = cls.needs(ready, "Mark the building in one photo or more first, or choose your own masks")
+        return known and super().poll(context)
 
     def run(self, context: bpy.types.Context) -> set[str]:
         context.view_layer.update()  # the crop box may have been moved by a script
@@ -74,10 +70,8 @@ class MGF_OT_resume(_JobOperator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not context.scene.mgf.job_folder or not (job_folder(context.scene) / "job.json").is_file():
-            cls.poll_message_set("There is no job to continue")
-            return False
-        return super().poll(context)
+        begun = has_job_file(context.scene, "job.json")
+        return cls.needs(begun, "There is no job to continue") and super().poll(context)
 
     def run(self, context: bpy.types.Context) -> set[str]:
         options.set_values(context.scene.mgf.options, given_options(job_folder(context.scene)))
@@ -92,10 +86,7 @@ class MGF_OT_cancel_job(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not runner.live_job(context.scene.mgf.key):
-            cls.poll_message_set("No job is running")
-            return False
-        return True
+        return cls.needs(runner.live_job(context.scene.mgf.key), "No job is running")
 
     def run(self, context: bpy.types.Context) -> None:
         runner.live_job(context.scene.mgf.key).cancel()
@@ -152,10 +143,7 @@ class MGF_OT_show_preview(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if live.NAME not in bpy.data.images:
-            cls.poll_message_set("The training has shown nothing yet")
-            return False
-        return True
+        return cls.needs(live.NAME in bpy.data.images, "The training has shown nothing yet")
 
     def run(self, context: bpy.types.Context) -> None:
         show_image(context, bpy.data.images[live.NAME])
@@ -176,10 +164,7 @@ class MGF_OT_open_job_file(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not context.scene.mgf.job_folder or not job_folder(context.scene).is_dir():
-            cls.poll_message_set("No job has run yet")
-            return False
-        return True
+        return cls.needs(has_job_file(context.scene), "No job has run yet")
 
     def run(self, context: bpy.types.Context) -> None:
         path = job_folder(context.scene) / self.name
@@ -214,10 +199,9 @@ def last_job(scene: bpy.types.Scene) -> Job | None:
 def interrupted(scene: bpy.types.Scene) -> bool:
     """Whether the job folder holds a job that did not end and that nobody runs, for example after a crash."""
     state = scene.mgf
-    if not state.job_folder or (state.key and runner.live_job(state.key)):
+    if state.key and runner.live_job(state.key):
         return False
-    folder = Path(bpy.path.abspath(state.job_folder))
-    return (folder / "job.json").is_file() and not (folder / "deliver.json").is_file()
+    return has_job_file(scene, "job.json") and not has_job_file(scene, "deliver.json")
 
 
 CLASSES = (
@@ -226,13 +210,4 @@ CLASSES = (
 )  # fmt: skip
 
 
-def register() -> None:
-    """Register the operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    """Take them away."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -206,13 +206,4 @@ class MGF_OT_show_preferences(bpy.types.Operator):
 CLASSES = (MGF_OT_show_preferences, MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options)
 
 
-def register() -> None:
-    """Register the panels."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    """Take them away."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

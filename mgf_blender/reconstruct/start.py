@@ -40,6 +40,11 @@ def job_folder(scene: bpy.types.Scene) -> Path:
     return Path(bpy.path.abspath(state.job_folder))
 
 
+def has_job_file(scene: bpy.types.Scene, name: str = "") -> bool:
+    """Whether the scene's job folder exists and holds a file; chooses no folder, so that drawing changes nothing."""
+    return bool(scene.mgf.job_folder) and (job_folder(scene) / name).exists()
+
+
 def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
     """A job for the scene as it stands: writes the clicks beside the job folder, starts nothing.
 

@@ -11,7 +11,7 @@ from ..common.errors import UserError
 from ..common.files import replace_file
 from ..common.operators import Operator
 from ..common.text import tr
-from ..reconstruct.start import job_folder
+from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.tree import Tree
 from . import arrival, surface, switch
@@ -23,11 +23,7 @@ from .load import import_result
 class _NeedsJob(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        state = context.scene.mgf
-        if not state.job_folder or not (job_folder(context.scene) / "deliver.json").is_file():
-            cls.poll_message_set("The job folder holds no finished job")
-            return False
-        return True
+        return cls.needs(has_job_file(context.scene, "deliver.json"), "The job folder holds no finished job")
 
 
 class MGF_OT_import_result(Operator):
@@ -43,8 +39,7 @@ class MGF_OT_import_result(Operator):
     )  # fmt: skip
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        state = context.scene.mgf
-        if self.directory or (state.job_folder and (job_folder(context.scene) / "deliver.json").is_file()):
+        if self.directory or has_job_file(context.scene, "deliver.json"):
             return self.execute(context)
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
@@ -105,10 +100,8 @@ class MGF_OT_show_in_camera(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         camera = context.scene.camera
-        if camera is None or PHOTO_KEY not in camera or Tree.find(context.scene) is None:
-            cls.poll_message_set("Look through an imported camera first")
-            return False
-        return True
+        imported = camera is not None and PHOTO_KEY in camera and Tree.find(context.scene) is not None
+        return cls.needs(imported, "Look through an imported camera first")
 
     def run(self, context: bpy.types.Context) -> None:
         switch.show(Tree.find(context.scene), context.scene.camera, self.kind)
@@ -134,10 +127,7 @@ class MGF_OT_paint_mesh(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         tree = Tree.find(context.scene)
-        if tree is None or not tree.objects("Mesh"):
-            cls.poll_message_set("Import a result first")
-            return False
-        return True
+        return cls.needs(tree is not None and tree.objects("Mesh"), "Import a result first")
 
     def run(self, context: bpy.types.Context) -> None:
         for obj in Tree.find(context.scene).objects("Mesh"):
@@ -173,13 +163,4 @@ CLASSES = (
 )  # fmt: skip
 
 
-def register() -> None:
-    """Register the operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    """Take them away."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -91,11 +91,4 @@ def _draw_figures(layout: bpy.types.UILayout, text: str) -> None:
             row.label(text=f"{value:.4g}" if isinstance(value, float) else str(value), translate=False)
 
 
-def register() -> None:
-    """Register the panel."""
-    bpy.utils.register_class(MGF_PT_results)
-
-
-def unregister() -> None:
-    """Take it away."""
-    bpy.utils.unregister_class(MGF_PT_results)
+register, unregister = bpy.utils.register_classes_factory((MGF_PT_results,))

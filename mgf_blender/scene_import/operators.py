@@ -21,6 +21,12 @@ from .locate import find_model
 from .tree import Tree
 
 
+class _NeedsScene(Operator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
+
+
 class MGF_OT_import_colmap(Operator):
     """Import cameras with their photos and the sparse points of a COLMAP model"""
 
@@ -68,16 +74,13 @@ class MGF_OT_reload_scene(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not context.scene.mgf.source:
-            cls.poll_message_set("Import a scene first")
-            return False
-        return True
+        return cls.needs(context.scene.mgf.source, "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
         bring_in(context.scene, Path(bpy.path.abspath(context.scene.mgf.source)), True, True, self)
 
 
-class MGF_OT_look_through(Operator):
+class MGF_OT_look_through(_NeedsScene):
     """Look through a camera; the render takes the size and pixel aspect of its photo"""
 
     bl_idname = "mgf.look_through"
@@ -85,13 +88,6 @@ class MGF_OT_look_through(Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     step: bpy.props.IntProperty(name="Step", description="How many photos to go on from the active camera", default=0)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if Tree.find(context.scene) is None:
-            cls.poll_message_set("Import a scene first")
-            return False
-        return True
 
     def run(self, context: bpy.types.Context) -> None:
         cameras = sorted(Tree.find(context.scene).objects("Cameras"), key=lambda o: o.get(PHOTO_KEY, ""))
@@ -107,7 +103,7 @@ class MGF_OT_look_through(Operator):
                 area.spaces.active.region_3d.view_perspective = "CAMERA"
 
 
-class MGF_OT_set_scale(Operator):
+class MGF_OT_set_scale(_NeedsScene):
     """Scale the scene so that two chosen points lie at a known distance: select two vertices or two objects"""
 
     bl_idname = "mgf.set_scale"
@@ -117,13 +113,6 @@ class MGF_OT_set_scale(Operator):
     distance: bpy.props.FloatProperty(
         name="Distance", description="True distance between the two points", default=1.0, min=1e-6, subtype="DISTANCE"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if Tree.find(context.scene) is None:
-            cls.poll_message_set("Import a scene first")
-            return False
-        return True
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(self)
@@ -141,7 +130,7 @@ class MGF_OT_set_scale(Operator):
         self.report({"INFO"}, tr("Scaled by {factor:.6g}", factor=factor))
 
 
-class MGF_OT_set_up_axis(Operator):
+class MGF_OT_set_up_axis(_NeedsScene):
     """Choose which direction of the scene points up"""
 
     bl_idname = "mgf.set_up_axis"
@@ -159,13 +148,6 @@ class MGF_OT_set_up_axis(Operator):
         ],
     )  # fmt: skip
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if Tree.find(context.scene) is None:
-            cls.poll_message_set("Import a scene first")
-            return False
-        return True
-
     def run(self, context: bpy.types.Context) -> None:
         tree = Tree.find(context.scene)
         if self.axis == "CAMERAS":
@@ -182,19 +164,12 @@ class MGF_OT_set_up_axis(Operator):
         root.matrix_basis = Matrix.LocRotScale(location, Matrix(rotation_to_z(up).tolist()), scale)
 
 
-class MGF_OT_add_crop_box(Operator):
+class MGF_OT_add_crop_box(_NeedsScene):
     """Put a box around the points; only what lies in it is meshed. Move, turn and scale it as any object"""
 
     bl_idname = "mgf.add_crop_box"
     bl_label = "Add Crop Box"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if Tree.find(context.scene) is None:
-            cls.poll_message_set("Import a scene first")
-            return False
-        return True
 
     def run(self, context: bpy.types.Context) -> None:
         context.view_layer.update()
@@ -204,10 +179,7 @@ class MGF_OT_add_crop_box(Operator):
 class _NeedsCropBox(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if find_crop_box(Tree.find(context.scene)) is None:
-            cls.poll_message_set("There is no crop box")
-            return False
-        return True
+        return cls.needs(find_crop_box(Tree.find(context.scene)) is not None, "There is no crop box")
 
 
 class MGF_OT_select_crop_box(_NeedsCropBox):

@@ -102,13 +102,4 @@ class MGF_PT_source(bpy.types.Panel):
 CLASSES = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source)
 
 
-def register() -> None:
-    """Register the panels."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    """Take them away."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -105,7 +105,7 @@ def written_texts() -> list[tuple[str, str, str]]:
             if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
                 continue
             given = [k.value for k in node.keywords if k.arg == "text"]
-            given += node.args[:1] if node.func.attr == "poll_message_set" else []
+            given += node.args[1:2] if node.func.attr == "needs" else []
             for value in given:
                 if isinstance(value, ast.Constant) and value.value:
                     found.append((f"{path.name}:{node.lineno}", node.func.attr, value.value))
@@ -115,7 +115,7 @@ def written_texts() -> list[tuple[str, str, str]]:
 def test_buttons_are_titles_and_labels_sentences():
     """Buttons and options: Title Case. Labels and reasons: a sentence's case, without the final full stop."""
     texts = written_texts()
-    assert {call for _, call, _ in texts} >= {"operator", "label", "poll_message_set", "prop"}
+    assert {call for _, call, _ in texts} >= {"operator", "label", "needs", "prop"}
     for where, call, text in texts:
         if call in {"operator", "prop"}:
             assert title_case(re.sub(r"\(.*\)", "", text).strip()), (where, text)
