@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look
+from mgf_engine.mesh.view import corners, look
 from mgf_engine.scene.model import View
 
 BEST = 5  # photos that share in the colour of a vertex: those that see it largest and straightest
@@ -63,21 +63,21 @@ def _samples(
     mesh: Mesh, normals: NDArray[np.float64], view: View, photo: NDArray[np.uint8], inside: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
     """Vertices that a view sees, how well, and the colour it sees there."""
-    uv, depth = view.project(mesh.vertices)
-    toward = view.centre - mesh.vertices
-    distance = np.linalg.norm(toward, axis=1)
-    facing = (normals * toward).sum(1) / np.maximum(distance, 1e-12)
-    framed = (depth > 0) & (uv > 1).all(1) & (uv < (view.width - 1, view.height - 1)).all(1) & (facing > 0.1)
-    index = np.flatnonzero(framed)
-    x, y = uv[index].astype(np.int64).T
-    surface = look(mesh, view).depth
+    at = corners(mesh.vertices, view)
+    u, v, inverse = at.T
+    index = np.flatnonzero((inverse > 0) & (u > 1) & (v > 1) & (u < view.width - 1) & (v < view.height - 1))
+    x, y = at[index, :2].astype(np.int64).T
     # the largest depth around the pixel: a vertex on a rim must not be hidden by its own neighbours
-    farthest = cv2.dilate(surface, np.ones((3, 3), np.uint8))
-    visible = inside[y, x] & (depth[index] <= farthest[y, x] * (1 + SLACK))
-    index = index[visible]
-    map_u, map_v = (uv[index] - 0.5).astype(np.float32).T
+    farthest = cv2.dilate(look(mesh, view, at).depth, np.ones((3, 3), np.uint8))
+    index = index[inside[y, x] & (1 <= farthest[y, x] * (1 + SLACK) * inverse[index])]
+    toward = view.centre - mesh.vertices[index]
+    distance = np.linalg.norm(toward, axis=1)
+    facing = (normals[index] * toward).sum(1) / np.maximum(distance, 1e-12)
+    faced = facing > 0.1
+    index, distance, facing = index[faced], distance[faced], facing[faced]
+    map_u, map_v = (at[index, :2] - 0.5).astype(np.float32).T
     colors = _bilinear(photo, map_u, map_v)
-    weight = (facing[index] ** 2 * (view.fx / distance[index]) ** 2).astype(np.float32)
+    weight = (facing**2 * (view.fx / distance) ** 2).astype(np.float32)
     return index, weight, colors
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look
+from mgf_engine.mesh.view import corners, look
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import atomic_path
 
@@ -82,11 +82,11 @@ def write_parts(names: Sequence[str], face: NDArray[np.uint8], path: Path) -> No
 def _seen(mesh: Mesh, scene: Scene, index: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Vertices that a view shows, and the pixel (row, column) of each."""
     view = scene.views[index]
-    surface = look(mesh, view).depth
-    uv, depth = view.project(mesh.vertices)
-    column, row = np.floor(np.clip(uv, -1, 1 << 20)).astype(np.int64).T
-    inside = (depth > 0) & (row >= 0) & (row < view.height) & (column >= 0) & (column < view.width)
+    at = corners(mesh.vertices, view)
+    surface = look(mesh, view, at).depth
+    column, row = np.floor(np.clip(at[:, :2], -1, 1 << 20)).astype(np.int64).T
+    inside = (at[:, 2] > 0) & (row >= 0) & (row < view.height) & (column >= 0) & (column < view.width)
     seen = np.flatnonzero(inside)
     shown = surface[row[seen], column[seen]]
-    seen = seen[(shown > 0) & (depth[seen] <= shown * (1 + BEHIND))]
+    seen = seen[(shown > 0) & (1 <= shown * (1 + BEHIND) * at[seen, 2])]
     return seen, row[seen], column[seen]

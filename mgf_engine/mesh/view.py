@@ -31,18 +31,29 @@ class Sight:
     face: NDArray[np.int32]
 
 
-def look(mesh: Mesh, view: View) -> Sight:
-    """Depth and faces of ``mesh`` (normalised frame) from ``view``."""
+def corners(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
+    """Where points [N, 3] (normalised frame) appear, [N, 3]: u and v in pixels, 1 / depth; all 0 if not in front."""
+    result = np.empty((len(points), 3))
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    pose = np.concatenate([view.rotation.ravel(), view.translation])
+    intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
+    parallel("corners_work", len(points), points, pose, intrinsics, NEAR, result)
+    return result
+
+
+def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight:
+    """Depth and faces of ``mesh`` (normalised frame) from ``view``.
+
+    Args:
+        at: :func:`corners` of the mesh's vertices, where they are known already.
+    """
     height, width = view.height, view.width
     inverse = np.zeros((height, width), np.float32)
     face = np.full((height, width), -1, np.int32)
     if len(mesh.faces):
-        uv, depth = view.project(mesh.vertices)
-        in_front = depth > NEAR
-        corners = np.column_stack([uv, np.where(in_front, 1.0 / np.where(in_front, depth, 1.0), 0.0)])
-        corners = np.ascontiguousarray(np.nan_to_num(corners, nan=0.0, posinf=0.0, neginf=0.0))
+        at = corners(mesh.vertices, view) if at is None else at
         faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-        parallel("zbuffer_work", corners, faces, len(faces), height, width, inverse, face)
+        parallel("zbuffer_work", at, faces, len(faces), height, width, inverse, face)
     seen = face >= 0
     depth_map = np.where(seen, 1.0 / np.where(seen, inverse, 1.0), 0.0).astype(np.float32)
     return Sight(depth_map, face)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look, pixel_rays, scaled_view, shaded
+from mgf_engine.mesh.view import NEAR, corners, look, pixel_rays, scaled_view, shaded
 from mgf_engine.raster import library
 
 from .analytic import ball, camera, cuboid
@@ -98,3 +98,16 @@ def test_a_large_mesh_is_quick():
     started = time.process_time()
     look(mesh, camera((4.0, 0, 0), width=750, height=500, focal=700))
     assert time.process_time() - started < 3.0  # takes about 0.2 s; the bound only catches a change of kind
+
+
+def test_corners_are_projections_and_zero_behind_the_camera():
+    view = camera((3.0, -2.0, 1.0))
+    points = np.random.default_rng(0).normal(size=(20_000, 3)) * 3
+    at = corners(points, view)
+    uv, depth = view.project(points)
+    front = depth > NEAR
+    assert 0.2 < front.mean() < 1
+    np.testing.assert_allclose(at[front, :2], uv[front], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(at[front, 2], 1 / depth[front], rtol=1e-12)
+    assert (at[~front] == 0).all()
+    assert corners(np.zeros((0, 3)), view).shape == (0, 3)

@@ -6,7 +6,7 @@
 // ones the first. Each band belongs to one thread, so the result does not depend on the number of threads.
 #include "export.h"
 
-enum { BAND = 128 };
+enum { BAND = 128, PIECE = 8192 };
 
 typedef struct {
     double x, y, q; // pixels, pixels, 1/depth
@@ -37,6 +37,27 @@ static void draw(Corner a, Corner b, Corner c, int32_t id, int64_t top, int64_t 
             const float q = (float)(wa * a.q + wb * b.q + wc * c.q);
             const int64_t at = y * width + x;
             if (q > inverse[at]) inverse[at] = q, face[at] = id;
+        }
+    }
+}
+
+/* corners [n][3]: (u, v, 1/depth) of points [n][3]; all zero where they are not deeper than `near`.
+   pose: rotation [3][3] and translation [3]; intrinsics: fx, fy, cx, cy. */
+MGF_API void corners_work(int32_t *next, int64_t n, const double *points, const double *pose, const double *intrinsics,
+                          float near, double *corners) {
+    for (;;) {
+        const int64_t start = take_work(next) * (int64_t)PIECE, end = start + PIECE < n ? start + PIECE : n;
+        if (start >= n) return;
+        for (int64_t i = start; i < end; i++) {
+            const double *p = points + 3 * i;
+            double c[3];
+            for (int k = 0; k < 3; k++)
+                c[k] = pose[3 * k] * p[0] + pose[3 * k + 1] * p[1] + pose[3 * k + 2] * p[2] + pose[9 + k];
+            const int in_front = c[2] > near;
+            const double q = in_front ? 1.0 / c[2] : 0.0;
+            corners[3 * i] = in_front ? c[0] * q * intrinsics[0] + intrinsics[2] : 0.0;
+            corners[3 * i + 1] = in_front ? c[1] * q * intrinsics[1] + intrinsics[3] : 0.0;
+            corners[3 * i + 2] = q;
         }
     }
 }
