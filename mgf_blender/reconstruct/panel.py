@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The Reconstruct panel: options, the button, progress, and what the last job said."""
 
+from pathlib import Path
+
 import bpy
 
 from ..common import options, runner
@@ -153,9 +155,16 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     row = layout.row(align=True)
     if job.live and job.preview:
         row.operator("mgf.show_preview", text="Show Render", icon="IMAGE_DATA")
-    row.operator("mgf.open_job_file", text="Open Log", icon="TEXT").name = "log.txt"
+    _draw_file_button(row, job.folder, "log.txt", N_("Open Log"), "TEXT")
     if job.status == DONE and job.kind == "reconstruct":
-        row.operator("mgf.open_job_file", text="Open Report", icon="URL").name = "report.html"
+        _draw_file_button(row, job.folder, "report.html", N_("Open Report"), "URL")
+
+
+def _draw_file_button(layout: bpy.types.UILayout, folder: Path, name: str, text: str, icon: str) -> None:
+    """A button that opens a file of a job, once there is one: Blender keeps a button grey that was so when the pointer
+    came to rest on it, as it does on this one after the job was started."""
+    if (folder / name).is_file():
+        layout.operator("mgf.open_job_file", text=text, icon=icon).name = name
 
 
 def _headline(job: Job) -> str:

@@ -7,6 +7,7 @@ import bpy
 
 from ..common import options
 from ..common.text import N_, tr
+from ..reconstruct.start import has_job_file
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
 from . import surface, switch
@@ -35,7 +36,8 @@ class MGF_PT_results(bpy.types.Panel):
         meshes = tree.objects("Mesh")
         row = layout.row(align=True)
         row.operator("mgf.import_result", icon="IMPORT")
-        row.operator("mgf.open_job_file", text="", icon="URL").name = "report.html"
+        if has_job_file(scene, "report.html"):
+            row.operator("mgf.open_job_file", text="", icon="URL").name = "report.html"
         draw_waiting(layout, scene)
         if not meshes:
             return

@@ -69,7 +69,7 @@ def _samples(
     x, y = at[index, :2].astype(np.int64).T
     # the largest depth around the pixel: a vertex on a rim must not be hidden by its own neighbours
     farthest = cv2.dilate(look(mesh, view, at).depth, np.ones((3, 3), np.uint8))
-    index = index[inside[y, x] & (1 <= farthest[y, x] * (1 + SLACK) * inverse[index])]
+    index = index[inside[y, x] & (farthest[y, x] * (1 + SLACK) * inverse[index] >= 1)]
     toward = view.centre - mesh.vertices[index]
     distance = np.linalg.norm(toward, axis=1)
     facing = (normals[index] * toward).sum(1) / np.maximum(distance, 1e-12)

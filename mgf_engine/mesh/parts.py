@@ -88,5 +88,5 @@ def _seen(mesh: Mesh, scene: Scene, index: int) -> tuple[NDArray[np.int64], NDAr
     inside = (at[:, 2] > 0) & (row >= 0) & (row < view.height) & (column >= 0) & (column < view.width)
     seen = np.flatnonzero(inside)
     shown = surface[row[seen], column[seen]]
-    seen = seen[(shown > 0) & (1 <= shown * (1 + BEHIND) * at[seen, 2])]
+    seen = seen[(shown > 0) & (shown * (1 + BEHIND) * at[seen, 2] >= 1)]
     return seen, row[seen], column[seen]

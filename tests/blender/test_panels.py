@@ -68,6 +68,9 @@ def test_running_waiting_and_cancelled(addon, engine, house):
     addon.job_folder = str(house.folder.parent / "new job")
     files.add_click(addon.photos[0], 9, 9, False, "building")
     runner.submit(make_job(bpy.context.scene))
+    # Drawn before there is a log, the button would be grey under the pointer and stay so until the pointer moves.
+    assert "Open Log" not in draw(MGF_PT_reconstruct).said
+    assert "mgf.open_job_file" not in [name for name, *_ in draw(MGF_PT_results).operators]
     assert "Waiting" in draw(MGF_PT_reconstruct).said or "Starting" in draw(MGF_PT_reconstruct).said
     end = time.monotonic() + 20
     while "Reading photos, " not in draw(MGF_PT_reconstruct).said and time.monotonic() < end:
@@ -75,7 +78,7 @@ def test_running_waiting_and_cancelled(addon, engine, house):
         time.sleep(0.01)
     drawn = draw(MGF_PT_reconstruct)
     assert "12 s left" in drawn.said and "Reconstruct Building" not in drawn.said
-    assert "mgf.cancel_job" in [name for name, *_ in drawn.operators]
+    assert "mgf.cancel_job" in [name for name, *_ in drawn.operators] and "Open Log" in drawn.said
     bpy.ops.mgf.cancel_job()
     assert "Stopping" in draw(MGF_PT_reconstruct).said
     while runner.pump():
