@@ -57,6 +57,7 @@ class Job:
     seconds_left: float | None = None
     figures: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    messages: int = 0  # taken in so far
     preview: str = ""
     text: str = ""
     log: str = ""
@@ -125,6 +126,7 @@ class Job:
             if line.strip():
                 self.last_errors.append(line)
             return
+        self.messages += 1
         self._apply(message)
         if self.on_message is not None:
             self.on_message(self, message)

@@ -92,18 +92,30 @@ def _start(job: Job) -> None:
 
 
 def _tick() -> float | None:
+    before = _news()
     alive = pump()
-    redraw()
+    if _news() != before:
+        redraw()
     return TICK if alive else None
 
 
+def _news() -> list[tuple[str, int]]:
+    """What changes when a panel has something new to say."""
+    return [(j.status, j.messages) for j in _jobs]
+
+
 def redraw() -> None:
-    """Redraw the sidebars that show jobs and the image editors that show previews."""
+    """Redraw the sidebars that show jobs and the image editors that show previews.
+
+    The viewport's own picture stays: drawing a large scene several times a second would take the engine's time.
+    """
     for manager in bpy.data.window_managers:
         for window in manager.windows:
             for area in window.screen.areas:
-                if area.type in {"VIEW_3D", "IMAGE_EDITOR", "PREFERENCES"}:
+                if area.type in {"IMAGE_EDITOR", "PREFERENCES"}:
                     area.tag_redraw()
+                elif area.type == "VIEW_3D":
+                    next(r for r in area.regions if r.type == "UI").tag_redraw()
 
 
 def register() -> None:

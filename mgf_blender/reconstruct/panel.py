@@ -6,6 +6,7 @@ from pathlib import Path
 import bpy
 
 from ..common import options, runner
+from ..common.figures import draw_figures
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, Job
 from ..common.text import N_, draw_sentence, tr
 from ..engine.notice import draw_engine_missing
@@ -143,10 +144,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         row = box.row(align=True)
         row.progress(factor=job.overall, text=_headline(job), translate=False)
         row.operator("mgf.cancel_job", text="", icon="X")
-        for name, value in list(job.figures.items())[:6]:
-            row = box.row()
-            row.label(text=options.title(name))
-            row.label(text=_figure(value), translate=False)
+        draw_figures(box, dict(list(job.figures.items())[:6]))
     else:
         icon = {DONE: "CHECKMARK", FAILED: "ERROR", CANCELLED: "PAUSE"}.get(job.status, "INFO")
         draw_sentence(box, _outcome(job), icon)
@@ -186,10 +184,6 @@ def _outcome(job: Job) -> str:
     if job.text or job.status != DONE:
         return job.text or tr("Cancelled")
     return tr("Finished in {time}", time=duration(job.seconds)) if job.seconds else tr("Finished")
-
-
-def _figure(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _photo_count(scene: bpy.types.Scene) -> int:

@@ -5,7 +5,7 @@ import json
 
 import bpy
 
-from ..common import options
+from ..common.figures import draw_figures
 from ..common.text import N_, tr
 from ..reconstruct.start import has_job_file
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
@@ -76,6 +76,8 @@ def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
         cell = row.row(align=True)
         cell.enabled = kind in there
         cell.operator("mgf.show_in_camera", text=_SHOWS[kind], depress=kind == camera.get(SHOWN_KEY)).kind = kind
+    if "RENDER" not in there:
+        column.label(text="This photo has no render; Render All makes one", icon="INFO")
 
 
 def _draw_figures(layout: bpy.types.UILayout, text: str) -> None:
@@ -83,14 +85,8 @@ def _draw_figures(layout: bpy.types.UILayout, text: str) -> None:
         figures = json.loads(text) if text else {}
     except ValueError:
         figures = {}
-    if not figures:
-        return
-    column = layout.box().column(align=True)
-    for name, value in figures.items():
-        if isinstance(value, int | float | str):
-            row = column.row()
-            row.label(text=options.title(str(name)))
-            row.label(text=f"{value:.4g}" if isinstance(value, float) else str(value), translate=False)
+    if figures:
+        draw_figures(layout.box().column(align=True), figures)
 
 
 register, unregister = bpy.utils.register_classes_factory((MGF_PT_results,))

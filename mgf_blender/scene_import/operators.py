@@ -221,7 +221,7 @@ def bring_in(
     scene: bpy.types.Scene, path: Path, upright: bool, replace: bool, operator: bpy.types.Operator | None = None
 ) -> Imported:
     """Import into a scene and remember source and root photos, as every way of importing does."""
-    state = scene.mgf
+    state, path = scene.mgf, path.absolute()
     photos = Path(bpy.path.abspath(state.photo_folder)) if state.photo_folder else None
     done = import_scene(scene, path, photos, upright, Tree.find(scene) if replace else None)
     state.source = str(path.parent if path.is_file() else path)

@@ -60,6 +60,7 @@ def test_from_import_to_mesh(addon, engine, house):
     bpy.ops.mgf.reconstruct()
     said = all_panels()
     assert "Finished in " in said and "Open Report" in said and "Building: 16 faces" in said and "PSNR" in said
+    assert "Open Log" in said and "mgf.open_job_file" in [name for name, *_ in draw(MGF_PT_results).operators]
 
 
 def test_running_waiting_and_cancelled(addon, engine, house):

@@ -258,6 +258,20 @@ def test_masks_of_all_photos_are_a_job(ready):
     assert arguments(ready)[0] == "masks"
 
 
+def test_panels_are_redrawn_when_there_is_news_and_not_otherwise(ready, engine, monkeypatch):
+    engine("slow")
+    drawn = []
+    monkeypatch.setattr(runner, "redraw", lambda: drawn.append(runner.jobs()[-1].messages))
+    runner.submit(make_job(bpy.context.scene))
+    ticks, end = 0, time.monotonic() + 20
+    while len(drawn) < 6 and time.monotonic() < end:
+        assert runner._tick() == runner.TICK
+        ticks += 1
+        time.sleep(0.005)
+    assert len(drawn) == 6 and drawn[0] == 0 and drawn[-1] > 0
+    assert ticks > 2 * len(drawn)
+
+
 def test_longest_tick_is_recorded(ready):
     bpy.ops.mgf.reconstruct()
     assert 0 < runner.longest_tick() < 0.25

@@ -39,6 +39,12 @@ def test_every_way_to_name_the_model(addon, house):
         bpy.ops.mgf.import_colmap()
 
 
+def test_source_stays_true_when_the_program_is_started_elsewhere(addon, house, monkeypatch):
+    monkeypatch.chdir(house.folder.parent)
+    bpy.ops.mgf.import_colmap(filepath=house.folder.name)
+    assert addon.source == str(house.folder) and Path(addon.photos[0].file).is_absolute()
+
+
 def test_bad_model_leaves_the_scene_alone(addon, house):
     (house.model / "points3D.bin").write_bytes(b"\1")
     with pytest.raises(RuntimeError, match="damaged or ends too early"):

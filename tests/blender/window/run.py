@@ -27,7 +27,7 @@ from first_steps import install_engine, install_extension, use_environment
 
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
 IMPORT, CROP, MARK = 50, 71, 195
-RECONSTRUCT, RESUME, RESULTS = 453, 510, 519  # with a photo marked
+RECONSTRUCT, RESUME, RESULTS = 453, 510, 582  # with a photo marked; the last with a finished job
 PAINT, SHOW = 203, 249  # in the Results panel, the other panels closed
 POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 320
 FIRST_FILE, FILE_ROW = (1177, 364), 20  # icons in a File Browser in place of the Properties editor
@@ -48,6 +48,7 @@ PICTURES = {
 def main() -> int:
     """Run every step; returns the exit code."""
     args = parser().parse_args()
+    args.out = args.out.absolute()
     shutil.rmtree(args.out, ignore_errors=True)
     args.out.mkdir(parents=True)
     scene = args.out / args.scene.name.split("-")[0]
