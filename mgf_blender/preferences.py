@@ -99,7 +99,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             if task.output:
                 layout.label(text=task.output[-1].strip()[:100], translate=False)
         elif task.status == FAILED:
-            draw_sentence(layout, task.text, "ERROR", width=100)
+            draw_sentence(layout, task.text, "ERROR")
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
             for name, value in _report_lines(task.output):

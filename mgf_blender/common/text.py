@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
-import textwrap
+from collections.abc import Callable
 
+import blf
 import bpy
+
+_LETTERS = 46  # of a line where there is no window to measure
+_MARGINS = {"UI": 98.0, "WINDOW": 290.0}  # of a sidebar, of the preferences; pixels at interface scale 1
 
 
 def tr(text: str, **values: object) -> str:
@@ -27,13 +31,35 @@ def N_(text: str) -> str:
     return text
 
 
-def wrapped(text: str, width: int = 46) -> list[str]:
-    """The lines of a sentence for a sidebar; long paths are broken."""
-    return textwrap.wrap(text, width, break_long_words=True) or [""]
+def wrapped(text: str, fits: Callable[[str], bool]) -> list[str]:
+    """The lines of a sentence, each as long as ``fits`` allows; words too long for one, such as paths, are broken."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".lstrip()
+        if fits(longer):
+            lines[-1] = longer
+            continue
+        while not fits(word) and len(word) > 1:
+            most = next(n for n in range(len(word) - 1, 0, -1) if n == 1 or fits(word[:n]))
+            lines.append(word[:most])
+            word = word[most:]
+        lines.append(word)
+    return lines if lines[0] or len(lines) == 1 else lines[1:]
 
 
-def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str, width: int = 46) -> None:
+def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str) -> None:
     """A sentence on as many lines as it needs, the icon before the first."""
     column = layout.column(align=True)
-    for i, line in enumerate(wrapped(text, width)):
+    for i, line in enumerate(wrapped(text, _fits_here())):
         column.label(text=line, icon=icon if i == 0 else "BLANK1", translate=False)
+
+
+def _fits_here() -> Callable[[str], bool]:
+    """Whether a text fits beside an icon in a box of the panel that is being drawn."""
+    context = bpy.context
+    if context.region is None:  # no window
+        return lambda text: len(text) <= _LETTERS
+    scale, styles = context.preferences.system.ui_scale, context.preferences.ui_styles
+    room = context.region.width - scale * _MARGINS.get(context.region.type, _MARGINS["UI"])
+    blf.size(0, (styles[0].widget.points if styles else 11.0) * scale)
+    return lambda text: blf.dimensions(0, text)[0] <= room

@@ -19,13 +19,14 @@ from ..scene_import.cameras import (
     CameraSpec,
     add_background,
     add_cameras,
+    clear_view,
     find_camera,
     load_image,
 )
 from ..scene_import.colmap import Points
 from ..scene_import.frame import Frame, make_frame
 from ..scene_import.points import add_points
-from ..scene_import.tree import Tree
+from ..scene_import.tree import Tree, hide
 from .job_folder import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
 
@@ -120,10 +121,10 @@ def import_result(
     if content.mesh is not None:
         tree.clear("Mesh")
         obj = _add_mesh(tree, mesh or make_mesh(MESH_NAME, content.mesh, SHARP_ANGLE), content.parts)
-        layer = scene.view_layers[0]
         for points in tree.objects("Points"):
-            if points.name in layer.objects:
-                points.hide_set(True, view_layer=layer)  # they would speckle the surface
+            hide(points)  # they would speckle the surface
+    if scene.camera is not None:
+        clear_view(tree, scene.camera)
     return Result(tree, obj, len(tree.objects("Renders")), delivery)
 
 

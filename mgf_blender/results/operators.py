@@ -12,8 +12,8 @@ from ..common.files import replace_file
 from ..common.operators import Operator
 from ..common.text import tr
 from ..reconstruct.start import has_job_file, job_folder
-from ..scene_import.cameras import PHOTO_KEY
-from ..scene_import.tree import Tree
+from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
+from ..scene_import.tree import Tree, hide
 from . import arrival, surface, switch
 from .field import import_field
 from .job_folder import read_delivery
@@ -104,7 +104,9 @@ class MGF_OT_show_in_camera(Operator):
         return cls.needs(imported, "Look through an imported camera first")
 
     def run(self, context: bpy.types.Context) -> None:
-        switch.show(Tree.find(context.scene), context.scene.camera, self.kind)
+        tree = Tree.find(context.scene)
+        switch.show(tree, context.scene.camera, self.kind)
+        tree.root[SHOWN_KEY] = self.kind  # the next camera goes on with it
 
 
 class MGF_OT_paint_mesh(Operator):
@@ -132,7 +134,7 @@ class MGF_OT_paint_mesh(Operator):
     def run(self, context: bpy.types.Context) -> None:
         for obj in Tree.find(context.scene).objects("Mesh"):
             surface.show(obj.data, self.kind)
-            obj.hide_set(False)
+            hide(obj, False)
 
 
 class MGF_OT_export_field(_NeedsJob):

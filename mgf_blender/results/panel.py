@@ -71,13 +71,15 @@ def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
     column = layout.column(align=True)
     column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
     row = column.row(align=True)
-    there = switch.available(camera)
+    there, shown = switch.available(camera), camera.get(SHOWN_KEY, "PHOTO")
     for kind in switch.KINDS:
         cell = row.row(align=True)
         cell.enabled = kind in there
-        cell.operator("mgf.show_in_camera", text=_SHOWS[kind], depress=kind == camera.get(SHOWN_KEY)).kind = kind
-    if "RENDER" not in there:
-        column.label(text="This photo has no render; Render All makes one", icon="INFO")
+        cell.operator("mgf.show_in_camera", text=_SHOWS[kind], depress=kind == shown).kind = kind
+    if shown == "ERROR":
+        column.label(text="Dark: alike, bright: different")
+    elif "RENDER" not in there:
+        column.label(text="No render of this photo", icon="INFO")
 
 
 def _draw_figures(layout: bpy.types.UILayout, text: str) -> None:

@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 
 from ..common.errors import UserError
-from ..scene_import.cameras import IMAGE_KEY, SHOWN_KEY, add_background
-from ..scene_import.tree import Tree
+from ..scene_import.cameras import IMAGE_KEY, SHOWN_KEY, add_background, clear_view
+from ..scene_import.tree import Tree, hide
 
 KINDS = ("PHOTO", "RENDER", "ERROR", "MESH")
 #: Difference of colour (0..1) that is drawn in the hottest colour.
@@ -38,8 +38,16 @@ def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
         slot.show_background_image = slot.image is not None and slot.image.get(IMAGE_KEY) == kind.lower()
         slot.display_depth = "BACK" if kind == "PHOTO" else "FRONT"
     for obj in tree.objects("Mesh"):
-        obj.hide_set(kind not in {"MESH", "PHOTO"})
+        hide(obj, kind not in {"MESH", "PHOTO"})
+    clear_view(tree, camera)
     camera[SHOWN_KEY] = kind
+
+
+def follow(tree: Tree, camera: bpy.types.Object) -> None:
+    """Show in another camera what the user chose last, or its photo with the mesh where it has no such picture."""
+    wanted, there = tree.root.get(SHOWN_KEY), available(camera)
+    if wanted is not None:
+        show(tree, camera, next(kind for kind in (wanted, "PHOTO", "MESH") if kind in there))
 
 
 def available(camera: bpy.types.Object) -> set[str]:

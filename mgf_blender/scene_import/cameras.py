@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .tree import Tree
+from .tree import Tree, hide
 
 PHOTO_KEY, SIZE_KEY, ASPECT_KEY, DISTORTED_KEY = "mgf_photo", "mgf_size", "mgf_pixel_aspect", "mgf_distorted"
 SHOWN_KEY = "mgf_shown"  # on cameras: which of the pictures is shown
@@ -135,6 +135,12 @@ def add_background(obj: bpy.types.Object, image: bpy.types.Image, show: bool = T
     slot.display_depth = "BACK"
     slot.show_background_image = show
     data.show_background_images = True
+
+
+def clear_view(tree: Tree, camera: bpy.types.Object) -> None:
+    """Hide the render that stands in a camera's frustum, where it would cover the mesh; those of others come back."""
+    for obj in tree.objects("Renders"):
+        hide(obj, obj.parent == camera)
 
 
 def find_camera(tree: Tree, photo: str) -> bpy.types.Object | None:

@@ -12,7 +12,8 @@ from ..common.errors import UserError
 from ..common.operators import Operator
 from ..common.text import tr
 from ..prompts.roots import choose_roots
-from .cameras import PHOTO_KEY, SIZE_KEY, fit_render, set_clipping
+from ..results.switch import follow
+from .cameras import PHOTO_KEY, SIZE_KEY, clear_view, fit_render, set_clipping
 from .colmap import read_model
 from .crop import add_crop_box, find_crop_box
 from .frame import rotation_to_z, up_direction
@@ -90,7 +91,8 @@ class MGF_OT_look_through(_NeedsScene):
     step: bpy.props.IntProperty(name="Step", description="How many photos to go on from the active camera", default=0)
 
     def run(self, context: bpy.types.Context) -> None:
-        cameras = sorted(Tree.find(context.scene).objects("Cameras"), key=lambda o: o.get(PHOTO_KEY, ""))
+        tree = Tree.find(context.scene)
+        cameras = sorted(tree.objects("Cameras"), key=lambda o: o.get(PHOTO_KEY, ""))
         if not cameras:
             raise UserError("The imported scene has no cameras left; import it again.")
         chosen = context.object if self.step == 0 and context.object in cameras else context.scene.camera
@@ -98,6 +100,8 @@ class MGF_OT_look_through(_NeedsScene):
         camera = cameras[(at + self.step) % len(cameras)]
         context.scene.camera = camera
         fit_render(context.scene, camera)
+        clear_view(tree, camera)
+        follow(tree, camera)
         for area in context.screen.areas if context.screen is not None else ():
             if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None:
                 area.spaces.active.region_3d.view_perspective = "CAMERA"
@@ -291,10 +295,15 @@ def _two_points(context: bpy.types.Context) -> list[Vector]:
 
 def fit_on_camera_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handler: keep the render size in step with the active camera, because Blender keeps it in the scene."""
-    camera = scene.camera
-    if camera is not None and SIZE_KEY in camera and scene.mgf.fit_render and _last.get(scene.name) != camera.name:
-        fit_render(scene, camera)
+    camera, before = scene.camera, _last.get(scene.name)
     _last[scene.name] = camera.name if camera is not None else ""
+    if camera is None or SIZE_KEY not in camera or before == camera.name:
+        return
+    if scene.mgf.fit_render:
+        fit_render(scene, camera)
+    tree = Tree.find(scene)
+    if tree is not None:
+        clear_view(tree, camera)
 
 
 _last: dict[str, str] = {}  # scene name -> name of the camera seen last

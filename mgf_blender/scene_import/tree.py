@@ -103,6 +103,14 @@ class Tree:
             _remove_unused(data)
 
 
+def hide(obj: bpy.types.Object, hidden: bool = True) -> None:
+    """Hide or show an object in the viewports of every view layer that has it."""
+    for scene in obj.users_scene:
+        for layer in scene.view_layers:
+            if obj.name in layer.objects:
+                obj.hide_set(hidden, view_layer=layer)
+
+
 def _remove_unused(data: bpy.types.ID | None) -> None:
     if data is None or data.users > 0:
         return

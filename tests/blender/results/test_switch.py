@@ -39,6 +39,40 @@ def test_switch_shows_one_at_a_time(tree):
     assert shown() == [] and not tree.objects("Mesh")[0].hide_get()
 
 
+def standing(tree) -> set[str]:
+    """Names of the cameras in whose frustum a render can be seen."""
+    return {o.parent.name for o in tree.objects("Renders") if not o.hide_get()}
+
+
+def test_the_render_in_the_frustum_does_not_cover_what_its_own_camera_shows(tree):
+    first, second = tree.objects("Renders")[0].parent, tree.objects("Renders")[1].parent
+    for kind in ("MESH", "PHOTO", "ERROR"):
+        bpy.ops.mgf.show_in_camera(kind=kind)
+        assert first.name not in standing(tree) and second.name in standing(tree)
+    bpy.context.scene.camera = second
+    bpy.context.view_layer.update()  # as after choosing a camera by hand
+    assert second.name not in standing(tree) and first.name in standing(tree)
+    bpy.ops.mgf.import_result()
+    assert second.name not in standing(tree) and len(standing(tree)) == 3
+
+
+def test_next_cameras_go_on_with_what_was_chosen(tree):
+    bpy.ops.mgf.show_in_camera(kind="ERROR")
+    seen = []
+    for _ in range(12):
+        bpy.ops.mgf.look_through(step=1)
+        seen.append(shown()[0])
+        assert tree.objects("Mesh")[0].hide_get() == (seen[-1] == "error")
+    assert seen.count("error") == 4 and seen.count("photo") == 8
+
+
+def test_objects_outside_the_view_layer_do_not_stop_the_switch(tree):
+    layer = bpy.context.view_layer.layer_collection.children[tree.collection.name]
+    layer.children[tree.child("Mesh").name].exclude = True
+    bpy.ops.mgf.show_in_camera(kind="RENDER")
+    assert shown() == ["render"]
+
+
 def test_a_camera_without_render_says_so(tree):
     bare = next(o for o in tree.objects("Cameras") if len(o.data.background_images) == 1)
     bpy.context.scene.camera = bare

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sentences are broken where the panel ends."""
+
+from __future__ import annotations
+
+from mgf_blender.common.text import wrapped
+
+
+def short(text: str) -> bool:
+    return len(text) <= 12
+
+
+def test_lines_are_as_long_as_fits():
+    assert wrapped("The engine ended with code 9.", short) == ["The engine", "ended with", "code 9."]
+    assert wrapped("Cancelled", short) == ["Cancelled"] and wrapped("", short) == [""]
+
+
+def test_long_words_are_broken_and_nothing_is_lost():
+    lines = wrapped("In '/home/some/very/long/folder' is no Python.", short)
+    assert all(map(short, lines)) and "".join(lines).replace(" ", "") == "In'/home/some/very/long/folder'isnoPython."
+    assert wrapped("/home/a/b/c/d/e", short)[0] == "/home/a/b/c/"
+
+
+def test_a_panel_too_narrow_for_a_letter_still_ends():
+    assert wrapped("ab c", lambda text: False) == ["a", "b", "c"]
