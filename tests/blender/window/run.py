@@ -263,6 +263,9 @@ def quit_and_resume(window: Window, blend: Path) -> None:
     time.sleep(2)
     window.shot("34-interrupted")
     window.press(window.button(RESUME), "the resumed job", lambda s: s.get("jobs"))
+    window.wait("training to go on", lambda s: s["jobs"][-1][2] == "field", 600)
+    (log,) = blend.parent.glob(f"{blend.stem}_jobs/*/log.txt")
+    assert log.read_text().count("stage masks begins") == 1, "the resumed job began again"
 
 
 def watch_to_the_end(window: Window) -> None:
