@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The Reconstruct panel: options, the button, progress, and what the last job said."""
 
+import re
 from pathlib import Path
 
 import bpy
@@ -149,7 +150,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         icon = {DONE: "CHECKMARK", FAILED: "ERROR", CANCELLED: "PAUSE"}.get(job.status, "INFO")
         draw_sentence(box, _outcome(job), icon)
     for text in job.warnings[-3:]:
-        draw_sentence(box, text, "INFO")
+        draw_sentence(box, in_panel_words(text), "INFO")
     row = layout.row(align=True)
     if job.live and job.preview:
         row.operator("mgf.show_preview", text="Show Render", icon="IMAGE_DATA")
@@ -182,8 +183,15 @@ def _headline(job: Job) -> str:
 def _outcome(job: Job) -> str:
     """How a job ended."""
     if job.text or job.status != DONE:
-        return job.text or tr("Cancelled")
+        return in_panel_words(job.text) or tr("Cancelled")
     return tr("Finished in {time}", time=duration(job.seconds)) if job.seconds else tr("Finished")
+
+
+def in_panel_words(text: str) -> str:
+    """A sentence of the engine, which speaks of its command line, in terms of what the panel has for the same."""
+    text = re.sub(r"(?:run again with|add) --resume", "press Resume", text)
+    text = re.sub(r"--prompts(?: FILE)?", "points", re.sub(r"--masks(?: FOLDER)?", "Own Masks", text))
+    return re.sub(r"--([a-z][a-z-]*)", lambda found: options.title(found[1].replace("-", "_")), text)
 
 
 def _photo_count(scene: bpy.types.Scene) -> int:

@@ -15,7 +15,7 @@ from mgf_blender.engine.task import Step, Task
 from mgf_blender.preferences import MGF_Preferences
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
-from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct
+from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct, in_panel_words
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import arrival
 from mgf_blender.results.panel import MGF_PT_results
@@ -86,6 +86,33 @@ def test_running_waiting_and_cancelled(addon, engine, house):
         time.sleep(0.01)
     said = draw(MGF_PT_reconstruct).said
     assert "Cancelled" in said and "Resume" in said and "Reconstruct Building" in said
+
+
+@pytest.mark.parametrize(
+    ("engine_says", "panel_says"),
+    [
+        ("The disk is full; free some space and run again with --resume.",
+         "The disk is full; free some space and press Resume."),
+        ("The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu.",
+         "The card's memory is full; lower Resolution or Max Gaussians, or use Device cpu."),
+        ("There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks.",
+         "There are no clicks on the building; give points, or Own Masks with your own masks."),
+        ("A plain - and a -- stay.", "A plain - and a -- stay."),
+    ],
+)  # fmt: skip
+def test_sentences_of_the_engine_speak_of_the_panel(engine_says, panel_says):
+    assert in_panel_words(engine_says) == panel_says
+
+
+def test_a_full_disk_points_to_the_button(addon, engine, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    engine("full")
+    with pytest.raises(RuntimeError):
+        bpy.ops.mgf.reconstruct()
+    said = " ".join(draw(MGF_PT_reconstruct).said.split())
+    assert "free some space and press Resume." in said and "--resume" not in said
 
 
 def test_own_masks_need_no_points(addon, engine, house):
