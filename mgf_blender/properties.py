@@ -31,7 +31,9 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
         subtype="DIR_PATH",
     )  # fmt: skip
     job_folder: bpy.props.StringProperty(
-        name="Job Folder", description="Where the engine keeps its work and results", subtype="DIR_PATH"
+        name="Job Folder",
+        description="Where the engine keeps its work and results; chosen beside the file when empty",
+        subtype="DIR_PATH",
     )
     options: bpy.props.PointerProperty(type=OptionsGroup)
     photos: bpy.props.CollectionProperty(type=MGF_PG_photo)

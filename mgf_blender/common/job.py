@@ -174,14 +174,17 @@ class Job:
         error = next((e for e in reversed(self.last_errors) if e.strip()), "")
         if code < 0:
             text = N_("The engine was ended by signal {code}; press Resume to continue from the last checkpoint.")
+            if code == -9:
+                text = N_(
+                    "The engine was ended by signal 9, mostly for lack of memory; "
+                    "lower Resolution or Max Gaussians and press Resume."
+                )
         elif error:
-            text = N_(
-                "The engine ended with code {code} without a word ({error}); "
-                "press Resume to continue from the last checkpoint."
-            )
+            text = N_("The engine ended with code {code} ({error}); press Resume to continue from the last checkpoint.")
         else:
             text = N_(
-                "The engine ended with code {code} without a word; press Resume to continue from the last checkpoint."
+                "The engine ended with code {code} and gave no reason; "
+                "press Resume to continue from the last checkpoint."
             )
         return tr(text, code=abs(code), error=error.strip())
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -103,14 +104,27 @@ def _apply_preset(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> 
         setattr(self, name, default_of(name, self.preset))
 
 
+def _in_titles(text: str) -> str:
+    """A help text of the engine with options called by their names in the panel."""
+    return re.sub(r"[a-z]+(?:_[a-z]+)+", lambda found: title(found[0]) if found[0] in OPTIONS else found[0], text)
+
+
+def _choice_help(name: str, choice: str) -> str:
+    """What a choice means; of a preset, what it sets."""
+    if name != "preset":
+        return f"{title(name)}: {title(choice)}"
+    values = [(n, default_of(n, choice)) for n in sorted({n for given in PRESETS.values() for n in given})]
+    return ", ".join(f"{title(n)} {v:,}" if isinstance(v, int) else f"{title(n)} {v}" for n, v in values)
+
+
 def _annotation(option: dict[str, Any]) -> Any:
     """The ``bpy.props`` definition of one option."""
     unit = f", in {option['unit']}" if option["unit"] else ""
     default = default_of(option["name"], OPTIONS["preset"]["default"])
-    common = {"name": title(option["name"]), "description": option["help"] + unit, "default": default}
+    common = {"name": title(option["name"]), "description": _in_titles(option["help"]) + unit, "default": default}
     limits = {k: option[v] for k, v in (("min", "low"), ("max", "high")) if option[v] is not None}
     if option["choices"]:
-        items = [(c, title(c), f"{title(option['name'])}: {title(c)}") for c in option["choices"]]
+        items = [(c, title(c), _choice_help(option["name"], c)) for c in option["choices"]]
         update = {"update": _apply_preset} if option["name"] == "preset" else {}
         return bpy.props.EnumProperty(items=items, **common, **update)
     if option["type"] == "bool":

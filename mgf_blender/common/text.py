@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import blf
 import bpy
 
 _LETTERS = 46  # of a line where there is no window to measure
@@ -59,6 +58,8 @@ def _fits_here() -> Callable[[str], bool]:
     context = bpy.context
     if context.region is None:  # no window
         return lambda text: len(text) <= _LETTERS
+    import blf  # of the bpy package, which must come first
+
     scale, styles = context.preferences.system.ui_scale, context.preferences.ui_styles
     room = context.region.width - scale * _MARGINS.get(context.region.type, _MARGINS["UI"])
     blf.size(0, (styles[0].widget.points if styles else 11.0) * scale)

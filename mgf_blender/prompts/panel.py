@@ -67,7 +67,7 @@ class MGF_PT_prompts(bpy.types.Panel):
         row = layout.row(align=True)
         text = tr("{positive} on the building, {negative} off it", positive=positive, negative=negative)
         if parts:
-            text += tr(", {count} parts", count=parts)
+            text += tr(", {count} on its parts", count=parts)
         if not len(photo.clicks):
             text = tr("Click the building, Ctrl click beside it")
         row.label(text=text, translate=False)
@@ -133,7 +133,7 @@ def _draw_preview(layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy
     elif found.status == preview.FAILED:
         draw_sentence(layout, found.text, "ERROR")
     elif found.clicks != preview.signature(photo):
-        layout.label(text="The points have changed since", icon="INFO")
+        layout.label(text="The points have changed since this mask", icon="INFO")
 
 
 CLASSES = (MGF_UL_photos, MGF_PT_prompts, MGF_PT_masks)

@@ -73,7 +73,7 @@ class Preview:
     def _reason(self, code: int) -> str:
         if "No module named" in self.text and "mgf_engine" in self.text:
             return tr("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
-        text = N_("The engine ended with code {code} without a word; press Check Engine in the preferences.")
+        text = N_("The engine ended with code {code} and gave no reason; press Check Engine in the preferences.")
         return self.text or tr(text, code=code)
 
 

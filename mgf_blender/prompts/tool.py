@@ -136,7 +136,7 @@ class MGF_OT_remove_click(_OnPhoto):
 
 
 class MGF_OT_use_point_tool(Operator):
-    """Click in the photo to mark the building"""
+    """Click in the photo to mark the building; Ctrl click marks what is not, Alt click or X removes a point"""
 
     bl_idname = "mgf.use_point_tool"
     bl_label = "Place Points"
@@ -144,7 +144,7 @@ class MGF_OT_use_point_tool(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         in_editor = context.area is not None and context.area.type == "IMAGE_EDITOR"
-        return cls.needs(in_editor, "Only in an Image Editor")
+        return cls.needs(in_editor, "Show a photo in an Image Editor first")
 
     def run(self, context: bpy.types.Context) -> None:
         if context.space_data.ui_mode != "VIEW":

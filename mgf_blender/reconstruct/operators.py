@@ -53,7 +53,9 @@ class MGF_OT_reconstruct(_JobOperator):
         state = context.scene.mgf
         wanted = state.source and state.options.use_masks and not state.masks_folder and len(state.photos)
         ready = not wanted or any(p.done() for p in state.photos)
-        known = cls.needs(ready, "Mark the building in one photo or more first, or choose your own masks")
+        known = cls.needs(
+            ready, "Mark the building in one photo or more first, or choose your own masks under Advanced Options"
+        )
         return known and super().poll(context)
 
     def run(self, context: bpy.types.Context) -> set[str]:

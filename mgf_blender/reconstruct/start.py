@@ -91,7 +91,8 @@ def _guidance(scene: bpy.types.Scene, folder: Path) -> list[str]:
         if not state.options.use_masks:
             return []
         raise UserError(
-            "No point marks the building; click at least one in the Image Editor, or choose your own masks."
+            "No point marks the building; click at least one in the Image Editor, "
+            "or choose your own masks under Advanced Options."
         )
     # Beside the folder, not in it: the engine takes only an empty folder for a new job.
     path = folder.with_name(folder.name + ".prompts.json")

@@ -65,7 +65,7 @@ class MGF_OT_import_result(Operator):
 
 
 class MGF_OT_import_field(_NeedsJob):
-    """Bring the Gaussian field in as coloured points"""
+    """Bring the Gaussian field in as colored points"""
 
     bl_idname = "mgf.import_field"
     bl_label = "Import Field as Points"
@@ -118,9 +118,9 @@ class MGF_OT_paint_mesh(Operator):
 
     kind: bpy.props.EnumProperty(
         name="Paint",
-        description="What the colours of the mesh show",
+        description="What the colors of the mesh show",
         items=[
-            ("COLOR", "Colors", "The colours of the photos"),
+            ("COLOR", "Colors", "The colors of the photos"),
             ("CONFIDENCE", "Confidence", "How far each spot can be trusted, from dark (guessed) to bright (certain)"),
             ("VIEWS", "Views", "How many photos show each spot"),
         ],

@@ -28,12 +28,12 @@ def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
     if kind == "ERROR" and "error" not in kinds:
         make_error_map(camera)
         slots = list(camera.data.background_images)
-    elif kind in {"PHOTO", "RENDER"} and kind.lower() not in kinds:
+    elif kind == "RENDER" and "render" not in kinds:
         raise UserError(
-            "'{name}' has no {kind}; held-out photos get renders, others when Render All is on.",
-            name=camera.name,
-            kind=kind.lower(),
+            "'{name}' has no render; held-out photos get renders, others when Render All is on.", name=camera.name
         )
+    elif kind == "PHOTO" and "photo" not in kinds:
+        raise UserError("'{name}' has no photo; set the photo folder and import again.", name=camera.name)
     for slot in slots:
         slot.show_background_image = slot.image is not None and slot.image.get(IMAGE_KEY) == kind.lower()
         slot.display_depth = "BACK" if kind == "PHOTO" else "FRONT"

@@ -106,7 +106,12 @@ def test_no_engine(ready, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("mode", "words"), [("bad", "no photos"), ("full", "disk is full"), ("silent", "without a word")]
+    ("mode", "words"),
+    [
+        ("bad", "no photos"),
+        ("full", "disk is full"),
+        ("silent", "code 77 .Segmentation fault in kernel.; press Resume"),
+    ],
 )
 def test_failures_reach_the_operator(ready, engine, mode, words):
     engine(mode)
