@@ -177,7 +177,7 @@ class Job:
             if code == -9:
                 text = N_(
                     "The engine was ended by signal 9, mostly for lack of memory; "
-                    "lower Resolution or Max Gaussians and press Resume."
+                    "lower Resolution or Max Gaussians and press Reconstruct Building."
                 )
         elif error:
             text = N_("The engine ended with code {code} ({error}); press Resume to continue from the last checkpoint.")

@@ -189,7 +189,8 @@ def _outcome(job: Job) -> str:
 
 def in_panel_words(text: str) -> str:
     """A sentence of the engine, which speaks of its command line, in terms of what the panel has for the same."""
-    text = re.sub(r"(?:run again with|add) --resume", "press Resume", text)
+    button = "Reconstruct Building" if "--resolution" in text else "Resume"  # which takes no new options
+    text = re.sub(r"(?:run again with|add) --resume", f"press {button}", text)
     text = re.sub(r"--prompts(?: FILE)?", "points", re.sub(r"--masks(?: FOLDER)?", "Own Masks", text))
     return re.sub(r"--([a-z][a-z-]*)", lambda found: options.title(found[1].replace("-", "_")), text)
 

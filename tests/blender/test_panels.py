@@ -97,6 +97,8 @@ def test_running_waiting_and_cancelled(addon, engine, house):
          "The card's memory is full; lower Resolution or Max Gaussians, or use Device cpu."),
         ("There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks.",
          "There are no clicks on the building; give points, or Own Masks with your own masks."),
+        ("Out of memory; lower --resolution or --max-gaussians and run again with --resume.",
+         "Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),
         ("A plain - and a -- stay.", "A plain - and a -- stay."),
     ],
 )  # fmt: skip

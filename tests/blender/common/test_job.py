@@ -68,7 +68,9 @@ def test_kill_9_is_one_sentence(engine, tmp_path):
     drain_until(job, lambda: job.stage == "scene")
     os.kill(job.process.pid, signal.SIGKILL)
     drain_until(job, lambda: not job.live)
-    assert job.status == FAILED and "signal 9" in job.text and "Resume" in job.text and job.text.count(".") == 1
+    assert (
+        job.status == FAILED and "signal 9" in job.text and "press Reconstruct" in job.text and job.text.count(".") == 1
+    )
 
 
 def test_silent_death_names_the_last_words(engine, tmp_path):
