@@ -121,8 +121,8 @@ class MGF_OT_paint_mesh(Operator):
         description="What the colors of the mesh show",
         items=[
             ("COLOR", "Colors", "The colors of the photos"),
-            ("CONFIDENCE", "Confidence", "How far each spot can be trusted, from dark (guessed) to bright (certain)"),
-            ("VIEWS", "Views", "How many photos show each spot"),
+            ("CONFIDENCE", "Confidence", "How far each spot can be trusted, from violet (guessed) to yellow (certain)"),
+            ("VIEWS", "Views", "How many photos show each spot, from violet (none) to yellow (most)"),
         ],
     )
 

@@ -57,10 +57,10 @@ def show(mesh: bpy.types.Mesh, kind: str) -> None:
 
 
 def scale_text(mesh: bpy.types.Mesh, kind: str) -> str:
-    """What dark and bright mean, for the panel."""
+    """What the ends of the ramp mean, for the panel; hues, because the viewport's light makes bright spots dark."""
     if kind == "CONFIDENCE":
-        return tr("Dark: guessed, bright: certain")
-    return tr("Dark: no photo, bright: {count:.0f} photos or more", count=mesh.get("mgf_top_views", 1.0))
+        return tr("Violet: guessed, yellow: certain")
+    return tr("Violet: no photo, yellow: {count:.0f} or more", count=mesh.get("mgf_top_views", 1.0))
 
 
 def ramp(values: np.ndarray) -> np.ndarray:

@@ -28,6 +28,7 @@ from first_steps import install_engine, install_extension, use_environment
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
 IMPORT, CROP, MARK = 50, 71, 195
 RECONSTRUCT, RESUME, RESULTS = 453, 510, 582  # with a photo marked; the last with a finished job
+SHOW_RENDER = 521  # while training
 PAINT, SHOW = 203, 249  # in the Results panel, the other panels closed
 POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 320
 FIRST_FILE, FILE_ROW = (1177, 364), 20  # icons in a File Browser in place of the Properties editor
@@ -247,6 +248,7 @@ def quit_and_resume(window: Window, blend: Path) -> None:
     window.wait("training", lambda s: s["jobs"][-1][2] == "field" and s["jobs"][-1][3] > 0.15, 1800)
     time.sleep(4)
     window.shot("31-training")
+    watch_training(window)
     window.move(400, 500)
     window.key("ctrl+s")
     time.sleep(1)
@@ -266,6 +268,16 @@ def quit_and_resume(window: Window, blend: Path) -> None:
     window.wait("training to go on", lambda s: s["jobs"][-1][2] == "field", 600)
     (log,) = blend.parent.glob(f"{blend.stem}_jobs/*/log.txt")
     assert log.read_text().count("stage masks begins") == 1, "the resumed job began again"
+
+
+def watch_training(window: Window) -> None:
+    """Show Render puts the training render into an Image Editor, where it gets better; then back to the viewport."""
+    window.press(window.button(SHOW_RENDER, 0.25), "the training render", lambda s: s["image"] == "MGF Preview")
+    window.wait("our tab", lambda s: s["tab"] == "MGF")
+    time.sleep(3)
+    window.shot("31-render")
+    window.press(window.button(POINTS, SIDE), "the viewport", lambda s: s["area"] == "VIEW_3D")
+    time.sleep(1)
 
 
 def watch_to_the_end(window: Window) -> None:
