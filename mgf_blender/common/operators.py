@@ -29,3 +29,12 @@ class Operator(bpy.types.Operator):
     def run(self, context: bpy.types.Context) -> set[str] | None:
         """The operator's work; None means finished."""
         raise NotImplementedError
+
+
+class FileOperator(Operator):
+    """Base of operators that ask for a file or folder before they run."""
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Open the file browser; confirming there runs the operator."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}

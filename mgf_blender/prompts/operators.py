@@ -9,7 +9,7 @@ import bpy
 from ..common import runner
 from ..common.editors import image_editor, show_image, viewport
 from ..common.errors import UserError
-from ..common.operators import Operator
+from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..reconstruct.operators import submit
 from ..reconstruct.start import make_job
@@ -88,13 +88,9 @@ class MGF_OT_add_photo(Operator):
             if photo.name == camera[PHOTO_KEY]:
                 state.photo_index = i
                 return
-        slots = [s.image for s in camera.data.background_images if s.image is not None]
-        image = next((i for i in slots if i.get(IMAGE_KEY) == "photo"), None)
-        if image is None:
+        if not _photo_file(camera):
             raise UserError("The photo of this camera was not found; set the photo folder and import again.")
-        entry = state.photos.add()
-        entry.name, entry.file = camera[PHOTO_KEY], bpy.path.abspath(image.filepath)
-        entry.width, entry.height = camera[SIZE_KEY]
+        _list_photo(state, camera)
         state.photo_index = len(state.photos) - 1
 
 
@@ -131,7 +127,7 @@ class MGF_OT_clear_clicks(Operator):
         active_photo(context.scene).clicks.clear()
 
 
-class MGF_OT_import_prompts(Operator):
+class MGF_OT_import_prompts(FileOperator):
     """Read points from a prompts.json file; they replace those of the same photos"""
 
     bl_idname = "mgf.import_prompts"
@@ -142,10 +138,7 @@ class MGF_OT_import_prompts(Operator):
     filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if self.filepath:  # dropped
-            return self.execute(context)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+        return self.execute(context) if self.filepath else super().invoke(context, event)  # a path: dropped
 
     def run(self, context: bpy.types.Context) -> None:
         scene = context.scene
@@ -161,7 +154,7 @@ class MGF_OT_import_prompts(Operator):
             self.report({"WARNING"}, tr("{count} photos of the file are not in the scene", count=len(unknown)))
 
 
-class MGF_OT_export_prompts(Operator):
+class MGF_OT_export_prompts(FileOperator):
     """Write the points to a prompts.json file"""
 
     bl_idname = "mgf.export_prompts"
@@ -175,10 +168,6 @@ class MGF_OT_export_prompts(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(any(len(p.clicks) for p in context.scene.mgf.photos), "There are no points yet")
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def run(self, context: bpy.types.Context) -> None:
         path = Path(bpy.path.abspath(self.filepath))
@@ -264,14 +253,21 @@ def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
     have = {p.name for p in scene.mgf.photos}
     for camera in tree.objects("Cameras"):
         name = camera.get(PHOTO_KEY, "")
-        if name not in names or name in have:
-            continue
-        entry = scene.mgf.photos.add()
-        entry.name = name
-        entry.width, entry.height = camera[SIZE_KEY]
-        slots = [s.image for s in camera.data.background_images if s.image is not None]
-        image = next((i for i in slots if i.get(IMAGE_KEY) == "photo"), None)
-        entry.file = bpy.path.abspath(image.filepath) if image is not None else ""
+        if name in names and name not in have:
+            _list_photo(scene.mgf, camera)
+
+
+def _list_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> None:
+    """Put the photo of an imported camera into the list."""
+    entry = state.photos.add()
+    entry.name, entry.file = camera[PHOTO_KEY], _photo_file(camera)
+    entry.width, entry.height = camera[SIZE_KEY]
+
+
+def _photo_file(camera: bpy.types.Object) -> str:
+    """The photo that an imported camera shows; empty when it was not found."""
+    images = [s.image for s in camera.data.background_images if s.image is not None]
+    return next((bpy.path.abspath(i.filepath) for i in images if i.get(IMAGE_KEY) == "photo"), "")
 
 
 CLASSES = (

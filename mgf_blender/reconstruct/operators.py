@@ -10,7 +10,7 @@ from ..common import options, runner
 from ..common.editors import show_image
 from ..common.errors import UserError
 from ..common.job import DONE, Job
-from ..common.operators import Operator
+from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..scene_import.crop import crop_text
 from ..scene_import.operators import bring_in, frame_tree
@@ -94,7 +94,7 @@ class MGF_OT_cancel_job(Operator):
         runner.live_job(context.scene.mgf.key).cancel()
 
 
-class MGF_OT_import_photos(Operator):
+class MGF_OT_import_photos(FileOperator):
     """Find the cameras of a folder of photos; needs no COLMAP model"""
 
     bl_idname = "mgf.import_photos"
@@ -104,10 +104,6 @@ class MGF_OT_import_photos(Operator):
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
     filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def run(self, context: bpy.types.Context) -> set[str]:
         folder = Path(bpy.path.abspath(self.directory))

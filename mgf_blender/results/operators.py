@@ -9,7 +9,7 @@ import bpy
 
 from ..common.errors import UserError
 from ..common.files import replace_file
-from ..common.operators import Operator
+from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
@@ -26,7 +26,7 @@ class _NeedsJob(Operator):
         return cls.needs(has_job_file(context.scene, "deliver.json"), "The job folder holds no finished job")
 
 
-class MGF_OT_import_result(Operator):
+class MGF_OT_import_result(FileOperator):
     """Bring mesh and renders of the job into the scene; replaces only what an earlier import made"""
 
     bl_idname = "mgf.import_result"
@@ -41,8 +41,7 @@ class MGF_OT_import_result(Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.directory or has_job_file(context.scene, "deliver.json"):
             return self.execute(context)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+        return super().invoke(context, event)
 
     def _folder(self, scene: bpy.types.Scene) -> Path:
         return Path(bpy.path.abspath(self.directory)) if self.directory else job_folder(scene)
@@ -137,7 +136,7 @@ class MGF_OT_paint_mesh(Operator):
             hide(obj, False)
 
 
-class MGF_OT_export_field(_NeedsJob):
+class MGF_OT_export_field(_NeedsJob, FileOperator):
     """Save the Gaussian field as a standard 3DGS PLY file, for viewers and for Blender 5.3 and later"""
 
     bl_idname = "mgf.export_field"
@@ -146,10 +145,6 @@ class MGF_OT_export_field(_NeedsJob):
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", default="field.ply", options={"SKIP_SAVE"})
     check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
     filter_glob: bpy.props.StringProperty(default="*.ply", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def run(self, context: bpy.types.Context) -> None:
         delivery = read_delivery(job_folder(context.scene))

@@ -9,7 +9,7 @@ from mathutils import Matrix, Vector
 
 from ..common.editors import frame_scene
 from ..common.errors import UserError
-from ..common.operators import Operator
+from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..prompts.roots import choose_roots
 from ..results.switch import follow
@@ -28,7 +28,7 @@ class _NeedsScene(Operator):
         return cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
 
 
-class MGF_OT_import_colmap(Operator):
+class MGF_OT_import_colmap(FileOperator):
     """Import cameras with their photos and the sparse points of a COLMAP model"""
 
     bl_idname = "mgf.import_colmap"
@@ -50,10 +50,7 @@ class MGF_OT_import_colmap(Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if self.filepath:
-            return self.execute(context)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+        return self.execute(context) if self.filepath else super().invoke(context, event)  # a path: dropped
 
     def run(self, context: bpy.types.Context) -> None:
         text = self.filepath or self.directory
