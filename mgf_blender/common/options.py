@@ -81,6 +81,12 @@ def set_values(options: bpy.types.PropertyGroup, given: dict[str, Any]) -> None:
             setattr(options, name, parsed)
 
 
+def reset(options: bpy.types.PropertyGroup, but: Iterable[str] = ()) -> None:
+    """Set the options back to those of the chosen preset, all ``but`` some."""
+    for name in set(OPTIONS) - {"preset", *but}:
+        setattr(options, name, default_of(name, options.preset))
+
+
 def _parsed(option: dict[str, Any], value: Any) -> Any:
     """A value or its text in the option's own type; None when it is no such value."""
     text, kind = str(value).strip(), type(option["default"])

@@ -76,7 +76,10 @@ class MGF_OT_resume(_JobOperator):
         return cls.needs(begun, "There is no job to continue") and super().poll(context)
 
     def run(self, context: bpy.types.Context) -> set[str]:
-        options.set_values(context.scene.mgf.options, given_options(job_folder(context.scene)))
+        given, values = given_options(job_folder(context.scene)), context.scene.mgf.options
+        if given:
+            options.set_values(values, given)
+            options.reset(values, but=given)
         return submit(self, make_job(context.scene))
 
 
@@ -179,10 +182,7 @@ class MGF_OT_reset_options(Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def run(self, context: bpy.types.Context) -> None:
-        values = context.scene.mgf.options
-        for name in options.OPTIONS:
-            if name != "preset":
-                setattr(values, name, options.default_of(name, values.preset))
+        options.reset(context.scene.mgf.options)
 
 
 def last_job(scene: bpy.types.Scene) -> Job | None:

@@ -202,6 +202,7 @@ def test_resume_goes_on_with_the_options_of_the_job(ready, engine):
         bpy.ops.mgf.reconstruct()
     before = arguments(ready)
     ready.options.preset, ready.options.screening, ready.options.opacity_level = "standard", True, 0.5
+    ready.options.level_steps = 5  # which the job was not given
     engine("ok")
     bpy.ops.mgf.resume()
     assert arguments(ready) == [*before, "--resume"]
