@@ -105,6 +105,13 @@ def fit_photo(window: bpy.types.Window, area: bpy.types.Area) -> None:
             bpy.ops.image.view_pan(offset=(covered / 2 / zoom, 0.0))
 
 
+def fit_editors(image: bpy.types.Image) -> None:
+    """Fit an image whose size changed into the editors that show it."""
+    for window, area in _areas("IMAGE_EDITOR"):
+        if area.spaces.active.image == image:
+            fit_photo(window, area)
+
+
 def _overlap() -> bool:
     """Whether sidebars lie over the editors' content."""
     return bpy.context.preferences.system.use_region_overlap

@@ -58,7 +58,8 @@ class Job:
     figures: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     messages: int = 0  # taken in so far
-    preview: str = ""
+    preview: str = ""  # file of the newest picture
+    preview_stage: str = ""  # that made it
     text: str = ""
     log: str = ""
     exit_code: int | None = None
@@ -143,7 +144,7 @@ class Job:
             self.seconds_left = float(left) if isinstance(left, int | float) else None
             self.figures = _mapping(message, "figures")
         elif kind == "preview":
-            self.preview = str(message.get("path", ""))
+            self.preview, self.preview_stage = str(message.get("path", "")), str(message.get("stage", self.stage))
         elif kind == "warning":
             self.warnings.append(str(message.get("text", "")))
         elif kind == "result":

@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from ..common.editors import fit_editors
 from ..common.job import Job
 
 NAME = "MGF Preview"
@@ -28,6 +29,9 @@ def show(path: Path) -> bpy.types.Image | None:
         image = bpy.data.images.load(str(path))
         image.name = NAME
     else:
+        size = tuple(image.size)
         image.filepath = str(path)
         image.reload()
+        if tuple(image.size) != size:
+            fit_editors(image)
     return image

@@ -137,14 +137,14 @@ class MGF_OT_import_sfm(Operator):
 
 
 class MGF_OT_show_preview(Operator):
-    """Show the training render in an Image Editor; it follows the training"""
+    """Show the newest picture of the job in an Image Editor: the masks, then a photo beside its render in training"""
 
     bl_idname = "mgf.show_preview"
-    bl_label = "Show Training Render"
+    bl_label = "Show Preview"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(live.NAME in bpy.data.images, "The training has shown nothing yet")
+        return cls.needs(live.NAME in bpy.data.images, "The job has shown nothing yet")
 
     def run(self, context: bpy.types.Context) -> None:
         show_image(context, bpy.data.images[live.NAME])

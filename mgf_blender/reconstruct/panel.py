@@ -153,7 +153,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         draw_sentence(box, in_panel_words(text), "INFO")
     row = layout.row(align=True)
     if job.live and job.preview:
-        row.operator("mgf.show_preview", text="Show Render", icon="IMAGE_DATA")
+        text = N_("Show Render") if job.preview_stage == "field" else N_("Show Masks")
+        row.operator("mgf.show_preview", text=text, icon="IMAGE_DATA")
     _draw_file_button(row, job.folder, "log.txt", N_("Open Log"), "TEXT")
     if job.status == DONE and job.kind == "reconstruct":
         _draw_file_button(row, job.folder, "report.html", N_("Open Report"), "URL")

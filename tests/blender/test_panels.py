@@ -117,6 +117,19 @@ def test_a_full_disk_points_to_the_button(addon, engine, house):
     assert "free some space and press Resume." in said and "--resume" not in said
 
 
+def test_the_button_says_which_picture_there_is(addon, engine, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    job = make_job(bpy.context.scene)
+    engine("slow")
+    runner.submit(job)
+    assert "Show " not in draw(MGF_PT_reconstruct).said
+    for stage, words in (("masks", "Show Masks"), ("field", "Show Render")):
+        job._apply({"type": "preview", "stage": stage, "path": "a.jpg", "title": ""})
+        assert words in draw(MGF_PT_reconstruct).said
+
+
 def test_own_masks_need_no_points(addon, engine, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     addon.masks_folder = str(house.folder)

@@ -119,7 +119,7 @@ def state():
         found["task"] = None if task is None else [task.status, task.title, task.text]
     if area.type == "IMAGE_EDITOR" and area.spaces.active.image is not None:
         win = region(area, "WINDOW")
-        found["image"] = area.spaces.active.image.name
+        found["image"], found["image_file"] = area.spaces.active.image.name, area.spaces.active.image.filepath
         a, b = win.view2d.view_to_region(0, 1, clip=False), win.view2d.view_to_region(1, 0, clip=False)
         found["image_px"] = [win.x + a[0], win.y + a[1], win.x + b[0], win.y + b[1]]
         tool = window.workspace.tools.from_space_image_mode("VIEW")

@@ -40,6 +40,7 @@ PICTURES = {
     "12-crop-box": ((1160, 815, 0, 0), "blender-scene"),
     "23-mask": ((1160, 815, 0, 0), "blender-prompts"),
     "31-training": ((1160, 815, 0, 0), "blender-training"),
+    "31-render": ((1160, 815, 0, 0), "blender-render"),
     "32-mesh": ((1160, 815, 0, 0), "blender-mesh"),
     "33-error": ((1160, 815, 0, 0), "blender-error"),
     "35-confidence": ((1160, 815, 0, 0), "blender-confidence"),
@@ -274,7 +275,8 @@ def watch_training(window: Window) -> None:
     """Show Render puts the training render into an Image Editor, where it gets better; then back to the viewport."""
     window.press(window.button(SHOW_RENDER, 0.25), "the training render", lambda s: s["image"] == "MGF Preview")
     window.wait("our tab", lambda s: s["tab"] == "MGF")
-    time.sleep(3)
+    window.wait("a render of the training", lambda s: s["image_file"].endswith("preview.jpg"), 120)
+    time.sleep(1)
     window.shot("31-render")
     window.press(window.button(POINTS, SIDE), "the viewport", lambda s: s["area"] == "VIEW_3D")
     time.sleep(1)
