@@ -13,6 +13,7 @@ from ..common.text import N_, draw_sentence, tr
 from ..engine.notice import draw_engine_missing
 from .estimate import duration, estimate
 from .operators import interrupted, last_job
+from .start import has_job_file
 
 _STAGES = {
     "scene": N_("Reading photos"),
@@ -100,9 +101,10 @@ class MGF_PT_reconstruct(bpy.types.Panel):
         column = layout.column()
         column.scale_y = 1.6
         column.operator("mgf.reconstruct", icon="HOME")
-        if interrupted(context.scene) and (job is None or job.status != DONE):
-            if job is None:
-                layout.label(text="An earlier job was interrupted", icon="INFO")
+        if job is None and interrupted(context.scene):
+            layout.label(text="An earlier job was interrupted", icon="INFO")
+            layout.operator("mgf.resume", icon="PLAY")
+        elif job is not None and job.status != DONE and has_job_file(context.scene, "job.json"):
             layout.operator("mgf.resume", icon="PLAY")
 
 

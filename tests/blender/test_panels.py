@@ -130,6 +130,22 @@ def test_the_button_says_which_picture_there_is(addon, engine, house):
         assert words in draw(MGF_PT_reconstruct).said
 
 
+def test_resume_is_offered_where_a_second_run_in_the_folder_failed(addon, engine, house):
+    """The results of the first run, still in the folder, do not hide it."""
+    engine("ok", FAKE_RESULT=house.job)
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    bpy.ops.mgf.reconstruct()
+    assert "mgf.resume" not in [name for name, *_ in draw(MGF_PT_reconstruct).operators]
+    engine("silent")
+    with pytest.raises(RuntimeError):
+        bpy.ops.mgf.reconstruct()
+    drawn = draw(MGF_PT_reconstruct)
+    assert "press Resume" in " ".join(drawn.said.split())
+    assert "mgf.resume" in [name for name, *_ in drawn.operators] and "interrupted" not in drawn.said
+
+
 def test_own_masks_need_no_points(addon, engine, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     addon.masks_folder = str(house.folder)
