@@ -80,7 +80,9 @@ class MGF_OT_resume(_JobOperator):
         if given:
             options.set_values(values, given)
             options.reset(values, but=given)
-        return submit(self, make_job(context.scene))
+        before = last_job(context.scene)
+        kind = before.kind if before is not None and before.status != DONE else "reconstruct"
+        return submit(self, make_job(context.scene, kind))
 
 
 class MGF_OT_cancel_job(Operator):

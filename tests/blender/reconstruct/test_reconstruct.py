@@ -209,6 +209,18 @@ def test_resume_goes_on_with_the_options_of_the_job(ready, engine):
     assert (ready.options.preset, ready.options.resolution, ready.options.screening) == ("draft", 320, False)
 
 
+def test_resume_goes_on_with_the_command_that_ended_early(ready, engine):
+    engine("silent")
+    with pytest.raises(RuntimeError):
+        bpy.ops.mgf.find_masks()
+    engine("ok")
+    bpy.ops.mgf.resume()
+    assert arguments(ready)[0] == "masks" and "--resume" in arguments(ready)
+    bpy.ops.mgf.reconstruct()
+    bpy.ops.mgf.resume()  # from a script: the last job is done, so it is the whole way again
+    assert arguments(ready)[0] == "reconstruct"
+
+
 def test_import_of_a_result_is_one_undo_step(ready):
     ready.import_when_done = False
     bpy.ops.mgf.reconstruct()
