@@ -65,7 +65,10 @@ def test_texts_are_complete_and_languages_fit(addon, tool):
     assert len(texts) > 350 and {"Preset", "Reconstruct Building", "{count} cameras"} <= set(texts)
     for path in sorted(translations.FOLDER.glob("*.json")):
         known = json.loads(path.read_text(encoding="utf-8"))
-        assert set(known) == set(texts), f"run tools/extract_strings.py {path.stem}"
+        # Options come and go with the engine; what nobody has translated yet may lag behind them.
+        missing = {text for text, where in texts.items() if text not in known and where != "MGF_PG_options"}
+        outdated = {text for text in set(known) - set(texts) if known[text]}
+        assert not missing and not outdated, f"run tools/extract_strings.py {path.stem}"
         for english, text in known.items():
             assert not text or fields(text) == fields(english), (path.stem, english)
 
