@@ -93,6 +93,7 @@ class Config:
 
     # mesh
     screening: bool = option(True, "mesh", "Drop Gaussians that the root masks vote against, eq. 21-22 (ablation d)")
+    screening_dilation: int = option(1, "mesh", "Masks grow by this much before Gaussians are screened and views judge what is solid", low=0, high=100, unit="px")
     surface: str = option("fused", "mesh", "Where the surface lies: 'fused' is the mean of all views' depths, 'opacity' the minimum over views, eq. 25", choices=("fused", "opacity"))
     match_photos: bool = option(True, "mesh", "Move the fused depths to where neighbouring photos look most alike (surface 'fused' only)")
     refine_rounds: int = option(1, "mesh", "Times the finished mesh is moved to where the photos agree about it (with match_photos only)", low=0, high=10)

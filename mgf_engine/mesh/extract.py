@@ -115,7 +115,7 @@ def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
     return Judges(
         chosen,
         [scene.views[i] for i in chosen],
-        judging_masks(scene, masks, chosen, config.vote_dilation),
+        judging_masks(scene, masks, chosen, config.screening_dilation),
         [masks.labels[i] for i in chosen],
         _photos(scene, masks, chosen) if config.match_photos and config.surface == "fused" else None,
     )

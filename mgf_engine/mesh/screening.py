@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -33,7 +35,9 @@ def screen(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Config) -
     keep = finite(gaussians)
     if config.screening and config.use_masks:
         centres = gaussians.positions.detach().double().numpy()
-        keep &= vote(centres, scene, masks, voting_views(scene, masks), config)
+        # Sparse points may stand a few pixels beside a mask drawn for them; what is trained there hides the outline.
+        narrow = replace(config, vote_dilation=config.screening_dilation)
+        keep &= vote(centres, scene, masks, voting_views(scene, masks), narrow)
     if not keep.any():
         raise BadInput(
             "The masks vote against every Gaussian of the field; check the clicks and the masks, or turn screening off."
