@@ -186,19 +186,22 @@ class SceneGraph:
         return np.concatenate(result)
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
-        """Whether clicks call the ground background: more negative than positive ones on it, or no negative at all."""
-        balance = 0
-        for index, clicks in prompts.items():
-            here = self.scene.track_view == index
-            owner = self.sight.owner[here]
-            if not len(owner):
-                continue
-            tree = cKDTree(self.scene.track_uv[here])
-            for points, sign in ((clicks.negative, 1), (clicks.positive, -1)):
-                distance, nearest = tree.query(points, 1) if len(points) else (np.zeros(0), np.zeros(0, int))
-                near = distance < NEAR_CLICK * self.scene.views[index].width
-                balance += sign * int((near & (grounded[owner[nearest]] > 0.5)).sum())
-        return balance > 0 or (balance == 0 and not any(len(c.negative) for c in prompts.values()))
+        """Whether the ground is background: more negative than positive clicks lie on it, or none of either kind.
+
+        Nobody has to click beside the building: what stands on the ground is not the ground.
+        """
+        negative = sum(self._clicks_on(grounded, index, c.negative) for index, c in prompts.items())
+        positive = sum(self._clicks_on(grounded, index, c.positive) for index, c in prompts.items())
+        return negative > positive or negative == positive == 0
+
+    def _clicks_on(self, grounded: Array, index: int, clicks: Array) -> int:
+        """How many clicks [K, 2] in view ``index`` lie on the ground, as the nearest point tells."""
+        here = self.scene.track_view == index
+        if not len(clicks) or not here.any():
+            return 0
+        distance, nearest = cKDTree(self.scene.track_uv[here]).query(clicks)
+        near = distance < NEAR_CLICK * self.scene.views[index].width
+        return int((near & (grounded[self.sight.owner[here][nearest]] > 0.5)).sum())
 
     @staticmethod
     def _region_odds(place: Place, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:

@@ -124,6 +124,15 @@ def test_clicks_on_one_photo_only(scene: Scene, house: House, clicks: Clicks, tm
     assert (scores[masks.used] > 0.8).all() and masks.used.sum() > len(scores) / 2
 
 
+def test_what_nobody_clicked_around_the_house_is_not_the_house(scene: Scene, house: House, tmp_path: Path):
+    clicks = json.loads(house.prompts.read_text())
+    name = sorted(clicks)[1]
+    sky = {name: {"positive": clicks[name]["positive"], "negative": [[5, 5]]}}
+    masks = run(scene, sky, tmp_path)
+    scores = ious(masks, scene, house)
+    assert masks.used.all() and scores.mean() > 0.93 and scores.min() > 0.85
+
+
 def test_positive_clicks_alone(scene: Scene, house: House, clicks: Clicks, tmp_path: Path):
     only = {name: {"positive": entry["positive"]} for name, entry in clicks.items()}
     masks = run(scene, only, tmp_path)
