@@ -37,7 +37,7 @@ typedef struct {
     int32_t *first, *next;   // the corners of each vertex as a list; a corner is 3 * face + place
     int32_t *stamp;          // changes with the vertex; -1: gone
     Quadric *quadric;
-    uint8_t *rim;
+    uint8_t *rim, *touched;  // touched: something around the vertex changed since the last sweep began
     const float *given, *tolerance;  // samples: place, tolerance,
     const uint8_t *given_color;
     int32_t *held, *after;   // and those on each face as a list
@@ -310,6 +310,10 @@ static void apply(Mesh *m, const Star *star, int32_t a, int32_t b, Point where, 
     *link = m->first[b];
     m->first[b] = -1, m->stamp[b] = -1, m->stamp[a]++;
     m->live -= star->shared;
+    for (int32_t c = m->first[a]; c >= 0; c = m->next[c]) {
+        const int32_t *f = m->face[c / 3];
+        for (int k = 0; k < 3 && f[0] >= 0; k++) m->touched[f[k]] = 1;
+    }
 }
 
 static void offer_around(Mesh *m, int32_t vertex) {
@@ -356,14 +360,16 @@ static int try_collapse(Mesh *m, int32_t a, int32_t b) {
     return 1;
 }
 
-// Tries every edge once, cheapest first, and those around each collapse again, down to `stop` faces.
+// Tries every edge around which something changed once, cheapest first, and those of each vertex left by a collapse
+// again, down to `stop` faces. Where nothing changed, what failed before would fail again.
 static void sweep(Mesh *m, int64_t stop) {
     m->entries = 0;
     for (int64_t i = 0; i < m->faces; i++)
         for (int k = 0; k < 3 && m->face[i][0] >= 0; k++) {
             const int32_t a = m->face[i][k], b = m->face[i][(k + 1) % 3];
-            if (a < b || (m->rim[a] && m->rim[b])) offer(m, a, b);
+            if ((a < b || (m->rim[a] && m->rim[b])) && (m->touched[a] || m->touched[b])) offer(m, a, b);
         }
+    memset(m->touched, 0, (size_t)m->vertices);
     while (m->entries && m->live > stop && !m->failed) {
         const Entry e = pop(m);
         if (m->stamp[e.a] < 0 || m->stamp[e.b] < 0 || m->stamp[e.a] + m->stamp[e.b] != e.stamp) continue;
@@ -410,9 +416,9 @@ static void add_face(Mesh *m, int64_t i) {
 static int set_up(Mesh *m, const uint8_t *colors) {
     const size_t n = (size_t)m->vertices, f = (size_t)m->faces;
     m->color = malloc(n * sizeof *m->color), m->first = malloc(n * 4), m->next = malloc(f * 12), m->stamp = calloc(n, 4);
-    m->quadric = calloc(n, sizeof(Quadric)), m->rim = calloc(n, 1), m->held = malloc(f * 4), m->after = malloc(n * 4);
-    if (!m->color || !m->first || !m->next || !m->stamp || !m->quadric || !m->rim || !m->held || !m->after) return 0;
-    memset(m->first, -1, n * 4), memset(m->held, -1, f * 4);
+    m->quadric = calloc(n, sizeof(Quadric)), m->rim = calloc(n, 1), m->touched = malloc(n), m->held = malloc(f * 4), m->after = malloc(n * 4);
+    if (!m->color || !m->first || !m->next || !m->stamp || !m->quadric || !m->rim || !m->touched || !m->held || !m->after) return 0;
+    memset(m->touched, 1, n), memset(m->first, -1, n * 4), memset(m->held, -1, f * 4);
     for (size_t i = 0; i < n; i++) {
         m->after[i] = -2;
         for (int k = 0; k < 3; k++) m->color[i][k] = colors[3 * i + k];
@@ -450,10 +456,11 @@ MGF_API int64_t collapse_edges(int64_t vertices, int64_t faces, Point *at, int32
         if (m.color_tolerance >= 0) m.color_tolerance = m.color_tolerance < 64 ? 4 * m.color_tolerance + 1 : -1;
         else if (m.loose < 1e6) m.loose *= 2;
         else break;
+        memset(m.touched, 1, (size_t)vertices);
     }
     for (int64_t i = 0; i < vertices && !m.failed; i++)
         for (int k = 0; k < 3; k++) result_colors[3 * i + k] = (uint8_t)fminf(fmaxf(m.color[i][k] + 0.5f, 0), 255);
-    void *owned[] = {m.color, m.first, m.next, m.stamp, m.quadric, m.rim, m.held, m.after, m.heap, m.place};
+    void *owned[] = {m.color, m.first, m.next, m.stamp, m.quadric, m.rim, m.touched, m.held, m.after, m.heap, m.place};
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
     return m.failed ? -1 : m.live;
 }
