@@ -176,32 +176,26 @@ class SceneGraph:
 
     def _clicked_points(self, prompts: Prompts) -> NDArray[np.int64]:
         """The sparse points nearest to the positive clicks, where any is near."""
-        result = [np.zeros(0, np.int64)]
-        for index, clicks in prompts.items():
-            here = self.scene.track_view == index
-            if here.any() and len(clicks.positive):
-                distance, nearest = cKDTree(self.scene.track_uv[here]).query(clicks.positive)
-                near = distance < NEAR_CLICK * self.scene.views[index].width
-                result.append(self.sight.owner[here][nearest[near]])
-        return np.concatenate(result)
+        return np.concatenate([np.zeros(0, np.int64), *(self._points_at(i, c.positive) for i, c in prompts.items())])
+
+    def _points_at(self, index: int, clicks: Array) -> NDArray[np.int64]:
+        """The sparse point nearest to each click [K, 2] in view ``index``, where one is near."""
+        here = self.scene.track_view == index
+        if not len(clicks) or not here.any():
+            return np.zeros(0, np.int64)
+        distance, nearest = cKDTree(self.scene.track_uv[here]).query(clicks)
+        near = distance < NEAR_CLICK * self.scene.views[index].width
+        return self.sight.owner[here][nearest[near]]
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
         """Whether the ground is background: more negative than positive clicks lie on it, or none of either kind.
 
         Nobody has to click beside the building: what stands on the ground is not the ground.
         """
-        negative = sum(self._clicks_on(grounded, index, c.negative) for index, c in prompts.items())
-        positive = sum(self._clicks_on(grounded, index, c.positive) for index, c in prompts.items())
+        on_ground = grounded > 0.5
+        negative = sum(int(on_ground[self._points_at(i, c.negative)].sum()) for i, c in prompts.items())
+        positive = sum(int(on_ground[self._points_at(i, c.positive)].sum()) for i, c in prompts.items())
         return negative > positive or negative == positive == 0
-
-    def _clicks_on(self, grounded: Array, index: int, clicks: Array) -> int:
-        """How many clicks [K, 2] in view ``index`` lie on the ground, as the nearest point tells."""
-        here = self.scene.track_view == index
-        if not len(clicks) or not here.any():
-            return 0
-        distance, nearest = cKDTree(self.scene.track_uv[here]).query(clicks)
-        near = distance < NEAR_CLICK * self.scene.views[index].width
-        return int((near & (grounded[self.sight.owner[here][nearest]] > 0.5)).sum())
 
     @staticmethod
     def _region_odds(place: Place, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:

@@ -46,8 +46,9 @@ def refine(
         masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
     """
     for number in range(rounds):
-        field = _matched(mesh, views, masks, photos, lambda share, n=number: progress((n + share) / rounds))  # type: ignore[misc]
-        mesh = smooth(_onto(mesh, field, ground_pixels(mesh, views)), SMOOTHING)
+        normals = vertex_normals(mesh)
+        field = _matched(mesh, normals, views, masks, photos, lambda share, n=number: progress((n + share) / rounds))  # type: ignore[misc]
+        mesh = smooth(_onto(mesh, normals, field, ground_pixels(mesh, views)), SMOOTHING)
     return mesh
 
 
@@ -72,13 +73,14 @@ def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDA
 
 def _matched(
     mesh: Mesh,
+    vertex_normal: NDArray[np.float64],
     views: Sequence[View],
     masks: Sequence[NDArray[np.uint8]],
     photos: Photos,
     progress: Callable[[float], None],
 ) -> FusedField:
     """The mesh as the photos would have it."""
-    smoothed = vertex_normals(mesh)[mesh.faces].mean(1)
+    smoothed = vertex_normal[mesh.faces].mean(1)
     normals = smoothed / np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-12)
 
     def show(number: int) -> Surface:
@@ -87,13 +89,13 @@ def _matched(
     return FusedField(show, masks, photos.neighbours, SEARCH, BAND_PIXELS, progress)
 
 
-def _onto(mesh: Mesh, field: FusedField, pixel: NDArray[np.float32]) -> Mesh:
+def _onto(mesh: Mesh, normals: NDArray[np.float64], field: FusedField, pixel: NDArray[np.float32]) -> Mesh:
     """Every vertex moved along its normal onto the surface of ``field``, where that is near enough.
 
     Args:
+        normals: of the vertices, [N, 3].
         pixel: size of a pixel at each vertex, [N].
     """
-    normals = vertex_normals(mesh)
     shift = np.zeros(len(pixel))
     off = np.full(len(pixel), np.nan, np.float32)
     for _ in range(STEPS):

@@ -124,8 +124,9 @@ def test_clicks_on_one_photo_only(scene: Scene, house: House, clicks: Clicks, tm
     assert (scores[masks.used] > 0.8).all() and masks.used.sum() > len(scores) / 2
 
 
-def test_what_nobody_clicked_around_the_house_is_not_the_house(scene: Scene, house: House, tmp_path: Path):
-    clicks = json.loads(house.prompts.read_text())
+def test_what_nobody_clicked_around_the_house_is_not_the_house(
+    scene: Scene, house: House, clicks: Clicks, tmp_path: Path
+):
     name = sorted(clicks)[1]
     sky = {name: {"positive": clicks[name]["positive"], "negative": [[5, 5]]}}
     masks = run(scene, sky, tmp_path)

@@ -310,18 +310,16 @@ static void apply(Mesh *m, const Star *star, int32_t a, int32_t b, Point where, 
     *link = m->first[b];
     m->first[b] = -1, m->stamp[b] = -1, m->stamp[a]++;
     m->live -= star->shared;
-    for (int32_t c = m->first[a]; c >= 0; c = m->next[c]) {
-        const int32_t *f = m->face[c / 3];
-        for (int k = 0; k < 3 && f[0] >= 0; k++) m->touched[f[k]] = 1;
-    }
 }
 
+// Offers the edges of a vertex that a collapse has left; what is around it has changed.
 static void offer_around(Mesh *m, int32_t vertex) {
     int32_t met[2 * STAR];
     int count = 0;
     for (int32_t c = m->first[vertex]; c >= 0; c = m->next[c]) {
         const int32_t *f = m->face[c / 3];
         for (int k = 0; k < 3 && f[0] >= 0; k++) {
+            m->touched[f[k]] = 1;
             int known = f[k] == vertex;
             for (int i = 0; i < count && !known; i++) known = met[i] == f[k];
             if (known || count == 2 * STAR) continue;
@@ -416,8 +414,10 @@ static void add_face(Mesh *m, int64_t i) {
 static int set_up(Mesh *m, const uint8_t *colors) {
     const size_t n = (size_t)m->vertices, f = (size_t)m->faces;
     m->color = malloc(n * sizeof *m->color), m->first = malloc(n * 4), m->next = malloc(f * 12), m->stamp = calloc(n, 4);
-    m->quadric = calloc(n, sizeof(Quadric)), m->rim = calloc(n, 1), m->touched = malloc(n), m->held = malloc(f * 4), m->after = malloc(n * 4);
-    if (!m->color || !m->first || !m->next || !m->stamp || !m->quadric || !m->rim || !m->touched || !m->held || !m->after) return 0;
+    m->quadric = calloc(n, sizeof(Quadric)), m->rim = calloc(n, 1), m->touched = malloc(n);
+    m->held = malloc(f * 4), m->after = malloc(n * 4);
+    if (!m->color || !m->first || !m->next || !m->stamp || !m->quadric) return 0;
+    if (!m->rim || !m->touched || !m->held || !m->after) return 0;
     memset(m->touched, 1, n), memset(m->first, -1, n * 4), memset(m->held, -1, f * 4);
     for (size_t i = 0; i < n; i++) {
         m->after[i] = -2;
