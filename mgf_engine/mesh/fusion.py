@@ -23,6 +23,7 @@ from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import outside_hull
 from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_surface, unmatched
 from mgf_engine.raster.api import Camera, render
+from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.library import parallel
 from mgf_engine.raster.points import NEAR
 from mgf_engine.scene.model import View
@@ -173,9 +174,7 @@ class FusedField:
             for number, m in enumerate(self.maps):
                 progress((start + number / len(self.maps) * len(points32)) / len(points))
                 view = m.view
-                pose = np.concatenate([view.rotation.ravel(), view.translation])
-                intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
-                camera = (pose, intrinsics, NEAR, m.mask, m.pixels, view.height, view.width)
+                camera = (*pose_and_intrinsics(view), NEAR, m.mask, m.pixels, view.height, view.width)
                 parallel("fuse_points_work", len(points32), points32, *camera, self.band / view.fx, JUMP, belief)
             yield part, belief
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.mesh.model import Mesh
+from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.library import parallel
 from mgf_engine.scene.model import View
 
@@ -35,9 +36,7 @@ def corners(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
     """Where points [N, 3] (normalised frame) appear, [N, 3]: u and v in pixels, 1 / depth; all 0 if not in front."""
     result = np.empty((len(points), 3))
     points = np.ascontiguousarray(points, dtype=np.float64)
-    pose = np.concatenate([view.rotation.ravel(), view.translation])
-    intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
-    parallel("corners_work", len(points), points, pose, intrinsics, NEAR, result)
+    parallel("corners_work", len(points), points, *pose_and_intrinsics(view), NEAR, result)
     return result
 
 

@@ -67,3 +67,9 @@ class Camera:
         values[12:15] = self.centre
         values[15:23] = self.fx, self.fy, self.cx, self.cy, self.near, self.far, self.width, self.height
         return torch.from_numpy(values)
+
+
+def pose_and_intrinsics(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A view as the kernels that project points read it: rotation by rows and translation [12]; fx, fy, cx, cy [4]."""
+    pose = np.concatenate([view.rotation.ravel(), view.translation])
+    return pose, np.array([view.fx, view.fy, view.cx, view.cy])

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.raster.camera import TILE, Camera
+from mgf_engine.raster.camera import TILE, Camera, pose_and_intrinsics
 from mgf_engine.raster.cpu import RECORD, Parameters
 from mgf_engine.raster.device import backend_for
 from mgf_engine.raster.library import call, parallel
@@ -52,9 +52,7 @@ def locate(points: NDArray[np.float32], view: View, mask: NDArray[np.uint8]) -> 
     _check_mask(view, mask)
     count = len(points)
     found = Located(np.empty((count, 3), np.float32), np.empty(count, np.uint8), np.empty(count, np.int32))
-    pose = np.concatenate([view.rotation.ravel(), view.translation])
-    intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
-    camera = (pose, intrinsics, NEAR, mask, view.height, view.width)
+    camera = (*pose_and_intrinsics(view), NEAR, mask, view.height, view.width)
     parallel("points_locate_work", count, points, *camera, found.place, found.verdict, found.block)
     return found
 

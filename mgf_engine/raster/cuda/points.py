@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mgf_engine.raster.camera import TILE, Camera
+from mgf_engine.raster.camera import TILE, Camera, pose_and_intrinsics
 from mgf_engine.raster.cpu import Parameters
 from mgf_engine.raster.cuda.blending import Projection, Rasterizer
 from mgf_engine.raster.cuda.launching import blocks
@@ -60,8 +60,7 @@ class DevicePoints:
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Place, verdict and sort key of every point."""
         n = len(points)
-        numbers = np.concatenate([view.rotation.ravel(), view.translation, [view.fx, view.fy, view.cx, view.cy]])
-        pose = np.ascontiguousarray(numbers, np.float64).tobytes()
+        pose = np.concatenate(pose_and_intrinsics(view)).tobytes()
         place, verdict = self._empty(torch.float32, n, 3), self._empty(torch.uint8, n)
         keys, labels = self._empty(torch.int32, n), self._upload(torch.from_numpy(np.ascontiguousarray(mask)))
         given = (n, self._upload(torch.from_numpy(points)), pose, float(near), labels, view.height, view.width)
