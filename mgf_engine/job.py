@@ -174,6 +174,9 @@ class Job:
             self._lock.acquire(timeout=0)
         except Timeout as error:
             raise BadInput(f"The job folder '{self.folder}' is in use by another process; wait or stop it.") from error
+        except (OSError, NotImplementedError) as error:
+            why = getattr(error, "strerror", error)
+            raise BadInput(f"Cannot lock '{self.folder}' ({why}); give a folder on another file system.") from error
 
     def _options_of(self, stage: str) -> dict[str, Any]:
         names = [f.name for f in fields(Config) if f.metadata["section"] == stage and f.name != "weights"]
@@ -235,6 +238,8 @@ def _check_folder(folder: Path, source: Path, resume: bool) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".lock"
+        if probe.is_symlink():  # would be written through, and the lock itself does not follow links
+            raise BadInput(f"'{probe}' is a symbolic link, where a job's own file has to be; remove it and try again.")
         with probe.open("ab"):
             pass
     except OSError as error:

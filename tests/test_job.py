@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import errno
 import json
 import os
 import subprocess
@@ -6,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from mgf_engine.errors import BadInput
 from mgf_engine.job import Job, read_job
@@ -142,6 +144,27 @@ def test_a_folder_without_write_permission_is_refused(tmp_path: Path, source: Pa
 def test_an_unwritable_place_is_refused(source: Path) -> None:
     with pytest.raises(BadInput, match="Cannot write"):
         Job.start(Path("/proc/mgf-job"), source)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="making symbolic links takes rights that users of Windows lack")
+@pytest.mark.parametrize("target", ["lock of elsewhere", "nowhere", ".lock"])
+def test_a_lock_that_is_a_symbolic_link_is_refused_and_its_target_left_alone(tmp_path, source, target) -> None:
+    (tmp_path / "lock of elsewhere").write_text("mine")
+    (tmp_path / "job").mkdir()
+    (tmp_path / "job" / ".lock").symlink_to(target if target == ".lock" else tmp_path / target)
+    with pytest.raises(BadInput, match="symbolic link"):
+        Job.start(tmp_path / "job", source)
+    assert (tmp_path / "lock of elsewhere").read_text() == "mine"
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_file_system_without_locks_is_refused(tmp_path: Path, source: Path, monkeypatch) -> None:
+    def no_locks(self: FileLock, timeout: float) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(FileLock, "acquire", no_locks)
+    with pytest.raises(BadInput, match="No locks available"):
+        Job.start(tmp_path / "job", source)
 
 
 def test_job_file_holds_inputs_and_options(tmp_path: Path, source: Path) -> None:
