@@ -16,7 +16,7 @@ from ..scene_import.crop import crop_text
 from ..scene_import.operators import bring_in, frame_tree
 from ..scene_import.tree import Tree
 from . import live
-from .start import given_options, has_job_file, job_folder, make_job
+from .start import given_options, has_job_file, is_finished, job_folder, make_job
 
 
 def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
@@ -201,7 +201,7 @@ def interrupted(scene: bpy.types.Scene) -> bool:
     state = scene.mgf
     if state.key and runner.live_job(state.key):
         return False
-    return has_job_file(scene, "job.json") and not has_job_file(scene, "deliver.json")
+    return has_job_file(scene, "job.json") and not is_finished(job_folder(scene))
 
 
 CLASSES = (

@@ -75,9 +75,18 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
 
 def given_options(folder: Path) -> dict[str, object]:
     """The options an earlier run in this folder was given; empty when there is none."""
+    return _job_record(folder, "given")
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether the last run in this folder came to its end; results of a run before it may be there nevertheless."""
+    return "deliver" in _job_record(folder, "stages")
+
+
+def _job_record(folder: Path, name: str) -> dict[str, object]:
+    """What the engine noted under a name in the job file; empty where it cannot be read."""
     try:
-        given = json.loads((folder / "job.json").read_text(encoding="utf-8"))["given"]
-        return dict(given)
+        return dict(json.loads((folder / "job.json").read_text(encoding="utf-8"))[name])
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 

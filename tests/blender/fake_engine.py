@@ -49,6 +49,15 @@ def preview(arguments: list[str], mode: str) -> int:
     return 0
 
 
+def record(job: Path, arguments: list[str], done: list[str]) -> None:
+    """The job file, with the stages that are done."""
+    given = {a.split("=")[0]: a.split("=")[1] for a in arguments if "=" in a}
+    stages = {name: {"key": name} for name in done}
+    part = job / ".part-job.json"
+    part.write_text(json.dumps({"source": arguments[1], "given": given, "stages": stages}))
+    part.replace(job / "job.json")
+
+
 def main() -> int:
     """Play one job."""
     arguments = sys.argv[1:]
@@ -64,8 +73,7 @@ def main() -> int:
     if "--cancel-on-eof" in arguments and mode != "stubborn":
         threading.Thread(target=watch, daemon=True).start()
     (job / "log.txt").write_text("log\n")
-    given = {a.split("=")[0]: a.split("=")[1] for a in arguments if "=" in a}
-    (job / "job.json").write_text(json.dumps({"source": arguments[1], "given": given, "stages": {}}))
+    record(job, arguments, [])
     if mode == "bad":
         send("failed", code=2, text="The scene has no photos; give another folder.", log=None)
         return 2
@@ -96,6 +104,7 @@ def main() -> int:
             if stage == "field" and step == 2 and os.environ.get("FAKE_PREVIEW"):
                 send("preview", stage=stage, path=os.environ["FAKE_PREVIEW"], title="Iteration 1")
             time.sleep(0.06 if mode in ("slow", "stubborn") else 0.002)
+        record(job, arguments, STAGES[: i + 1])
     finished = os.environ.get("FAKE_RESULT")
     if finished and arguments[0] == "reconstruct":
         shutil.copytree(finished, job, dirs_exist_ok=True)

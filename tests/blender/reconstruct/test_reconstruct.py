@@ -193,6 +193,22 @@ def test_quit_and_reopen_finds_the_job(ready, engine, tmp_path):
     assert "--resume" in arguments(scene.mgf)
 
 
+def test_quit_and_reopen_finds_a_second_run_that_was_interrupted(ready, engine, tmp_path):
+    """The results of the first run are still in the folder."""
+    ready.import_when_done = False
+    bpy.ops.mgf.reconstruct()
+    assert Path(ready.job_folder, "deliver.json").is_file() and not interrupted(bpy.context.scene)
+    engine("slow")
+    job = make_job(bpy.context.scene)
+    runner.submit(job)
+    pump(lambda: job.stage == "masks")
+    path = str(tmp_path / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    runner.stop_all()
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert interrupted(bpy.context.scene)
+
+
 def test_resume_goes_on_with_the_options_of_the_job(ready, engine):
     """The engine keeps what it was given as text; other values would begin the job again from its first stage."""
     ready.options.preset, ready.options.resolution, ready.options.screening = "draft", 320, False
