@@ -95,19 +95,12 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+def arguments(scene: Path, tmp_path: Path, *more: str) -> list[str]:
+    return ["--scene", str(scene), "--out", str(tmp_path / "out"), *more]
+
+
 def test_a_pass_keeps_results_and_draws_the_page(scene: Path, tmp_path: Path) -> None:
-    args = [
-        "--scene",
-        str(scene),
-        "--out",
-        str(tmp_path / "out"),
-        "--only",
-        "pose",
-        "masks_eroded",
-        "--levels",
-        "0",
-        "1",
-    ]
+    args = arguments(scene, tmp_path, "--only", "pose", "masks_eroded", "--levels", "0", "1")
     assert stability_main(args) == 0
     made = list(stability.made)  # type: ignore[attr-defined]
     assert stability_main(args) == 0
@@ -124,18 +117,7 @@ def test_a_pass_keeps_results_and_draws_the_page(scene: Path, tmp_path: Path) ->
 
 
 def test_a_fault_is_reported_and_tried_again(scene: Path, tmp_path: Path) -> None:
-    args = [
-        "--scene",
-        str(scene),
-        "--out",
-        str(tmp_path / "out"),
-        "--only",
-        "pose",
-        "--levels",
-        "4",
-        "--modes",
-        "masks",
-    ]
+    args = arguments(scene, tmp_path, "--only", "pose", "--levels", "4", "--modes", "masks")
     assert stability_main(args) == 1
     assert stability_main(args) == 1
     assert len(stability.made) == 2  # type: ignore[attr-defined]
