@@ -97,8 +97,9 @@ def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Con
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
     pixel = ground_pixels(colored, judges.views)
     reduced = reduce_faces(
-        colored, config.max_faces, config.face_error * pixel, config.color_error if config.color_error < 256 else -1.0
-    )
+        colored, config.max_faces, config.face_error * pixel, config.color_error if config.color_error < 256 else -1.0,
+        lambda share: reporter.progress(_COLORED + (1 - _COLORED) * share),
+    )  # fmt: skip
     log.info("mesh: reduced to %d faces", len(reduced.faces))
     return replace(reduced, values=field.confidence(reduced.vertices))
 

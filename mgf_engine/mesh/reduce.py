@@ -8,7 +8,8 @@ measured in ground pixels: what one pixel of the nearest photo covers there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,15 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.raster.library import call
+from mgf_engine.raster.library import call, parallel
 from mgf_engine.scene.model import View
 
 NEAREST = 8  # views among which one is sought that a vertex faces
+WORTH = 0.002  # share of the faces that a sweep must take away to be followed by one like it
+MOST_LOOSE = 1e6  # factor on the tolerances beyond which no more faces can go
+MOST_SLABS, SLAB = 32, 16384  # slabs that a mesh is cut into, and faces that each should have at least
+AT_ONCE = 8  # slabs between two reports of progress
+NO_MEMORY = "Not enough memory to reduce the mesh; lower max_gaussians or the resolution."
 
 
 def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
@@ -46,7 +52,11 @@ def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
 
 
 def reduce_faces(
-    mesh: Mesh, most: int = 0, tolerance: NDArray[np.float32] | float = 0.0, color_tolerance: float = -1.0
+    mesh: Mesh,
+    most: int = 0,
+    tolerance: NDArray[np.float32] | float = 0.0,
+    color_tolerance: float = -1.0,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Mesh:
     """The mesh with fewer faces: as few as the tolerances allow, and at most ``most``.
 
@@ -75,15 +85,91 @@ def reduce_faces(
         allowed = np.full(len(at), 1e-3 * np.linalg.norm(np.ptp(at, axis=0)), np.float32)
     faces = np.array(mesh.faces, np.int32, order="C")
     colors = np.empty((len(at), 3), np.uint8)
-    left = call(
-        "collapse_edges", len(at), count, at, faces, at.astype(np.float32), np.ascontiguousarray(allowed),
-        np.ascontiguousarray(mesh.colors), float(color_tolerance), most, int(lean), colors,
-    )  # fmt: skip
-    if left < 0:
-        raise MemoryError("Not enough memory to reduce the mesh; lower max_gaussians or the resolution.")
+    given = (at.astype(np.float32), np.ascontiguousarray(allowed), np.ascontiguousarray(mesh.colors))
+    handle = call("collapse_begin", len(at), count, at, faces, *given, float(color_tolerance))
+    if not handle:
+        raise MemoryError(NO_MEMORY)
+    try:
+        left = _shrink(handle, given[0], count, progress) if lean else count
+        if not lean or left > most:
+            _force(handle, left, most, float(color_tolerance), given[0])
+    finally:
+        call("collapse_end", handle, colors)
     used, index = np.unique(faces[faces[:, 0] >= 0], return_inverse=True)
     vertices = at[used] + centre
     return Mesh(vertices, index.reshape(-1, 3).astype(np.int32), colors[used], _nearest_values(mesh, vertices))
+
+
+@dataclass(frozen=True)
+class Slabs:
+    """Slices of a mesh: slab of each vertex, uint8 [N]; vertices by slab, int32 [N]; where each slab begins there."""
+
+    slab: NDArray[np.uint8]
+    order: NDArray[np.int32]
+    start: NDArray[np.int64]
+
+    @staticmethod
+    def of(slab: NDArray[np.integer]) -> Slabs:
+        """From the slab of each vertex."""
+        order = np.argsort(slab, kind="stable").astype(np.int32)
+        start = np.concatenate([[0], np.cumsum(np.bincount(slab))]).astype(np.int64)
+        return Slabs(slab.astype(np.uint8), order, start)
+
+
+def slabs(vertices: NDArray[np.float32], number: int, shifted: bool = False) -> Slabs:
+    """Vertices [N, 3] cut across their longest axis; shifted, the borders lie in the middle of the others' slabs."""
+    along = vertices[:, np.argmax(np.ptp(vertices, axis=0))]
+    rank = np.empty(len(vertices), np.int64)
+    rank[np.argsort(along, kind="stable")] = np.arange(len(vertices))
+    half = rank * 2 * number // len(vertices)
+    return Slabs.of((half + shifted) // 2 if number > 1 else half // 2)
+
+
+def _shrink(handle: int, vertices: NDArray[np.float32], count: int, progress: Callable[[float], None]) -> int:
+    """Collapse what the tolerances allow; returns the faces left.
+
+    The slabs grow as the faces do, up to the whole mesh: an edge that leaves a slab can be tried only in a wider one.
+    """
+    number, rounds = MOST_SLABS, 0
+    while True:
+        before, number = count, min(number, max(1, count // SLAB))
+        cut = slabs(vertices, number, shifted=rounds % 2 == 1)
+        count = _sweep(handle, cut, 0, lambda share, n=rounds: progress(1 - 0.3**n * (1 - 0.7 * share)))  # type: ignore[misc]
+        rounds += 1
+        if before - count > WORTH * before:
+            continue
+        if number == 1:
+            return count
+        number //= 2
+
+
+def _force(handle: int, count: int, most: int, color_tolerance: float, vertices: NDArray[np.float32]) -> None:
+    """Collapse down to ``most`` faces; loosen the tolerances, those of colours first, as long as that is not met."""
+    whole, loose = slabs(vertices, 1), 1.0
+    while loose <= MOST_LOOSE:
+        before, count = count, _sweep(handle, whole, most)
+        if count <= most:
+            return
+        if before - count > WORTH * before:
+            continue
+        if color_tolerance >= 0:
+            color_tolerance = 4 * color_tolerance + 1 if color_tolerance < 64 else -1.0
+        else:
+            loose *= 2
+        call("collapse_loosen", handle, loose, color_tolerance)
+
+
+def _sweep(handle: int, cut: Slabs, stop: int, progress: Callable[[float], None] = lambda share: None) -> int:
+    """Try every edge around which something changed; returns the faces left."""
+    last = len(cut.start) - 1
+    for first in range(0, last, AT_ONCE):
+        progress(first / last)
+        end = min(first + AT_ONCE, last)
+        parallel("collapse_work", handle, cut.slab, cut.order, cut.start, first, end, stop)
+    left = call("collapse_live", handle)
+    if left < 0:
+        raise MemoryError(NO_MEMORY)
+    return left
 
 
 def _nearest_values(mesh: Mesh, vertices: NDArray[np.float64]) -> dict[str, NDArray[np.generic]]:

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mgf_engine.mesh import clean
+from mgf_engine.errors import Cancelled
+from mgf_engine.mesh import clean, reduce
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.holes import boundary_loops
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
+from mgf_engine.mesh.reduce import SLAB, ground_pixels, reduce_faces
+from mgf_engine.raster import library
 
 from .analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
 
@@ -195,3 +197,40 @@ def test_ground_pixels_are_those_of_the_nearest_view_that_a_vertex_faces():
         distance = np.linalg.norm(mesh.vertices[side] - view.centre, axis=1)
         assert np.allclose(size[side], distance / view.fx, rtol=1e-5)
     assert (ground_pixels(mesh, []) == 0).all() and np.isfinite(ground_pixels(mesh, ring(2))).all()
+
+
+def test_the_result_does_not_depend_on_the_number_of_threads():
+    mesh = noisy(fine_box(6), 1e-3)
+    results = []
+    for count in (1, 3):
+        library.set_threads(count)
+        try:
+            results.append(reduce_faces(mesh, tolerance=0.02))
+        finally:
+            library.set_threads(0)
+    assert len(mesh.faces) > 2 * SLAB
+    assert np.array_equal(results[0].faces, results[1].faces)
+    assert np.array_equal(results[0].vertices, results[1].vertices)
+
+
+def test_slabs_cost_few_faces(monkeypatch):
+    mesh = noisy(fine_box(6), 1e-3)
+    sliced = reduce_faces(mesh, tolerance=0.005)
+    monkeypatch.setattr(reduce, "MOST_SLABS", 1)
+    assert len(sliced.faces) <= 1.2 * len(reduce_faces(mesh, tolerance=0.005).faces) + 10
+    assert distances(mesh.vertices, sliced).max() <= 0.005 + 1e-6
+
+
+def test_progress_grows_and_cancelling_stops():
+    shares: list[float] = []
+    mesh = fine_box(6)
+    reduce_faces(mesh, tolerance=0.01, progress=shares.append)
+    assert len(shares) >= 3
+    assert shares == sorted(shares)
+    assert shares[-1] < 1
+
+    def cancel(share: float) -> None:
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        reduce_faces(mesh, tolerance=0.01, progress=cancel)

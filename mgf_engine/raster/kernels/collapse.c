@@ -6,6 +6,10 @@
 // sample of an open rim must stay that near to the new rim. Topology stays as it is (link condition): what was manifold
 // stays manifold, no hole opens or closes, no part is lost. No face turns over, and none becomes a needle.
 //
+// Threads share the mesh in *slabs*: each works on the edges whose faces all around have their corners in its own slab.
+// Nothing that one changes is read by another, so the result does not depend on their number. What lies across the
+// border of two slabs stays marked as touched, and is tried when the slabs are cut elsewhere.
+//
 // Positions should be near the origin: the quadrics are sums of squares of coordinates.
 #include <stdlib.h>
 #include <string.h>
@@ -18,7 +22,6 @@ static const double TURN = 0.3;      // least cosine between the normals of a fa
 static const double SHAPE = 0.05;    // least shape of a new face: 1 equilateral, 0 no area
 static const double LENGTH = 1e-4;   // of the squared length of an edge, added to its cost: flat parts shrink evenly
 static const double RIM = 10;        // weight of the planes that hold an open rim
-static const double WORTH = 0.002;   // share of the faces that a round must take away to be followed by one like it
 
 typedef struct {
     float cost;
@@ -38,6 +41,8 @@ typedef struct {
     int32_t *stamp;          // changes with the vertex; -1: gone
     Quadric *quadric;
     uint8_t *rim, *touched;  // touched: something around the vertex changed since the last sweep began
+    const uint8_t *slab;     // of each vertex, and the one this thread works on
+    uint8_t own;
     const float *given, *tolerance;  // samples: place, tolerance,
     const uint8_t *given_color;
     int32_t *held, *after;   // and those on each face as a list
@@ -329,6 +334,13 @@ static void offer_around(Mesh *m, int32_t vertex) {
     }
 }
 
+static int within(const Mesh *m, const Star *star) {
+    for (int i = 0; i < star->count; i++)
+        for (int k = 0; k < 3; k++)
+            if (m->slab[m->face[star->face[i]][k]] != m->own) return 0;
+    return 1;
+}
+
 static int try_collapse(Mesh *m, int32_t a, int32_t b) {
     if (m->rim[b] && !m->rim[a]) {
         const int32_t swap = a;
@@ -340,7 +352,9 @@ static int try_collapse(Mesh *m, int32_t a, int32_t b) {
     star.shared = star.count;
     if (!gather(m, a, b, 0, &star)) return 0;
     const int from_b = star.count;
-    if (!gather(m, b, a, 0, &star) || !linked(m, a, b, &star, from_b)) return 0;
+    if (!gather(m, b, a, 0, &star)) return 0;
+    if (!within(m, &star)) return m->touched[a] = m->touched[b] = 1, 0;
+    if (!linked(m, a, b, &star, from_b)) return 0;
     const Quadric sum = quadric_sum(m->quadric + a, m->quadric + b);
     const Point where = target(m, a, b, &sum);
     for (int i = 0; i < star.count; i++)
@@ -358,16 +372,31 @@ static int try_collapse(Mesh *m, int32_t a, int32_t b) {
     return 1;
 }
 
-// Tries every edge around which something changed once, cheapest first, and those of each vertex left by a collapse
-// again, down to `stop` faces. Where nothing changed, what failed before would fail again.
-static void sweep(Mesh *m, int64_t stop) {
-    m->entries = 0;
-    for (int64_t i = 0; i < m->faces; i++)
-        for (int k = 0; k < 3 && m->face[i][0] >= 0; k++) {
-            const int32_t a = m->face[i][k], b = m->face[i][(k + 1) % 3];
-            if ((a < b || (m->rim[a] && m->rim[b])) && (m->touched[a] || m->touched[b])) offer(m, a, b);
-        }
-    memset(m->touched, 0, (size_t)m->vertices);
+// Offers the edges of a vertex around which something changed; tells whether one of them leads out of the slab.
+static int offer_touched(Mesh *m, int32_t a) {
+    int leaves = 0;
+    for (int32_t c = m->first[a]; c >= 0; c = m->next[c]) {
+        const int32_t *f = m->face[c / 3];
+        if (f[0] < 0) continue;
+        const int32_t b = f[(c + 1) % 3], other = f[(c + 2) % 3];
+        leaves |= m->touched[a] && (m->slab[b] != m->own || m->slab[other] != m->own);
+        if (m->slab[b] != m->own || !(m->touched[a] || m->touched[b])) continue;
+        if (a < b || (m->rim[a] && m->rim[b])) offer(m, a, b);
+    }
+    return leaves;
+}
+
+// Tries every edge of some vertices around which something changed once, cheapest first, and those of each vertex left
+// by a collapse again, down to `stop` faces. Where nothing changed, what failed before would fail again.
+static void sweep(Mesh *m, const int32_t *vertex, int64_t count, int64_t stop) {
+    uint8_t *leaves = malloc((size_t)count + 1);
+    if (!leaves) {
+        m->failed = 1;
+        return;
+    }
+    for (int64_t i = 0; i < count; i++) leaves[i] = (uint8_t)(m->stamp[vertex[i]] >= 0 && offer_touched(m, vertex[i]));
+    for (int64_t i = 0; i < count; i++) m->touched[vertex[i]] = leaves[i];
+    free(leaves);
     while (m->entries && m->live > stop && !m->failed) {
         const Entry e = pop(m);
         if (m->stamp[e.a] < 0 || m->stamp[e.b] < 0 || m->stamp[e.a] + m->stamp[e.b] != e.stamp) continue;
@@ -436,31 +465,60 @@ static int set_up(Mesh *m, const uint8_t *colors) {
     return 1;
 }
 
-/* Reduces a mesh in place; faces that are gone get corner 0 = -1. Returns the number of faces left, -1: no memory.
-   at, colors: [vertices][3], near the origin. given: the same places as float32, tolerance: [vertices] distance that a
-   given vertex may have from the result. color_tolerance: root mean square per channel; negative: any.
-   most: where more faces are left, tolerances are loosened, those of colours first. lean: whether to go on below `most`
-   as long as the tolerances hold. result_colors: [vertices][3]. */
-MGF_API int64_t collapse_edges(int64_t vertices, int64_t faces, Point *at, int32_t *face, const float *samples,
-                               const float *tolerances, const uint8_t *colors, float color_tolerance, int64_t most,
-                               int64_t lean, uint8_t *result_colors) {
-    Mesh m = {.vertices = vertices, .faces = faces, .live = faces, .at = at, .face = (int32_t(*)[3])face,
-              .given = samples, .tolerance = tolerances, .given_color = colors, .loose = 1,
-              .color_tolerance = color_tolerance};
-    m.failed = !set_up(&m, colors);
-    for (int64_t before = m.live; !m.failed; before = m.live) {
-        sweep(&m, lean ? 0 : most);
-        if ((double)(before - m.live) > WORTH * (double)before && (lean || m.live > most)) continue;
-        if (m.live <= most) break;
-        lean = 0;
-        if (m.color_tolerance >= 0) m.color_tolerance = m.color_tolerance < 64 ? 4 * m.color_tolerance + 1 : -1;
-        else if (m.loose < 1e6) m.loose *= 2;
-        else break;
-        memset(m.touched, 1, (size_t)vertices);
-    }
-    for (int64_t i = 0; i < vertices && !m.failed; i++)
-        for (int k = 0; k < 3; k++) result_colors[3 * i + k] = (uint8_t)fminf(fmaxf(m.color[i][k] + 0.5f, 0), 255);
-    void *owned[] = {m.color, m.first, m.next, m.stamp, m.quadric, m.rim, m.touched, m.held, m.after, m.heap, m.place};
+static void release(Mesh *m) {
+    void *owned[] = {m->color, m->first, m->next, m->stamp, m->quadric, m->rim, m->touched, m->held, m->after, m};
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
-    return m.failed ? -1 : m.live;
+}
+
+/* Begins to reduce a mesh in place; the arrays must live until collapse_end. Returns a handle, 0: no memory.
+   at, colors: [vertices][3], near the origin. given: the same places as float32, tolerance: [vertices] distance that a
+   given vertex may have from the result. color_tolerance: root mean square per channel; negative: any. */
+MGF_API int64_t collapse_begin(int64_t vertices, int64_t faces, Point *at, int32_t *face, const float *samples,
+                               const float *tolerances, const uint8_t *colors, float color_tolerance) {
+    Mesh *m = calloc(1, sizeof *m);
+    if (!m) return 0;
+    *m = (Mesh){.vertices = vertices, .faces = faces, .live = faces, .at = at, .face = (int32_t(*)[3])face,
+                .given = samples, .tolerance = tolerances, .given_color = colors, .loose = 1,
+                .color_tolerance = color_tolerance};
+    if (set_up(m, colors)) return (int64_t)(intptr_t)m;
+    release(m);
+    return 0;
+}
+
+/* From now on distances may be `loose` times the tolerances, and every edge is tried again. */
+MGF_API void collapse_loosen(int64_t handle, float loose, float color_tolerance) {
+    Mesh *m = (Mesh *)(intptr_t)handle;
+    m->loose = loose, m->color_tolerance = color_tolerance;
+    memset(m->touched, 1, (size_t)m->vertices);
+}
+
+/* Collapses edges within slabs number first to last - 1, a piece of work each, until `stop` faces are left (exact only
+   for a single slab). slab: [vertices]; order: [vertices] by slab; start: [slabs + 1], where each begins in `order`. */
+MGF_API void collapse_work(int32_t *next, int64_t handle, const uint8_t *slab, const int32_t *order,
+                           const int64_t *start, int64_t first, int64_t last, int64_t stop) {
+    Mesh *whole = (Mesh *)(intptr_t)handle;
+    for (int64_t k; (k = first + take_work(next)) < last;) {
+        Mesh m = *whole;
+        m.slab = slab, m.own = (uint8_t)k;
+        m.live = __atomic_load_n(&whole->live, __ATOMIC_RELAXED);
+        const int64_t live = m.live;
+        sweep(&m, order + start[k], start[k + 1] - start[k], stop);
+        free(m.heap), free(m.place);
+        __atomic_fetch_sub(&whole->live, live - m.live, __ATOMIC_RELAXED);
+        if (m.failed) __atomic_store_n(&whole->failed, 1, __ATOMIC_RELAXED);
+    }
+}
+
+/* Faces left, -1: out of memory on the way. */
+MGF_API int64_t collapse_live(int64_t handle) {
+    const Mesh *m = (const Mesh *)(intptr_t)handle;
+    return m->failed ? -1 : m->live;
+}
+
+/* Ends the work: faces that are gone have corner 0 = -1, colors [vertices][3] are those of the vertices left. */
+MGF_API void collapse_end(int64_t handle, uint8_t *colors) {
+    Mesh *m = (Mesh *)(intptr_t)handle;
+    for (int64_t i = 0; i < m->vertices; i++)
+        for (int k = 0; k < 3; k++) colors[3 * i + k] = (uint8_t)fminf(fmaxf(m->color[i][k] + 0.5f, 0), 255);
+    release(m);
 }
