@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -150,6 +151,30 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
     return config
 
 
+def option_pairs(texts: Sequence[str]) -> dict[str, str]:
+    """Options from texts NAME=VALUE as ``--set`` takes them, not converted yet.
+
+    Raises:
+        BadInput: a text is no such pair.
+    """
+    return {name.replace("-", "_"): value for name, value in named_values("--set", texts).items()}
+
+
+def named_values(flag: str, texts: Sequence[str]) -> dict[str, str]:
+    """Texts NAME=VALUE given with a flag, as name -> value.
+
+    Raises:
+        BadInput: a text is no such pair.
+    """
+    result = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise BadInput(f"{flag} takes NAME=VALUE, not '{text}'.")
+        result[name.strip()] = value.strip()
+    return result
+
+
 def read_config(path: Path) -> dict[str, Any]:
     """Options from a JSON file (an object of option names and values).
 
@@ -157,7 +182,7 @@ def read_config(path: Path) -> dict[str, Any]:
         BadInput: the file cannot be read or is not a JSON object.
     """
     try:
-        given = json.loads(path.read_text(encoding="utf-8"))
+        given = json.loads(path.read_text(encoding="utf-8-sig"))  # editors on Windows begin with a mark
     except (OSError, ValueError, RecursionError) as error:
         raise BadInput(
             f"Cannot read the config '{path}' ({error}); give a JSON file of option names and values."
@@ -186,13 +211,19 @@ def _convert(spec: Any, value: Any) -> Any:
     try:
         result = _parse(kind, value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise BadInput(f"Option {spec.name} takes {_kind_name(kind)}, not '{value}'.") from error
+        raise BadInput(f"Option {spec.name} takes {_kind_name(kind)}, not '{_shown(value)}'.") from error
     if meta["choices"] and result not in meta["choices"]:
-        raise BadInput(f"Option {spec.name} is one of {', '.join(meta['choices'])}, not '{value}'.")
+        raise BadInput(f"Option {spec.name} is one of {', '.join(meta['choices'])}, not '{_shown(value)}'.")
     for limit, wrong in ((meta["low"], "at least"), (meta["high"], "at most")):
         if limit is not None and (result < limit if wrong == "at least" else result > limit):
-            raise BadInput(f"Option {spec.name} must be {wrong} {limit:g}, not {value}.")
+            raise BadInput(f"Option {spec.name} must be {wrong} {limit:g}, not {_shown(value)}.")
     return result
+
+
+def _shown(value: Any) -> str:
+    """A value as a sentence can hold it."""
+    text = str(value) if not isinstance(value, int) or abs(value) < 10**50 else "a number of many digits"
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _parse(kind: type, value: Any) -> Any:

@@ -44,6 +44,18 @@ def test_impossible_options_are_refused_in_one_sentence(given_options: dict, par
     assert "\n" not in str(caught.value)
 
 
+def test_long_values_are_shown_in_part() -> None:
+    with pytest.raises(BadInput) as caught:
+        make_config({"iterations": "9" * 5000})
+    assert len(str(caught.value)) < 200
+
+
+def test_config_files_of_windows_editors_are_read(tmp_path) -> None:
+    path = tmp_path / "c.json"
+    path.write_bytes(b'\xef\xbb\xbf{"iterations": 5}')
+    assert read_config(path) == {"iterations": 5}
+
+
 def test_text_values_are_converted() -> None:
     config = make_config({"iterations": "12", "use_masks": "off", "opacity_level": "0.4"})
     assert (config.iterations, config.use_masks, config.opacity_level) == (12, False, 0.4)

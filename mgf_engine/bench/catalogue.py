@@ -108,11 +108,14 @@ def scene_spec(name: str, **changes: Any) -> SceneSpec:
     """The spec of a named scene with some controls changed (None leaves a control as it is).
 
     Raises:
-        BadInput: the name is not in the table.
+        BadInput: the name is not in the table, or nothing can be rendered with such numbers.
     """
     if name not in SCENES:
         raise BadInput(f"There is no scene '{name}'; take one of {', '.join(SCENES)}.")
-    return replace(SCENES[name], **{key: value for key, value in changes.items() if value is not None})
+    spec = replace(SCENES[name], **{key: value for key, value in changes.items() if value is not None})
+    if spec.photos < 3 or spec.width < 64 or spec.samples < 1 or spec.seed < 0:
+        raise BadInput("A scene needs at least 3 photos of 64 pixels or more, 1 sample per pixel and a seed from 0.")
+    return spec
 
 
 def spec_dict(spec: SceneSpec) -> dict[str, Any]:

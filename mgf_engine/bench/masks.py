@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.bench.arguments import results_folder
 from mgf_engine.bench.clicks import VARIANTS, make_clicks
 from mgf_engine.bench.mask_scores import PhotoScore, score_photo
 from mgf_engine.config import Config, make_config
@@ -28,7 +29,7 @@ from mgf_engine.masks.store import read_png
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.model import Scene
-from mgf_engine.system import cores
+from mgf_engine.system import cores, write_json
 
 SCENES = ("demo", "masks_block", "masks_hall", "masks_trees")
 #: A child mask below this IoU is bad: it must be flagged.
@@ -45,6 +46,7 @@ def masks_main(argv: Sequence[str]) -> int:
     wanted = [name for name in VARIANTS if not args.only or any(word in name for word in args.only)]
     if not wanted:
         raise BadInput(f"No kind of clicks has one of these names: {', '.join(args.only)}.")
+    results_folder(args.out)
     rows: list[Row] = []
     print(header())
     for name in args.scenes or SCENES:
@@ -55,7 +57,7 @@ def masks_main(argv: Sequence[str]) -> int:
             row = {"scene": Path(name).name, **measure_masks(folder, scene, variant, job, args.segmenter)}
             rows.append(row)
             print(line(row), flush=True)
-    (args.out / "masks.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    write_json(args.out / "masks.json", rows)
     chart = write_chart(rows, args.chart or args.out / "masks-clicks.png")
     print(f"{len(rows)} rows in {args.out / 'masks.json'}" + (f"; chart: {chart}" if chart else ""))
     return EXIT_DONE

@@ -55,7 +55,7 @@ def prepare_scene(name: str, photos: int | None = None, width: int | None = None
     """Render the named scene if need be (or take a folder that was made before) and read what scoring needs.
 
     Raises:
-        BadInput: no such scene.
+        BadInput: no such scene, or its record is damaged.
     """
     from mgf_engine.bench.catalogue import scene_spec
     from mgf_engine.bench.scenes import make_scene
@@ -65,11 +65,19 @@ def prepare_scene(name: str, photos: int | None = None, width: int | None = None
         folder = Path(name).resolve()
     else:
         folder = make_scene(name, scene_spec(name, photos=photos, width=width))
-    record = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+    ground_pixel = _ground_pixel(folder / "scene.json")
     truth = read_surface(folder / "truth.ply").vertices
     low, high = truth.min(0) - CROP_MARGIN, truth.max(0) + CROP_MARGIN
     low[2] = CROP_FOOT
-    return Prepared(folder, true_cameras(folder), float(record["ground_pixel"]), np.stack([low, high]))
+    return Prepared(folder, true_cameras(folder), ground_pixel, np.stack([low, high]))
+
+
+def _ground_pixel(path: Path) -> float:
+    """Metres on the ground that a pixel covers, from a scene's record."""
+    try:
+        return float(json.loads(path.read_text(encoding="utf-8"))["ground_pixel"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"Cannot read the scene's record '{path}' ({error!r}); make the scene again.") from error
 
 
 def true_cameras(folder: Path) -> list[SeeingCamera]:

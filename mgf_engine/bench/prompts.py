@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import cv2
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.model import BACKGROUND, BUILDING
+from mgf_engine.system import write_json
 
 
 def click_prompts(path: Path, names: list[str], poses: NDArray[np.float64], labels: list[NDArray[np.uint8]],
@@ -26,9 +26,7 @@ def click_prompts(path: Path, names: list[str], poses: NDArray[np.float64], labe
         entry = {"positive": inside_points(labels[index] == BUILDING, positives),
                  "negative": inside_points(labels[index] == BACKGROUND, negatives)}  # fmt: skip
         result[names[index]] = entry
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(result, indent=1), encoding="utf-8")
-    partial.replace(path)
+    write_json(path, result)
 
 
 def spread_photos(poses: NDArray[np.float64], count: int) -> list[int]:

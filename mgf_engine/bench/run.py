@@ -14,9 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mgf_engine.bench.arguments import count, engine_options, results_folder
 from mgf_engine.bench.measure import Prepared, measure, prepare_scene
 from mgf_engine.bench.suites import SUITES, Run, suite_runs
+from mgf_engine.config import named_values
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
+from mgf_engine.system import write_json
 
 
 def bench_main(argv: Sequence[str] | None = None) -> int:
@@ -56,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--scenes", nargs="+", default=[], help="instead of the suite's scenes: names or folders")
     parser.add_argument("--photos", type=int, help="fewer photos per scene")
     parser.add_argument("--width", type=int, help="width of the rendered photos in pixels")
-    parser.add_argument("--seeds", type=int, default=1, help="runs per variant")
+    parser.add_argument("--seeds", type=count, default=1, help="runs per variant")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="option given to every run")
     parser.add_argument("--only", nargs="+", default=[], help="only variants with one of these words in their name")
     parser.add_argument("--masks", choices=("prompts", "true"), default="prompts", help="from clicks, or the true ones")
@@ -65,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         "--external", action="append", default=[], metavar="NAME=COMMAND",
         help="another tool for suite peers; {images}, {scene}, {work} and {mesh} are filled in",
     )  # fmt: skip
-    parser.add_argument("--samples", type=int, default=300_000, help="points sampled on each mesh")
+    parser.add_argument("--samples", type=count, default=300_000, help="points sampled on each mesh")
     parser.add_argument("--label", default="", help="part of every run's key: measure the same again under a new label")
     parser.add_argument("--keep-jobs", action="store_true", help="keep the whole job folders, not only mesh and report")
     parser.add_argument("--page-only", action="store_true", help="draw the page from the results that are there")
@@ -75,9 +78,9 @@ def _parser() -> argparse.ArgumentParser:
 def _run_suite(args: argparse.Namespace) -> int:
     from mgf_engine.bench.charts import write_page
 
-    runs = suite_runs(
-        args.suite, args.scenes, args.seeds, _pairs(args.set), args.masks, args.poses, _pairs(args.external), args.only
-    )
+    options, tools = engine_options(args.set), named_values("--external", args.external)
+    runs = suite_runs(args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only)
+    results_folder(args.out)
     scenes: dict[str, Prepared] = {}
     rows: list[dict[str, Any]] = []
     failed = 0
@@ -93,13 +96,13 @@ def _run_suite(args: argparse.Namespace) -> int:
                 print(f"    failed: {row['failed']}", flush=True)
                 rows.append(row)
                 continue
-            _write_json(path, row)
+            write_json(path, row)
         if path.exists():
             # Names may change between versions of a suite; the result stays the same.
             row = {**json.loads(path.read_text(encoding="utf-8")), "variant": run.variant, "group": run.group}
             rows.append(row)
             print(f"    {_headline(row)}", flush=True)
-    _write_json(args.out / f"{args.suite}.json", rows)
+    write_json(args.out / f"{args.suite}.json", rows)
     page = write_page(args.suite, rows, args.out)
     print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
     return EXIT_FAULT if failed else EXIT_DONE
@@ -110,28 +113,11 @@ def _label(args: argparse.Namespace) -> str:
     return json.dumps([args.label, args.photos, args.width, args.samples])
 
 
-def _pairs(texts: Sequence[str]) -> dict[str, str]:
-    result = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise BadInput(f"Give NAME=VALUE, not '{text}'.")
-        result[name.strip()] = value.strip()
-    return result
-
-
 def _headline(row: dict[str, Any]) -> str:
     scores = row["geometry"]
     f1 = ", ".join(f"{v:.1f} at {t:.3g} m" for v, t in zip(scores["f1"], scores["thresholds"], strict=True))
     psnr = row.get("psnr")
     return f"F1 {f1}; PSNR {'-' if psnr is None else f'{psnr:.2f}'}; {row['seconds']:.0f} s"
-
-
-def _write_json(path: Path, data: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(data, indent=1), encoding="utf-8")
-    partial.replace(path)
 
 
 __all__ = ["Run", "bench_main"]

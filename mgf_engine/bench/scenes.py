@@ -13,7 +13,6 @@ import argparse
 import hashlib
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -34,6 +33,7 @@ from mgf_engine.bench.shapes import Part, true_mesh
 from mgf_engine.bench.surroundings import surroundings
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
+from mgf_engine.system import atomic_path, write_json
 
 #: Part of the cache key: raise it when the same spec gives other pictures than before.
 GENERATOR_VERSION = 1
@@ -90,7 +90,7 @@ def _make(folder: Path, name: str, spec: SceneSpec, blender: Path | None, thread
         "ground_pixel": distance / camera[2],
         "elements": {key: value for key, value in element_ids(building).items() if value >= FIRST_ELEMENT},
     }  # fmt: skip
-    write_text(folder / "scene.json", json.dumps(record, indent=1))
+    write_json(folder / "scene.json", record)
 
 
 def render_views(
@@ -147,9 +147,8 @@ def _write_job(
     job = dict(zip(("width", "height", "fx", "fy", "cx", "cy"), camera_of(spec), strict=True))
     keys = ("texture_strength", "sun_elevation", "sun_azimuth", "sun_strength", "sky_strength", "samples", "seed")
     rows = [{**asdict(s), "rotation": s.rotation.tolist(), "translation": s.translation.tolist()} for s in shots]
-    write_text(
-        folder / "work/job.json",
-        json.dumps({**job, **{k: getattr(spec, k) for k in keys}, "threads": threads, "shots": rows}),
+    write_json(
+        folder / "work/job.json", {**job, **{k: getattr(spec, k) for k in keys}, "threads": threads, "shots": rows}
     )
 
 
@@ -234,9 +233,8 @@ def _write_truth(path: Path, building: Sequence[Part]) -> None:
     ]  # fmt: skip
     rows = np.empty(len(faces), dtype=[("n", "u1"), ("i", "<i4", (3,))])
     rows["n"], rows["i"] = 3, faces
-    partial = path.with_suffix(".partial")
-    partial.write_bytes("\n".join(head).encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
-    partial.replace(path)
+    with atomic_path(path) as partial:
+        partial.write_bytes("\n".join(head).encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
 
 
 def _write_models(folder: Path, spec: SceneSpec, shots: list[Shot], say: Say) -> None:
@@ -252,13 +250,6 @@ def _write_models(folder: Path, spec: SceneSpec, shots: list[Shot], say: Say) ->
 def _poses(shots: list[Shot]) -> NDArray[np.float64]:
     """Camera centres and viewing directions, [N, 6]."""
     return np.array([[*(-s.rotation.T @ s.translation), *s.rotation[2]] for s in shots])
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file in one step."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
 
 
 def scenes_main(argv: Sequence[str] | None = None) -> int:
@@ -280,10 +271,16 @@ def scenes_main(argv: Sequence[str] | None = None) -> int:
         args.name, spec, args.blender, args.threads, say=lambda text: print(text, file=sys.stderr, flush=True)
     )
     if args.link:
-        args.link.unlink(missing_ok=True) if args.link.is_symlink() else shutil.rmtree(args.link, ignore_errors=True)
-        args.link.symlink_to(folder, target_is_directory=True)
+        _link(args.link, folder)
     print(folder)
     return 0
+
+
+def _link(path: Path, folder: Path) -> None:
+    if path.exists() and not path.is_symlink():
+        raise BadInput(f"'{path}' is there already and is no link; give another place.")
+    path.unlink(missing_ok=True)
+    path.symlink_to(folder, target_is_directory=True)
 
 
 if __name__ == "__main__":

@@ -17,9 +17,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mgf_engine.bench.arguments import count, engine_options, results_folder
 from mgf_engine.bench.measure import Prepared, measure, prepare_scene
 from mgf_engine.bench.perturb import PERTURBATIONS, RECORD, Perturbation, perturb
 from mgf_engine.bench.suites import Options, Run
+from mgf_engine.config import option_pairs
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.system import write_json
 
@@ -40,10 +42,14 @@ def stability_main(argv: Sequence[str]) -> int:
     from mgf_engine.bench.stability_charts import write_page
 
     args = _parser().parse_args(argv)
-    wanted = _chosen(args.only)
+    wanted = list(_runs(_chosen(args.only), args.modes, args.levels, args.seeds))
+    if not wanted:
+        raise BadInput("No perturbation has one of these levels; 'mgf bench stability --help' lists them.")
+    engine_options(args.set)
+    results_folder(args.out)
     source = prepare_scene(args.scene)
     rows: list[Row] = []
-    for name, level, mode, seed in _runs(wanted, args.modes, args.levels, args.seeds):
+    for name, level, mode, seed in wanted:
         row = _row(args, source, name, level, mode, seed)
         if row is not None:
             rows.append(row)
@@ -68,9 +74,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="only these perturbations")
     parser.add_argument("--levels", nargs="+", type=float, default=[], help="only these levels")
     parser.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES), help="with masks, without, or both")
-    parser.add_argument("--seeds", type=int, default=1, help="runs per level")
+    parser.add_argument("--seeds", type=count, default=1, help="runs per level")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="option given to every run")
-    parser.add_argument("--samples", type=int, default=60_000, help="points sampled on each mesh")
+    parser.add_argument("--samples", type=count, default=60_000, help="points sampled on each mesh")
     parser.add_argument("--label", default="", help="part of every run's key: measure again under a new label")
     parser.add_argument("--page-only", action="store_true", help="draw the page from the results that are there")
     return parser
@@ -100,7 +106,7 @@ def _runs(
 def _row(args: argparse.Namespace, source: Prepared, name: str, level: float, mode: str, seed: int) -> Row | None:
     """The result of one run: an earlier one, or made now; None when it is missing and nothing is to be made."""
     entry = PERTURBATIONS[name]
-    options = {**SMALL, **_pairs(args.set), **({"use_masks": False} if mode == "no masks" else {})}
+    options = {**SMALL, **option_pairs(args.set), **({"use_masks": False} if mode == "no masks" else {})}
     undisturbed = level == entry.levels[0]
     what = "undisturbed" if undisturbed else f"{name} {level:g}"  # one run serves all perturbations
     kind = "true" if entry.masks == "given" and mode == "masks" else "prompts"
@@ -125,14 +131,6 @@ def _of_copy(source: Prepared, folder: Path) -> Prepared:
     """The perturbed copy, scored with the original's cameras and masks."""
     record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     return replace(source, folder=folder.resolve(), scale=record["scale"], offset=tuple(record["offset"]))
-
-
-def _pairs(texts: Sequence[str]) -> Options:
-    pairs = [text.partition("=") for text in texts]
-    for name, equals, _ in pairs:
-        if not equals:
-            raise BadInput(f"Give NAME=VALUE, not '{name}'.")
-    return {name.strip(): value.strip() for name, _, value in pairs}
 
 
 def f1_of(row: Row) -> float:

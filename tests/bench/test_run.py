@@ -121,6 +121,48 @@ def test_unknown_names_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFi
     assert bench_main(["peers", "--external", "oops", "--out", str(tmp_path)]) == 2
 
 
+@pytest.mark.parametrize(
+    ("args", "part"),
+    [
+        (["smoke", "--set", "iterations=many"], "a whole number"),
+        (["ablation", "--set", "iterations=many"], "a whole number"),
+        (["smoke", "--set", "iterationz=3"], "Unknown option"),
+        (["smoke", "--out", __file__], "Cannot write"),
+        (["masks", "--out", __file__], "Cannot write"),
+        (["stability", "--out", __file__], "Cannot write"),
+        (["smoke", "--photos", "2"], "at least 3 photos"),
+        (["scenes", "smoke", "--photos", "0"], "at least 3 photos"),
+        (["scenes", "smoke", "--resolution", "-1"], "64 pixels"),
+        (["scenes", "smoke", "--samples", "0"], "sample"),
+        (["stability", "--set", "iterationz=3"], "Unknown option"),
+        (["stability", "--only", "noise", "--levels", "77"], "levels"),
+    ],
+)
+def test_impossible_measurements_are_one_sentence(tmp_path, monkeypatch, capsys, args, part) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MGF_SCENES", str(tmp_path / "scenes"))
+    assert bench_main(args) == 2
+    said = capsys.readouterr().err
+    assert part in said and said.count("\n") == 1
+    assert not (tmp_path / "scenes").exists()
+
+
+@pytest.mark.parametrize("option", ["--seeds", "--samples"])
+@pytest.mark.parametrize("value", ["0", "-3", "1.5", "many"])
+def test_counts_are_whole_numbers_from_one(option: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for suite in ("smoke", "stability"):
+        with pytest.raises(SystemExit, match="2"):
+            bench_main([suite, f"{option}={value}"])
+        assert "a whole number from 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", ["{", "[]", "{}", '{"ground_pixel": "small"}'])
+def test_damaged_scene_records_are_one_sentence(scene: Path, tmp_path: Path, content: str) -> None:
+    (scene / "scene.json").write_text(content)
+    with pytest.raises(BadInput, match=r"scene\.json"):
+        prepare_scene(str(scene))
+
+
 def test_mask_iou_of_a_job_ignores_unknown_pixels(scene: Path, tmp_path: Path) -> None:
     job = tmp_path / "job"
     (job / "masks").mkdir(parents=True)

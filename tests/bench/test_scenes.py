@@ -10,9 +10,17 @@ import cv2
 import numpy as np
 import pytest
 
+from mgf_engine.bench import scenes
 from mgf_engine.bench.catalogue import SCENES
 from mgf_engine.bench.flight import Ring
-from mgf_engine.bench.scenes import camera_of, find_blender_python, make_scene, render_views, scene_folder
+from mgf_engine.bench.scenes import (
+    camera_of,
+    find_blender_python,
+    make_scene,
+    render_views,
+    scene_folder,
+    scenes_main,
+)
 from mgf_engine.bench.shapes import true_mesh
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.surfaces import SeeingCamera, Surface
@@ -36,6 +44,18 @@ def test_without_blender_the_user_is_told_what_to_do(tmp_path: Path, monkeypatch
     monkeypatch.setenv("MGF_BPY_PYTHON", str(tmp_path / "nothing here"))
     with pytest.raises(BadInput, match="No Python with bpy"):
         make_scene("demo", TINY, say=lambda text: None)
+
+
+def test_a_link_takes_the_place_of_links_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenes, "make_scene", lambda *args, **more: tmp_path / "made")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("mine")
+    with pytest.raises(BadInput, match="is no link"):
+        scenes_main(["smoke", "--link", str(tmp_path / "mine")])
+    assert (tmp_path / "mine" / "thesis.txt").read_text() == "mine"
+    for _ in range(2):
+        assert scenes_main(["smoke", "--link", str(tmp_path / "link")]) == 0
+        assert (tmp_path / "link").readlink() == tmp_path / "made"
 
 
 @pytest.mark.slow

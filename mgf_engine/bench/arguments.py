@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the commands of ``mgf bench`` ask of their arguments, checked before anything is rendered or run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from mgf_engine.config import make_config, option_pairs
+from mgf_engine.errors import BadInput
+
+
+def count(text: str) -> int:
+    """A whole number from 1, for argparse."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"takes a whole number from 1, not '{text}'")
+    return value
+
+
+def engine_options(texts: Sequence[str]) -> dict[str, str]:
+    """The engine's options from NAME=VALUE texts, as text.
+
+    Raises:
+        BadInput: a text is no pair, or the engine would refuse the option.
+    """
+    options = option_pairs(texts)
+    make_config(options)
+    return options
+
+
+def results_folder(folder: Path) -> Path:
+    """The folder, made where it is missing.
+
+    Raises:
+        BadInput: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"Cannot write results to '{folder}' ({error.strerror}); give another folder.") from error
+    return folder
