@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine import __version__
-from mgf_engine.config import SECTIONS, Config, options_schema, read_config
+from mgf_engine.config import SECTIONS, Config, option_pairs, options_schema, read_config
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, Cancelled
 from mgf_engine.messages import STAGES, Reporter
 from mgf_engine.scene.crop import read_crop_box
@@ -41,11 +41,28 @@ _NO_MEMORY = re.compile(
     r"|failed to map segment|cannot allocate memory|can't start new thread|Unable to allocate", re.IGNORECASE
 )  # fmt: skip
 _NO_ACCESS = (errno.EACCES, errno.EPERM, errno.EROFS)
+_BAD_PATH = (errno.ENAMETOOLONG, errno.ELOOP)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 1 fault, 2 bad input, 3 cancelled)."""
     args = sys.argv[1:] if argv is None else list(argv)
+    try:
+        code = _run(args)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # the reader has seen enough, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_DONE
+    except (Exception, KeyboardInterrupt) as error:
+        code, text = _explain(error, resumable=False)
+        if code == EXIT_FAULT:
+            traceback.print_exception(error)
+        print(f"Error: {text}", file=sys.stderr)
+        return code
+
+
+def _run(args: list[str]) -> int:
     if args[:1] == ["bench"]:
         from mgf_engine.bench.run import bench_main
 
@@ -53,11 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parsed = _parser().parse_args(args)
     if parsed.command in ("reconstruct", *STAGES):
         return _job_command(parsed)
-    try:
-        return int(_OTHER_COMMANDS[parsed.command](parsed))
-    except BadInput as error:
-        print(f"Error: {error}", file=sys.stderr)
-        return EXIT_BAD_INPUT
+    return int(_OTHER_COMMANDS[parsed.command](parsed))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -72,13 +85,19 @@ def _parser() -> argparse.ArgumentParser:
     options.add_argument("--json", action="store_true", help="as data for other programs")
     weights = commands.add_parser("weights", help="download the EfficientSAM weights and check them")
     weights.add_argument("--model", choices=("vitt", "vits"), default="vitt", help="size of the model")
-    weights.add_argument("--folder", type=Path, help="where to put them (default: the user's cache folder)")
+    weights.add_argument("--folder", type=_path, help="where to put them (default: the user's cache folder)")
     evaluate = commands.add_parser("evaluate", help="compare a mesh with a true mesh: accuracy, completeness, F1")
     _add_evaluate_arguments(evaluate)
     preview = commands.add_parser("preview", help="the mask of one photo from its own clicks, within seconds")
     _add_preview_arguments(preview)
     commands.add_parser("bench", help="run a suite of measurements; 'mgf bench --help' tells more", add_help=False)
     return parser
+
+
+def _path(text: str) -> Path:
+    if not text:  # which pathlib takes for the present folder
+        raise argparse.ArgumentTypeError("is empty; give a path")
+    return Path(text)
 
 
 def _add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,10 +107,10 @@ def _add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
-    parser.add_argument("--prompts", type=Path, required=True, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("scene", type=_path, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("--prompts", type=_path, required=True, metavar="FILE", help="clicks on the building (JSON)")
     parser.add_argument("--image", required=True, metavar="NAME", help="the photo, named as in the prompts")
-    parser.add_argument("--out", type=Path, required=True, metavar="MASK.png", help="255 building, 0 anything else")
+    parser.add_argument("--out", type=_path, required=True, metavar="MASK.png", help="255 building, 0 anything else")
     parser.add_argument("--resolution", default=1000, metavar="PX", help="longest side of the mask (default 1000)")
     parser.add_argument("--segmenter", default="auto", help="auto, grabcut or efficientsam (default auto)")
     parser.add_argument("--weights", default="", metavar="FOLDER", help="folder with the EfficientSAM weights")
@@ -99,11 +118,11 @@ def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_job_command(commands: Any, name: str, help: str) -> None:
     parser = commands.add_parser(name, help=help, description=help, argument_default=argparse.SUPPRESS)
-    parser.add_argument("scene", nargs="?", type=Path, default=None, help="COLMAP scene, or a folder of photos")
-    parser.add_argument("--out", type=Path, required=True, metavar="JOB", help="job folder")
-    parser.add_argument("--prompts", type=Path, default=None, metavar="FILE", help="clicks on the building (JSON)")
-    parser.add_argument("--masks", type=Path, default=None, metavar="FOLDER", help="use these masks (PNG per photo)")
-    parser.add_argument("--config", type=Path, default=None, metavar="FILE", help="options from a JSON file")
+    parser.add_argument("scene", nargs="?", type=_path, default=None, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("--out", type=_path, required=True, metavar="JOB", help="job folder")
+    parser.add_argument("--prompts", type=_path, default=None, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("--masks", type=_path, default=None, metavar="FOLDER", help="use these masks (PNG per photo)")
+    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set any option by name")
     parser.add_argument("--resume", action="store_true", default=False, help="continue the job in the folder")
     styles = ("auto", "bar", "plain", "json", "none")
@@ -130,11 +149,7 @@ def _add_option(group: Any, spec: Any) -> None:
 def _given_options(args: argparse.Namespace) -> dict[str, Any]:
     """Options from --config, then --set, then flags; the later wins."""
     given = read_config(args.config) if args.config else {}
-    for text in args.set:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise BadInput(f"--set takes NAME=VALUE, not '{text}'.")
-        given[name.strip().replace("-", "_")] = value.strip()
+    given.update(option_pairs(args.set))
     names = {f.name for f in fields(Config)}
     given.update({name: value for name, value in vars(args).items() if name in names})
     if isinstance(given.get("crop_box"), str):  # a file is read once, so that a resumed job keeps its box
@@ -182,19 +197,24 @@ def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> in
     return code
 
 
-def _explain(error: BaseException) -> tuple[int, str]:
+def _explain(error: BaseException, resumable: bool = True) -> tuple[int, str]:
+    """Exit code and sentence of an error; ``resumable``: of a job, which goes on from where it was."""
+    again = "run again with --resume" if resumable else "run again"
     if isinstance(error, BadInput):
         return EXIT_BAD_INPUT, str(error)
     if isinstance(error, Cancelled | KeyboardInterrupt):
-        return EXIT_CANCELLED, str(error) or "Cancelled; run again with --resume to continue."
+        return EXIT_CANCELLED, str(error) or f"Cancelled; {again} to continue."
     if isinstance(error, OSError) and error.errno in _FULL_DISK:
-        return EXIT_BAD_INPUT, "The disk is full; free some space and run again with --resume."
+        return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:
         return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
+    if isinstance(error, OSError) and error.errno in _BAD_PATH:
+        return EXIT_BAD_INPUT, f"Cannot use the path '{str(error.filename)[:60]}' ({error.strerror}); give another one."
     if type(error).__name__ == "OutOfMemoryError":  # torch's, for cards
         return EXIT_BAD_INPUT, "The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
     if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) or near_memory_limit():
-        return EXIT_BAD_INPUT, "Out of memory; lower --resolution or --max-gaussians and run again with --resume."
+        remedy = "lower --resolution or --max-gaussians" if resumable else "close other programs or give smaller files"
+        return EXIT_BAD_INPUT, f"Out of memory; {remedy} and {again}."
     return EXIT_FAULT, f"Unexpected fault: {type(error).__name__}: {error}"
 
 

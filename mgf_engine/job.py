@@ -77,6 +77,7 @@ class Job:
             BadInput: an option or input is wrong, the folder cannot be written, holds something else or another
                 job, or is in use.
         """
+        _check_no_file(folder)
         earlier = read_job(folder) if resume and (source is None or (folder / "job.json").exists()) else None
         if earlier is not None:
             source = source or Path(earlier["source"])
@@ -85,9 +86,7 @@ class Job:
             given = {**earlier["given"], **(given or {})}
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
-        for path, what in ((source, "scene"), (prompts, "prompts file"), (masks, "mask folder")):
-            if path is not None and not path.exists():
-                raise BadInput(f"The {what} '{path}' does not exist; check the path.")
+        _check_inputs(source, prompts, masks)
         job = cls(folder, source.resolve(), _resolved(prompts), _resolved(masks), given or {})
         _check_folder(folder, source, resume)
         job._acquire()
@@ -222,9 +221,22 @@ def _check_stages(stages: dict[str, Any]) -> None:
             raise TypeError(f"stage {name}")
 
 
-def _check_folder(folder: Path, source: Path, resume: bool) -> None:
+def _check_inputs(source: Path, prompts: Path | None, masks: Path | None) -> None:
+    for path, what in ((source, "scene"), (prompts, "prompts file"), (masks, "mask folder")):
+        if path is not None and not path.exists():
+            raise BadInput(f"The {what} '{path}' does not exist; check the path.")
+    if prompts is not None and prompts.is_dir():
+        raise BadInput(f"The prompts file '{prompts}' is a folder; give a file.")
+    if masks is not None and not masks.is_dir():
+        raise BadInput(f"The mask folder '{masks}' is a file; give a folder with one PNG per photo.")
+
+
+def _check_no_file(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise BadInput(f"The output '{folder}' is a file; give a folder.")
+
+
+def _check_folder(folder: Path, source: Path, resume: bool) -> None:
     if folder.resolve() == source.resolve():
         raise BadInput("The output folder is the scene itself; give another folder.")
     if (folder / "job.json").exists():

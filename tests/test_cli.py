@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The command line as people and scripts meet it: exit codes, one sentence, nothing half written."""
 
+import errno
 import json
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
+
+from mgf_engine import cli
+from mgf_engine.cli import main
 
 
 def mgf(*args: object, **more: object) -> subprocess.CompletedProcess:
@@ -36,6 +42,9 @@ def failed_sentence(run: subprocess.CompletedProcess) -> str:
         ("empty", ["{}/empty", "--prompts", "{}/missing.json"], "does not exist"),
         ("empty", ["{}/empty", "--masks", "{}/missing"], "does not exist"),
         ("empty", ["{}/empty", "--crop-box", "-1 2 3"], "crop box has 3 numbers"),
+        ("empty", ["{}/" + 300 * "a"], "File name too long"),
+        ("empty", ["{}/empty", "--masks", __file__], "is a file; give a folder"),
+        ("empty", ["{}/empty", "--prompts", "{}/empty"], "is a folder; give a file"),
     ],
 )
 def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, make, args, part) -> None:
@@ -46,6 +55,77 @@ def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, make, args,
     assert run.returncode == 2
     assert part in failed_sentence(run)
     assert not (tmp_path / "job" / "mesh.ply").exists()
+
+
+def test_a_file_for_a_job_folder_is_called_a_file(tmp_path: Path, capsys) -> None:
+    (tmp_path / "file").write_text("mine")
+    assert main(["mesh", "--out", str(tmp_path / "file"), "--progress", "plain"]) == 2
+    assert "is a file; give a folder" in capsys.readouterr().err
+
+
+def test_an_empty_path_is_not_this_folder(tmp_path: Path, capsys) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["reconstruct", "", "--out", str(tmp_path / "job")])
+    assert "empty; give a path" in capsys.readouterr().err
+
+
+@pytest.fixture
+def triangle(tmp_path: Path) -> str:
+    path = tmp_path / "triangle.ply"
+    trimesh.Trimesh(np.eye(3), [[0, 1, 2]]).export(path)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("args", "part"),
+    [
+        (["--thresholds", "nan"], "larger than 0"),
+        (["--thresholds", "0.1", "inf"], "larger than 0"),
+        (["--samples", "10000000000000"], "at most"),
+        (["--json", "{}"], "Cannot write the figures"),
+        (["--json", __file__ + "/figures.json"], "Cannot write the figures"),
+        (["--picture", "{}"], "Cannot write the picture"),
+    ],
+)
+def test_evaluate_refuses_in_one_sentence(tmp_path: Path, triangle: str, capsys, args, part) -> None:
+    filled = [a.format(tmp_path) for a in args]
+    assert main(["evaluate", triangle, "--truth", triangle, "--samples", "100", *filled]) == 2
+    said = capsys.readouterr().err
+    assert part in said and said.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["triangle.ply"]
+
+
+def test_evaluate_writes_its_figures_where_no_folder_is_yet(tmp_path: Path, triangle: str) -> None:
+    figures = tmp_path / "new" / "figures.json"
+    assert main(["evaluate", triangle, "--truth", triangle, "--samples", "100", "--json", str(figures)]) == 0
+    assert json.loads(figures.read_text())["f1"] == [100.0]
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "part"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 2, "disk is full"),
+        (PermissionError(errno.EACCES, "Permission denied", "x"), 2, "No permission for 'x'"),
+        (MemoryError(), 2, "Out of memory"),
+        (KeyboardInterrupt(), 3, "Cancelled"),
+        (ZeroDivisionError("oops"), 1, "Unexpected fault: ZeroDivisionError: oops"),
+    ],
+)
+def test_commands_without_a_job_end_in_a_sentence_too(monkeypatch, capsys, error, code, part) -> None:
+    def fail(args: object) -> int:
+        raise error
+
+    monkeypatch.setitem(cli._OTHER_COMMANDS, "doctor", fail)
+    assert main(["doctor"]) == code
+    said = capsys.readouterr().err
+    assert part in said.splitlines()[-1] and "--resume" not in said
+    assert ("Traceback" in said) == (code == 1)
+
+
+def test_a_reader_that_closes_the_pipe_is_no_fault() -> None:
+    command = f"{sys.executable} -m mgf_engine options --json | head -c 1"
+    run = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=120)
+    assert (run.stdout, run.stderr) == ("{", "")
 
 
 def test_options_are_data_for_other_programs() -> None:

@@ -5,6 +5,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.system import write_json
+
+if TYPE_CHECKING:
+    from mgf_engine.evaluate.geometry import GeometryScores
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +27,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate_command(args: argparse.Namespace) -> int:
-    """Run ``mgf evaluate``; returns the exit code."""
-    from mgf_engine.evaluate.geometry import evaluate_command as run
+    """Print the scores as a table and, on request, write them as JSON and draw them; returns the exit code.
 
-    return run(args)
+    Raises:
+        BadInput: a mesh or scene that cannot be used, impossible numbers, or a place that cannot be written.
+    """
+    # The command line asks this module for its arguments; it need not load scipy and igl for that.
+    from mgf_engine.evaluate.error_map import write_error_map
+    from mgf_engine.evaluate.geometry import colmap_cameras, moved, score_surface
+    from mgf_engine.evaluate.surfaces import read_surface
+
+    cameras = colmap_cameras(args.scene) if args.scene else None
+    mesh, truth = read_surface(args.mesh), read_surface(args.truth)
+    scores = score_surface(mesh, truth, args.thresholds, args.samples, cameras, align=args.align)
+    print(table(scores))
+    if args.picture:
+        write_error_map(args.picture, moved(mesh, scores.alignment), truth, min(args.thresholds))
+    if args.json:
+        try:
+            write_json(args.json, scores.as_dict())
+        except OSError as error:
+            raise BadInput(f"Cannot write the figures '{args.json}' ({error.strerror}); give another place.") from error
+    return EXIT_DONE
+
+
+def table(scores: GeometryScores) -> str:
+    """The scores as people read them."""
+    rows = ["threshold  accuracy  completeness      F1"]
+    for row in zip(scores.thresholds, scores.accuracy, scores.completeness, scores.f1, strict=True):
+        rows.append("{:9g}  {:7.2f}%  {:11.2f}%  {:5.2f}%".format(*row))
+    rows.append(
+        f"mesh to truth: mean {scores.mean_error:.4g}, median {scores.median_error:.4g}; "
+        f"truth to mesh: mean {scores.mean_gap:.4g}, median {scores.median_gap:.4g}"
+    )
+    clean = scores.hygiene
+    rows.append(
+        f"{clean.faces} faces in {clean.components} parts, {clean.holes} holes, {clean.non_manifold_edges} "
+        f"non-manifold edges; {scores.truth_seen:.1f}% of the truth seen"
+    )
+    return "\n".join(rows)

@@ -7,9 +7,7 @@ itself gives 100 at every threshold. True points that no camera saw are left out
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.align import align_to
-from mgf_engine.evaluate.error_map import write_error_map
 from mgf_engine.evaluate.surfaces import Hygiene, Points, SeeingCamera, Surface, read_surface
+
+MOST_SAMPLES = 100_000_000  # of a mesh: some 10 GB
 
 
 @dataclass(frozen=True)
@@ -96,14 +95,16 @@ def score_surface(
     Raises:
         BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point seen.
     """
-    if samples < 1 or not thresholds or min(thresholds) <= 0:
-        raise BadInput("Thresholds and the number of samples must be larger than 0.")
+    if samples < 1 or not thresholds or not all(0 < t < math.inf for t in thresholds):
+        raise BadInput("Thresholds and the number of samples must be finite and larger than 0.")
+    if samples > MOST_SAMPLES:
+        raise BadInput(f"The number of samples must be at most {MOST_SAMPLES}, not {samples}.")
     rng = np.random.default_rng(seed)
     matrix = np.eye(4)
     hygiene = mesh.hygiene()
     if align != "none":
         matrix = align_to(mesh, truth, scale=align == "similarity")
-        mesh = _moved(mesh, matrix)
+        mesh = moved(mesh, matrix)
     true_points, _ = truth.sample(samples, rng)
     points, _ = mesh.sample(samples, rng)
     true_points, points = _inside(true_points, crop), _inside(points, crop)
@@ -177,33 +178,7 @@ def colmap_cameras(scene: Path) -> list[SeeingCamera]:
     return result
 
 
-def evaluate_command(args: argparse.Namespace) -> int:
-    """``mgf evaluate``: print the scores as a table and, on request, write them as JSON."""
-    cameras = colmap_cameras(args.scene) if args.scene else None
-    mesh, truth = read_surface(args.mesh), read_surface(args.truth)
-    scores = score_surface(mesh, truth, args.thresholds, args.samples, cameras, align=args.align)
-    print("threshold  accuracy  completeness      F1")
-    for row in zip(scores.thresholds, scores.accuracy, scores.completeness, scores.f1, strict=True):
-        print("{:9g}  {:7.2f}%  {:11.2f}%  {:5.2f}%".format(*row))
-    clean = scores.hygiene
-    print(
-        f"mesh to truth: mean {scores.mean_error:.4g}, median {scores.median_error:.4g}; "
-        f"truth to mesh: mean {scores.mean_gap:.4g}, median {scores.median_gap:.4g}"
-    )
-    print(
-        f"{clean.faces} faces in {clean.components} parts, {clean.holes} holes, {clean.non_manifold_edges} "
-        f"non-manifold edges; {scores.truth_seen:.1f}% of the truth seen"
-    )
-    if args.picture:
-        write_error_map(args.picture, _moved(mesh, scores.alignment), truth, min(args.thresholds))
-    if args.json:
-        partial = args.json.with_name(args.json.name + ".partial")
-        partial.write_text(json.dumps(scores.as_dict(), indent=1), encoding="utf-8")
-        os.replace(partial, args.json)
-    return EXIT_DONE
-
-
-def _moved(mesh: Surface, matrix: Any) -> Surface:
+def moved(mesh: Surface, matrix: Any) -> Surface:
     """The mesh after a similarity [4, 4]."""
     matrix = np.asarray(matrix, dtype=np.float64)
     return Surface(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)

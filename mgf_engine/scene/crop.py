@@ -57,15 +57,16 @@ def parse_crop_box(text: str) -> CropBox | None:
     Raises:
         BadInput: the text is no box.
     """
-    words = re.split(r"[\s,;\[\]]+", text.strip())
-    words = [w for w in words if w]
+    words = _words(text)
     if not words:
         return None
     try:
         numbers = np.array([float(w) for w in words])
     except ValueError as error:
         raise BadInput(f"The crop box holds '{text[:60]}', which is no list of numbers; {_HOW}.") from error
-    if len(numbers) not in (6, 16) or not np.isfinite(numbers).all():
+    if not np.isfinite(numbers).all():
+        raise BadInput(f"The crop box holds a number that is not finite; {_HOW}.")
+    if len(numbers) not in (6, 16):
         raise BadInput(f"The crop box has {len(numbers)} numbers; {_HOW}.")
     return CropBox(_inverse(_matrix(numbers)))
 
@@ -77,13 +78,28 @@ def read_crop_box(text: str) -> str:
         BadInput: there is no such file, or it holds no box.
     """
     text = text.strip()
-    if re.search(r"[^\d\s,;\[\]eE+.-]", text) or (text and Path(text).is_file()):
+    if text and not _is_numbers(text):
         try:
-            text = Path(text).read_text(encoding="utf-8")
+            text = Path(text).read_text(encoding="utf-8-sig")  # editors on Windows begin with a mark
         except (OSError, ValueError) as error:
-            raise BadInput(f"Cannot read the crop box '{text}' ({error}); {_HOW}.") from error
+            raise BadInput(f"Cannot read the crop box '{text[:60]}' ({_reason(error)}); {_HOW}.") from error
     parse_crop_box(text)
-    return " ".join(w for w in re.split(r"[\s,;\[\]]+", text) if w)
+    return " ".join(_words(text))
+
+
+def _words(text: str) -> list[str]:
+    return [w for w in re.split(r"[\s,;\[\]]+", text) if w]
+
+
+def _is_numbers(text: str) -> bool:
+    try:
+        return bool([float(w) for w in _words(text)])
+    except ValueError:
+        return False
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error)
 
 
 def _matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -46,7 +46,8 @@ def test_the_normalised_box_holds_the_same_points():
     ("text", "words"),
     [
         ("1 2 3", "has 3 numbers"),
-        ("1 2 3 4 5 nan", "numbers"),
+        ("1 2 3 4 5 nan", "not finite"),
+        ("1 2 3 4 5 1e999", "not finite"),
         ("0 0 0 1 1 0", "flat"),
         ("1 0 0 0 1 0 0 0 0 0 1 0 0 0 0 1", "flat"),
         (" ".join(["1"] * 16), "last row"),
@@ -58,6 +59,11 @@ def test_bad_boxes_are_one_sentence(text, words):
     with pytest.raises(BadInput, match=words) as caught:
         read_crop_box(text)
     assert str(caught.value).endswith("or a file.") and "\n" not in str(caught.value)
+
+
+def test_files_of_windows_editors_are_read(tmp_path):
+    (tmp_path / "box.txt").write_bytes(b"\xef\xbb\xbf0 0 0 1 1 1\r\n")
+    assert read_crop_box(str(tmp_path / "box.txt")) == "0 0 0 1 1 1"
 
 
 def test_files_and_none(tmp_path):
