@@ -67,11 +67,6 @@ def longest_tick() -> float:
     return _longest_tick
 
 
-def forget_finished(scene_key: str) -> None:
-    """Drop the finished jobs of a scene from the list."""
-    _jobs[:] = [j for j in _jobs if j.live or j.scene_key != scene_key]
-
-
 def stop_all(seconds: float = 2.0) -> None:
     """End every job: ask, wait a little, kill. For disabling the add-on and for leaving Blender."""
     for job in _jobs:

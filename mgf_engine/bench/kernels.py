@@ -111,7 +111,7 @@ class Iteration:
     def __init__(self, n: int, width: int, height: int, heads: str, sh_degree: int) -> None:
         self.field, self.camera, self.degree = building(n), corner_view(width, height), sh_degree
         self.geometry = heads == "all"
-        self.raw = cpu.Parameters.of(*vars(self.field).values())
+        self.raw = cpu.Parameters.of_field(self.field)
         self.moments = [torch.zeros(2, *t.shape) for t in self.raw.all[:5]]
         g = torch.Generator().manual_seed(0)
         planes = torch.randn(10, height, width, generator=g)

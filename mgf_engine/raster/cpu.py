@@ -67,6 +67,11 @@ class Parameters:
     def of(cls, *tensors: Tensor) -> Parameters:
         return cls(*(t.detach().to(torch.float32).contiguous() for t in tensors))
 
+    @classmethod
+    def of_field(cls, gaussians: Gaussians) -> Parameters:
+        g = gaussians
+        return cls.of(g.positions, g.log_scales, g.rotations, g.opacity_logits, g.sh, g.filter_3d)
+
     @property
     def all(self) -> tuple[Tensor, ...]:
         return (self.positions, self.log_scales, self.rotations, self.opacity_logits, self.sh, self.filter_3d)
@@ -81,15 +86,7 @@ def build_lists(gaussians: Gaussians, camera: Camera, sh_degree: int = 0, tile_m
         sh_degree: degree of the colours in the records, 0..3.
         tile_mask: [tiles_y, tiles_x], non-zero where a tile is wanted; none means all.
     """
-    raw = Parameters.of(
-        gaussians.positions,
-        gaussians.log_scales,
-        gaussians.rotations,
-        gaussians.opacity_logits,
-        gaussians.sh,
-        gaussians.filter_3d,
-    )
-    return list_tiles(raw, camera, sh_degree, tile_mask)
+    return list_tiles(Parameters.of_field(gaussians), camera, sh_degree, tile_mask)
 
 
 @dataclass

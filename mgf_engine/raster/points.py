@@ -71,8 +71,7 @@ class PointOpacity:
     """
 
     def __init__(self, gaussians: Gaussians, backend: str | None = None) -> None:
-        g = gaussians
-        raw = Parameters.of(g.positions, g.log_scales, g.rotations, g.opacity_logits, g.sh, g.filter_3d)
+        raw = Parameters.of_field(gaussians)
         self._parameters = raw.all
         with torch.no_grad():
             opacity = gaussians.opacities.clamp_min(1 / 255)
@@ -81,7 +80,7 @@ class PointOpacity:
         self._reach: NDArray[np.float64] = reach.cpu().numpy()
         self._centres: NDArray[np.float64] = gaussians.positions.detach().double().cpu().numpy()
         self._device: DevicePoints | None = None
-        backend = backend_for(g.positions, backend)
+        backend = backend_for(gaussians.positions, backend)
         if backend != "cpu":
             from mgf_engine.raster.cuda import rasterizer_on
             from mgf_engine.raster.cuda.points import DevicePoints

@@ -78,7 +78,7 @@ def test_lists_hold_all_that_shows(seed: int) -> None:
     field, view = gaussians(80, seed, log_scale=-2.5 + 0.4 * seed), camera(61, 40, seed=seed)
     field.log_scales[:, 2] -= seed % 3
     mask = torch.tensor([(0xB5D * (seed + 1)) >> i & 1 for i in range(12)]).view(3, 4)
-    raw = Parameters.of(*vars(field).values())
+    raw = Parameters.of_field(field)
     lists = rasterizer_on(SOURCE).list_tiles(raw, view, 0, mask)
     entries = int(lists.ranges[-1])
     starts = torch.cat([lists.slot_starts.long(), torch.tensor([entries])])
@@ -92,7 +92,7 @@ def test_lists_hold_all_that_shows(seed: int) -> None:
 def test_rendering_without_room_draws_nothing_and_the_next_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
     own = Rasterizer(launcher_on(SOURCE))
     field, view = gaussians(200, seed=1), camera()
-    raw = Parameters.of(*vars(field).values())
+    raw = Parameters.of_field(field)
     whole = own.list_tiles(raw, view, 0, None)
     needed = int(whole.ranges[-1])
     with monkeypatch.context() as patch:
