@@ -32,9 +32,10 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "mesh": ("mesh.ply", "mesh_parts.npz"),
     "deliver": ("renders", "report", "deliver.json", "report.json", "report.html", "mesh.obj", "mesh.glb"),
 }
-#: Options outside a stage's own section that decide its result.
+#: Files whose change makes the scene another one; small ones of the first kinds are compared by content.
 _CONTENT_KINDS = {".bin", ".txt", ".json"}
 _INPUT_KINDS = _CONTENT_KINDS | {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"}
+#: Options outside a stage's own section that decide its result.
 _EXTRA_OPTIONS = {"field": ("seed", "device"), "mesh": ("device",), "deliver": ("device",)}
 
 

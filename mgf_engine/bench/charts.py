@@ -130,7 +130,7 @@ def _scatter(rows: list[Row], x: tuple[str, str], y: str) -> Figure:
         )
     for group, spots in points.items():
         spots.sort()
-        line = "-" if len(spots) > 1 and group not in ("ablation",) else ""
+        line = "-" if len(spots) > 1 and group != "ablation" else ""
         axes.plot([s[0] for s in spots], [s[1] for s in spots], marker="o", linestyle=line, label=group)
         for spot in spots:
             axes.annotate(spot[2], spot[:2], xytext=(4, 4), textcoords="offset points", fontsize=7)

@@ -16,7 +16,7 @@ from typing import Any
 
 from mgf_engine.bench.arguments import count, engine_options, results_folder
 from mgf_engine.bench.measure import Prepared, measure, prepare_scene
-from mgf_engine.bench.suites import SUITES, Run, suite_runs
+from mgf_engine.bench.suites import SUITES, suite_runs
 from mgf_engine.config import named_values
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.system import write_json
@@ -119,8 +119,6 @@ def _headline(row: dict[str, Any]) -> str:
     psnr = row.get("psnr")
     return f"F1 {f1}; PSNR {'-' if psnr is None else f'{psnr:.2f}'}; {row['seconds']:.0f} s"
 
-
-__all__ = ["Run", "bench_main"]
 
 if __name__ == "__main__":
     sys.exit(bench_main())

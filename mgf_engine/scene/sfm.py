@@ -24,7 +24,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.images import read_info
-from mgf_engine.scene.sfm_worker import DATABASE, FEWEST, MODEL, TASK
+from mgf_engine.scene.sfm_worker import DATABASE, FEWEST, MODEL, NO_MODEL, TASK
 from mgf_engine.system import write_json
 
 #: Up to this many photos every pair is matched; beyond it neighbours and photos that look alike.
@@ -67,7 +67,7 @@ def reconstruct(root: Path, names: list[str], folder: Path, config: Config, repo
     _take_up(folder, task)
     if not (folder / MODEL / "points3D.bin").exists():
         code = _Worker(folder, len(names), reporter, share).run()
-        if code == 3:
+        if code == NO_MODEL:
             raise BadInput(f"No cameras could be found from the {len(names)} photos in '{root}'; {_ADVICE}.")
         if code != 0:
             raise BadInput(f"Structure from motion failed on '{root}' (COLMAP ended with code {code}); {_ADVICE}.")

@@ -25,12 +25,14 @@ from mgf_engine.system import write_json
 TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
 #: Fewest photos of a model.
 FEWEST = 3
+#: Exit code when the photos give no model.
+NO_MODEL = 3
 _MAX_SIDE = 1600
 _MAX_FEATURES = 4096  # half of COLMAP's default: matching on the CPU takes a quarter of the time
 
 
 def main(folder: Path) -> int:
-    """Run or go on with the task in ``folder``; exit code 0 with a model written, 3 when none was found."""
+    """Run or go on with the task in ``folder``; exit code 0 with a model written, NO_MODEL when none was found."""
     task: dict[str, Any] = json.loads((folder / TASK).read_text(encoding="utf-8"))
     pycolmap.logging.minloglevel = 2
     pycolmap.set_random_seed(task["seed"])
@@ -43,7 +45,7 @@ def main(folder: Path) -> int:
     models = _map(folder, task)
     best = max(models.values(), key=lambda m: m.num_reg_images(), default=None)
     if best is None or best.num_reg_images() < FEWEST:
-        return 3
+        return NO_MODEL
     for image_id, image in best.images.items():
         image.name = names[image_id]
     best.extract_colors_for_all_images(task["root"])

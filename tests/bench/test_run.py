@@ -157,7 +157,7 @@ def test_counts_are_whole_numbers_from_one(option: str, value: str, capsys: pyte
 
 
 @pytest.mark.parametrize("content", ["{", "[]", "{}", '{"ground_pixel": "small"}'])
-def test_damaged_scene_records_are_one_sentence(scene: Path, tmp_path: Path, content: str) -> None:
+def test_damaged_scene_records_are_one_sentence(scene: Path, content: str) -> None:
     (scene / "scene.json").write_text(content)
     with pytest.raises(BadInput, match=r"scene\.json"):
         prepare_scene(str(scene))

@@ -123,7 +123,7 @@ def test_a_fault_is_reported_and_tried_again(scene: Path, tmp_path: Path) -> Non
     assert len(stability.made) == 2  # type: ignore[attr-defined]
 
 
-def test_unknown_perturbations_are_refused(scene: Path, tmp_path: Path) -> None:
+def test_unknown_perturbations_are_refused(scene: Path) -> None:
     with pytest.raises(BadInput, match="no perturbation"):
         stability_main(["--scene", str(scene), "--only", "weather"])
     assert bench_main(["stability", "--only", "weather"]) == 2
