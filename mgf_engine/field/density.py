@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from mgf_engine.config import Config
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.raster.api import RenderStats
 
@@ -89,17 +89,6 @@ def split(parents: Gaussians) -> Gaussians:
         sh=twice(parents.sh),
         filter_3d=twice(parents.filter_3d),
     )
-
-
-def rotation_matrices(quaternions: Tensor) -> Tensor:
-    """[N, 4] (w, x, y, z), any length -> [N, 3, 3], local -> normalised frame."""
-    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=1).unbind(1)
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
-    ]
-    return torch.stack(rows, 1)
 
 
 def budget_at(share: float, start: int, config: Config) -> int:

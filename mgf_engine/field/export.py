@@ -9,8 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.field.density import rotation_matrices
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.raster.reference import sh_basis
 from mgf_engine.scene.model import Similarity
 from mgf_engine.system import atomic_path

@@ -52,3 +52,14 @@ class Gaussians:
         """[N] opacities with the 3D filter fused in."""
         ratio = torch.exp(self.log_scales.sum(1)) / self.scales.prod(1).clamp_min(1e-30)
         return torch.sigmoid(self.opacity_logits) * ratio
+
+
+def rotation_matrices(quaternions: Tensor) -> Tensor:
+    """[N, 4] (w, x, y, z), any length -> [N, 3, 3], local -> normalised frame."""
+    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=1).unbind(1)
+    rows = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
+        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
+        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
+    ]
+    return torch.stack(rows, 1)

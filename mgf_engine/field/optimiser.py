@@ -18,7 +18,7 @@ class Optimiser:
     """Holds the field and Adam's two moments per trained parameter.
 
     Attributes:
-        field: the parameters; replaced, not changed in size, by :meth:`replace_rows`.
+        field: the parameters; another object after :meth:`keep` and :meth:`append`.
         moments: name -> (first, second), each shaped like the parameter.
         step_count: steps taken so far, for the bias correction.
     """

@@ -15,13 +15,12 @@ from torch import Tensor
 from mgf_engine.config import Config
 from mgf_engine.masks.boundaries import boundaries
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, building
-from mgf_engine.raster.api import Camera
+from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.loss import PhotoSide, photo_side
 from mgf_engine.scene.model import View
 
 _RING = 24  # px of certain background around the building that is kept empty
 _GRADIENT_LIMITS = (0.25, 4.0)
-_TILE = 16
 
 
 @dataclass(frozen=True)
@@ -154,16 +153,16 @@ def _ring(inside: NDArray[np.bool_], labels: NDArray[np.uint8], width: int) -> N
 def _tile_box(counts: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     height, width = counts.shape
     rows, columns = np.flatnonzero(counts.any(1)), np.flatnonzero(counts.any(0))
-    y0, y1 = rows[0] // _TILE * _TILE, min(height, -(-(rows[-1] + 1) // _TILE) * _TILE)
-    x0, x1 = columns[0] // _TILE * _TILE, min(width, -(-(columns[-1] + 1) // _TILE) * _TILE)
+    y0, y1 = rows[0] // TILE * TILE, min(height, -(-(rows[-1] + 1) // TILE) * TILE)
+    x0, x1 = columns[0] // TILE * TILE, min(width, -(-(columns[-1] + 1) // TILE) * TILE)
     return int(y0), int(y1), int(x0), int(x1)
 
 
 def _tile_mask(counts: NDArray[np.bool_], box: tuple[int, int, int, int], camera: Camera) -> Tensor:
-    tiles_y, tiles_x = -(-camera.height // _TILE), -(-camera.width // _TILE)
-    full = np.zeros((tiles_y * _TILE, tiles_x * _TILE), bool)
+    tiles_y, tiles_x = camera.tiles
+    full = np.zeros((tiles_y * TILE, tiles_x * TILE), bool)
     full[box[0] : box[1], box[2] : box[3]] = counts
-    tiles = full.reshape(tiles_y, _TILE, tiles_x, _TILE).any((1, 3))
+    tiles = full.reshape(tiles_y, TILE, tiles_x, TILE).any((1, 3))
     return torch.from_numpy(tiles.astype(np.uint8))
 
 

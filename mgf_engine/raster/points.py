@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.raster.camera import TILE, Camera, pose_and_intrinsics
 from mgf_engine.raster.cpu import RECORD, Parameters
 from mgf_engine.raster.device import backend_for
@@ -161,11 +161,5 @@ class PointOpacity:
 
 def deviations(gaussians: Gaussians) -> NDArray[np.float64]:
     """Axes of the Gaussians times their standard deviations (3D filter included), [n, 3, 3]; column k is axis k."""
-    q = torch.nn.functional.normalize(gaussians.rotations.detach().double(), dim=1)
-    w, x, y, z = q.unbind(1)
-    rows = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    ]  # fmt: skip
-    return (torch.stack(rows, 1).reshape(-1, 3, 3) * gaussians.scales.double()[:, None, :]).cpu().numpy()
+    axes = rotation_matrices(gaussians.rotations.detach().double())
+    return (axes * gaussians.scales.double()[:, None, :]).cpu().numpy()

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from mgf_engine.config import make_config
-from mgf_engine.field.density import budget_at, refine, rotation_matrices, split
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.density import budget_at, refine, split
+from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.raster.api import RenderStats
 

@@ -4,9 +4,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from mgf_engine.field.density import rotation_matrices
 from mgf_engine.field.export import rotate_sh, write_splats
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.raster.reference import sh_basis
 from mgf_engine.scene.model import Similarity
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from mgf_engine.errors import BadInput
-from mgf_engine.field.density import rotation_matrices
+from mgf_engine.field.gaussians import rotation_matrices
 from mgf_engine.field.initialise import SH_CONSTANT, initial_field
 
 
