@@ -41,7 +41,7 @@ _NO_MEMORY = re.compile(
     r"|failed to map segment|cannot allocate memory|can't start new thread|Unable to allocate", re.IGNORECASE
 )  # fmt: skip
 _NO_ACCESS = (errno.EACCES, errno.EPERM, errno.EROFS)
-_BAD_PATH = (errno.ENAMETOOLONG, errno.ELOOP)
+_BAD_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EISDIR, errno.ENOTDIR)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -209,7 +209,8 @@ def _explain(error: BaseException, resumable: bool = True) -> tuple[int, str]:
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:
         return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
     if isinstance(error, OSError) and error.errno in _BAD_PATH:
-        return EXIT_BAD_INPUT, f"Cannot use the path '{str(error.filename)[:60]}' ({error.strerror}); give another one."
+        path = str(error.filename)[-60:]
+        return EXIT_BAD_INPUT, f"Cannot use the path '{path}' ({error.strerror}); give another one."
     if type(error).__name__ == "OutOfMemoryError":  # torch's, for cards
         return EXIT_BAD_INPUT, "The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
     if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) or near_memory_limit():

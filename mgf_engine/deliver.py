@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.field.checkpoint import read_field
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
-from mgf_engine.mesh.export import read_ply, write_glb, write_obj
+from mgf_engine.mesh.export import write_glb, write_obj
+from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.parts import FILE as PARTS_FILE
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Camera, Rendering, render
@@ -26,10 +26,11 @@ from mgf_engine.system import atomic_path, write_json
 def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     """Render, measure and write everything people look at; returns the headline figures."""
     from mgf_engine.evaluate.job_report import report_job
-    from mgf_engine.pipeline import load_inputs
+    from mgf_engine.pipeline import load_field, load_inputs, load_mesh
 
     scene, masks = load_inputs(job)
-    field = read_field(job.path("checkpoints", "field.npz")).to(choose_device(job.config.device).device)
+    mesh = load_mesh(job)
+    field = load_field(job).to(choose_device(job.config.device).device)
     chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
     renders: dict[int, str] = {}
     for number, index in enumerate(chosen):
@@ -37,8 +38,8 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
         name = f"renders/{Path(scene.views[index].file).stem}.png"
         _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
         renders[index] = name
-    _write_other_formats(job)
-    figures = report_job(job, scene, masks, field, reporter)
+    _write_other_formats(mesh, job)
+    figures = report_job(job, scene, masks, field, mesh, reporter)
     write_json(job.path("deliver.json"), {**_manifest(scene, renders, figures), **_parts(job)})
     return figures
 
@@ -48,13 +49,11 @@ def _parts(job: Job) -> dict[str, str]:
     return {"parts": PARTS_FILE} if job.path(PARTS_FILE).exists() else {}
 
 
-def _write_other_formats(job: Job) -> None:
-    if job.config.export_obj or job.config.export_glb:
-        mesh = read_ply(job.path("mesh.ply"))
-        if job.config.export_obj:
-            write_obj(mesh, job.path("mesh.obj"))
-        if job.config.export_glb:
-            write_glb(mesh, job.path("mesh.glb"))
+def _write_other_formats(mesh: Mesh, job: Job) -> None:
+    if job.config.export_obj:
+        write_obj(mesh, job.path("mesh.obj"))
+    if job.config.export_glb:
+        write_glb(mesh, job.path("mesh.glb"))
 
 
 def render_view(field: Gaussians, view: View, sh_degree: int) -> Rendering:

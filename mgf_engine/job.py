@@ -32,6 +32,15 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "mesh": ("mesh.ply", "mesh_parts.npz"),
     "deliver": ("renders", "report", "deliver.json", "report.json", "report.html", "mesh.obj", "mesh.glb"),
 }
+#: What shows that a stage's results are there: the file it writes last, or what people take from it.
+RESULTS: dict[str, tuple[str, ...]] = {
+    "scene": ("scene/scene.npz",),
+    "masks": ("masks/scores.json",),
+    "field": ("checkpoints/field.npz",),
+    "mesh": ("mesh.ply",),
+    "deliver": ("deliver.json", "report.json", "report.html"),
+}
+_TAKEN = ("mesh", "deliver")  # the others' results are for later stages
 #: Files whose change makes the scene another one; small ones of the first kinds are compared by content.
 _CONTENT_KINDS = {".bin", ".txt", ".json"}
 _INPUT_KINDS = _CONTENT_KINDS | {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"}
@@ -124,20 +133,37 @@ class Job:
         return result
 
     def done(self, stage: str) -> bool:
-        """Whether the stage's outputs are there and belong to the present inputs and options."""
+        """Whether the stage ran with the present inputs and options."""
         return self.stages.get(stage, {}).get("key") == self.keys()[stage]
 
+    def lost(self, until: str) -> set[str]:
+        """Stages up to ``until`` that are done but whose results are gone and needed.
+
+        Needed is what people take from the folder, and what a stage that has to run reads; the rest may be deleted.
+        """
+        keys, lost, runs = self.keys(), set[str](), False
+        for stage in reversed(STAGES[: STAGES.index(until) + 1]):
+            done = self.stages.get(stage, {}).get("key") == keys[stage]
+            if done and (runs or stage in _TAKEN) and not all(self.path(name).exists() for name in RESULTS[stage]):
+                lost.add(stage)
+            runs = runs or stage in lost or not done
+        return lost
+
+    def forget(self, stage: str) -> None:
+        """Have the stage run again at the next occasion."""
+        self.stages.pop(stage, None)
+        self.save()
+
     def begin(self, stage: str) -> str:
-        """Forget the stage and the later ones; remove outputs of other options. Returns the stage's key.
+        """Forget the stage and later ones of other options; remove outputs of other options. Returns the stage's key.
 
         The checkpoints of an unfinished field stay when they belong to the same key (the trainer resumes from them).
         """
-        key = self.keys()[stage]
-        for name in STAGES[STAGES.index(stage) :]:
-            self.stages.pop(name, None)
-        self.save()
-        started = self.path(".started-" + stage)
-        same = started.exists() and started.read_text() == key
+        keys = self.keys()
+        self.stages = {name: entry for name, entry in self.stages.items() if entry["key"] == keys[name]}
+        self.forget(stage)
+        key, started = keys[stage], self.path(".started-" + stage)
+        same = started.exists() and started.read_bytes() == key.encode()
         if not same:
             for name in OUTPUTS[stage]:
                 _remove(self.path(name))

@@ -6,18 +6,22 @@ from __future__ import annotations
 import logging
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mgf_engine import __version__
+from mgf_engine.errors import BadInput
 from mgf_engine.job import Job
 from mgf_engine.messages import STAGES, Reporter
 from mgf_engine.system import cores, peak_memory
 
 if TYPE_CHECKING:
+    from mgf_engine.field.gaussians import Gaussians
     from mgf_engine.masks.model import MaskSet
+    from mgf_engine.mesh.model import Mesh
     from mgf_engine.scene.model import Scene
 
 log = logging.getLogger("mgf")
@@ -38,9 +42,10 @@ def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
     reporter.stages = stages
     reporter.send("started", job=str(job.folder), pid=os.getpid(), version=__version__, stages=list(stages))
     _prepare(job, reporter)
+    lost = job.lost(until)
     for name in stages:
         reporter.check()
-        cached = job.done(name)
+        cached = job.done(name) and name not in lost
         reporter.stage(name, cached=cached)
         if not cached:
             _run_stage(job, name, reporter)
@@ -56,13 +61,50 @@ def result_files(job: Job) -> dict[str, str]:
     return {name: str(job.path(file)) for name, file in names.items() if job.path(file).exists()}
 
 
+def load_scene_of(job: Job) -> Scene:
+    """The scene of a job; as every ``load_`` here, BadInput where its stage left nothing that can be used."""
+    from mgf_engine.scene.store import read_scene
+
+    with _made_by(job, "scene"):
+        return read_scene(job.path("scene"))
+
+
 def load_inputs(job: Job) -> tuple[Scene, MaskSet]:
     """The scene and masks of a job whose first two stages are done."""
     from mgf_engine.masks.store import read_masks
-    from mgf_engine.scene.store import read_scene
 
-    scene = read_scene(job.path("scene"))
-    return scene, read_masks(job.path("masks"), scene)
+    scene = load_scene_of(job)
+    with _made_by(job, "masks"):
+        return scene, read_masks(job.path("masks"), scene)
+
+
+def load_field(job: Job) -> Gaussians:
+    """The trained field, normalised frame."""
+    from mgf_engine.field.checkpoint import read_field
+
+    with _made_by(job, "field"):
+        return read_field(job.path("checkpoints", "field.npz"))
+
+
+def load_mesh(job: Job) -> Mesh:
+    """The mesh, scene frame."""
+    from mgf_engine.mesh.export import read_ply
+
+    with _made_by(job, "mesh"):
+        try:
+            return read_ply(job.path("mesh.ply"))
+        except BadInput as error:
+            raise BadInput(f"The mesh in '{job.folder}' is missing or damaged; run 'mgf mesh' again.") from error
+
+
+@contextmanager
+def _made_by(job: Job, stage: str) -> Iterator[None]:
+    """Results of a stage are read here; when they cannot be used, the stage runs again at the next occasion."""
+    try:
+        yield
+    except BadInput:
+        job.forget(stage)
+        raise
 
 
 def _prepare(job: Job, reporter: Reporter) -> None:
@@ -114,9 +156,8 @@ def _run_scene(job: Job, reporter: Reporter) -> Figures:
 
 def _run_masks(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.masks.build import build_masks
-    from mgf_engine.scene.store import read_scene
 
-    scene = read_scene(job.path("scene"))
+    scene = load_scene_of(job)
     masks = build_masks(scene, job.prompts, job.masks, job.path("masks"), job.config, reporter)
     return {"used": int(masks.used.sum()), "masked_points": int(masks.point_mask.sum())}
 
@@ -133,7 +174,6 @@ def _run_field(job: Job, reporter: Reporter) -> Figures:
 
 
 def _run_mesh(job: Job, reporter: Reporter) -> Figures:
-    from mgf_engine.field.checkpoint import read_field
     from mgf_engine.mesh.clean import vertex_areas
     from mgf_engine.mesh.export import in_scene, write_ply
     from mgf_engine.mesh.extract import extract_mesh
@@ -141,8 +181,7 @@ def _run_mesh(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
 
     scene, masks = load_inputs(job)
-    field = read_field(job.path("checkpoints", "field.npz"))
-    mesh = extract_mesh(field, scene, masks, job.config, reporter)
+    mesh = extract_mesh(load_field(job), scene, masks, job.config, reporter)
     write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
     named = named_parts(job.path("masks"), scene)
     if named:

@@ -57,6 +57,16 @@ def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, make, args,
     assert not (tmp_path / "job" / "mesh.ply").exists()
 
 
+def test_a_folder_in_place_of_the_log_is_named(tmp_path: Path, capsys) -> None:
+    (tmp_path / "photos").mkdir()
+    args = ["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job"), "--progress", "plain"]
+    assert main(args) == 2  # no photos, but a job folder
+    (tmp_path / "job" / "log.txt").unlink()
+    (tmp_path / "job" / "log.txt").mkdir()
+    assert main(args) == 2
+    assert "log.txt' (Is a directory)" in capsys.readouterr().err
+
+
 def test_a_file_for_a_job_folder_is_called_a_file(tmp_path: Path, capsys) -> None:
     (tmp_path / "file").write_text("mine")
     assert main(["mesh", "--out", str(tmp_path / "file"), "--progress", "plain"]) == 2

@@ -10,7 +10,7 @@ import pytest
 from filelock import FileLock
 
 from mgf_engine.errors import BadInput
-from mgf_engine.job import Job, read_job
+from mgf_engine.job import RESULTS, Job, read_job
 from mgf_engine.messages import STAGES
 
 
@@ -79,6 +79,52 @@ def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path,
     with Job.start(tmp_path / "job", given={"seed": 3}, resume=True) as job:
         job.begin("field")
         assert not checkpoint.exists()
+
+
+def leave_results(job: Job) -> None:
+    for stage in STAGES:
+        for name in RESULTS[stage]:
+            job.path(name).parent.mkdir(parents=True, exist_ok=True)
+            job.path(name).write_bytes(b"1")
+
+
+@pytest.mark.parametrize(
+    ("deleted", "options", "lost"),
+    [
+        ([], {}, set()),
+        (["mesh.ply"], {}, {"mesh"}),
+        (["report.html"], {}, {"deliver"}),
+        (["scene/scene.npz", "masks/scores.json", "checkpoints/field.npz"], {}, set()),  # nobody reads them any more
+        (["checkpoints/field.npz"], {"level_steps": 3}, {"field"}),
+        (["masks/scores.json"], {"render_all": True}, {"masks"}),
+        (["mesh.ply", "masks/scores.json"], {}, {"mesh", "masks"}),
+    ],
+)
+def test_results_that_are_gone_are_missed_where_they_are_needed(tmp_path, source, deleted, options, lost) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        finish_all(job)
+        leave_results(job)
+        for name in deleted:
+            job.path(name).unlink()
+    with Job.start(tmp_path / "job", given=options, resume=True) as job:
+        assert job.lost("deliver") == lost
+
+
+def test_a_stage_done_again_with_the_same_options_keeps_the_later_ones(tmp_path: Path, source: Path) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        finish_all(job)
+        job.finish("masks", job.begin("masks"), 1.0, 1, {}, [])
+        assert all(job.done(stage) for stage in STAGES)
+        job.forget("masks")
+        assert [stage for stage in STAGES if not job.done(stage)] == ["masks"]
+
+
+def test_marks_of_begun_stages_may_hold_anything(tmp_path: Path, source: Path) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        job.path(".started-mesh").write_bytes(b"\xff\xfe")
+        job.path("mesh.ply").write_bytes(b"of other options")
+        job.begin("mesh")
+        assert not job.path("mesh.ply").exists()
 
 
 @pytest.mark.parametrize("what", ["file", "foreign", "other scene", "no resume", "same as scene", "missing scene"])

@@ -13,12 +13,10 @@ import numpy as np
 
 from mgf_engine.deliver import render_view
 from mgf_engine.evaluate.pictures import mask_overlay, normal_picture, on_white
-from mgf_engine.field.checkpoint import read_field
 from mgf_engine.job import Job
 from mgf_engine.masks.model import building
-from mgf_engine.mesh.export import read_ply
 from mgf_engine.mesh.view import shaded
-from mgf_engine.pipeline import load_inputs
+from mgf_engine.pipeline import load_field, load_inputs, load_mesh
 
 
 def main() -> int:
@@ -30,8 +28,7 @@ def main() -> int:
     args = parser.parse_args()
     with Job.start(args.job, resume=True) as job:
         scene, masks = load_inputs(job)
-        field = read_field(job.path("checkpoints", "field.npz"))
-        mesh = read_ply(job.path("mesh.ply"))
+        field, mesh = load_field(job), load_mesh(job)
     mesh = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     view, photo, labels = scene.views[args.view], scene.photo(args.view), masks.labels[args.view]
     rendering = render_view(field, view, job.config.sh_degree)

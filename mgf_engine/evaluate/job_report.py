@@ -20,7 +20,6 @@ from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, writ
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
 from mgf_engine.masks.model import MaskSet, building
-from mgf_engine.mesh.export import read_ply
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import shaded
 from mgf_engine.messages import Reporter
@@ -32,9 +31,15 @@ from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versio
 _TRAINING_VIEWS_SHOWN = 3
 
 
-def report_job(job: Job, scene: Scene, masks: MaskSet, field: Gaussians, reporter: Reporter) -> dict[str, Any]:
-    """Measure and write ``report.html`` and ``report.json``; returns the headline figures."""
-    mesh = read_ply(job.path("mesh.ply"))
+def report_job(
+    job: Job, scene: Scene, masks: MaskSet, field: Gaussians, mesh: Mesh, reporter: Reporter
+) -> dict[str, Any]:
+    """Measure and write ``report.html`` and ``report.json``; returns the headline figures.
+
+    Args:
+        field: normalised frame.
+        mesh: scene frame.
+    """
     mesh = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     shown = _shown_views(scene, masks)
     views = []

@@ -127,4 +127,4 @@ def _lens(entry: dict[str, Any] | None) -> Lens | None:
 
 
 def _unusable(folder: Path, detail: str) -> BadInput:
-    return BadInput(f"The scene in '{folder}' cannot be used ({detail}); run the job again in a new folder.")
+    return BadInput(f"The scene in '{folder}' cannot be used ({detail}); run again with --resume to make it anew.")

@@ -24,7 +24,7 @@ def test_a_weak_mesh_is_spoken_of(
     mesh.values.update(confidence=np.full(3, confidence, np.float32), views=np.array([0, 3, 4], np.int32))
     scene = SimpleNamespace(to_normalised=Similarity(1.0, np.eye(3), np.zeros(3)))
     monkeypatch.setattr(pipeline, "load_inputs", lambda job: (scene, None))
-    monkeypatch.setattr("mgf_engine.field.checkpoint.read_field", lambda path: None)
+    monkeypatch.setattr(pipeline, "load_field", lambda job: None)
     monkeypatch.setattr("mgf_engine.mesh.extract.extract_mesh", lambda *args: mesh)
     monkeypatch.setattr("mgf_engine.mesh.parts.named_parts", lambda *args: {})
     job = SimpleNamespace(path=lambda *parts: tmp_path.joinpath(*parts), config=make_config({}))
