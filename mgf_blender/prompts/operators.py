@@ -6,12 +6,11 @@ from pathlib import Path
 
 import bpy
 
-from ..common import runner
 from ..common.editors import image_editor, show_image, viewport
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
-from ..reconstruct.operators import submit
+from ..reconstruct.operators import JobOperator, submit
 from ..reconstruct.start import make_job
 from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY
 from . import files, preview
@@ -210,7 +209,7 @@ class MGF_OT_cancel_preview(Operator):
         preview.stop()
 
 
-class MGF_OT_find_masks(Operator):
+class MGF_OT_find_masks(JobOperator):
     """Find the building in all photos with the points so far; the work is kept for the reconstruction"""
 
     bl_idname = "mgf.find_masks"
@@ -219,11 +218,8 @@ class MGF_OT_find_masks(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        state = context.scene.mgf
-        marked = any(p.done() for p in state.photos)
-        return cls.needs(marked, "Click at least one point on the building first") and cls.needs(
-            not runner.live_job(state.key), "A job of this scene is running; wait for it or cancel it"
-        )
+        marked = any(p.done() for p in context.scene.mgf.photos)
+        return cls.needs(marked, "Click at least one point on the building first") and super().poll(context)
 
     def run(self, context: bpy.types.Context) -> set[str]:
         return submit(self, make_job(context.scene, "masks"))

@@ -32,7 +32,9 @@ def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
     return {"FINISHED"}
 
 
-class _JobOperator(Operator):
+class JobOperator(Operator):
+    """Base of operators that start a job of the scene."""
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         state = context.scene.mgf
@@ -41,7 +43,7 @@ class _JobOperator(Operator):
         )
 
 
-class MGF_OT_reconstruct(_JobOperator):
+class MGF_OT_reconstruct(JobOperator):
     """Start the engine on the photos; the mesh comes into the scene when it is done"""
 
     bl_idname = "mgf.reconstruct"
@@ -64,7 +66,7 @@ class MGF_OT_reconstruct(_JobOperator):
         return submit(self, make_job(context.scene))
 
 
-class MGF_OT_resume(_JobOperator):
+class MGF_OT_resume(JobOperator):
     """Continue the job in the job folder from its last checkpoint, with the options it was given"""
 
     bl_idname = "mgf.resume"
