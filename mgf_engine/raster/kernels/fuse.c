@@ -3,10 +3,11 @@
 //
 // A view with depth D at the pixel of a point at depth z says it lies s = (D - z) slope in front of the surface, where
 // slope turns depth into distance along the surface's normal. Beyond `band` in front the point is free: s counts as band.
-// Beyond `band` behind it the view cannot know, and only remembers that the point is covered.
+// Beyond `band` behind it the view cannot know, and only remembers that the point is covered, and whether closely.
 #include "export.h"
 
 enum { PIECE = 4096 };
+static const float CLOSELY = 8;  // bands behind a surface that count as closely covered
 enum { OUTSIDE = 0, INSIDE = 1 };  // of the mask; other values: unknown
 
 // What a depth map says at one pixel; weight 0: nothing.
@@ -18,7 +19,8 @@ typedef struct {
 typedef struct {
     float weight, sum;                     // of the distances s / band, -1..1
     float likeness;                        // of the photos of the `near` views at the surface, added up
-    int32_t covered, outside, seen, near;  // number of views; near: that show a surface within half a band
+    int32_t covered, outside, seen, near;  // number of views; near: that show a surface within half a band,
+    int32_t judging, behind;               // that say how far off it is, that cover the point closely
 } Belief;
 
 // Between four pixels of one surface; the nearest pixel where they belong to several.
@@ -66,8 +68,12 @@ MGF_API void fuse_points_work(int32_t *next, int64_t n, const float *points, con
             const float limit = band * here.depth;
             const float s = (float)(here.depth - c[2]) * here.slope;
             if (s < 0.5f * limit && s > -0.5f * limit) belief->near++, belief->likeness += here.likeness;
-            if (s < -limit) belief->covered++;
-            else belief->weight += here.weight, belief->sum += here.weight * (s < limit ? s / limit : 1.0f);
+            if (s < -limit) {
+                belief->covered++, belief->behind += s > -CLOSELY * limit;
+                continue;
+            }
+            belief->judging++, belief->weight += here.weight;
+            belief->sum += here.weight * (s < limit ? s / limit : 1.0f);
         }
     }
 }
