@@ -25,7 +25,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.losses import total_loss
-from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.field.optimiser import TRAINED, Optimiser
 from mgf_engine.field.schedule import rates_at
 from mgf_engine.field.targets import Target
 from mgf_engine.raster.api import Camera, Rendering, RenderStats, render
@@ -34,7 +34,6 @@ from mgf_engine.raster.cuda.card import find_card
 from mgf_engine.raster.cuda.sources import programs
 
 OUTPUTS = ("colour", "alpha", "depth", "normal", "distortion")  # the median jumps where rounding moves it over 1/2
-TRAINED = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
 #: Two float32 renderings differ by yes-or-no rules that rounding decides in single pixels: so quantiles, not maxima.
 IMAGE_LIMIT, GRADIENT_LIMIT, LOSS_LIMIT = 1e-4, 5e-3, 1e-5
 _QUANTILE = 0.999

@@ -8,13 +8,14 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-import jinja2
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from mgf_engine.bench.page import write_html
 
 Row = dict[str, Any]
 STAGE_COLORS = {"scene": "#4c78a8", "masks": "#f58518", "field": "#54a24b", "mesh": "#b279a2", "deliver": "#9d9da1"}
@@ -30,17 +31,9 @@ def write_page(suite: str, rows: list[Row], out: Path) -> Path:
         for name, title, figure in _figures(suite, done)
         if _save(figure, charts, name) is not None
     ]
-    template = jinja2.Environment(
-        loader=jinja2.PackageLoader("mgf_engine", "bench"), autoescape=True, undefined=jinja2.StrictUndefined
-    ).get_template("page.html.j2")
     failed = [row for row in rows if "geometry" not in row]
-    page = out / f"{suite}.html"
-    partial = page.with_suffix(".partial")
-    partial.write_text(
-        template.render(suite=suite, charts=made, tables=summary_tables(done), failed=failed), encoding="utf-8"
-    )
-    partial.replace(page)
-    return page
+    tables = summary_tables(done)
+    return write_html("page.html.j2", out / f"{suite}.html", suite=suite, charts=made, tables=tables, failed=failed)
 
 
 def summary_tables(rows: list[Row]) -> list[dict[str, Any]]:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from mgf_engine.bench.prompts import inside_points, spread_photos
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import BACKGROUND, BUILDING
 from mgf_engine.scene.colmap import find_model
+from mgf_engine.system import write_json
 
 Entry = dict[str, list[list[float]]]
 Clicks = dict[str, Entry]
@@ -36,7 +36,7 @@ class Truth:
 def make_clicks(folder: Path, variant: str, path: Path) -> None:
     """Write the clicks of a kind for the scene in ``folder`` to ``path``."""
     truth = read_truth(folder)
-    path.write_text(json.dumps(VARIANTS[variant](truth, np.random.default_rng(7)), indent=1), encoding="utf-8")
+    write_json(path, VARIANTS[variant](truth, np.random.default_rng(7)))
 
 
 def read_truth(folder: Path) -> Truth:

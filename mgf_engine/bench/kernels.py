@@ -23,6 +23,7 @@ import torch
 from mgf_engine.config import Config
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.losses import total_loss
+from mgf_engine.field.optimiser import TRAINED
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.raster import cpu, library
 from mgf_engine.raster.adam import adam_step
@@ -160,8 +161,7 @@ def parts_table(n: int, width: int, height: int, heads: str, rounds: int) -> dic
 def ratio_to_twin(n: int, width: int, height: int) -> float:
     """How many times longer the torch twin takes than the best variant, forward and backward, one small scene."""
     gaussians, camera = building(n, size=0.1), corner_view(width, height)
-    names = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
-    for name in names:
+    for name in TRAINED:
         getattr(gaussians, name).requires_grad_()
     used = {}
     for backend, rounds in (("cpu", 20), ("reference", 2)):

@@ -7,7 +7,6 @@ the original's: ``perturbation.json`` says what was done, and the similarity tha
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from mgf_engine.bench import perturb_model as model
 from mgf_engine.bench import perturb_photos as photos
 from mgf_engine.bench.perturb_copy import SceneCopy
 from mgf_engine.errors import BadInput
+from mgf_engine.system import write_json
 
 RECORD = "perturbation.json"
 
@@ -34,7 +34,6 @@ class Perturbation:
         apply: changes a copy of the scene to a level.
         masks: where runs take their masks from: ``prompts`` (clicks) or ``given`` (the copy's own ``masks`` folder:
             what the perturbation does to the field and the mesh alone).
-        worse: what one more unit of level does, ``more`` or ``less`` (fewer photos are worse).
     """
 
     title: str
@@ -42,12 +41,11 @@ class Perturbation:
     levels: tuple[float, ...]
     apply: Callable[[SceneCopy, float], None] = field(repr=False)
     masks: str = "prompts"
-    worse: str = "more"
 
 
 PERTURBATIONS: dict[str, Perturbation] = {
-    "photos": Perturbation("Photos left", "", (30, 15, 8, 6, 4, 3), model.keep_photos, worse="less"),
-    "side": Perturbation("Photos from one side", "degrees", (360, 240, 180, 120, 60), model.keep_side, worse="less"),
+    "photos": Perturbation("Photos left", "", (30, 15, 8, 6, 4, 3), model.keep_photos),
+    "side": Perturbation("Photos from one side", "degrees", (360, 240, 180, 120, 60), model.keep_side),
     "noise": Perturbation("Low light: sensor noise", "grey values", (0, 10, 25, 50, 90), photos.add_noise),
     "exposure": Perturbation("Exposure of each photo", "± EV", (0, 1, 2, 3), photos.change_exposure),
     "white_balance": Perturbation("White balance of each photo", "± EV", (0, 0.3, 0.6, 1.2), photos.change_balance),
@@ -94,5 +92,5 @@ def perturb(source: Path, target: Path, name: str, level: float, seed: int = 0, 
         PERTURBATIONS[name].apply(copy, level)
     copy.finish()
     record = {"name": name, "level": level, "seed": seed, "scale": copy.scale, "offset": list(copy.offset)}
-    (target / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
+    write_json(target / RECORD, record)
     return target

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,8 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from mgf_engine.bench.prompts import inside_points, spread_photos
+from mgf_engine.bench.prompts import click_prompts
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.model import BACKGROUND, BUILDING
 
 Photo = NDArray[np.uint8]
 _LINKS = ("elements", "truth.ply", "scene.json")  # not sparse_truth: the engine would find that model, too
@@ -110,15 +108,7 @@ class SceneCopy:
             target.symlink_to(self.source / "prompts.json")
             return
         poses = np.array([[*i.projection_center(), *i.cam_from_world().rotation.matrix()[2]] for i in self.images])
-        chosen = spread_photos(poses, max(3, -(-len(names) // 5)))
-        clicks = {
-            names[i]: {
-                "positive": inside_points(self.mask(names[i]) == BUILDING, 3),
-                "negative": inside_points(self.mask(names[i]) == BACKGROUND, 2),
-            }
-            for i in chosen
-        }
-        target.write_text(json.dumps(clicks, indent=1), encoding="utf-8")
+        click_prompts(target, names, poses, [self.mask(name) for name in names])
 
 
 def _read(path: Path, flags: int) -> Photo:

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+
+from mgf_engine.bench.page import write_html
 
 #: Colour per mode; marker per outcome.
 COLORS = {"masks": "#2a6fbb", "no masks": "#c8632a"}
@@ -27,15 +28,8 @@ def write_page(entries: Sequence[dict[str, Any]], out: Path) -> Path:
     charts.mkdir(parents=True, exist_ok=True)
     draw_sheet(entries, "share", charts / "stability-f1.png")
     draw_sheet(entries, "psnr", charts / "stability-psnr.png")
-    template = jinja2.Environment(
-        loader=jinja2.PackageLoader("mgf_engine", "bench"), autoescape=True, undefined=jinja2.StrictUndefined
-    ).get_template("stability.html.j2")
-    page = out / "stability.html"
-    partial = page.with_suffix(".partial")
-    partial.write_text(template.render(lines=table(entries), entries=entries), encoding="utf-8")
-    partial.replace(page)
     (out / "stability.md").write_text(markdown(entries), encoding="utf-8")
-    return page
+    return write_html("stability.html.j2", out / "stability.html", lines=table(entries), entries=entries)
 
 
 def draw_sheet(entries: Sequence[dict[str, Any]], key: str, path: Path) -> None:
@@ -84,7 +78,7 @@ def table(entries: Sequence[dict[str, Any]]) -> list[list[str]]:
             said = next((p["text"] for p in reversed(curve) if p["text"]), "")
             lines.append([
                 f"{kind.title} ({kind.unit or 'count'})", mode, f1, _level(entry["kept"][mode]),
-                _level(entry["useless"][mode]), _first_sentence(said),
+                _level(entry["useless"][mode]), _cut(said),
             ])  # fmt: skip
     return lines
 
@@ -104,5 +98,5 @@ def _sign(outcome: str) -> str:
     return {"silent": "", "warned": " w", "refused": " r", "fault": " FAULT"}[outcome]
 
 
-def _first_sentence(text: str) -> str:
+def _cut(text: str) -> str:
     return text if len(text) <= 160 else text[:157] + "..."

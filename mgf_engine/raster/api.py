@@ -89,10 +89,6 @@ class RenderStats:
         """The statistics on a device."""
         return RenderStats(*(values.to(device) for values in self.all))
 
-    def reset(self) -> None:
-        for values in self.all:
-            values.zero_()
-
     @property
     def all(self) -> tuple[Tensor, ...]:
         return self.weight, self.error, self.grad2d, self.max_radius, self.count
