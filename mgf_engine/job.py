@@ -21,6 +21,7 @@ from mgf_engine import __version__
 from mgf_engine.config import Config, as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import STAGES
+from mgf_engine.scene.colmap import PHOTO_KINDS
 from mgf_engine.system import sweep, write_json
 
 FORMAT = 1
@@ -43,7 +44,7 @@ RESULTS: dict[str, tuple[str, ...]] = {
 _TAKEN = ("mesh", "deliver")  # the others' results are for later stages
 #: Files whose change makes the scene another one; small ones of the first kinds are compared by content.
 _CONTENT_KINDS = {".bin", ".txt", ".json"}
-_INPUT_KINDS = _CONTENT_KINDS | {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"}
+_INPUT_KINDS = _CONTENT_KINDS | PHOTO_KINDS
 #: Options outside a stage's own section that decide its result.
 _EXTRA_OPTIONS = {"field": ("seed", "device"), "mesh": ("device",), "deliver": ("device",)}
 

@@ -87,6 +87,15 @@ def cpu_name() -> str:
     return platform.processor() or platform.machine()
 
 
+def user_cache() -> Path:
+    """The user's folder for what can be made again."""
+    if os.name == "nt":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "mgf"
+
+
 def versions() -> dict[str, str]:
     """Python, system and package versions; a package that is not installed reads 'missing'."""
     found = {"python": platform.python_version(), "system": platform.platform()}

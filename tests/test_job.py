@@ -12,6 +12,7 @@ from filelock import FileLock
 from mgf_engine.errors import BadInput
 from mgf_engine.job import RESULTS, Job, read_job
 from mgf_engine.messages import STAGES
+from mgf_engine.scene.colmap import PHOTO_KINDS
 
 
 @pytest.fixture
@@ -54,10 +55,11 @@ def test_options_given_once_stay_for_the_resumed_job(tmp_path: Path, source: Pat
         assert (job.config.iterations, job.config.seed) == (11, 2)
 
 
-def test_changed_photos_and_models_redo_the_scene(tmp_path: Path, source: Path) -> None:
+@pytest.mark.parametrize("name", ["cameras.bin", *(f"images/b{kind}" for kind in sorted(PHOTO_KINDS))])
+def test_changed_photos_and_models_redo_the_scene(tmp_path: Path, source: Path, name: str) -> None:
     with Job.start(tmp_path / "job", source) as job:
         finish_all(job)
-        (source / "cameras.bin").write_bytes(b"z")
+        (source / name).write_bytes(b"z")
         assert not job.done("scene")
 
 

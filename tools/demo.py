@@ -12,6 +12,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+from mgf_engine.bench.catalogue import scene_spec
+from mgf_engine.bench.scenes import make_scene
+from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -23,7 +27,11 @@ def main() -> int:
     scene, prompts = args.scene, args.prompts
     if scene is None:
         print("Rendering the demo scene with Cycles (once; kept in the cache) ...", flush=True)
-        scene = _rendered_scene(args.blender_python)
+        try:
+            scene = _rendered_scene(args.blender_python)
+        except BadInput as error:
+            print(f"Error: {error}", file=sys.stderr)
+            return EXIT_BAD_INPUT
     if prompts is None:
         prompts = scene / "prompts.json"
     command = [
@@ -50,9 +58,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _rendered_scene(blender_python: Path) -> Path:
-    from mgf_engine.bench.catalogue import scene_spec
-    from mgf_engine.bench.scenes import make_scene
-
     return make_scene("demo", scene_spec("demo"), blender=blender_python)
 
 

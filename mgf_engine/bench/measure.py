@@ -16,10 +16,11 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mgf_engine.bench.suites import Run
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.geometry import evaluate_mesh, mask_iou
+from mgf_engine.evaluate.geometry import cameras_of, evaluate_mesh, mask_iou
 from mgf_engine.evaluate.surfaces import Points, SeeingCamera
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN
 from mgf_engine.mesh.export import read_ply, write_ply
@@ -82,23 +83,14 @@ def _ground_pixel(path: Path) -> float:
 
 def true_cameras(folder: Path) -> list[SeeingCamera]:
     """The scene's true cameras; each sees the building only where its true mask shows no occluder."""
-    import pycolmap
 
-    model = pycolmap.Reconstruction(folder / "sparse_truth")
-    result = []
-    for image in sorted(model.images.values(), key=lambda i: str(i.name)):
-        camera, pose = image.camera, image.cam_from_world()
-        k = camera.calibration_matrix()
-        labels = cv2.imread(str(folder / "masks" / (Path(image.name).stem + ".png")), cv2.IMREAD_UNCHANGED)
+    def nothing_in_front(name: str) -> NDArray[np.bool_]:
+        labels = cv2.imread(str(folder / "masks" / (Path(name).stem + ".png")), cv2.IMREAD_UNCHANGED)
         if labels is None:
-            raise BadInput(f"The mask of '{image.name}' in '{folder}' is missing; delete the folder and make it again.")
-        result.append(
-            SeeingCamera(
-                camera.width, camera.height, k[0, 0], k[1, 1], k[0, 2], k[1, 2], pose.rotation.matrix(),
-                pose.translation, labels != UNKNOWN,
-            )
-        )  # fmt: skip
-    return result
+            raise BadInput(f"The mask of '{name}' in '{folder}' is missing; delete the folder and make it again.")
+        return np.asarray(labels != UNKNOWN)
+
+    return cameras_of(folder / "sparse_truth", nothing_in_front)
 
 
 def measure(run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool) -> dict[str, Any]:

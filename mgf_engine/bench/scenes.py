@@ -33,7 +33,7 @@ from mgf_engine.bench.shapes import Part, true_mesh
 from mgf_engine.bench.surroundings import surroundings
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
-from mgf_engine.system import atomic_path, write_json
+from mgf_engine.system import atomic_path, user_cache, write_json
 
 #: Part of the cache key: raise it when the same spec gives other pictures than before.
 GENERATOR_VERSION = 1
@@ -42,10 +42,7 @@ Say = Callable[[str], None]
 
 def cache_root() -> Path:
     """Where rendered scenes are kept: ``$MGF_SCENES``, or ``mgf/scenes`` in the user's cache folder."""
-    if os.environ.get("MGF_SCENES"):
-        return Path(os.environ["MGF_SCENES"])
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "mgf" / "scenes"
+    return Path(os.environ["MGF_SCENES"]) if os.environ.get("MGF_SCENES") else user_cache() / "scenes"
 
 
 def scene_folder(name: str, spec: SceneSpec) -> Path:

@@ -8,7 +8,7 @@ itself gives 100 at every threshold. True points that no camera saw are left out
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -139,43 +139,40 @@ def mask_iou(found: NDArray[np.bool_], true: NDArray[np.bool_], valid: NDArray[n
 
 
 def colmap_cameras(scene: Path) -> list[SeeingCamera]:
-    """The registered cameras of a COLMAP model as pinholes (distortion is ignored: it moves pixels, not visibility).
+    """The registered cameras of a COLMAP model.
 
     Raises:
         BadInput: no model is found or it has no registered image.
     """
-    import pycolmap
-
     for place in (scene, scene / "sparse/0", scene / "sparse", scene / "sparse_truth"):
         if any((place / f"cameras{end}").exists() for end in (".bin", ".txt")):
             break
     else:
         raise BadInput(f"There is no COLMAP model in '{scene}'; give the folder that holds 'sparse/0'.")
+    return cameras_of(place)
+
+
+def cameras_of(
+    model: Path, mask_of: Callable[[str], NDArray[np.bool_] | None] = lambda name: None
+) -> list[SeeingCamera]:
+    """The registered cameras of the COLMAP model in a folder, in the order of their photos' names.
+
+    Args:
+        mask_of: name of a photo -> its mask, see :class:`SeeingCamera`.
+
+    Raises:
+        BadInput: the model cannot be read or has no registered image.
+    """
+    import pycolmap
+
     try:
-        model = pycolmap.Reconstruction(place)
+        whole = pycolmap.Reconstruction(model)  # owns its images
     except Exception as error:  # pycolmap raises several kinds
-        raise BadInput(f"Cannot read the COLMAP model in '{place}' ({error}); export it again.") from error
-    result = []
-    for image in model.images.values():
-        if not image.has_pose:
-            continue
-        camera, pose = image.camera, image.cam_from_world()
-        k = camera.calibration_matrix()
-        result.append(
-            SeeingCamera(
-                camera.width,
-                camera.height,
-                k[0, 0],
-                k[1, 1],
-                k[0, 2],
-                k[1, 2],
-                pose.rotation.matrix(),
-                pose.translation,
-            )
-        )
-    if not result:
-        raise BadInput(f"The COLMAP model in '{place}' has no registered image; run structure from motion again.")
-    return result
+        raise BadInput(f"Cannot read the COLMAP model in '{model}' ({error}); export it again.") from error
+    images = sorted((i for i in whole.images.values() if i.has_pose), key=lambda i: str(i.name))
+    if not images:
+        raise BadInput(f"The COLMAP model in '{model}' has no registered image; run structure from motion again.")
+    return [SeeingCamera.of_image(image, mask_of(str(image.name))) for image in images]
 
 
 def moved(mesh: Surface, matrix: Any) -> Surface:

@@ -59,6 +59,14 @@ class SeeingCamera:
     translation: Points  # [3]
     mask: NDArray[np.bool_] | None = None
 
+    @classmethod
+    def of_image(cls, image: Any, mask: NDArray[np.bool_] | None = None) -> SeeingCamera:
+        """The camera of a registered image of pycolmap; distortion is ignored: it moves pixels, not visibility."""
+        camera, pose = image.camera, image.cam_from_world()
+        k = camera.calibration_matrix()
+        intrinsics = (k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+        return cls(camera.width, camera.height, *intrinsics, pose.rotation.matrix(), pose.translation, mask)
+
 
 class Surface:
     """A triangle mesh with a tree for closest points and rays.

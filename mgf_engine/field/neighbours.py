@@ -30,7 +30,7 @@ def matching_views(
 
 def point_sets(scene: Scene, masks: MaskSet) -> list[NDArray[np.int64]]:
     """Per view the masked points it observed."""
-    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    owner = scene.track_point
     wanted = masks.point_mask[owner]
     return [np.unique(owner[(scene.track_view == i) & wanted]) for i in range(len(scene.views))]
 

@@ -113,9 +113,7 @@ def _build_one(target: str, variant: str, cpu: str, force: bool) -> Path:
     if not force and path.is_file() and stamp.is_file() and stamp.read_text(encoding="ascii").strip() == digest:
         return path
     sources = [str(p) for p in sorted(KERNELS.glob("*.c"))]
-    with tempfile.TemporaryDirectory(
-        prefix="partial", dir=LIBRARIES
-    ) as work:  # also takes import libraries and the like
+    with tempfile.TemporaryDirectory(prefix="partial", dir=LIBRARIES) as work:  # takes import libraries, too
         partial = Path(work) / path.name
         command = [sys.executable, "-m", "ziglang", "cc", *flags, "-I", str(KERNELS), "-o", str(partial), *sources]
         if TARGETS[target].suffix == ".so":

@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.scene.images import read_rgb
+from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.model import Scene
 from mgf_engine.scene.roots import choose_held_out, choose_roots
 
@@ -54,7 +53,7 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter)
                 f"{share:.0%} of the sparse points are not where the photos see them and are left out; "
                 "building the COLMAP model again would give better ones."
             )
-    brightness = observed_colors(scene, folder)
+    brightness = observed_colors(scene, folder).mean(1)
     foreign = foreign_views(brightness, scene)
     if not foreign and usual_likeness(brightness, scene) < FAMILIAR:
         reporter.warning(
@@ -75,7 +74,7 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter)
 
 def reprojection_errors(scene: Scene) -> Array:
     """Distance between each observation and the projection of its point, working pixels, [T]; inf behind a camera."""
-    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    owner = scene.track_point
     errors = np.empty(len(owner))
     for index, view in enumerate(scene.views):
         mine = np.flatnonzero(scene.track_view == index)
@@ -89,22 +88,11 @@ def stray_points(scene: Scene) -> NDArray[np.bool_]:
     errors = reprojection_errors(scene)
     if not len(errors):
         return np.zeros(len(scene.points), bool)
-    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    owner = scene.track_point
     limit = STRAY + USUAL * float(np.percentile(errors, 10))
     far = np.bincount(owner, errors > limit, len(scene.points))
     seen = np.diff(scene.track_start)
     return np.asarray((seen > 0) & (far > 0.5 * seen))
-
-
-def observed_colors(scene: Scene, folder: Path) -> Array:
-    """Mean brightness of the 3 x 3 pixels around each observation, 0..255, [T]."""
-    result = np.zeros(len(scene.track_view))
-    for index, view in enumerate(scene.views):
-        mine = np.flatnonzero(scene.track_view == index)
-        calm = cv2.blur(read_rgb(folder / Path(view.file).name), (3, 3)).mean(2)
-        x, y = np.floor(scene.track_uv[mine]).astype(int).T
-        result[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]
-    return result
 
 
 def foreign_views(brightness: Array, scene: Scene) -> list[int]:
@@ -116,7 +104,7 @@ def foreign_views(brightness: Array, scene: Scene) -> list[int]:
     Args:
         brightness: of each observation, [T].
     """
-    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    owner = scene.track_point
     found: list[int] = []
     while True:
         trusted = ~np.isin(scene.track_view, found)
@@ -130,7 +118,7 @@ def foreign_views(brightness: Array, scene: Scene) -> list[int]:
 
 def usual_likeness(brightness: Array, scene: Scene) -> float:
     """What the better quarter of the photos reaches of :func:`_likeness`; 1 where too few points tell."""
-    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    owner = scene.track_point
     everything = np.ones(len(brightness), bool)
     values = [_likeness(i, brightness, owner, scene, everything) for i in range(len(scene.views))]
     known = [value for value in values if np.isfinite(value)]

@@ -36,10 +36,10 @@ def even_exposure(scene: Scene, folder: Path) -> Array:
     Returns:
         What each photo's channels were multiplied by, [V, 3]; ones where nothing was changed.
     """
-    paths = [folder / Path(view.file).name for view in scene.views]
-    gains = photo_gains(_observed(scene, paths), scene)
-    for path, gain in zip(paths, gains, strict=True):
+    gains = photo_gains(observed_colors(scene, folder), scene)
+    for view, gain in zip(scene.views, gains, strict=True):
         if (gain != 1.0).any():
+            path = folder / Path(view.file).name
             table = np.clip(np.arange(256)[:, None] * gain, 0, 255).round().astype(np.uint8)
             write_png(path, np.asarray(cv2.LUT(read_rgb(path), table[None]), np.uint8))
     return gains
@@ -51,7 +51,7 @@ def photo_gains(observed: Array, scene: Scene) -> Array:
     Args:
         observed: colours of the scene's observations, 0..255, [T, 3].
     """
-    owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
+    owner = scene.track_point
     valid = ((observed > DARKEST) & (observed < BRIGHTEST)).all(1)
     shared = np.bincount(owner[valid], minlength=len(scene.points)) >= 2
     valid &= shared[owner]
@@ -84,12 +84,16 @@ def _solve(value: Array, view: NDArray[np.int32], point: NDArray[np.int64], view
     return log_gain
 
 
-def _observed(scene: Scene, paths: list[Path]) -> Array:
-    """Mean colour of the 3 x 3 pixels around each observation, [T, 3]."""
+def observed_colors(scene: Scene, folder: Path) -> Array:
+    """Mean colour of the 3 x 3 pixels around each observation, 0..255, [T, 3].
+
+    Args:
+        folder: holds the working photos under their file names.
+    """
     colors = np.zeros((len(scene.track_view), 3))
-    for index, path in enumerate(paths):
+    for index, view in enumerate(scene.views):
         mine = np.flatnonzero(scene.track_view == index)
-        calm = cv2.blur(read_rgb(path), (3, 3))
+        calm = cv2.blur(read_rgb(folder / Path(view.file).name), (3, 3))
         x, y = np.floor(scene.track_uv[mine]).astype(int).T
         colors[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]
     return colors

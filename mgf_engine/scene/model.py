@@ -140,6 +140,11 @@ class Scene:
     folder: Path
     left_out: tuple[str, ...] = ()
 
+    @property
+    def track_point(self) -> NDArray[np.int64]:
+        """Index of the point of each observation, [T]."""
+        return np.repeat(np.arange(len(self.points)), np.diff(self.track_start))
+
     def photo(self, index: int) -> NDArray[np.uint8]:
         """The working photo of a view, RGB uint8 [height, width, 3]."""
         from mgf_engine.scene.images import read_rgb

@@ -163,6 +163,12 @@ def test_damaged_scene_records_are_one_sentence(scene: Path, content: str) -> No
         prepare_scene(str(scene))
 
 
+def test_scenes_without_true_cameras_are_one_sentence(scene: Path) -> None:
+    (scene / "sparse_truth" / "images.bin").unlink()
+    with pytest.raises(BadInput, match="sparse_truth"):
+        prepare_scene(str(scene))
+
+
 def test_mask_iou_of_a_job_ignores_unknown_pixels(scene: Path, tmp_path: Path) -> None:
     job = tmp_path / "job"
     (job / "masks").mkdir(parents=True)

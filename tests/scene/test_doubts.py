@@ -21,10 +21,10 @@ from mgf_engine.scene.doubts import (
     drop_views,
     foreign_views,
     keep_points,
-    observed_colors,
     reprojection_errors,
     stray_points,
 )
+from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.model import Scene
 from mgf_engine.scene.store import read_scene
@@ -49,7 +49,7 @@ def test_a_sound_scene_is_left_alone(source: Path, tmp_path: Path) -> None:
     assert len(scene.views) == PHOTOS
     assert scene.left_out == ()
     assert not stray_points(scene).any()
-    assert foreign_views(observed_colors(scene, scene.folder / "images"), scene) == []
+    assert foreign_views(observed_colors(scene, scene.folder / "images").mean(1), scene) == []
     assert np.median(reprojection_errors(scene)) < 0.01
 
 

@@ -21,7 +21,7 @@ from mgf_engine.raster.cuda import compiler
 from mgf_engine.raster.cuda.driver import Driver, driver
 from mgf_engine.raster.cuda.launching import THREADS, Grid, pack
 from mgf_engine.raster.cuda.sources import digest, program_of
-from mgf_engine.system import atomic_path
+from mgf_engine.system import atomic_path, user_cache
 
 _OLDEST = 75  # compute capability 7.5: match_any, and what today's compilers still know
 
@@ -114,11 +114,7 @@ def cache_folder() -> Path:
     """Where compiled kernels are kept; ``MGF_CACHE`` names another folder than the user's."""
     if os.environ.get("MGF_CACHE"):
         return Path(os.environ["MGF_CACHE"]) / "kernels"
-    if os.name == "nt":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "mgf" / "kernels"
+    return user_cache() / "kernels"
 
 
 def cubin(program: str, architecture: int) -> bytes:
