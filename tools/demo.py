@@ -49,7 +49,7 @@ def main() -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--blender-python", type=Path, required=True, help="Python with bpy, or a blender program")
+    parser.add_argument("--blender-python", type=Path, required=True, help="a Python that has bpy")
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for the results")
     parser.add_argument("--scene", type=Path, help="a COLMAP scene of your own")
     parser.add_argument("--prompts", type=Path, help="clicks for it (default: prompts.json in the scene)")

@@ -156,12 +156,8 @@ def find_blender_python() -> Path:
         BadInput: none is found.
     """
     given = os.environ.get("MGF_BPY_PYTHON")
-    places = (
-        [Path(given)]
-        if given
-        else [p / ".venv-bpy/bin/python" for p in (Path.cwd(), *Path(__file__).resolve().parents)]
-    )
-    for place in places:
+    around = [p / ".venv-bpy/bin/python" for p in (Path.cwd(), *Path(__file__).resolve().parents)]
+    for place in [Path(given)] if given else around:
         if place.exists():
             return place
     raise BadInput(
@@ -176,7 +172,10 @@ def _run_blender(folder: Path, blender: Path | None, say: Say) -> None:
     script = Path(__file__).with_name("blender") / "render.py"
     command = [str(blender or find_blender_python()), str(script), str(folder)]
     with (folder / "work/render.log").open("w", encoding="utf-8") as log:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+        try:
+            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+        except OSError as error:
+            raise BadInput(f"Cannot start '{command[0]}' ({error.strerror}); name a Python that has bpy.") from error
         assert process.stdout is not None
         for line in process.stdout:
             log.write(line)

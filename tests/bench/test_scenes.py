@@ -46,6 +46,12 @@ def test_without_blender_the_user_is_told_what_to_do(tmp_path: Path, monkeypatch
         make_scene("demo", TINY, say=lambda text: None)
 
 
+def test_a_wrong_blender_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MGF_SCENES", str(tmp_path))
+    with pytest.raises(BadInput, match="Cannot start '/nowhere/python'"):
+        make_scene("demo", TINY, Path("/nowhere/python"), say=lambda text: None)
+
+
 def test_a_link_takes_the_place_of_links_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenes, "make_scene", lambda *args, **more: tmp_path / "made")
     (tmp_path / "mine").mkdir()
