@@ -25,13 +25,15 @@ def main() -> int:
     out = args.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     scene, prompts = args.scene, args.prompts
-    if scene is None:
-        print("Rendering the demo scene with Cycles (once; kept in the cache) ...", flush=True)
-        try:
-            scene = _rendered_scene(args.blender_python)
-        except BadInput as error:
-            print(f"Error: {error}", file=sys.stderr)
-            return EXIT_BAD_INPUT
+    try:
+        if not args.blender_python.is_file():
+            raise BadInput(f"There is no Python '{args.blender_python}'; give one that has bpy.")
+        if scene is None:
+            print("Rendering the demo scene with Cycles (once; kept in the cache) ...", flush=True)
+            scene = make_scene("demo", scene_spec("demo"), blender=args.blender_python)
+    except BadInput as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
     if prompts is None:
         prompts = scene / "prompts.json"
     command = [
@@ -55,10 +57,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--prompts", type=Path, help="clicks for it (default: prompts.json in the scene)")
     parser.add_argument("--preset", default="draft", help="draft, standard or fine")
     return parser
-
-
-def _rendered_scene(blender_python: Path) -> Path:
-    return make_scene("demo", scene_spec("demo"), blender=blender_python)
 
 
 if __name__ == "__main__":
