@@ -38,9 +38,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the engine")
     p.add_argument("--progress", choices=("plain", "json"), default="plain", help="how the engine's progress is shown")
     p.add_argument("--picture", type=Path, help="also render the mesh to this PNG")
-    p.add_argument("--picture-engine", choices=("cycles", "workbench", "eevee"), default="cycles")
-    p.add_argument("--picture-size", type=int, nargs=2, default=(1280, 800), metavar=("W", "H"))
-    p.add_argument("--picture-samples", type=int, default=48)
+    p.add_argument("--picture-engine", choices=("cycles", "workbench", "eevee"), default="cycles",
+                   help="what renders the picture")  # fmt: skip
+    p.add_argument("--picture-size", type=int, nargs=2, default=(1280, 800), metavar=("W", "H"),
+                   help="of the picture, in pixels")  # fmt: skip
+    p.add_argument("--picture-samples", type=int, default=48, help="rays per pixel of the picture (cycles)")
     p.add_argument("--picture-turn", type=float, default=30.0, help="degrees around the building from the cameras")
     return p
 

@@ -181,11 +181,11 @@ def _forward_and_backward(gaussians: Gaussians, camera: Camera, backend: str) ->
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--gaussians", type=int, nargs="+", default=[50_000, 100_000])
-    parser.add_argument("--sizes", nargs="+", default=["750x500", "375x250"])
-    parser.add_argument("--heads", nargs="+", default=["all", "basic"], choices=["all", "basic"])
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--gaussians", type=int, nargs="+", default=[50_000, 100_000], help="numbers of Gaussians")
+    parser.add_argument("--sizes", nargs="+", default=["750x500", "375x250"], help="sizes of the picture")
+    parser.add_argument("--heads", nargs="+", default=["all", "basic"], choices=["all", "basic"], help="outputs")
+    parser.add_argument("--rounds", type=int, default=5, help="the fastest of so many counts")
+    parser.add_argument("--threads", type=int, default=0, help="0 takes every core")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     given = parser.parse_args(arguments)
     library.set_threads(given.threads)

@@ -25,6 +25,7 @@ import numpy as np
 from filelock import FileLock
 from numpy.typing import NDArray
 
+from mgf_engine.bench.arguments import count
 from mgf_engine.bench.buildings import BUILDINGS
 from mgf_engine.bench.catalogue import SCENES, SceneSpec, scene_spec, spec_dict
 from mgf_engine.bench.flight import Shot, plan
@@ -260,7 +261,7 @@ def scenes_main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, help="another flight and other surroundings")
     parser.add_argument("--link", type=Path, help="put a link to the folder here")
     parser.add_argument("--blender", type=Path, help="a Python that has bpy")
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--threads", type=count, default=2, help="threads of the renderer")
     args = parser.parse_args(argv)
     spec = scene_spec(args.name, photos=args.photos, width=args.resolution, samples=args.samples, seed=args.seed)
     folder = make_scene(
