@@ -5,10 +5,10 @@
 // slope turns depth into distance along the surface's normal. Beyond `band` in front the point is free: s counts as band.
 // Beyond `band` behind it the view cannot know, and only remembers that the point is covered, and whether closely.
 #include "export.h"
+#include "view.h"
 
 enum { PIECE = 4096 };
 static const float CLOSELY = 8;  // bands behind a surface that count as closely covered
-enum { OUTSIDE = 0, INSIDE = 1 };  // of the mask; other values: unknown
 
 // What a depth map says at one pixel; weight 0: nothing.
 typedef struct {
@@ -42,7 +42,7 @@ static inline Pixel sample(const Pixel *map, int64_t height, int64_t width, doub
     return r;
 }
 
-/* One view adds to the beliefs [n] of points [n][3]. map, labels: [height][width]. pose, intrinsics: as in points.c.
+/* One view adds to the beliefs [n] of points [n][3]. map, labels: [height][width]. pose, intrinsics: as in view.h.
    band: per unit of depth; jump: share of the depth by which neighbouring pixels of one surface differ at most. */
 MGF_API void fuse_points_work(int32_t *next, int64_t n, const float *points, const double *pose,
                               const double *intrinsics, float near, const uint8_t *labels, const Pixel *map,
@@ -51,13 +51,10 @@ MGF_API void fuse_points_work(int32_t *next, int64_t n, const float *points, con
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
         if (start >= n) return;
         for (int64_t i = start; i < end; i++) {
-            double c[3];
+            double c[3], u, v;
             const float *p = points + 3 * i;
-            for (int k = 0; k < 3; k++)
-                c[k] = pose[3 * k] * p[0] + pose[3 * k + 1] * p[1] + pose[3 * k + 2] * p[2] + pose[9 + k];
-            if (!(c[2] > near)) continue;
-            const double u = c[0] / c[2] * intrinsics[0] + intrinsics[2], v = c[1] / c[2] * intrinsics[1] + intrinsics[3];
-            if (!(u >= 0 && v >= 0 && u < width && v < height)) continue;
+            to_camera(pose, p[0], p[1], p[2], c);
+            if (!in_frame(c, intrinsics, near, height, width, &u, &v)) continue;
             const uint8_t label = labels[(int64_t)v * width + (int64_t)u];
             Belief *belief = beliefs + i;
             if (label == OUTSIDE) belief->outside++;

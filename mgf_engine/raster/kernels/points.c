@@ -12,14 +12,14 @@
 #include "export.h"
 #include "footprint.h"
 #include "vector.h"
+#include "view.h"
 
 enum { PIECE = 4096, SIDE = 4, BLOCKS = (TILE / SIDE) * (TILE / SIDE) };
-enum { OUTSIDE = 0, INSIDE = 1 }; // of the mask; other values: unknown, no verdict
 enum { BACKGROUND = 0, SEEN = 1, UNSEEN = 2 };
 
 /* Where points [n][3] fall: place [n][3] = (u, v, depth), verdict [n] BACKGROUND, SEEN or UNSEEN (out of frame, behind,
    unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]: OUTSIDE, INSIDE or
-   unknown. pose: rotation (row-major) and translation, 12 doubles; intrinsics: fx, fy, cx, cy. */
+   unknown. pose, intrinsics: as in view.h. */
 MGF_API void points_locate_work(int32_t *next, int64_t n, const float *points, const double *pose,
                                 const double *intrinsics, float near, const uint8_t *labels, int64_t height,
                                 int64_t width, float *place, uint8_t *verdict, int32_t *block) {
@@ -28,14 +28,11 @@ MGF_API void points_locate_work(int32_t *next, int64_t n, const float *points, c
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
         if (start >= n) return;
         for (int64_t i = start; i < end; i++) {
-            double c[3];
+            double c[3], u, v;
             const float *p = points + 3 * i;
-            for (int k = 0; k < 3; k++)
-                c[k] = pose[3 * k] * p[0] + pose[3 * k + 1] * p[1] + pose[3 * k + 2] * p[2] + pose[9 + k];
+            to_camera(pose, p[0], p[1], p[2], c);
             verdict[i] = UNSEEN, block[i] = -1;
-            if (!(c[2] > near)) continue;
-            const double u = c[0] / c[2] * intrinsics[0] + intrinsics[2], v = c[1] / c[2] * intrinsics[1] + intrinsics[3];
-            if (!(u >= 0 && v >= 0 && u < width && v < height)) continue;
+            if (!in_frame(c, intrinsics, near, height, width, &u, &v)) continue;
             const int64_t x = (int64_t)u, y = (int64_t)v;
             const uint8_t label = labels[y * width + x];
             verdict[i] = label == OUTSIDE ? BACKGROUND : label == INSIDE ? SEEN : UNSEEN;

@@ -102,17 +102,6 @@ static inline v16 exp2_16(v16 x) {
 #endif
 }
 
-// Sum of the lanes, always in the same order.
-static inline float sum16(v16 a) {
-#if defined(__AVX512F__)
-    return _mm512_reduce_add_ps((__m512)a);
-#else
-    float s[4];
-    for (int i = 0; i < 4; i++) s[i] = (a[i] + a[i + 8]) + (a[i + 4] + a[i + 12]);
-    return (s[0] + s[2]) + (s[1] + s[3]);
-#endif
-}
-
 // Adds neighbours of two vectors inside each group of four lanes: (a0+a2, b0+b2, a1+a3, b1+b3).
 static inline v16 fold_pairs(v16 a, v16 b) {
     return __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29) +

@@ -5,6 +5,7 @@
 // lies on an edge belong to both triangles, so that no gap opens between neighbours; the nearer one wins, of equal
 // ones the first. Each band belongs to one thread, so the result does not depend on the number of threads.
 #include "export.h"
+#include "view.h"
 
 enum { BAND = 128, PIECE = 8192 };
 
@@ -42,7 +43,7 @@ static void draw(Corner a, Corner b, Corner c, int32_t id, int64_t top, int64_t 
 }
 
 /* corners [n][3]: (u, v, 1/depth) of points [n][3]; all zero where they are not deeper than `near`.
-   pose: rotation [3][3] and translation [3]; intrinsics: fx, fy, cx, cy. */
+   pose, intrinsics: as in view.h. */
 MGF_API void corners_work(int32_t *next, int64_t n, const double *points, const double *pose, const double *intrinsics,
                           float near, double *corners) {
     for (;;) {
@@ -51,8 +52,7 @@ MGF_API void corners_work(int32_t *next, int64_t n, const double *points, const 
         for (int64_t i = start; i < end; i++) {
             const double *p = points + 3 * i;
             double c[3];
-            for (int k = 0; k < 3; k++)
-                c[k] = pose[3 * k] * p[0] + pose[3 * k + 1] * p[1] + pose[3 * k + 2] * p[2] + pose[9 + k];
+            to_camera(pose, p[0], p[1], p[2], c);
             const int in_front = c[2] > near;
             const double q = in_front ? 1.0 / c[2] : 0.0;
             corners[3 * i] = in_front ? c[0] * q * intrinsics[0] + intrinsics[2] : 0.0;

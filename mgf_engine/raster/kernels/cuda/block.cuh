@@ -148,17 +148,6 @@ static inline void match_lanes(Own<unsigned> &value, Own<unsigned> &peers) {
 #endif
 }
 
-// Does the value of any lane differ from zero?
-static inline bool any_lane(Own<int> &value) {
-#if defined(__CUDACC__)
-    return __any_sync(~0u, *value);
-#else
-    for (int l = 0; l < WARP; l++)
-        if (value.lane(l)) return true;
-    return false;
-#endif
-}
-
 // Each lane's value becomes the sum of those up to and with its own.
 static inline void scan_lanes(Own<int> &value) {
 #if defined(__CUDACC__)
