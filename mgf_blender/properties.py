@@ -6,9 +6,9 @@ import uuid
 import bpy
 
 from .common import options
-from .prompts.properties import MGF_PG_click, MGF_PG_photo, show_photo
+from .prompts.properties import BUILDING, MGF_PG_click, MGF_PG_photo, show_photo
 
-PARTS = ["building", "window", "door", "roof", "wall", "balcony"]
+PARTS = [BUILDING, "window", "door", "roof", "wall", "balcony"]
 OptionsGroup = options.make_group()
 
 
@@ -49,7 +49,7 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
     )  # fmt: skip
     part: bpy.props.StringProperty(
         name="Part", description="What new clicks mark: the building, or a part of it such as window or door",
-        default="building", search=lambda self, context, text: PARTS,
+        default=BUILDING, search=lambda self, context, text: PARTS,
     )  # fmt: skip
     fit_render: bpy.props.BoolProperty(
         name="Fit Render to Camera",

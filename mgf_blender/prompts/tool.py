@@ -10,7 +10,7 @@ from ..common.errors import UserError
 from ..common.operators import Operator
 from .drawing import RADIUS
 from .files import add_click
-from .properties import photo_of_image
+from .properties import BUILDING, photo_of_image
 
 TOOL_ID = "mgf.point_tool"
 
@@ -69,7 +69,7 @@ class MGF_OT_click(_OnPhoto):
 
     def run(self, context: bpy.types.Context) -> None:
         photo = self._photo(context)
-        part = "building" if self.negative else context.scene.mgf.part.strip().lower() or "building"
+        part = BUILDING if self.negative else context.scene.mgf.part.strip().lower() or BUILDING
         add_click(photo, *self.uv, self.negative, part)
         _redraw(context)
 

@@ -20,7 +20,6 @@ class ResultView:
 
     camera: CameraSpec
     render: Path | None
-    error: Path | None
     held_out: bool
 
 
@@ -31,7 +30,6 @@ class Delivery:
     folder: Path
     views: tuple[ResultView, ...]
     mesh: Path | None
-    points: Path | None
     field: Path | None
     report: Path | None
     parts: Path | None
@@ -58,7 +56,7 @@ def read_delivery(folder: Path) -> Delivery:
     try:
         views = tuple(_view(folder, entry) for entry in content["views"])
         figures = dict(content.get("figures") or {})
-        files = {key: _file(folder, content.get(key)) for key in ("mesh", "points", "field", "report", "parts")}
+        files = {key: _file(folder, content.get(key)) for key in ("mesh", "field", "report", "parts")}
     except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         raise UserError(
             "'{path}' is not what this version reads ({error!r}); run the job again.", path=path, error=error
@@ -76,9 +74,7 @@ def _view(folder: Path, entry: dict[str, Any]) -> ResultView:
         float(entry["fx"]), float(entry["fy"]), float(entry["cx"]), float(entry["cy"]),
         rotation, -rotation @ to_world[:3, 3], _file(folder, entry.get("file")),
     )  # fmt: skip
-    return ResultView(
-        camera, _file(folder, entry.get("render")), _file(folder, entry.get("error")), bool(entry.get("held_out"))
-    )
+    return ResultView(camera, _file(folder, entry.get("render")), bool(entry.get("held_out")))
 
 
 def _file(folder: Path, name: object) -> Path | None:

@@ -12,7 +12,7 @@ import numpy as np
 from ..common.errors import UserError
 from ..common.materials import vertex_color_material
 from ..common.meshes import MeshData, make_mesh, prepare_mesh
-from ..common.ply import Ply, read_ply
+from ..common.ply import read_ply
 from ..scene_import.cameras import (
     DISTORTED_KEY,
     PHOTO_KEY,
@@ -23,9 +23,7 @@ from ..scene_import.cameras import (
     find_camera,
     load_image,
 )
-from ..scene_import.colmap import Points
 from ..scene_import.frame import Frame, make_frame
-from ..scene_import.points import add_points
 from ..scene_import.tree import Tree, hide
 from .job_folder import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
@@ -50,7 +48,7 @@ class Content:
 
     Attributes:
         offset: float64 [3], taken off the mesh's coordinates.
-        frame, cloud: placement and sparse points of a job read without its COLMAP scene.
+        frame: placement of a job read without its COLMAP scene.
     """
 
     delivery: Delivery
@@ -58,7 +56,6 @@ class Content:
     mesh: MeshData | None
     parts: Parts | None
     frame: Frame | None = None
-    cloud: Ply | None = None
 
 
 def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
@@ -72,10 +69,10 @@ def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
         UserError: the job is not finished or a file is damaged.
     """
     delivery = read_delivery(folder.absolute())
-    frame, cloud = (None, None) if offset is not None else _frame_of_job(delivery)
+    frame = None if offset is not None else _frame_of_job(delivery)
     offset = frame.offset if frame is not None else offset
     if delivery.mesh is None:
-        return Content(delivery, offset, None, None, frame, cloud)
+        return Content(delivery, offset, None, None, frame)
     surface = read_ply(delivery.mesh)
     if len(surface.triangles) == 0:
         raise UserError("'{mesh}' holds no faces; read the job's report for the reason.", mesh=delivery.mesh)
@@ -83,7 +80,7 @@ def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
     mesh = prepare_mesh(surface.positions - offset, surface.triangles, surface.colors(), surface.extras())
     if parts is not None:
         parts = Parts(parts.names, parts.face[mesh.kept])
-    return Content(delivery, offset, mesh, parts, frame, cloud)
+    return Content(delivery, offset, mesh, parts, frame)
 
 
 def import_result(
@@ -97,7 +94,7 @@ def import_result(
 
     Args:
         folder: the job folder.
-        tree: the imported COLMAP scene; made from the job's own cameras and points when None.
+        tree: the imported COLMAP scene; made from the job's own cameras when None.
         content: what :func:`read_result` gave for the folder, when that was read before.
         mesh: the mesh block made of it, when that was made before.
 
@@ -134,29 +131,20 @@ def _foreign(tree: Tree, delivery: Delivery) -> bool:
     return bool(names) and not any(view.camera.name in names for view in delivery.views)
 
 
-def _frame_of_job(delivery: Delivery) -> tuple[Frame, Ply | None]:
-    """Placement of a job imported without its COLMAP scene, and its sparse points."""
+def _frame_of_job(delivery: Delivery) -> Frame:
+    """Placement of a job imported without its COLMAP scene."""
     if not delivery.views:
         raise UserError("'{folder}' holds no views; run the job again.", folder=delivery.folder)
     specs = [v.camera for v in delivery.views]
-    cloud = read_ply(delivery.points) if delivery.points is not None else None
-    xyz = cloud.positions if cloud is not None else np.zeros((0, 3))
     rotations = np.array([s.rotation for s in specs]).reshape(-1, 3, 3)
     centres = np.array([-s.rotation.T @ s.translation for s in specs]).reshape(-1, 3)
-    return make_frame(xyz, rotations, centres), cloud
+    return make_frame(np.zeros((0, 3)), rotations, centres)
 
 
 def _tree_of_job(scene: bpy.types.Scene, content: Content) -> Tree:
     """A tree for a job imported without its COLMAP scene."""
-    delivery, cloud = content.delivery, content.cloud
-    tree = Tree.make(scene, delivery.folder.name, content.frame)
-    add_cameras(tree, [v.camera for v in delivery.views])
-    if cloud is not None:
-        rgb, n = cloud.colors(), len(cloud.positions)
-        error = cloud.vertices.get("error", np.zeros(n, np.float32))
-        length = cloud.vertices.get("track_length", np.zeros(n, np.int32))
-        rgb = rgb if rgb is not None else np.full((n, 3), 200, np.uint8)
-        add_points(tree, Points(cloud.positions, rgb, error, length))
+    tree = Tree.make(scene, content.delivery.folder.name, content.frame)
+    add_cameras(tree, [v.camera for v in content.delivery.views])
     return tree
 
 
@@ -183,8 +171,6 @@ def _add_view(tree: Tree, view: ResultView) -> None:
     if view.render is not None:
         add_background(camera, load_image(view.render, "render"), show=False)
         _add_render_object(tree, camera, view)
-    if view.error is not None:
-        add_background(camera, load_image(view.error, "error"), show=False)
 
 
 def _common_display_size(tree: Tree, camera: bpy.types.Object) -> float:

@@ -52,7 +52,7 @@ def show(mesh: bpy.types.Mesh, kind: str) -> None:
     top = 1.0 if kind == "CONFIDENCE" else max(1.0, float(np.percentile(values, _TOP)))
     mesh[f"mgf_top_{value}"] = top
     rgba = np.ones((len(values), 4), np.float32)
-    rgba[:, :3] = ramp(np.clip(values / top, 0, 1))
+    rgba[:, :3] = ramp(np.clip(values / top, 0, 1), _STOPS)
     set_colors(mesh, rgba, layer)
 
 
@@ -63,7 +63,7 @@ def scale_text(mesh: bpy.types.Mesh, kind: str) -> str:
     return tr("Violet: no photo, yellow: {count:.0f} or more", count=mesh.get("mgf_top_views", 1.0))
 
 
-def ramp(values: np.ndarray) -> np.ndarray:
-    """0..1 -> sRGB [..., 3]."""
-    at = np.linspace(0, 1, len(_STOPS))
-    return np.stack([np.interp(values, at, _STOPS[:, i]) for i in range(3)], axis=-1)
+def ramp(values: np.ndarray, stops: np.ndarray) -> np.ndarray:
+    """0..1 -> sRGB [..., 3], between evenly spaced stops [N, 3]."""
+    at = np.linspace(0, 1, len(stops))
+    return np.stack([np.interp(values, at, stops[:, i]) for i in range(3)], axis=-1)

@@ -11,10 +11,13 @@ import numpy as np
 from ..common.errors import UserError
 from ..scene_import.cameras import IMAGE_KEY, SHOWN_KEY, add_background, clear_view
 from ..scene_import.tree import Tree, hide
+from .surface import ramp
 
 KINDS = ("PHOTO", "RENDER", "ERROR", "MESH")
 #: Difference of colour (0..1) that is drawn in the hottest colour.
 _HOTTEST = 0.3
+#: Black, violet, orange, white.
+_HEAT = np.array([(0.0, 0.0, 0.05), (0.35, 0.05, 0.45), (0.9, 0.35, 0.15), (1.0, 1.0, 0.75)])
 
 
 def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
@@ -74,10 +77,9 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
     photo = _resized(_pixels(found["photo"]), width, height)
     difference = np.abs(photo[..., :3] - render[..., :3]).mean(axis=2)
     rgba = np.ones((height, width, 4), np.float32)
-    rgba[..., :3] = heat(np.clip(difference / _HOTTEST, 0, 1))
-    rgba[..., 3] = 0.0 if render.shape[2] < 4 else render[..., 3]
-    if render.shape[2] < 4:
-        rgba[..., 3] = 1.0
+    rgba[..., :3] = ramp(np.clip(difference / _HOTTEST, 0, 1), _HEAT)
+    if render.shape[2] == 4:
+        rgba[..., 3] = render[..., 3]
     name = f"Error {Path(found['photo'].name).stem}"
     image = bpy.data.images.get(name)
     if image is None or tuple(image.size) != (width, height):
@@ -88,13 +90,6 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
     image[IMAGE_KEY] = "error"
     add_background(camera, image, show=False)
     return image
-
-
-def heat(values: np.ndarray) -> np.ndarray:
-    """0..1 -> black, violet, orange, white; [..., 3]."""
-    stops = np.array([(0.0, 0.0, 0.05), (0.35, 0.05, 0.45), (0.9, 0.35, 0.15), (1.0, 1.0, 0.75)])
-    at = np.linspace(0, 1, len(stops))
-    return np.stack([np.interp(values, at, stops[:, i]) for i in range(3)], axis=-1)
 
 
 def _pixels(image: bpy.types.Image) -> np.ndarray:
