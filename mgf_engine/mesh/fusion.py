@@ -38,7 +38,7 @@ UNMATCHED = 0.2  # weight of a depth that only the field vouches for, beside one
 
 CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
 ENOUGH_VIEWS = 3  # photos that must show a spot for full confidence
-OUTVOTED = 8  # times as many views that see a surface closely before a point outvote those that call it free
+OUTVOTED = 3  # times the square of the views that call a point free: as many that cover it closely outvote them
 CHUNK = 1 << 20  # points that are asked at a time, which bounds the memory
 ENOUGH = 50  # triangulated points from which the level is calibrated
 
@@ -115,7 +115,7 @@ class FusedField:
         """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
         state = np.empty(len(points), np.uint8)
         for part, belief in self._ask(points, progress):
-            outvoted = belief["judging"] * OUTVOTED < belief["behind"]
+            outvoted = belief["behind"] >= OUTVOTED * belief["judging"] ** 2
             state[part] = np.where((_distance(belief) > self.offset) & ~outvoted, FREE, SOLID)
             state[part][(belief["weight"] == 0) & (belief["covered"] > 0)] = SOLID
             state[part][(belief["weight"] == 0) & (belief["covered"] == 0)] = INVALID
