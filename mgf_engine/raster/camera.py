@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -13,6 +14,19 @@ from torch import Tensor
 from mgf_engine.scene.model import View
 
 TILE = 16  # pixels; kernels/records.h
+
+
+class Intrinsics(Protocol):
+    """What the image losses need of a camera: focal lengths and principal point in pixels."""
+
+    @property
+    def fx(self) -> float: ...
+    @property
+    def fy(self) -> float: ...
+    @property
+    def cx(self) -> float: ...
+    @property
+    def cy(self) -> float: ...
 
 
 @dataclass(frozen=True)

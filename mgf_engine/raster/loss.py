@@ -20,8 +20,8 @@ from torch import Tensor
 
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.buffers import Frame, lasting_array
+from mgf_engine.raster.camera import Intrinsics
 from mgf_engine.raster.device import backend_for
-from mgf_engine.raster.geometry import STRIP, Intrinsics
 from mgf_engine.raster.library import parallel
 
 #: Exponents of multi-scale SSIM (Wang, Simoncelli and Bovik 2003), finest scale first.
@@ -29,6 +29,7 @@ MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 WINDOW = 11
 FLOOR = 0.01  # pooled similarity is kept positive so that its powers have a slope
 _TILE_H, _TILE_W = 32, 256  # kernels/loss.h, as everything up to _ALPHA
+_STRIP = 16  # rows, kernels/normals.h
 _LEVEL_FIELDS, _SAVED = 9, 4
 _HAS_LABEL, _COVERS_LABEL, _HAS_RING = 1, 2, 4
 _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
@@ -126,7 +127,7 @@ def photo_side(
     return PhotoSide(
         image=image, labels=labels, edges=edges, ring=ring, origin=origin, area=area,
         edge_area=int(np.count_nonzero(edges.numpy() * mask)), ring_area=int(np.count_nonzero(ring.numpy())),
-        levels=levels, flags=np.concatenate(flags), strips=_blocks(mask > 0, STRIP, width)[:, 0].astype(np.uint8),
+        levels=levels, flags=np.concatenate(flags), strips=_blocks(mask > 0, _STRIP, width)[:, 0].astype(np.uint8),
         scratch=floats,
     )  # fmt: skip
 

@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plain torch twins of the image-loss kernels: same arguments, any float type, autograd gradients; for tests."""
+"""Parts of the training loss in plain torch, any float type, autograd gradients; for tests.
+
+The twin of the loss kernels is put together from them (:mod:`mgf_engine.field.reference_losses`).
+"""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from mgf_engine.raster.geometry import Intrinsics
+from mgf_engine.raster.camera import Intrinsics
 
 
 def ssim_maps(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Twin of :func:`mgf_engine.raster.ssim.ssim_maps` on the whole image; x, y [3, H, W] -> ssim, cs [H, W]."""
+    """Eq. 28 at every pixel and its contrast-structure factor, means over the channels; x, y [3, H, W] -> [H, W] each.
+
+    Window 11x11, sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2.
+    """
     offset = torch.arange(-5, 6, dtype=x.dtype)
     line = torch.exp(-(offset**2) / (2 * 1.5**2))
     line = line / line.sum()
@@ -40,7 +46,14 @@ def depth_normals(depth: Tensor, camera: Intrinsics) -> Tensor:
 def normal_consistency(
     depth: Tensor, normal: Tensor, weight: Tensor, camera: Intrinsics, alpha: Tensor | None = None
 ) -> Tensor:
-    """Twin of :func:`mgf_engine.raster.geometry.normal_consistency`."""
+    """Agreement of rendered normals with those of the rendered depth (lambda 4 of eq. 20): mean of ``alpha - <N, n>``.
+
+    Args:
+        depth: [H, W], along the optical axis; <= 0 is no surface.
+        normal: [3, H, W], rendered normals in the camera's frame, premultiplied, facing the camera.
+        weight: [H, W], >= 0; a pixel counts when it and its four neighbours have a positive weight and depth.
+        alpha: [H, W], accumulated opacity; None takes 1, so that pixels not fully covered cost something too.
+    """
     alpha = torch.ones_like(depth) if alpha is None else alpha
     good = (weight > 0) & (depth > 0)
     valid = good[1:-1, 1:-1] & good[1:-1, 2:] & good[1:-1, :-2] & good[2:, 1:-1] & good[:-2, 1:-1]

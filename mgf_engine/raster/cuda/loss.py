@@ -18,7 +18,7 @@ from torch import Tensor
 from mgf_engine.raster.cuda.launching import At, Launcher, blocks
 
 if TYPE_CHECKING:
-    from mgf_engine.raster.geometry import Intrinsics
+    from mgf_engine.raster.camera import Intrinsics
     from mgf_engine.raster.loss import LossWeights, PhotoSide
 
 _SIDE = 16  # of a tile, kernels/cuda/loss.cuh, as everything up to _EDGES

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Normals of a depth map against rendered normals, row by row: value and gradient (used by geometry.c and loss_normals.c).
+// Normals of a depth map against rendered normals, row by row: value and gradient.
 //
 // A pixel (x, y) of depth z is the camera-frame point P = z ((x + 0.5 - cx)/fx, (y + 0.5 - cy)/fy, 1). With central
 // differences X = P(x+1) - P(x-1), Y = P(y+1) - P(y-1), the normal n = Y x X / |Y x X| faces the camera for any
