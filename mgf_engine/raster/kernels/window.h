@@ -25,7 +25,6 @@ typedef float loose __attribute__((vector_size(64), aligned(4)));
 static const float W[2 * R + 1] = {0.00102838f, 0.00759876f, 0.03600077f, 0.10936069f, 0.21300553f, 0.26601172f,
                                    0.21300553f, 0.10936069f, 0.03600077f, 0.00759876f, 0.00102838f};
 
-static inline int64_t round_up(int64_t n) { return (n + LANES - 1) / LANES * LANES; }
 static inline int64_t clamp(int64_t v, int64_t low, int64_t high) { return v < low ? low : (v > high ? high : v); }
 
 /* Copy columns first..first+count of an image row into line[0..], zeros where the image ends. */
