@@ -26,7 +26,7 @@ from collections.abc import Callable
 from typing import Any
 
 from mgf_engine.errors import Cancelled
-from mgf_engine.system import json_bytes
+from mgf_engine.system import json_text
 
 SCHEMA_VERSION = 1
 STAGES = ("scene", "masks", "field", "mesh", "deliver")
@@ -39,9 +39,9 @@ Sink = Callable[[Message], None]
 log = logging.getLogger("mgf")
 
 
-def encode(message: Message) -> str:
-    """One message as one line of JSON, without the line end."""
-    return json_bytes(message, separators=(",", ":")).decode("utf-8")
+def encode(message: Message, encoding: str = "utf-8") -> str:
+    """One message as one line of JSON that an encoding can hold, without the line end."""
+    return json_text(message, encoding, separators=(",", ":"))
 
 
 class Reporter:

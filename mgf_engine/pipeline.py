@@ -111,14 +111,15 @@ def _prepare(job: Job, reporter: Reporter) -> None:
     """Device, seed and thread counts; one place, so that a job repeats itself.
 
     Raises:
-        BadInput: CUDA is asked for, and no card can be used.
+        BadInput: CUDA is asked for, and no card can be used; or the kernels cannot be loaded.
     """
     import cv2
     import torch
 
     from mgf_engine.raster.device import choose_device
-    from mgf_engine.raster.library import set_threads
+    from mgf_engine.raster.library import set_threads, variant
 
+    log.info("kernel variant %s", variant())  # loads the kernels: better now than after the first stages
     choice = choose_device(job.config.device)
     log.info("%s", choice.text)
     reporter.send("device", device=choice.device.type, text=choice.text)

@@ -127,15 +127,17 @@ def atomic_path(path: Path) -> Iterator[Path]:
 def write_json(path: Path, data: Any) -> None:
     """Write JSON so that readers see the old file or the new one, never a part."""
     with atomic_path(path) as temporary:
-        temporary.write_bytes(json_bytes(data, indent=1))
+        temporary.write_bytes(json_text(data, indent=1).encode("utf-8"))
 
 
-def json_bytes(data: Any, **how: Any) -> bytes:
-    """JSON as UTF-8; with escapes where a name holds letters that UTF-8 has not (file names of other encodings)."""
+def json_text(data: Any, encoding: str = "utf-8", **how: Any) -> str:
+    """JSON for an encoding; with escapes where that lacks a letter (UTF-8 lacks some of odd file names)."""
+    text = json.dumps(data, ensure_ascii=False, **how)
     try:
-        return json.dumps(data, ensure_ascii=False, **how).encode("utf-8")
+        text.encode(encoding)
     except UnicodeEncodeError:
-        return json.dumps(data, **how).encode("ascii")
+        return json.dumps(data, **how)
+    return text
 
 
 def sweep(folder: Path) -> None:

@@ -37,7 +37,7 @@ _print_lock = threading.Lock()
 
 def _print_json(message: Message) -> None:
     with _print_lock:
-        sys.stdout.write(encode(message) + "\n")
+        sys.stdout.write(encode(message, sys.stdout.encoding or "utf-8") + "\n")
         sys.stdout.flush()
 
 

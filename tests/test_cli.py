@@ -3,6 +3,7 @@
 
 import errno
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -65,6 +66,24 @@ def test_a_folder_in_place_of_the_log_is_named(tmp_path: Path, capsys) -> None:
     (tmp_path / "job" / "log.txt").mkdir()
     assert main(args) == 2
     assert "log.txt' (Is a directory)" in capsys.readouterr().err
+
+
+def test_terminals_without_unicode_get_escapes(tmp_path: Path) -> None:
+    narrow = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    run = mgf("scene", tmp_path / "mühle", "--out", tmp_path / "job", "--progress", "json", env=narrow)
+    assert run.returncode == 2
+    assert "mühle" in failed_sentence(run)
+    run = mgf("bench", "smoke", "--page-only", "--out", tmp_path / "mühle", env=narrow)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "m\\xfchle" in run.stdout
+
+
+def test_a_kernel_variant_that_cannot_run_is_refused_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    args = ("scene", tmp_path / "photos", "--out", tmp_path / "job", "--progress", "json")
+    run = mgf(*args, env={**os.environ, "MGF_KERNEL_VARIANT": "z80"})
+    assert run.returncode == 2
+    assert "Kernel variant 'z80'" in failed_sentence(run)
 
 
 def test_a_file_for_a_job_folder_is_called_a_file(tmp_path: Path, capsys) -> None:

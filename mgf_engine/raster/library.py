@@ -18,7 +18,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from mgf_engine.errors import BadInput
 from mgf_engine.raster.build import TARGETS, VARIANTS, host_target, library_path
+from mgf_engine.system import cores
 
 _HINT = "run 'python -m mgf_engine.raster.build' to compile the kernels"
 
@@ -26,6 +28,10 @@ _threads = 0
 _pool: ThreadPoolExecutor | None = None
 _current: ctypes.CDLL | None = None
 _current_variant = ""
+
+
+class NoKernels(BadInput, RuntimeError):
+    """The kernels cannot be used here as they are; the sentence says what to do."""
 
 
 def runnable_variants() -> list[str]:
@@ -48,13 +54,13 @@ def use_variant(name: str) -> None:
     """Load the named variant and use it from now on; "" goes back to the environment's or the best one.
 
     Raises:
-        RuntimeError: unknown name, a processor that cannot run it, or a library that is not built.
+        NoKernels: unknown name, a processor that cannot run it, or a library that is not built.
     """
     global _current, _current_variant
     runnable = runnable_variants()
     name = name or os.environ.get("MGF_KERNEL_VARIANT", "") or runnable[-1]
     if name not in runnable:
-        raise RuntimeError(f"Kernel variant '{name}' does not run on this processor; choose {', '.join(runnable)}.")
+        raise NoKernels(f"Kernel variant '{name}' does not run on this processor; choose {', '.join(runnable)}.")
     _current, _current_variant = _open(name), name
 
 
@@ -62,7 +68,7 @@ def library() -> ctypes.CDLL:
     """The loaded library; loads the best variant on first use.
 
     Raises:
-        RuntimeError: the library is not built; the message says how to build it.
+        NoKernels: the library is not built; the message says how to build it.
     """
     if _current is None:
         use_variant("")
@@ -74,19 +80,19 @@ def library() -> ctypes.CDLL:
 def _open(name: str) -> ctypes.CDLL:
     path = library_path(host_target(), name)
     if not path.is_file():
-        raise RuntimeError(f"The kernel library {path.name} is missing; {_HINT}.")
+        raise NoKernels(f"The kernel library {path.name} is missing; {_HINT}.")
     try:
         loaded = ctypes.CDLL(str(path))
         loaded.mgf_cpu_level.restype = ctypes.c_int64
     except (OSError, AttributeError) as error:
-        raise RuntimeError(f"The kernel library {path} cannot be loaded ({error}); {_HINT}.") from error
+        raise NoKernels(f"The kernel library {path} cannot be loaded ({error}); {_HINT}.") from error
     return loaded
 
 
 def set_threads(count: int) -> None:
     """Number of threads that work loops run on; 0 takes every core this process may use."""
     global _threads, _pool
-    count = count or _cores()
+    count = count or cores()
     if count == _threads:
         return
     if _pool is not None:
@@ -147,9 +153,3 @@ def _to_c(value: Any) -> Any:
     if isinstance(value, float):
         return ctypes.c_float(value)
     return value
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -15,7 +15,7 @@ from mgf_engine.cli import _explain
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_FAULT, BadInput
 from mgf_engine.job import Job, read_job
 from mgf_engine.messages import encode
-from mgf_engine.system import json_bytes, write_json
+from mgf_engine.system import json_text, write_json
 from stability.full_disk import run as run_on_full_disk
 from stability.house_scene import PHOTOS, house_scene
 
@@ -96,7 +96,8 @@ def test_folders_with_names_in_another_encoding_work(source: Path, tmp_path: Pat
 
 
 def test_json_holds_any_name(tmp_path: Path) -> None:
-    assert json_bytes({"name": "Köln"}) == '{"name": "Köln"}'.encode()
+    assert json_text({"name": "Köln"}) == '{"name": "Köln"}'
+    assert json_text({"name": "Köln"}, "ascii") == '{"name": "K\\u00f6ln"}'
     write_json(tmp_path / "x.json", {"name": BROKEN})
     assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8")) == {"name": BROKEN}
     assert json.loads(encode({"type": "warning", "text": BROKEN}))["text"] == BROKEN
