@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +17,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.scene.cameras import WorkingCamera, plan_camera
 from mgf_engine.scene.images import PhotoInfo, read_info, read_rgb, turn, write_png
 from mgf_engine.scene.sparse import NO_POINT, SparseCamera, SparseImage, SparseModel
+from mgf_engine.system import cores
 
 #: Bytes that photos being decoded may take together; a photo takes about nine times its pixels.
 _MEMORY = 800 << 20
@@ -80,7 +80,7 @@ def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Calla
         BadInput: a photo cannot be decoded.
     """
     largest = max(p.width * p.height for p in photos) * _BYTES_PER_PIXEL
-    workers = max(1, min(threads or os.cpu_count() or 1, _MAX_WORKERS, _MEMORY // largest))
+    workers = max(1, min(threads or cores(), _MAX_WORKERS, _MEMORY // largest))
     with ThreadPoolExecutor(workers) as pool:
         jobs = [pool.submit(_make_photo, photo, folder) for photo in photos]
         try:
