@@ -12,6 +12,7 @@ from filelock import FileLock
 from mgf_engine.errors import BadInput
 from mgf_engine.job import RESULTS, Job, read_job
 from mgf_engine.messages import STAGES
+from mgf_engine.pipeline import load_field, load_mesh, load_scene_of
 from mgf_engine.scene.colmap import PHOTO_KINDS
 
 
@@ -110,6 +111,16 @@ def test_results_that_are_gone_are_missed_where_they_are_needed(tmp_path, source
             job.path(name).unlink()
     with Job.start(tmp_path / "job", given=options, resume=True) as job:
         assert job.lost("deliver") == lost
+
+
+@pytest.mark.parametrize(("stage", "load"), [("scene", load_scene_of), ("field", load_field), ("mesh", load_mesh)])
+def test_a_result_that_cannot_be_read_is_made_again_alone(tmp_path: Path, source: Path, stage: str, load) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        finish_all(job)
+        leave_results(job)
+        with pytest.raises(BadInput, match="again"):
+            load(job)
+        assert [name for name in STAGES if not job.done(name)] == [stage]
 
 
 def test_a_stage_done_again_with_the_same_options_keeps_the_later_ones(tmp_path: Path, source: Path) -> None:
