@@ -65,8 +65,8 @@ def render_view(field: Gaussians, view: View, sh_degree: int) -> Rendering:
 def straight_rgba(rendering: Rendering) -> NDArray[np.uint8]:
     """The render as RGBA uint8 [H, W, 4] with straight (not premultiplied) alpha."""
     alpha = rendering.alpha.clamp(0, 1)
-    colour = (rendering.colour / alpha.clamp_min(1e-4)).clamp(0, 1)
-    rgba = torch.cat([colour, alpha[None]]).permute(1, 2, 0)
+    color = (rendering.color / alpha.clamp_min(1e-4)).clamp(0, 1)
+    rgba = torch.cat([color, alpha[None]]).permute(1, 2, 0)
     return (rgba * 255).round().to(torch.uint8).numpy()
 
 

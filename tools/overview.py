@@ -33,7 +33,7 @@ def main() -> int:
     view, photo, labels = scene.views[args.view], scene.photo(args.view), masks.labels[args.view]
     rendering = render_view(field, view, job.config.sh_degree)
     assert rendering.normal is not None
-    render = (rendering.colour.clamp(0, 1).permute(1, 2, 0).numpy() * 255).astype(np.uint8)
+    render = (rendering.color.clamp(0, 1).permute(1, 2, 0).numpy() * 255).astype(np.uint8)
     normals = normal_picture(rendering.normal.permute(1, 2, 0).numpy(), rendering.alpha.numpy())
     panels = [
         photo, mask_overlay(photo, labels), on_white(render, building(labels)), normals, shaded(mesh, view),

@@ -33,7 +33,7 @@ from mgf_engine.raster.cuda import compiler, rasterizer_on
 from mgf_engine.raster.cuda.card import find_card
 from mgf_engine.raster.cuda.sources import programs
 
-OUTPUTS = ("colour", "alpha", "depth", "normal", "distortion")  # the median jumps where rounding moves it over 1/2
+OUTPUTS = ("color", "alpha", "depth", "normal", "distortion")  # the median jumps where rounding moves it over 1/2
 #: Two float32 renderings differ by yes-or-no rules that rounding decides in single pixels: so quantiles, not maxima.
 IMAGE_LIMIT, GRADIENT_LIMIT, LOSS_LIMIT = 1e-4, 5e-3, 1e-5
 _QUANTILE = 0.999

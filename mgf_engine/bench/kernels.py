@@ -134,8 +134,8 @@ class Iteration:
     def _losses(self, image: torch.Tensor) -> None:
         planes = image[:, : self.camera.height, : self.camera.width]
         median, normal, distortion = (planes[5], planes[6:9], planes[9]) if self.geometry else (None, None, None)
-        colour, visible = planes[0:3].detach().requires_grad_(), torch.ones(1, dtype=torch.bool)
-        shown = Rendering(colour, planes[3], planes[4], median, normal, distortion, visible)
+        color, visible = planes[0:3].detach().requires_grad_(), torch.ones(1, dtype=torch.bool)
+        shown = Rendering(color, planes[3], planes[4], median, normal, distortion, visible)
         total_loss(shown, self.target, Config(), torch.zeros(3), self.geometry).total.backward()
 
     def _adam(self, gradients: tuple[torch.Tensor, ...], visible: torch.Tensor) -> None:
@@ -175,7 +175,7 @@ def ratio_to_twin(n: int, width: int, height: int) -> float:
 def _forward_and_backward(gaussians: Gaussians, camera: Camera, backend: str) -> None:
     seen = render(gaussians, camera, sh_degree=3, backend=backend)
     assert seen.normal is not None and seen.distortion is not None
-    total = seen.colour.sum() + seen.depth.sum() + seen.normal.sum() + seen.distortion.sum()
+    total = seen.color.sum() + seen.depth.sum() + seen.normal.sum() + seen.distortion.sum()
     total.backward()
 
 

@@ -14,6 +14,7 @@ from mgf_engine.evaluate.pictures import circle_views
 from mgf_engine.evaluate.surfaces import Surface
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import shaded
+from mgf_engine.system import atomic_path
 
 Picture = NDArray[np.uint8]
 
@@ -36,22 +37,19 @@ def write_error_map(path: Path, mesh: Surface, truth: Surface, threshold: float)
     views = circle_views(_as_mesh(truth), np.array([0.0, 0.0, 1.0]), np.array([-0.6, -1.0, 0.0]), SIDES, SIZE)
     rows = []
     for shown, other in ((mesh, truth), (subdivided(truth, _FINE * threshold), mesh)):
-        coloured = Mesh(
-            shown.vertices, shown.faces.astype(np.int32), colours(other.distances(shown.vertices), threshold)
-        )
-        rows.append(np.hstack([shaded(coloured, view, color=True) for view in views]))
+        painted = Mesh(shown.vertices, shown.faces.astype(np.int32), colors(other.distances(shown.vertices), threshold))
+        rows.append(np.hstack([shaded(painted, view, color=True) for view in views]))
     picture = np.vstack([*rows, _legend(threshold, rows[0].shape[1])])
     refusal = f"Cannot write the picture '{path}'; give a place that can be written, ending in .png or .jpg."
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        done = cv2.imwrite(str(path), picture[..., ::-1])
+        _, data = cv2.imencode(path.suffix, picture[..., ::-1])
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(data.tobytes())
     except (OSError, cv2.error) as error:
         raise BadInput(refusal) from error
-    if not done:
-        raise BadInput(refusal)
 
 
-def colours(distances: NDArray[np.float64], threshold: float) -> Picture:
+def colors(distances: NDArray[np.float64], threshold: float) -> Picture:
     """RGB uint8 [N, 3] of distances [N]: each stop is twice as far as the one before it."""
     stops = threshold * np.array([0.25, 0.5, 1.0, 2.0, 4.0])
     table = np.array([[150, 165, 190], [150, 200, 170], [250, 220, 90], [235, 110, 40], [140, 10, 20]], float)
@@ -78,8 +76,8 @@ def _legend(threshold: float, width: int) -> Picture:
     """A strip with the colours and what they stand for, RGB [48, width, 3]."""
     strip = np.full((48, width, 3), 255, np.uint8)
     for place, factor in enumerate((0.25, 0.5, 1.0, 2.0, 4.0)):
-        x, colour = 20 + 150 * place, colours(np.array([factor * threshold]), threshold)[0]
-        cv2.rectangle(strip, (x, 12), (x + 36, 36), colour.tolist(), -1)
+        x, color = 20 + 150 * place, colors(np.array([factor * threshold]), threshold)[0]
+        cv2.rectangle(strip, (x, 12), (x + 36, 36), color.tolist(), -1)
         cv2.putText(
             strip, f"{factor * threshold:g}", (x + 44, 31), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 40, 40), 1, cv2.LINE_AA
         )

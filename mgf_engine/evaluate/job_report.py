@@ -73,7 +73,7 @@ def _view_report(
         return report
     photo, mask = scene.photo(index), building(masks.labels[index])
     rendering = render_view(field, view, sh_degree)
-    render = _to_picture(rendering.colour.numpy())
+    render = _to_picture(rendering.color.numpy())
     if masks.used[index]:
         report.scores = score(photo, render, mask)
     assert rendering.normal is not None
@@ -146,8 +146,8 @@ def _command(job: Job) -> str:
     return join([*parts, "--out", str(job.folder)])
 
 
-def _to_picture(colour: NDArray[np.float32]) -> NDArray[np.uint8]:
-    picture: NDArray[np.uint8] = (colour.clip(0, 1).transpose(1, 2, 0) * 255).round().astype(np.uint8)
+def _to_picture(color: NDArray[np.float32]) -> NDArray[np.uint8]:
+    picture: NDArray[np.uint8] = (color.clip(0, 1).transpose(1, 2, 0) * 255).round().astype(np.uint8)
     return picture
 
 

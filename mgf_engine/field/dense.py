@@ -110,9 +110,9 @@ def _agreed(
             confirmed += _confirms(points, photos[other], merged[other])
     keep = confirmed >= 1
     height, width = photo.grey.shape
-    colour = np.asarray(cv2.resize(scene.photo(index), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    color = np.asarray(cv2.resize(scene.photo(index), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     centre = np.broadcast_to(photo.view.centre, points.shape)
-    return points[keep], colour[rows[keep], columns[keep]], centre[keep]
+    return points[keep], color[rows[keep], columns[keep]], centre[keep]
 
 
 def _confirms(points: NDArray[np.float64], photo: Photo, depth: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -49,7 +49,7 @@ def total_loss(
         backend: see :func:`mgf_engine.raster.loss.image_loss`.
     """
     y0, y1, x0, x1 = target.box
-    error = rendering.colour.new_empty(y1 - y0, x1 - x0) if error_map is None else target.crop(error_map)
+    error = rendering.color.new_empty(y1 - y0, x1 - x0) if error_map is None else target.crop(error_map)
     weights = loss_weights(target, config, geometry)
     terms = image_loss(rendering, target.photo_side, weights, backdrop, target.camera, error, backend)
     color, geometric, background = (torch.as_tensor(v) for v in (terms.color, terms.geometry, terms.background))

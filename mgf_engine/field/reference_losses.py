@@ -19,10 +19,10 @@ from mgf_engine.raster.reference_losses import normal_consistency, ssim_maps
 
 
 def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: Tensor, geometry: bool) -> LossTerms:
-    """Twin of :func:`mgf_engine.field.losses.total_loss`, in the type of ``rendering.colour``."""
-    pixels = target.pixels(rendering.colour.dtype)
+    """Twin of :func:`mgf_engine.field.losses.total_loss`, in the type of ``rendering.color``."""
+    pixels = target.pixels(rendering.color.dtype)
     alpha = target.crop(rendering.alpha)
-    color = target.crop(rendering.colour) + (1.0 - alpha) * backdrop[:, None, None]
+    color = target.crop(rendering.color) + (1.0 - alpha) * backdrop[:, None, None]
     # Outside the mask the photo stands in for the render, so that no window reaches over the edge.
     color = torch.where(pixels.inside > 0, color, pixels.photo)
     l1 = (color - pixels.photo).abs().mean(0)

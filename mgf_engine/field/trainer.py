@@ -177,7 +177,7 @@ class _Trainer:
             return
         with torch.no_grad():
             pixels = target.pixels()
-            difference = (target.crop(rendering.colour).cpu() - pixels.photo) * pixels.inside
+            difference = (target.crop(rendering.color).cpu() - pixels.photo) * pixels.inside
             mse = float((difference**2).sum() / (3 * pixels.inside.sum()))
         self.figures["curve"].append({
             "iteration": self.iteration,
@@ -204,8 +204,8 @@ class _Trainer:
 
     def _preview(self, target: Target, rendering: Rendering) -> None:
         path = self.folder / "preview.jpg"
-        colour = target.crop(rendering.colour).detach().clamp(0, 1).cpu().numpy().transpose(1, 2, 0)
-        side_by_side = np.concatenate([target.pixels().photo.numpy().transpose(1, 2, 0), colour], 1)
+        color = target.crop(rendering.color).detach().clamp(0, 1).cpu().numpy().transpose(1, 2, 0)
+        side_by_side = np.concatenate([target.pixels().photo.numpy().transpose(1, 2, 0), color], 1)
         picture = (side_by_side[:, :, ::-1] * 255).astype(np.uint8)
         path.write_bytes(cv2.imencode(".jpg", picture)[1].tobytes())
         self.reporter.preview(str(path), f"Iteration {self.iteration}: photo and render")

@@ -39,7 +39,7 @@ class Rendering:
     """What a camera sees; float32, [.., H, W]. Pixels of tiles outside the mask are zero.
 
     Attributes:
-        colour: [3, H, W], premultiplied, without background.
+        color: [3, H, W], premultiplied, without background.
         alpha: [H, W].
         depth: [H, W], sum of weight * depth along the optical axis (divide by alpha for the mean).
         median: [H, W], depth at which the transmittance passes 1/2, 0 where it never does; None with basic heads.
@@ -48,7 +48,7 @@ class Rendering:
         visible: bool [N], true for Gaussians that touch a wanted tile.
     """
 
-    colour: Tensor
+    color: Tensor
     alpha: Tensor
     depth: Tensor
     median: Tensor | None

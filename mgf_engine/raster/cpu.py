@@ -17,7 +17,7 @@ RECORD = 32  # floats per record, kernels/records.h
 PLANES, PLANES_BASIC = 12, 5  # image planes, kernels/blend.h
 SUMS = 24  # gradient sums per list entry, kernels/blend_backward.h
 _CHUNKS = 16  # parts of the depth order that are binned side by side
-_LEVEL_COLOUR, _LEVEL_DEPTH, _LEVEL_ALL = 0, 1, 2
+_LEVEL_COLOR, _LEVEL_DEPTH, _LEVEL_ALL = 0, 1, 2
 
 
 @dataclass
@@ -167,7 +167,7 @@ def blend(lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:
 class HeadGradients:
     """Gradients of the outputs, float32 contiguous and as large as the outputs; None where there is none."""
 
-    colour: Tensor | None
+    color: Tensor | None
     alpha: Tensor | None
     depth: Tensor | None
     median: Tensor | None
@@ -178,7 +178,7 @@ class HeadGradients:
     def level(self) -> int:
         if self.median is not None or self.normal is not None or self.distortion is not None:
             return _LEVEL_ALL
-        return _LEVEL_COLOUR if self.depth is None else _LEVEL_DEPTH
+        return _LEVEL_COLOR if self.depth is None else _LEVEL_DEPTH
 
 
 def backward(
@@ -206,7 +206,7 @@ def blend_backward(
     """Sums over each tile's pixels for every list entry, float32 [E, 24] (``kernels/blend_backward.h``)."""
     sums = lists.frame.array(torch.float32, lists.entries, SUMS)
     listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
-    given = (heads.colour, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
+    given = (heads.color, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
     tiles = lists.tiles_x * lists.tiles_y
     parallel("mgf_blend_backward", tiles, lists.camera, *listed, image, hits, *given, heads.level, int(stats), sums)
     return sums
@@ -223,7 +223,7 @@ def project_backward(
 ) -> tuple[Tensor, ...]:
     """Gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
     gradients = tuple(torch.empty_like(t) for t in raw.all[:5])
-    columns = SUMS if statistics is not None or level > _LEVEL_COLOUR else 16
+    columns = SUMS if statistics is not None or level > _LEVEL_COLOR else 16
     entries = (lists.records, lists.tile_counts, lists.slot_starts, hits, sums, columns)
     given = (len(raw.positions), lists.camera, *raw.all, sh_degree, *entries)
     parallel("mgf_project_backward", *given, *gradients, *(statistics or (None,) * 5))

@@ -173,14 +173,14 @@ def image_loss(
             ring.
         backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for maps on a card, else ``cpu``.
     """
-    backend = backend_for(rendering.colour, backend)
-    maps = [rendering.colour, rendering.alpha]
+    backend = backend_for(rendering.color, backend)
+    maps = [rendering.color, rendering.alpha]
     if weights.distortion > 0:
         maps.append(_needed(rendering.distortion))
     if weights.normals > 0:
         maps += [rendering.depth, _needed(rendering.normal)]
     if any((m.device.type == "cuda") != (backend == "cuda") for m in (*maps, error)):
-        raise ValueError(f"the loss kernels of {backend} cannot read maps on {rendering.colour.device}")
+        raise ValueError(f"the loss kernels of {backend} cannot read maps on {rendering.color.device}")
     parts: dict[str, Tensor | float] = {}
     total = _ImageLoss.apply(backend, photo, weights, backdrop, camera, error, parts, *maps)  # type: ignore[no-untyped-call]
     return Terms(total, **parts)
@@ -233,7 +233,7 @@ class _Pass:
     ) -> None:
         self.photo, self.weights, self.error = photo, weights, error
         self.backdrop = backdrop.to(torch.float32).contiguous()
-        self.colour, self.alpha, *others = maps
+        self.color, self.alpha, *others = maps
         self.distortion = others.pop(0) if weights.distortion > 0 else None
         self.depth: Tensor | None = others[0] if weights.normals > 0 else None
         self.normal: Tensor | None = others[1] if weights.normals > 0 else None
@@ -250,9 +250,9 @@ class _Pass:
         """The parts of the loss; :meth:`gradients` has theirs then."""
         photo, scratch = self.photo, self.scratch
         levels = (photo.levels, self.scales)
-        colour = self._at_box(self.colour), self.colour.stride(0), self.colour.stride(1)
+        color = self._at_box(self.color), self.color.stride(0), self.color.stride(1)
         alpha = self._at_box(self.alpha), self.alpha.stride(0)
-        parallel("loss_prepare_work", *levels, *colour, *alpha, photo.image, photo.labels, self.backdrop, scratch)
+        parallel("loss_prepare_work", *levels, *color, *alpha, photo.image, photo.labels, self.backdrop, scratch)
         similarity, slopes, edge_slope = self._similarity() if self.weights.ssim > 0 else (0.0, None, 0.0)
         if slopes is not None and self.scales > 1:
             given = (photo.flags, photo.labels, self.ids, slopes, scratch)

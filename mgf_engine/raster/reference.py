@@ -182,16 +182,16 @@ def render(
         out[..., wanted] = values
         return out
 
-    colour, alpha, depth = torch.einsum("np,nc->cp", w, rgb), w.sum(0), (w * t).sum(0)
+    color, alpha, depth = torch.einsum("np,nc->cp", w, rgb), w.sum(0), (w * t).sum(0)
     visible = torch.zeros(len(gaussians), dtype=torch.bool)
     visible[r.order] = (r.free > ALPHA_MIN).any(1) & seen.drawn[r.order]
     if not geometry:
-        return Rendering(image(colour), image(alpha), image(depth), None, None, None, visible)
+        return Rendering(image(color), image(alpha), image(depth), None, None, None, visible)
     passes = (r.before > 0.5) & (r.before - w <= 0.5)
     m = camera.far / (camera.far - camera.near) * (1 - camera.near / t)
     distortion = alpha * (w * m * m).sum(0) - (w * m).sum(0) ** 2
     return Rendering(
-        image(colour),
+        image(color),
         image(alpha),
         image(depth),
         image(torch.where(passes, t, 0.0).sum(0)),

@@ -38,4 +38,4 @@ def test_iterations_of_the_cuda_sources_train_as_those_in_c(monkeypatch: pytest.
 
 
 def test_differences_beyond_the_limits_are_named() -> None:
-    assert card._too_far({"colour": 1e-6, "loss": 1.0, "gradient of sh": float("nan")}) == ["loss", "gradient of sh"]
+    assert card._too_far({"color": 1e-6, "loss": 1.0, "gradient of sh": float("nan")}) == ["loss", "gradient of sh"]

@@ -20,10 +20,10 @@ from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.buffers import lasting_array
 from mgf_engine.scene.model import View
 
-MAPS = ("colour", "alpha", "depth", "normal", "distortion")
+MAPS = ("color", "alpha", "depth", "normal", "distortion")
 VALUE_TOLERANCE = 2e-6  # sums of float32 terms near 1
 # Moments in float32 carry errors of about 1e-7 that C2 = 9e-4 divides; differences of neighbouring depths cancel.
-GRADIENT_TOLERANCE = {"colour": 5e-5, "alpha": 5e-5, "depth": 2e-4, "normal": 5e-5, "distortion": 1e-6}
+GRADIENT_TOLERANCE = {"color": 5e-5, "alpha": 5e-5, "depth": 2e-4, "normal": 5e-5, "distortion": 1e-6}
 CONFIG = Config()
 
 
@@ -157,7 +157,7 @@ def test_without_geometry_and_with_an_outer_factor():
 def test_poor_similarity_stops_at_its_floor():
     target = make(60, 90, "full")
     render = rendering(target)
-    compare(target, render=replace(render, colour=1 - render.colour))
+    compare(target, render=replace(render, color=1 - render.color))
 
 
 @pytest.mark.parametrize("variant", library.runnable_variants())
@@ -188,13 +188,13 @@ def test_gradients_outlive_their_graph_and_memory_is_used_again(monkeypatch):
     target = make(40, 60)
     render = rendering(target)
     _, first = differentiate(total_loss, target, CONFIG, True, torch.float32, render)
-    leaf = render.colour.detach().requires_grad_()
-    terms = total_loss(replace(render, colour=leaf), target, CONFIG, torch.tensor([0.2, 0.9, 0.5]), True)
+    leaf = render.color.detach().requires_grad_()
+    terms = total_loss(replace(render, color=leaf), target, CONFIG, torch.tensor([0.2, 0.9, 0.5]), True)
     (kept,) = torch.autograd.grad(terms.total, [leaf])
     del terms
     for _ in range(3):
         differentiate(total_loss, target, CONFIG, True, torch.float32, rendering(target, seed=5), factor=2.0)
-    assert torch.equal(kept, first["colour"])
+    assert torch.equal(kept, first["color"])
     monkeypatch.setattr(buffers, "_free", [])  # blocks of other tests would do as well
     block = lasting_array(torch.float32, 3, 1000)
     view, address = block[1], block.data_ptr()

@@ -15,7 +15,7 @@ from mgf_engine.raster import reference
 from mgf_engine.raster.api import Camera, Rendering, RenderStats, render
 
 TRAINED = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
-OUTPUTS = ("colour", "alpha", "depth", "median", "normal", "distortion")
+OUTPUTS = ("color", "alpha", "depth", "median", "normal", "distortion")
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def output_names(heads: str) -> tuple[str, ...]:
 def random_weights(view: Camera, names: tuple[str, ...], seed: int, certain: Tensor) -> dict[str, Tensor]:
     """One random gradient image per output, zero where the comparison is open."""
     g = torch.Generator().manual_seed(seed)
-    shapes = {name: (3,) if name in ("colour", "normal") else () for name in names}
+    shapes = {name: (3,) if name in ("color", "normal") else () for name in names}
     return {name: certain * torch.randn(*shape, view.height, view.width, generator=g) for name, shape in shapes.items()}
 
 

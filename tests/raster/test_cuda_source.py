@@ -109,7 +109,7 @@ def test_lost_rendering_has_no_gradients_and_no_statistics(monkeypatch: pytest.M
     monkeypatch.setattr(rasterizer_on(SOURCE).room, "take", lambda gaussians, tiles: 3)
     field, stats = leaves(gaussians(50)), RenderStats.zeros(50)
     seen = render(field, camera(), sh_degree=0, backend=SOURCE, stats=stats, wait=False)
-    (seen.colour.sum() + seen.alpha.sum()).backward()
+    (seen.color.sum() + seen.alpha.sum()).backward()
     assert not seen.visible.any() and stats.count.sum() == 0
     assert all(getattr(field, name).grad.abs().max() == 0 for name in ("positions", "sh"))
 
@@ -127,7 +127,7 @@ def test_rendering_that_does_not_wait_is_the_same() -> None:
     field, view = gaussians(120, seed=4), camera()
     first = assert_agrees(field, view, SOURCE)
     again = render(field, view, sh_degree=3, backend=SOURCE, wait=False)
-    assert torch.equal(again.colour, first.rendering.colour.detach())
+    assert torch.equal(again.color, first.rendering.color.detach())
 
 
 def test_every_kernel_is_found_in_its_program() -> None:

@@ -45,7 +45,7 @@ def test_neon_agrees_with_the_twin(tmp_path: Path) -> None:
 
     found = torch.from_numpy(np.frombuffer(done.stdout, np.float32).copy())
     image = found[: 12 * 256 * tiles_x * tiles_y].view(12, 16 * tiles_y, 16 * tiles_x)[:, : view.height, : view.width]
-    planes = {"colour": image[0:3], "alpha": image[3], "depth": image[4], "median": image[5], "normal": image[6:9]}
+    planes = {"color": image[0:3], "alpha": image[3], "depth": image[4], "median": image[5], "normal": image[6:9]}
     for name, plane in {**planes, "distortion": image[9]}.items():
         a = getattr(expected.rendering, name).detach()
         assert ((a - plane).abs() * certain).max() <= TOLERANCES["plain"].image * a.abs().max().clamp_min(1.0), name

@@ -50,7 +50,7 @@ def test_many_layers_until_nothing_passes(backend: str) -> None:
     assert found.rendering.alpha.max() > 1 - 2e-4
 
 
-@pytest.mark.parametrize("names", [("colour",), ("alpha",), ("depth",), ("median",), ("normal",), ("distortion",)])
+@pytest.mark.parametrize("names", [("color",), ("alpha",), ("depth",), ("median",), ("normal",), ("distortion",)])
 def test_a_loss_on_one_output_alone(backend: str, names: tuple[str, ...]) -> None:
     """Outputs without a gradient are skipped in the kernels; the others must not notice."""
     field, view = gaussians(80, seed=3), camera()
@@ -114,7 +114,7 @@ def test_statistics_add_up_over_views(backend: str) -> None:
     field, stats = leaves(gaussians(60)), RenderStats.zeros(60, device_of(backend))
     for seed in (1, 2):
         seen = draw(field, camera(seed=seed), sh_degree=0, backend=backend, stats=stats)
-        seen.colour.sum().backward()
+        seen.color.sum().backward()
     assert stats.count.max() == 2
 
 
@@ -130,12 +130,12 @@ def test_two_renderings_before_their_backward_passes(backend: str) -> None:
     field = gaussians(100, seed=9)
     one, two = camera(seed=1), camera(40, 30, seed=2)
     alone = leaves(field)
-    draw(alone, one, sh_degree=1, backend=backend).colour.sum().backward()
+    draw(alone, one, sh_degree=1, backend=backend).color.sum().backward()
     draw(alone, two, sh_degree=1, backend=backend).depth.sum().backward()
     together = leaves(field)
     first = draw(together, one, sh_degree=1, backend=backend)
     second = draw(together, two, sh_degree=1, backend=backend)
-    (first.colour.sum() + second.depth.sum()).backward()
+    (first.color.sum() + second.depth.sum()).backward()
     for name in ("positions", "sh"):
         a, b = getattr(alone, name).grad, getattr(together, name).grad
         assert torch.allclose(a, b, rtol=1e-5, atol=1e-5 * float(a.abs().max()))
@@ -146,7 +146,7 @@ def test_changing_an_output_in_place_is_noticed() -> None:
     with torch.no_grad():
         seen.alpha.mul_(2.0)
     with pytest.raises(RuntimeError, match="modified inplace"):
-        seen.colour.sum().backward()
+        seen.color.sum().backward()
 
 
 def test_wrong_arguments_are_named() -> None:

@@ -112,7 +112,7 @@ def overflowing_scales() -> Gaussians:
     return field
 
 
-def dark_colours() -> Gaussians:
+def dark_colors() -> Gaussians:
     """Colours that the clamp at zero cuts off."""
     field = ahead(40, seed=5)
     field.sh *= 4.0
@@ -143,7 +143,7 @@ CASES: dict[str, Callable[[], Gaussians]] = {
     "zero quaternions": zero_quaternions,
     "vanishing scales": vanishing_scales,
     "overflowing scales": overflowing_scales,
-    "dark colours": dark_colours,
+    "dark colours": dark_colors,
     "equal depths": equal_depths,
     "none": none,
 }
@@ -174,7 +174,7 @@ def test_tile_masks(backend: str, mask: str) -> None:
     found = assert_agrees(ahead(80, seed=9), front_camera(), backend, tile_mask=MASKS[mask]).rendering
     whole = draw(ahead(80, seed=9), front_camera(), sh_degree=3, backend=backend)
     wanted = MASKS[mask].bool().repeat_interleave(16, 0).repeat_interleave(16, 1)[:35, :45]
-    assert torch.equal(found.colour.detach(), whole.colour * wanted)
+    assert torch.equal(found.color.detach(), whole.color * wanted)
     assert found.visible.any() == bool(MASKS[mask].any())
 
 
@@ -191,7 +191,7 @@ def test_values_that_are_no_numbers_are_not_drawn(variant: str) -> None:
     field.log_scales[6:9, 1], field.rotations[9:12, 2], field.opacity_logits[12:15] = bad, bad, bad
     field.sh[15:18, 0, 1], field.filter_3d[18:20] = bad, bad[:2]
     view = front_camera()
-    weights = random_weights(view, ("colour", "depth", "normal", "distortion"), 0, torch.ones(35, 45, dtype=torch.bool))
+    weights = random_weights(view, ("color", "depth", "normal", "distortion"), 0, torch.ones(35, 45, dtype=torch.bool))
     found = run(field, view, "cpu", weights, torch.zeros(35, 45), sh_degree=3)
     assert_finite(found)
     assert not found.rendering.visible[0:6].any() and not found.rendering.visible[15:20].any()
@@ -223,7 +223,7 @@ def test_wild_parameters_stay_finite(seed: int, wildness: float, near: float) ->
     field.filter_3d[::2] = 0.0
     view = camera(40, 30, seed=seed, near=near)
     weights = random_weights(
-        view, ("colour", "alpha", "depth", "median", "normal", "distortion"), seed, torch.ones(30, 40)
+        view, ("color", "alpha", "depth", "median", "normal", "distortion"), seed, torch.ones(30, 40)
     )
     found = run(field, view, "cpu", weights, torch.ones(30, 40), sh_degree=3)
     assert_finite(found)

@@ -199,7 +199,7 @@ class Rasterizer:
     ) -> Tensor:
         """Sums over each tile's pixels for every slot, float32 [room, 24] (``kernels/blend_backward.h``)."""
         sums = self.empty(torch.float32, len(hits), SUMS)
-        given = (heads.colour, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
+        given = (heads.color, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
         name = _BACKWARD[heads.level] + ("_stats" if stats else "")
         self.launcher.launch(name, lists.tiles, lists.packed, lists.camera, image, hits, given, sums)
         return sums

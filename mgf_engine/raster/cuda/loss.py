@@ -113,7 +113,7 @@ class DevicePass:
         self.launcher, self.photo, self.weights, self.error = launcher, photo, weights, error
         self.on_device = photo_on(launcher.device, photo, weights)
         self.backdrop = [float(v) for v in backdrop]
-        self.colour, self.alpha, *others = maps
+        self.color, self.alpha, *others = maps
         self.distortion = others.pop(0) if weights.distortion > 0 else None
         self.depth: Tensor | None = others[0] if weights.normals > 0 else None
         self.normal: Tensor | None = others[1] if weights.normals > 0 else None
@@ -172,8 +172,8 @@ class DevicePass:
 
     def _compose(self) -> None:
         photo = self.on_device
-        colour = (self._at_box(self.colour), self.colour.stride(0), self.colour.stride(1), self._at_box(self.alpha))
-        given = (*colour, photo.image, photo.labels, tuple(self.backdrop), self.scratch)
+        color = (self._at_box(self.color), self.color.stride(0), self.color.stride(1), self._at_box(self.alpha))
+        given = (*color, photo.image, photo.labels, tuple(self.backdrop), self.scratch)
         self.launcher.launch("loss_compose", blocks(math.prod(photo.sizes)), self.levels.packed, *given)
         for scale in range(1, self.levels.count):
             pixels = math.prod(self.levels.sizes[scale])
