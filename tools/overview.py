@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from mgf_engine.deliver import render_view
+from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.pictures import mask_overlay, normal_picture, on_white
 from mgf_engine.job import Job
 from mgf_engine.masks.model import building
@@ -49,4 +50,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except BadInput as error:
+        sys.exit(f"Error: {error}")
