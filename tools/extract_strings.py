@@ -83,7 +83,7 @@ def registered_texts() -> dict[str, str]:
 
 def main() -> int:
     """Write the file; returns the exit code."""
-    if len(sys.argv) != 2:
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
         print(__doc__)
         return 2
     import mgf_blender
