@@ -48,14 +48,13 @@ _BAD_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EISDIR, errno.ENOTDIR)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 1 fault, 2 bad input, 3 cancelled)."""
     args = sys.argv[1:] if argv is None else list(argv)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error does by itself
+    _prepare_streams()
     try:
         code = _run(args)
         sys.stdout.flush()
         return code
     except BrokenPipeError:  # the reader has seen enough, as `head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
         code, text = _explain(error, resumable=False)
@@ -63,6 +62,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exception(error)
         print(f"Error: {text}", file=sys.stderr)
         return code
+
+
+def _prepare_streams() -> None:
+    """Streams that are closed lead nowhere; letters that standard output lacks are escaped, as on standard error."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def _drop_output() -> None:
+    """What is still to be written goes nowhere: Python would complain at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(nowhere, stream.fileno())
 
 
 def _run(args: list[str]) -> int:
@@ -196,7 +212,11 @@ def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> in
         if log_path is None:
             print(details, file=sys.stderr)
     shown = str(log_path) if log_path and code == EXIT_FAULT else None
-    reporter.send("failed", code=code, text=text, log=shown)
+    try:
+        reporter.send("failed", code=code, text=text, log=shown)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _drop_output()
     return code
 
 
@@ -207,6 +227,8 @@ def _explain(error: BaseException, resumable: bool = True) -> tuple[int, str]:
         return EXIT_BAD_INPUT, str(error)
     if isinstance(error, Cancelled | KeyboardInterrupt):
         return EXIT_CANCELLED, str(error) or f"Cancelled; {again} to continue."
+    if isinstance(error, BrokenPipeError):
+        return EXIT_CANCELLED, f"Nobody reads the progress any more; {again} to continue."
     if isinstance(error, OSError) and error.errno in _FULL_DISK:
         return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:

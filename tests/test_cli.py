@@ -157,6 +157,22 @@ def test_a_reader_that_closes_the_pipe_is_no_fault() -> None:
     assert (run.stdout, run.stderr) == ("{", "")
 
 
+@pytest.mark.skipif(os.name == "nt", reason="a shell of Unix")
+def test_a_job_whose_progress_nobody_reads_is_not_done(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    command = f"{{ '{sys.executable}' -m mgf_engine scene photos --out job --progress json; echo $? > code; }} | true"
+    run = subprocess.run(["sh", "-c", command], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert ((tmp_path / "code").read_text(), run.stderr) == ("3\n", "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell of Unix")
+@pytest.mark.parametrize("arguments", ["options", "scene nowhere --out job --progress json"])
+def test_closed_streams_are_no_fault(tmp_path: Path, arguments: str) -> None:
+    command = f"exec 1>&- 2>&-; '{sys.executable}' -m mgf_engine {arguments}"
+    run = subprocess.run(["sh", "-c", command], cwd=tmp_path, timeout=120)
+    assert run.returncode == (0 if arguments == "options" else 2)
+
+
 def test_options_are_data_for_other_programs() -> None:
     schema = json.loads(mgf("options", "--json").stdout)
     assert {o["name"] for o in schema["options"]} >= {"preset", "iterations", "use_masks"}
