@@ -5,12 +5,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
-import io
 import json
 import logging
 import os
-import re
 import signal
 import sys
 import threading
@@ -22,11 +19,11 @@ from typing import Any
 
 from mgf_engine import __version__
 from mgf_engine.config import SECTIONS, Config, option_pairs, options_schema, read_config
-from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, Cancelled
+from mgf_engine.errors import EXIT_DONE, EXIT_FAULT
+from mgf_engine.failures import explain
 from mgf_engine.messages import STAGES, Reporter
 from mgf_engine.scene.crop import read_crop_box
-from mgf_engine.system import near_memory_limit
-from mgf_engine.terminal import make_sink
+from mgf_engine.terminal import drop_output, make_sink, prepare_streams
 
 _STAGE_HELP = {
     "scene": "read cameras and photos, undistort and resize them",
@@ -35,50 +32,25 @@ _STAGE_HELP = {
     "mesh": "extract the mesh from the field",
     "deliver": "render novel views and write the report",
 }
-_FULL_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-#: What libraries say in errors of their own when memory is short.
-_NO_MEMORY = re.compile(
-    r"can't allocate memory|not enough memory|Insufficient memory|Cannot allocate memory|bad_alloc|std::bad_alloc"
-    r"|failed to map segment|cannot allocate memory|can't start new thread|Unable to allocate", re.IGNORECASE
-)  # fmt: skip
-_NO_ACCESS = (errno.EACCES, errno.EPERM, errno.EROFS)
-_BAD_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EISDIR, errno.ENOTDIR)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 1 fault, 2 bad input, 3 cancelled)."""
     args = sys.argv[1:] if argv is None else list(argv)
-    _prepare_streams()
+    prepare_streams()
     try:
         code = _run(args)
         sys.stdout.flush()
         return code
     except BrokenPipeError:  # the reader has seen enough, as `head` does
-        _drop_output()
+        drop_output()
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
-        code, text = _explain(error, resumable=False)
+        code, text = explain(error, resumable=False)
         if code == EXIT_FAULT:
             traceback.print_exception(error)
         print(f"Error: {text}", file=sys.stderr)
         return code
-
-
-def _prepare_streams() -> None:
-    """Streams that are closed lead nowhere; letters that standard output lacks are escaped, as on standard error."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
-
-
-def _drop_output() -> None:
-    """What is still to be written goes nowhere: Python would complain at its end."""
-    with contextlib.suppress(OSError, ValueError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        for stream in (sys.stdout, sys.stderr):
-            os.dup2(nowhere, stream.fileno())
 
 
 def _run(args: list[str]) -> int:
@@ -203,7 +175,7 @@ def _open_job(args: argparse.Namespace) -> Any:
 
 def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> int:
     """Say in one sentence why the job ends early; the traceback of a fault goes to the log."""
-    code, text = _explain(error)
+    code, text = explain(error)
     log = logging.getLogger("mgf")
     if code == EXIT_FAULT:
         details = "".join(traceback.format_exception(error))
@@ -216,32 +188,8 @@ def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> in
         reporter.send("failed", code=code, text=text, log=shown)
         sys.stdout.flush()
     except BrokenPipeError:
-        _drop_output()
+        drop_output()
     return code
-
-
-def _explain(error: BaseException, resumable: bool = True) -> tuple[int, str]:
-    """Exit code and sentence of an error; ``resumable``: of a job, which goes on from where it was."""
-    again = "run again with --resume" if resumable else "run again"
-    if isinstance(error, BadInput):
-        return EXIT_BAD_INPUT, str(error)
-    if isinstance(error, Cancelled | KeyboardInterrupt):
-        return EXIT_CANCELLED, str(error) or f"Cancelled; {again} to continue."
-    if isinstance(error, BrokenPipeError):
-        return EXIT_CANCELLED, f"Nobody reads the progress any more; {again} to continue."
-    if isinstance(error, OSError) and error.errno in _FULL_DISK:
-        return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
-    if isinstance(error, OSError) and error.errno in _NO_ACCESS:
-        return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
-    if isinstance(error, OSError) and error.errno in _BAD_PATH:
-        path = str(error.filename)[-60:]
-        return EXIT_BAD_INPUT, f"Cannot use the path '{path}' ({error.strerror}); give another one."
-    if type(error).__name__ == "OutOfMemoryError":  # torch's, for cards
-        return EXIT_BAD_INPUT, "The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
-    if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) or near_memory_limit():
-        remedy = "lower --resolution or --max-gaussians" if resumable else "close other programs or give smaller files"
-        return EXIT_BAD_INPUT, f"Out of memory; {remedy} and {again}."
-    return EXIT_FAULT, f"Unexpected fault: {type(error).__name__}: {error}"
 
 
 def _log_to(path: Path) -> Path:

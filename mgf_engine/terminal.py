@@ -1,13 +1,33 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How messages reach people and programs: a progress bar, plain lines, or JSON lines."""
+"""How messages reach people and programs: a progress bar, plain lines, or JSON lines; and the streams they go to."""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
 import sys
 import threading
 from collections.abc import Callable
 
 from mgf_engine.messages import Message, Sink, encode
+
+
+def prepare_streams() -> None:
+    """Streams that are closed lead nowhere; letters that standard output lacks are escaped, as on standard error."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def drop_output() -> None:
+    """What is still to be written goes nowhere: Python would complain at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(nowhere, stream.fileno())
 
 
 def make_sink(style: str) -> Sink:

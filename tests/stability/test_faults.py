@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.cli import _explain
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_FAULT, BadInput
+from mgf_engine.failures import explain
 from mgf_engine.job import Job, read_job
 from mgf_engine.messages import encode
 from mgf_engine.system import json_text, write_json
@@ -68,19 +68,19 @@ def test_nothing_is_swept_away_while_another_process_writes(source: Path, tmp_pa
     ],
 )
 def test_libraries_without_memory_are_understood(text: str) -> None:
-    code, said = _explain(RuntimeError(text))
+    code, said = explain(RuntimeError(text))
     assert code == EXIT_BAD_INPUT
     assert said.startswith("Out of memory")
-    assert _explain(RuntimeError("something else"))[0] == EXIT_FAULT
+    assert explain(RuntimeError("something else"))[0] == EXIT_FAULT
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux for the process's memory")
 def test_strange_errors_near_the_memory_limit_are_understood() -> None:
     code = (
-        "import resource; from mgf_engine.cli import _explain; from mgf_engine.system import near_memory_limit;"
-        "error = SystemError('error return without exception set'); print(_explain(error)[0], near_memory_limit());"
-        "resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30)); print(_explain(error)[0]);"
-        "block = bytearray(3500 << 20); del block; print(_explain(error)[0])"
+        "import resource; from mgf_engine.failures import explain; from mgf_engine.system import near_memory_limit;"
+        "error = SystemError('error return without exception set'); print(explain(error)[0], near_memory_limit());"
+        "resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30)); print(explain(error)[0]);"
+        "block = bytearray(3500 << 20); del block; print(explain(error)[0])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["1", "False", "1", "2"]
