@@ -119,14 +119,9 @@ class Config:
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {"iterations": 1000, "max_gaussians": 50_000, "resolution": 500, "sh_degree": 1, "refine_rounds": 0},
     "standard": {},
-    "fine": {
-        "iterations": 10_000,
-        "max_gaussians": 400_000,
-        "resolution": 1500,
-        "sh_degree": 3,
-        "refine_rounds": 2,
-    },
+    "fine": {"iterations": 10_000, "max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
 }
+_SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
 
 
 def make_config(given: dict[str, Any] | None = None) -> Config:
@@ -228,20 +223,10 @@ def _shown(value: Any) -> str:
 
 def _parse(kind: type, value: Any) -> Any:
     if kind is bool:
-        table = {
-            "true": True,
-            "false": False,
-            "1": True,
-            "0": False,
-            "on": True,
-            "off": False,
-            "yes": True,
-            "no": False,
-        }
         key = str(value).strip().lower()
-        if key not in table:
+        if key not in _SWITCH:
             raise ValueError(value)
-        return table[key]
+        return _SWITCH[key]
     if isinstance(value, bool):
         raise TypeError(value)
     if kind is int:

@@ -150,11 +150,8 @@ class Job:
         elif kind == "result":
             self.figures, self.overall, self._ended_by_message = _mapping(message, "figures"), 1.0, True
         elif kind == "failed":
-            self.text, self.log, self._ended_by_message = (
-                str(message.get("text", "")),
-                str(message.get("log") or ""),
-                True,
-            )
+            self.text, self.log = str(message.get("text", "")), str(message.get("log") or "")
+            self._ended_by_message = True
 
     def _finish(self, code: int) -> None:
         self.exit_code = code
