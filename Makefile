@@ -5,7 +5,7 @@ BPY := .venv-bpy
 RUN := $(VENV)/bin/python
 DEMO ?= demo
 
-.PHONY: env env-blender test lint demo extension test-window clean
+.PHONY: env env-blender kernels test lint demo extension test-window clean
 
 env: $(VENV)/.ready
 env-blender: $(BPY)/.ready
