@@ -140,12 +140,14 @@ class Job:
     def lost(self, until: str) -> set[str]:
         """Stages up to ``until`` that are done but whose results are gone and needed.
 
-        Needed is what people take from the folder, and what a stage that has to run reads; the rest may be deleted.
+        Needed is what was asked for, what people take from the folder, and what a stage that has to run reads; the
+        rest may be deleted.
         """
         keys, lost, runs = self.keys(), set[str](), False
         for stage in reversed(STAGES[: STAGES.index(until) + 1]):
             done = self.stages.get(stage, {}).get("key") == keys[stage]
-            if done and (runs or stage in _TAKEN) and not all(self.path(name).exists() for name in RESULTS[stage]):
+            needed = runs or stage == until or stage in _TAKEN
+            if done and needed and not all(self.path(name).exists() for name in RESULTS[stage]):
                 lost.add(stage)
             runs = runs or stage in lost or not done
         return lost

@@ -113,6 +113,15 @@ def test_results_that_are_gone_are_missed_where_they_are_needed(tmp_path, source
         assert job.lost("deliver") == lost
 
 
+@pytest.mark.parametrize("stage", STAGES)
+def test_the_stage_that_is_asked_for_is_missed_in_any_case(tmp_path: Path, source: Path, stage: str) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        finish_all(job)
+        leave_results(job)
+        job.path(RESULTS[stage][0]).unlink()
+        assert job.lost(stage) == {stage}
+
+
 @pytest.mark.parametrize(("stage", "load"), [("scene", load_scene_of), ("field", load_field), ("mesh", load_mesh)])
 def test_a_result_that_cannot_be_read_is_made_again_alone(tmp_path: Path, source: Path, stage: str, load) -> None:
     with Job.start(tmp_path / "job", source) as job:
