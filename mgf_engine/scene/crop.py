@@ -20,6 +20,8 @@ from mgf_engine.scene.model import Scene, Similarity
 
 _HOW = "give 6 numbers (lowest x y z, highest x y z), 16 (the matrix from the cube -1..1, row by row), or a file"
 
+_LARGEST = 1e15  # of any coordinate
+
 
 @dataclass(frozen=True)
 class CropBox:
@@ -66,6 +68,8 @@ def parse_crop_box(text: str) -> CropBox | None:
         raise BadInput(f"The crop box holds '{text[:60]}', which is no list of numbers; {_HOW}.") from error
     if not np.isfinite(numbers).all():
         raise BadInput(f"The crop box holds a number that is not finite; {_HOW}.")
+    if np.abs(numbers).max() > _LARGEST:
+        raise BadInput(f"The crop box holds a number that is too large (over {_LARGEST:g}); {_HOW}.")
     if len(numbers) not in (6, 16):
         raise BadInput(f"The crop box has {len(numbers)} numbers; {_HOW}.")
     return CropBox(_inverse(_matrix(numbers)))

@@ -48,6 +48,7 @@ def test_the_normalised_box_holds_the_same_points():
         ("1 2 3", "has 3 numbers"),
         ("1 2 3 4 5 nan", "not finite"),
         ("1 2 3 4 5 1e999", "not finite"),
+        ("0 0 0 1 1 1e200", "too large"),
         ("0 0 0 1 1 0", "flat"),
         ("1 0 0 0 1 0 0 0 0 0 1 0 0 0 0 1", "flat"),
         (" ".join(["1"] * 16), "last row"),
