@@ -61,3 +61,27 @@ def test_no_skyline_without_sky():
     mask = np.zeros((200, 300), bool)
     mask[90:, 60:240] = True
     assert (draw_skyline(photo(), mask, np.zeros((200, 300), bool)) == mask).all()
+
+
+def gap_between_chimneys(building: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Photo of a roof with a deep gap between two chimneys, a mask that closes the gap, and the sky's regions above."""
+    picture = np.full((200, 300, 3), (228, 238, 250), np.uint8)
+    picture[80:, 40:260] = building
+    picture[40:80, 110:130] = picture[40:80, 146:166] = building
+    mask = np.zeros((200, 300), bool)
+    mask[80:, 40:260] = mask[40:80, 110:166] = True
+    sky = np.zeros((200, 300), bool)
+    sky[:38] = True
+    return picture, mask, sky
+
+
+def test_the_sky_between_two_chimneys_is_followed_down():
+    picture, mask, sky = gap_between_chimneys((90, 80, 75))
+    drawn = draw_skyline(picture, mask, sky)
+    assert not drawn[42:78, 132:144].any()
+    assert (drawn == (mask & (picture == 80).any(2))).mean() > 0.99
+
+
+def test_a_wall_nearly_as_bright_as_the_sky_is_not_followed_down():
+    picture, mask, sky = gap_between_chimneys((205, 212, 220))
+    assert draw_skyline(picture, mask, sky)[60:78, 132:144].all()
