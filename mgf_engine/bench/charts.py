@@ -98,6 +98,8 @@ def _figures(suite: str, rows: list[Row]) -> Iterable[tuple[str, str, Figure]]:
         mine = [row for row in rows if row["scene"] == scene]
         tag = f"{suite}-{Path(scene).name}"
         time = ("seconds", "wall time, s")
+        if suite == "pareto":
+            yield f"{tag}-overview", f"{scene}: speed against accuracy", _overview(mine, time)
         yield f"{tag}-f1-time", f"{scene}: F1 against time", _scatter(mine, time, "f1")
         if any(row.get("psnr") for row in mine):
             yield f"{tag}-psnr-time", f"{scene}: PSNR against time", _scatter(mine, time, "psnr")
@@ -108,9 +110,22 @@ def _figures(suite: str, rows: list[Row]) -> Iterable[tuple[str, str, Figure]]:
             yield f"{tag}-seconds", f"{scene}: where each second goes", _stage_bars(mine)
 
 
+def _overview(rows: list[Row], time: tuple[str, str]) -> Figure:
+    """F1 and PSNR against time, side by side."""
+    figure, pair = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
+    for axes, y in zip(pair, ("f1", "psnr"), strict=True):
+        _curves(axes, rows, time, y)
+    return figure
+
+
 def _scatter(rows: list[Row], x: tuple[str, str], y: str) -> Figure:
-    """One curve per group over the means of its variants; logarithmic x."""
     figure, axes = plt.subplots(figsize=(7.5, 4.6), layout="constrained")
+    _curves(axes, rows, x, y)
+    return figure
+
+
+def _curves(axes: Axes, rows: list[Row], x: tuple[str, str], y: str) -> None:
+    """One curve per group over the means of its variants; logarithmic x."""
     threshold = rows[0]["geometry"]["thresholds"][0]
     points: dict[str, list[tuple[float, float, str]]] = {}
     for variant in dict.fromkeys(row["variant"] for row in rows):
@@ -131,7 +146,6 @@ def _scatter(rows: list[Row], x: tuple[str, str], y: str) -> Figure:
     axes.set_xlabel(x[1])
     axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %" if y == "f1" else "PSNR inside the mask, held-out views, dB")
     _tidy(axes, legend=len(points) > 1)
-    return figure
 
 
 def _stage_bars(rows: list[Row]) -> Figure:

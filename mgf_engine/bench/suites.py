@@ -91,7 +91,7 @@ SUITES: dict[str, str] = {
     "ablation": "the paper's ablations (a) to (f) and every further switch",
     "resolution": "375, 750 and 1500 pixels",
     "peers": "our engine set up like 3DGS, 2DGS and GOF, masks off, and any external tool",
-    "pareto": "presets and budgets: accuracy against time, Gaussians and faces",
+    "pareto": "presets and budgets, and GOF-like beside them: accuracy against time, Gaussians and faces",
 }
 
 
@@ -146,4 +146,5 @@ def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
         runs.append(Run(f"{count} iterations", "", {"iterations": count}, group="iterations"))
     for budget in (10_000, 20_000, 40_000, 80_000, 160_000):
         runs.append(Run(f"{budget // 1000}k Gaussians", "", {"max_gaussians": budget}, group="Gaussians"))
-    return runs
+    masks_off = "GOF-like, whole picture"
+    return [*runs, Run(masks_off, "", PEERS[masks_off], group=masks_off)]

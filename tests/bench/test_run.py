@@ -205,4 +205,4 @@ def test_tables_average_over_seeds(tmp_path: Path) -> None:
     )
     text = page.read_text(encoding="utf-8")
     assert "out of &lt;memory&gt;" in text and "92.0 ±2.0" in text
-    assert len(list((tmp_path / "charts").glob("*.svg"))) == 5
+    assert len(list((tmp_path / "charts").glob("*.svg"))) == 6
