@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How exactly the mesh, rendered through Blender's cameras, overlays the photos.
 
-    .venv-bpy/bin/python tools/measure_overlay.py --scene SCENE --job JOB --masks FOLDER [--photos 8] [--out FOLDER]
+    .venv-bpy/bin/python tools/measure_overlay.py --scene SCENE --job JOB [--masks FOLDER] [--photos 8] [--out FOLDER]
 
 Imports scene and job through the add-on, renders the mesh's silhouette through cameras spread over the list, and
-measures from each outline pixel of the photo's mask to the nearest outline pixel of the render. A mask is a PNG of the
-photo's name: 0 and 255 for background and building, or labels with 255 for what hides the building. Outlines at the
-border of the picture and beside what hides the building do not count. States the median, the 90th percentile and the
-overlap (intersection over union); ``--out`` keeps the photos with the mesh's outline in red and the mask's in green.
+measures from each outline pixel of the photo's mask to the nearest outline pixel of the render, and back. A mask is a
+PNG of the photo's name: 0 and 255 for background and building, or labels with 255 for what hides the building; without
+``--masks`` they are the labels of the job itself. Outlines at the border of the picture and beside what hides the
+building do not count. States median and 90th percentile of both ways, in pixels of the render, and the overlap
+(intersection over union); ``--out`` keeps the photos with the mesh's outline in red and the mask's in green.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from mathutils.kdtree import KDTree
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from mgf_blender.results.load import import_result
-from mgf_blender.scene_import.cameras import PHOTO_KEY, SIZE_KEY, fit_render
+from mgf_blender.scene_import.cameras import PHOTO_KEY, fit_render
 from mgf_blender.scene_import.load import import_scene
 from mgf_blender.scene_import.tree import Tree
 
@@ -37,28 +38,43 @@ def main() -> int:
     scene = bpy.context.scene
     tree = import_scene(scene, args.scene).tree
     tree = import_result(scene, args.job, tree).tree
-    masks = {path.stem: path for path in args.masks.rglob("*.png")}
+    own = args.masks is None
+    masks = {path.stem: path for path in (args.job / "masks" / "labels" if own else args.masks).rglob("*.png")}
     cameras = [c for c in tree.objects("Cameras") if Path(c[PHOTO_KEY]).stem in masks]
     if not cameras or not tree.objects("Mesh"):
         print("Error: No mask belongs to a photo of the scene, or the job has no mesh.", file=sys.stderr)
         return 2
-    pixels, shares = [], []
+    there, back, shares = [], [], []
     for camera in cameras[:: max(1, len(cameras) // args.photos)][: args.photos]:
         render = silhouette(scene, tree, camera)
-        mask, hidden = (_resized(m, render.shape) for m in read_mask(masks[Path(camera[PHOTO_KEY]).stem]))
-        found = outline_distances(mask, render, hidden)
+        mask, hidden = (_resized(m, render.shape) for m in read_mask(masks[Path(camera[PHOTO_KEY]).stem], own))
         seen = ~hidden
+        if not (mask.any() and (render & seen).any()):
+            print(f"{camera[PHOTO_KEY]}: left out, the building is not in it")
+            continue
+        there.append(outline_distances(mask, render, hidden))
+        back.append(outline_distances(render, mask, hidden))
         shares.append((mask & render & seen).sum() / max(1, ((mask | render) & seen).sum()))
-        pixels.append(found)
-        print(f"{camera[PHOTO_KEY]}: median {np.median(found):.2f} px, 90 % within {np.percentile(found, 90):.2f} px, "
-              f"overlap {shares[-1]:.1%}", flush=True)  # fmt: skip
+        print(f"{camera[PHOTO_KEY]}: {_told(there[-1:], back[-1:])}, overlap {shares[-1]:.1%}", flush=True)
         if args.out is not None:
             _draw(camera, mask, render, args.out)
-    every = np.concatenate(pixels)
-    width, height = camera[SIZE_KEY]
-    print(f"all {len(pixels)} photos of {width} x {height}: median {np.median(every):.2f} px, 90 % within "
-          f"{np.percentile(every, 90):.2f} px, overlap {np.mean(shares):.1%}")  # fmt: skip
+    if not shares:
+        print("Error: The building is in none of the photos.", file=sys.stderr)
+        return 2
+    size = " x ".join(map(str, render.shape[::-1]))
+    print(f"all {len(shares)} photos, renders of {size}: {_told(there, back)}, overlap {np.mean(shares):.1%}")
     return 0
+
+
+def _told(there: list[np.ndarray], back: list[np.ndarray]) -> str:
+    """Median and 90th percentile of both ways; a way without any outline that counts has none."""
+    words = []
+    for name, found in (("mask to mesh", np.concatenate(there)), ("mesh to mask", np.concatenate(back))):
+        figures = (
+            f"median {np.median(found):.2f} px, 90 % within {np.percentile(found, 90):.2f} px" if len(found) else "-"
+        )
+        words.append(f"{name} {figures}")
+    return ", ".join(words)
 
 
 def silhouette(scene: bpy.types.Scene, tree: Tree, camera: bpy.types.Object) -> np.ndarray:
@@ -97,7 +113,7 @@ def outline(mask: np.ndarray) -> np.ndarray:
 
 
 def outline_distances(mask: np.ndarray, render: np.ndarray, hidden: np.ndarray | None = None) -> np.ndarray:
-    """From each outline pixel of ``mask`` to the nearest one of ``render``, in pixels [N].
+    """From each outline pixel of ``mask`` to the nearest one of ``render``, in pixels [N]; infinite if it has none.
 
     Args:
         hidden: bool [H, W], where something stands before the building; outlines within 2 pixels of it do not count.
@@ -115,13 +131,15 @@ def outline_distances(mask: np.ndarray, render: np.ndarray, hidden: np.ndarray |
     for i, (row, column) in enumerate(aims.tolist()):
         tree.insert((row, column, 0.0), i)
     tree.balance()
-    return np.array([tree.find((row, column, 0.0))[2] for row, column in places.tolist()] if len(aims) else [np.inf])
+    if not len(aims):
+        return np.full(len(places), np.inf)
+    return np.array([tree.find((row, column, 0.0))[2] for row, column in places.tolist()])
 
 
-def read_mask(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Building, and what hides it, bool [H, W] each."""
+def read_mask(path: Path, labels_only: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Building, and what hides it, bool [H, W] each; ``labels_only`` takes 255 for what hides it in any case."""
     labels = np.rint(read_pixels(path)[..., 0] * 255).astype(np.uint8)
-    if set(np.unique(labels).tolist()) <= {0, 255}:
+    if not labels_only and set(np.unique(labels).tolist()) <= {0, 255}:
         return labels == 255, np.zeros(labels.shape, bool)
     return (labels > 0) & (labels < 255), labels == 255
 
@@ -165,7 +183,7 @@ def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description="Measure how exactly the mesh overlays the photos.")
     p.add_argument("--scene", type=Path, required=True, help="COLMAP scene with its photos")
     p.add_argument("--job", type=Path, required=True, help="finished job folder")
-    p.add_argument("--masks", type=Path, required=True, help="folder of masks, one PNG per photo")
+    p.add_argument("--masks", type=Path, help="folder of masks, one PNG per photo (default: the job's own labels)")
     p.add_argument("--photos", type=int, default=8, help="how many photos")
     p.add_argument("--out", type=Path, help="folder for pictures of the outlines")
     return p

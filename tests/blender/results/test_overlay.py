@@ -65,3 +65,27 @@ def test_the_measure_sees_a_shift(tool):
     hidden = np.zeros_like(mask)
     hidden[:, :25] = True
     assert len(tool.outline_distances(mask, moved, hidden)) < len(distances)
+
+
+def test_no_outline_in_the_render_is_infinitely_far(tool):
+    mask = np.zeros((60, 80), bool)
+    mask[20:40, 20:60] = True
+    assert np.isinf(tool.outline_distances(mask, np.zeros_like(mask))).all()
+    assert len(tool.outline_distances(np.zeros_like(mask), mask)) == 0
+
+
+@pytest.mark.parametrize(("labels", "own", "building", "hidden"), [
+    ((0, 255), False, 1, 0),  # a plain mask
+    ((0, 255), True, 0, 1),  # a job's labels of a photo in which the building is hidden
+    ((0, 3, 255), False, 1, 1),
+])  # fmt: skip
+def test_label_255_is_building_in_plain_masks_only(tool, tmp_path, labels, own, building, hidden):
+    image = bpy.data.images.new("labels", len(labels), 1)
+    image.colorspace_settings.name = "Non-Color"
+    gray = np.array(labels, np.float32) / 255
+    image.pixels.foreach_set(np.stack([gray, gray, gray, np.ones_like(gray)], axis=1).ravel())
+    image.filepath_raw, image.file_format = str(tmp_path / "mask.png"), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+    found = tool.read_mask(tmp_path / "mask.png", own)
+    assert [int(part.sum()) for part in found] == [building, hidden]
