@@ -20,6 +20,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
 from mgf_engine.masks.extent import Extent
+from mgf_engine.masks.leaves import leaves_before
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
 from mgf_engine.masks.points import Votes, pixel_at, track_owner, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
@@ -201,6 +202,8 @@ class _Work:
             labels[:] = drawn
             labels[self._strays(index, core, point_mask)] = BACKGROUND
             labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
+            ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
+            labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask)
         return Propagation(masks, reasons, warnings, consistency(self.scene, masks, self.config.vote_dilation))
@@ -222,10 +225,14 @@ class _Work:
 
     def _sky(self, index: int) -> NDArray[np.bool_]:
         """What is sky in a photo, [H, W]."""
+        return self._of_regions(index, self.graph.sky > 0) > 0
+
+    def _of_regions(self, index: int, values: NDArray[np.generic]) -> NDArray[np.float32]:
+        """What the graph's nodes say of a photo's regions, for each of its pixels, float32 [H, W]."""
         view, graph = self.scene.views[index], self.graph
-        sky = graph.sky[graph.start[index] : graph.start[index + 1]] > 0
-        small = sky[self.regions[index].labels].astype(np.uint8)
-        return cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_NEAREST) > 0
+        small = values[graph.start[index] : graph.start[index + 1]].astype(np.float32)[self.regions[index].labels]
+        wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
+        return np.asarray(wide, np.float32)
 
     def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
         """(index, result) in order, on a few threads; OpenCV and NumPy release the interpreter."""

@@ -29,8 +29,8 @@ FIELD_STEP, FIELD_SPREAD = 4.0, 5.0
 #: the sky between which it is drawn.
 SKYLINE_REACH = 0.016
 SKYLINE_STEPS = (4.0, 12.0)
-#: How often the skyline may go on downwards from where it was drawn, and the contrast it takes.
-SKYLINE_ROUNDS, GAP_CONTRAST = 8, 20.0
+#: How often the skyline may go on downwards from where it was drawn, the contrast it takes and the largest step then.
+SKYLINE_ROUNDS, GAP_CONTRAST, GAP_STEP = 8, 20.0, 6.0
 TOP_SHARE = 0.02  # of the photo's width that a piece must touch at the top
 
 
@@ -63,23 +63,24 @@ def draw_skyline(photo: NDArray[np.uint8], mask: NDArray[np.bool_], sky: NDArray
         photo: RGB uint8 [H, W, 3]; mask: [H, W]; sky: [H, W], the regions that are sky.
     """
     lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
-    drawn, gap = _drawn(lab, mask, sky)
+    drawn, gap = _drawn(lab, mask, sky, 2 * SKYLINE_STEPS[0], SKYLINE_STEPS[1])
     # Between two chimneys the sky reaches further down than any of its regions.
     for _ in range(SKYLINE_ROUNDS):
         sky = sky | (mask & ~drawn)
-        before, (drawn, _) = drawn, _drawn(lab, drawn, sky, GAP_CONTRAST)
+        before, (drawn, _) = drawn, _drawn(lab, drawn, sky, GAP_CONTRAST, GAP_STEP)
         if drawn.sum() == before.sum():
             break
     return drawn | gap
 
 
 def _drawn(
-    lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], least: float = 2 * SKYLINE_STEPS[0]
+    lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], least: float, step: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """The mask without pixels near the sky and like it, and the pixels beside the mask that are unlike it, [H, W] each.
 
     Args:
         least: contrast (CIELAB) between sky and building from which pixels of the mask may be sky.
+        step: from the sky (CIELAB) up to which a pixel may be like it.
     """
     reach = max(3, round(SKYLINE_REACH * max(mask.shape)))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
@@ -89,8 +90,8 @@ def _drawn(
     above, known = _spread(lab, sure.astype(np.float32), 2.0 * reach)
     below, body = _spread(lab, cv2.erode(mask.astype(np.uint8), disc, borderValue=1).astype(np.float32), 2.0 * reach)
     contrast = np.linalg.norm(above - below, axis=2)
-    step = np.where(body > 0, np.clip(0.4 * contrast, *SKYLINE_STEPS), SKYLINE_STEPS[0])
-    like = np.linalg.norm(lab - above, axis=2) < step
+    most = np.where(body > 0, np.clip(0.4 * contrast, SKYLINE_STEPS[0], step), SKYLINE_STEPS[0])
+    like = np.linalg.norm(lab - above, axis=2) < most
     near = (cv2.dilate(sky.astype(np.uint8), disc) > 0) & (known > 0)
     clear = near & like & _joined(like & (near | (sure > 0)), sure > 0)
     # A wall as bright as the sky behind it cannot be told from it: there the regions know better.

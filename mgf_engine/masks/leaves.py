@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trees in front of the building where no point tells that it goes on behind them.
+
+Called background, they would vote against the wall that other photos see past the leaves; called unknown, they have no
+say. A tree behind the building becomes unknown as well where it shows within the outline, which costs nothing: photos
+from elsewhere look past it.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.model import BACKGROUND
+
+GAPS = 0.012  # share of the longer side: twigs and gaps up to this wide belong to the leaves around them
+LEAFY = 0.5  # how much a region must look like leaves
+
+
+def leaves_before(labels: NDArray[np.uint8], leafy: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Background pixels that are leaves inside the convex hull of the building and of what is unknown, bool [H, W].
+
+    Args:
+        labels: uint8 [H, W], see :mod:`mgf_engine.masks.model`.
+        leafy: [H, W], how much each pixel looks like leaves, 0..1.
+    """
+    outside = labels == BACKGROUND
+    corners = cv2.findNonZero((~outside).astype(np.uint8))
+    if corners is None:
+        return np.zeros_like(outside)
+    hull = np.zeros(labels.shape, np.uint8)
+    cv2.fillConvexPoly(hull, cv2.convexHull(corners), 1)
+    size = 2 * max(1, round(GAPS * max(labels.shape))) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    leaves = cv2.morphologyEx((leafy > LEAFY).astype(np.uint8), cv2.MORPH_CLOSE, disc)
+    return np.asarray((hull > 0) & (leaves > 0) & outside, bool)
