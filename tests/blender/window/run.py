@@ -127,7 +127,7 @@ def drop_model(window: Window, scene: Path) -> None:
     window.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
     window.tell(f"browse {model}/")
     time.sleep(1)
-    rows = sorted(p.name for p in model.glob("*.bin"))
+    rows = [p.name for p in sorted(model.iterdir(), key=lambda p: (p.is_file(), p.name.lower()))]
     x, y = FIRST_FILE
     window.drag_file(x, y + FILE_ROW * rows.index("images.bin"), 400, 420, "13-drop")
     window.wait("the cameras of the dropped model", lambda s: s["objects"]["Cameras"] > 0, 60)
@@ -150,7 +150,8 @@ def click_points(window: Window, prompts: dict) -> int:
     window.wait("our tab", lambda s: s["tab"] == "MGF")
     time.sleep(1)
     names = [photo["name"] for photo in window.state()["photos"]]
-    at = next(i for i in range(len(names)) if names[i] in prompts)
+    at = next((i for i in range(len(names)) if names[i] in prompts), None)
+    assert at is not None, "prompts.json names none of the root photos"
     for step in range(1, at + 1):
         window.click(*window.button(NEXT_PHOTO, 0.75))
         window.wait("a photo", lambda s, step=step: s["photo_index"] == step and s["image"])
@@ -161,6 +162,7 @@ def click_points(window: Window, prompts: dict) -> int:
     entry = prompts[photo["name"]]
     positive = [p for p in entry["positive"] if clear_of_sidebar(window, p[0] / width, p[1] / height)]
     negative = [p for p in entry.get("negative", []) if clear_of_sidebar(window, p[0] / width, p[1] / height)]
+    assert positive, "every point of this photo lies under the sidebar"
     for u, v in positive:
         window.click(*window.image_point(u / width, v / height))
     state = window.wait("the points", lambda s: len(s["photos"][at]["clicks"]) == len(positive))
@@ -168,6 +170,10 @@ def click_points(window: Window, prompts: dict) -> int:
     pairs = zip(state["photos"][at]["clicks"], positive, strict=True)
     worst = max(max(abs(c[0] - p[0]), abs(c[1] - p[1])) for c, p in pairs)
     assert worst <= 2 * pixel, f"a click landed {worst:.1f} photo pixels away"
+    for u, v in negative[1:]:
+        window.click(*window.image_point(u / width, v / height), hold="ctrl")
+    count = len(positive) + len(negative[1:])
+    window.wait("the negative points", lambda s: len(s["photos"][at]["clicks"]) == count)
     edit_points(window, at, positive[0], negative[0] if negative else [width * 0.5, height * 0.97], pixel)
     return at
 
@@ -234,7 +240,7 @@ def reopen_with_tool(window: Window, at: int, blend: Path) -> None:
     window.tell("tab")
     u, v = (before[0][i] / state["photos"][at]["size"][i] for i in (0, 1))
     one_more = lambda s: len(s["photos"][at]["clicks"]) == len(before) + 1  # noqa: E731
-    window.press(window.image_point(u - 0.06, v), "one more point", one_more)
+    window.press(window.image_point(u + (0.06 if u < 0.1 else -0.06), v), "one more point", one_more)
     time.sleep(4)  # the automatic preview
     window.shot("24-reopened")
 
