@@ -158,7 +158,7 @@ def test_import_frames_the_viewports(tree):
     if not spaces:
         pytest.skip("this file has no viewport")
     for space in spaces:
-        assert space.region_3d.view_distance == pytest.approx(2 * tree.radius, rel=1e-4)
+        assert space.region_3d.view_distance == pytest.approx(2.6 * tree.radius, rel=1e-4)
         assert not space.overlay.show_relationship_lines and space.shading.color_type == "VERTEX"
 
 

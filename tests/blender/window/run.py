@@ -294,6 +294,8 @@ def watch_to_the_end(window: Window) -> None:
     assert window.state()["jobs"][-1][1] == "DONE", window.state()["jobs"][-1]
     window.wait("the mesh", lambda s: s["objects"]["Mesh"] == 1, 120)
     window.tell("frame Mesh")
+    time.sleep(1)  # the view moves there smoothly
+    window.tell("py area.spaces.active.region_3d.view_distance *= 1.2")  # clear of the sidebar
     time.sleep(3)
     window.shot("32-mesh")
 
