@@ -8,7 +8,7 @@
 #include "view.h"
 
 enum { PIECE = 4096 };
-static const float CLOSELY = 8;  // bands behind a surface that count as closely covered
+static const float CLOSELY = 4;  // bands behind a surface that count as closely covered
 
 // What a depth map says at one pixel; weight 0: nothing.
 typedef struct {
