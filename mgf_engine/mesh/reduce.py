@@ -9,7 +9,6 @@ measured in ground pixels: what one pixel of the nearest photo covers there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,9 +89,10 @@ def reduce_faces(
     if not handle:
         raise MemoryError(NO_MEMORY)
     try:
-        left = _shrink(handle, given[0], count, progress) if lean else count
+        order = np.argsort(at[:, np.argmax(np.ptp(at, axis=0))], kind="stable").astype(np.int32)
+        left = _shrink(handle, order, count, progress) if lean else count
         if not lean or left > most:
-            _force(handle, left, most, float(color_tolerance), given[0])
+            _force(handle, order, left, most, float(color_tolerance))
     finally:
         call("collapse_end", handle, colors)
     used, index = np.unique(faces[faces[:, 0] >= 0], return_inverse=True)
@@ -100,32 +100,23 @@ def reduce_faces(
     return Mesh(vertices, index.reshape(-1, 3).astype(np.int32), colors[used], _nearest_values(mesh, vertices))
 
 
-@dataclass(frozen=True)
-class Slabs:
-    """Slices of a mesh: slab of each vertex, uint8 [N]; vertices by slab, int32 [N]; where each slab begins there."""
+def slabs(order: NDArray[np.int32], number: int, shifted: bool = False) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Slices of as many vertices each; shifted, their borders lie in the middle of the others'.
 
-    slab: NDArray[np.uint8]
-    order: NDArray[np.int32]
-    start: NDArray[np.int64]
+    Args:
+        order: int32 [N], the vertices along the axis that is cut.
 
-    @staticmethod
-    def of(slab: NDArray[np.integer]) -> Slabs:
-        """From the slab of each vertex."""
-        order = np.argsort(slab, kind="stable").astype(np.int32)
-        start = np.concatenate([[0], np.cumsum(np.bincount(slab))]).astype(np.int64)
-        return Slabs(slab.astype(np.uint8), order, start)
-
-
-def slabs(vertices: NDArray[np.float32], number: int, shifted: bool = False) -> Slabs:
-    """Vertices [N, 3] cut across their longest axis; shifted, the borders lie in the middle of the others' slabs."""
-    along = vertices[:, np.argmax(np.ptp(vertices, axis=0))]
-    rank = np.empty(len(vertices), np.int64)
-    rank[np.argsort(along, kind="stable")] = np.arange(len(vertices))
-    half = rank * 2 * number // len(vertices)
-    return Slabs.of((half + shifted) // 2 if number > 1 else half // 2)
+    Returns:
+        the slab of each vertex, uint8 [N], and where each slab begins in ``order``, int64 [slabs + 1].
+    """
+    half = np.arange(len(order)) * 2 * number // len(order)
+    along = (half + (shifted and number > 1)) // 2
+    slab = np.empty(len(order), np.uint8)
+    slab[order] = along
+    return slab, np.searchsorted(along, np.arange(along[-1] + 2)).astype(np.int64)
 
 
-def _shrink(handle: int, vertices: NDArray[np.float32], count: int, progress: Callable[[float], None]) -> int:
+def _shrink(handle: int, order: NDArray[np.int32], count: int, progress: Callable[[float], None]) -> int:
     """Collapse what the tolerances allow; returns the faces left.
 
     The slabs grow as the faces do, up to the whole mesh: an edge that leaves a slab can be tried only in a wider one.
@@ -133,8 +124,8 @@ def _shrink(handle: int, vertices: NDArray[np.float32], count: int, progress: Ca
     number, rounds = MOST_SLABS, 0
     while True:
         before, number = count, min(number, max(1, count // SLAB))
-        cut = slabs(vertices, number, shifted=rounds % 2 == 1)
-        count = _sweep(handle, cut, 0, lambda share, n=rounds: progress(1 - 0.3**n * (1 - 0.7 * share)))  # type: ignore[misc]
+        cut = slabs(order, number, shifted=rounds % 2 == 1)
+        count = _sweep(handle, order, cut, 0, lambda share, n=rounds: progress(1 - 0.3**n * (1 - 0.7 * share)))  # type: ignore[misc]
         rounds += 1
         if before - count > WORTH * before:
             continue
@@ -143,11 +134,11 @@ def _shrink(handle: int, vertices: NDArray[np.float32], count: int, progress: Ca
         number //= 2
 
 
-def _force(handle: int, count: int, most: int, color_tolerance: float, vertices: NDArray[np.float32]) -> None:
+def _force(handle: int, order: NDArray[np.int32], count: int, most: int, color_tolerance: float) -> None:
     """Collapse down to ``most`` faces; loosen the tolerances, those of colours first, as long as that is not met."""
-    whole, loose = slabs(vertices, 1), 1.0
+    whole, loose = slabs(order, 1), 1.0
     while loose <= MOST_LOOSE:
-        before, count = count, _sweep(handle, whole, most)
+        before, count = count, _sweep(handle, order, whole, most)
         if count <= most:
             return
         if before - count > WORTH * before:
@@ -159,13 +150,20 @@ def _force(handle: int, count: int, most: int, color_tolerance: float, vertices:
         call("collapse_loosen", handle, loose, color_tolerance)
 
 
-def _sweep(handle: int, cut: Slabs, stop: int, progress: Callable[[float], None] = lambda share: None) -> int:
+def _sweep(
+    handle: int,
+    order: NDArray[np.int32],
+    cut: tuple[NDArray[np.uint8], NDArray[np.int64]],
+    stop: int,
+    progress: Callable[[float], None] = lambda share: None,
+) -> int:
     """Try every edge around which something changed; returns the faces left."""
-    last = len(cut.start) - 1
+    slab, start = cut
+    last = len(start) - 1
     for first in range(0, last, AT_ONCE):
         progress(first / last)
         end = min(first + AT_ONCE, last)
-        parallel("collapse_work", handle, cut.slab, cut.order, cut.start, first, end, stop)
+        parallel("collapse_work", handle, slab, order, start, first, end, stop)
     left = call("collapse_live", handle)
     if left < 0:
         raise MemoryError(NO_MEMORY)
