@@ -62,31 +62,44 @@ def draw_skyline(photo: NDArray[np.uint8], mask: NDArray[np.bool_], sky: NDArray
     Args:
         photo: RGB uint8 [H, W, 3]; mask: [H, W]; sky: [H, W], the regions that are sky.
     """
+    if not (sky & ~mask).any():
+        return mask
     lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
-    drawn, gap = _drawn(lab, mask, sky, 2 * SKYLINE_STEPS[0], SKYLINE_STEPS[1])
+    near, like, clear = _like_sky(lab, mask, sky, 2 * SKYLINE_STEPS[0], SKYLINE_STEPS[1])
+    # Half as far: at the horizon the land beside the building is near the sky, too.
+    reach = _reach(mask)
+    beside = cv2.dilate(mask.astype(np.uint8), np.ones((reach | 1, reach | 1), np.uint8)) > 0
+    gap = near & ~like & beside & ~mask & _joined(mask | (near & ~like & beside), mask)
+    drawn = mask & ~clear
     # Between two chimneys the sky reaches further down than any of its regions.
     for _ in range(SKYLINE_ROUNDS):
         sky = sky | (mask & ~drawn)
-        before, (drawn, _) = drawn, _drawn(lab, drawn, sky, GAP_CONTRAST, GAP_STEP)
-        if drawn.sum() == before.sum():
+        further = drawn & _like_sky(lab, drawn, sky, GAP_CONTRAST, GAP_STEP)[2]
+        if not further.any():
             break
+        drawn &= ~further
     return drawn | gap
 
 
-def _drawn(
+def _reach(mask: NDArray[np.bool_]) -> int:
+    return max(3, round(SKYLINE_REACH * max(mask.shape)))
+
+
+def _like_sky(
     lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], least: float, step: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """The mask without pixels near the sky and like it, and the pixels beside the mask that are unlike it, [H, W] each.
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Pixels near the sky, those like it, and those that are sky, [H, W] each.
 
     Args:
         least: contrast (CIELAB) between sky and building from which pixels of the mask may be sky.
         step: from the sky (CIELAB) up to which a pixel may be like it.
     """
-    reach = max(3, round(SKYLINE_REACH * max(mask.shape)))
+    reach = _reach(mask)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     sure = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1)
     if not sure.any():
-        return mask, np.zeros_like(mask)
+        none = np.zeros_like(mask)
+        return none, none, none
     above, known = _spread(lab, sure.astype(np.float32), 2.0 * reach)
     below, body = _spread(lab, cv2.erode(mask.astype(np.uint8), disc, borderValue=1).astype(np.float32), 2.0 * reach)
     contrast = np.linalg.norm(above - below, axis=2)
@@ -96,10 +109,7 @@ def _drawn(
     clear = near & like & _joined(like & (near | (sure > 0)), sure > 0)
     # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
     clear &= (contrast > least) | (body <= 0)
-    # Half as far: at the horizon the land beside the building is near the sky, too.
-    beside = cv2.dilate(mask.astype(np.uint8), np.ones((reach | 1, reach | 1), np.uint8)) > 0
-    gap = near & ~like & beside & ~mask & _joined(mask | (near & ~like & beside), mask)
-    return mask & ~clear, gap
+    return near, like, clear
 
 
 def _spread(
