@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import UNKNOWN, building
-from mgf_engine.masks.points import LabelMaps, pixel_at, track_owner
+from mgf_engine.masks.points import LabelMaps, pixel_at
 from mgf_engine.scene.model import Scene
 
 #: Agreement below which a mask is left out, and that a quarter of all masks must reach for the others to be believed.
@@ -36,7 +36,7 @@ def contradicted_masks(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_],
         BadInput: the masks contradict each other, and there is no majority.
     """
     says = _says(scene, labels, used, dilation)
-    owner = track_owner(scene)
+    owner = scene.track_point
     found: dict[int, float] = {}
     while True:
         trusted = (says != 0) & ~np.isin(scene.track_view, list(found))

@@ -25,7 +25,6 @@ from scipy.spatial import cKDTree
 from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
 from mgf_engine.masks.extent import Extent, Place, Sight, over_building
 from mgf_engine.masks.ground import Ground, find_ground
-from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.regions import Regions
 from mgf_engine.masks.shape import Shape, clicked_groups
@@ -270,7 +269,7 @@ class SceneGraph:
             second.append(regions.pairs[:, 1] + self.start[index])
             weight.append(regions.border / 8 * alike + 0.002)
         first += [self.observed, shape.pairs[:, 0] + self.region_count]
-        second += [track_owner(self.scene) + self.region_count, shape.pairs[:, 1] + self.region_count]
+        second += [self.scene.track_point + self.region_count, shape.pairs[:, 1] + self.region_count]
         weight += [np.full(len(self.observed), TRACK_TIE), SPACE_TIE * shape.closeness]
         count = self.region_count + self.point_count
         ties = sparse.coo_matrix(
@@ -281,7 +280,7 @@ class SceneGraph:
         return (sparse.diags(degree) - ties).tocsr(), degree
 
     def _point_features(self, shape: Shape) -> Array:
-        owner = track_owner(self.scene)
+        owner = self.scene.track_point
         mean = np.zeros((self.point_count, self.features.shape[1]))
         np.add.at(mean, owner, self.features[self.observed])
         mean /= np.maximum(np.diff(self.scene.track_start), 1)[:, None]

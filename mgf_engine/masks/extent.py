@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
-from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.shape import Shape
 from mgf_engine.masks.surface import Map, make_surface
 from mgf_engine.scene.model import Scene, View
@@ -138,7 +137,7 @@ class Sight:
     """Which points each photo observed, and which it should have: a camera close by did."""
 
     def __init__(self, scene: Scene, shape: Shape) -> None:
-        self.scene, self.shape, self.owner = scene, shape, track_owner(scene)
+        self.scene, self.shape, self.owner = scene, shape, scene.track_point
         centres = np.stack([v.centre for v in scene.views])
         self._rays = scene.points[self.owner] - centres[scene.track_view]
         self._lengths = np.linalg.norm(self._rays, axis=1)

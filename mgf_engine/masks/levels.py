@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.model import BUILDING, FIRST_ELEMENT, UNKNOWN, building
-from mgf_engine.masks.points import pixel_at, track_owner
+from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Points
 from mgf_engine.masks.segmenters.efficientsam import POINT, EfficientSam
 from mgf_engine.scene.model import Scene
@@ -193,7 +193,7 @@ def _same_name(names: list[dict[int, str]]) -> list[list[int]]:
 
 
 def _collect(scene: Scene, node: NDArray[np.int64], parent: dict[int, int], names: list[dict[int, str]]) -> list[Part]:
-    owner = track_owner(scene)
+    owner = scene.track_point
     groups: dict[int, list[int]] = {}
     for member in sorted(parent):
         groups.setdefault(_root(parent, member), []).append(member)

@@ -91,16 +91,11 @@ def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation:
     """Votes of the photos that observed each sparse point of the scene, at the observed keypoint."""
     count = len(scene.points)
     inside, outside = np.zeros(count, np.int32), np.zeros(count, np.int32)
-    owner = track_owner(scene)
+    owner = scene.track_point
     for index in views:
         here = np.flatnonzero(scene.track_view == index)
         _count(labels[index], scene.track_uv[here], owner[here], dilation, inside, outside)
     return Votes(inside, outside)
-
-
-def track_owner(scene: Scene) -> NDArray[np.int64]:
-    """The sparse point of each observation, int64 [T]."""
-    return np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
 
 
 def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -20,7 +20,6 @@ from mgf_engine.config import Config, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.belief import SceneGraph
 from mgf_engine.masks.build import choose_segmenter
-from mgf_engine.masks.points import track_owner
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
 from mgf_engine.masks.propagate import RETRY_BELOW, make_hints
 from mgf_engine.masks.regions import cut_regions
@@ -145,7 +144,7 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
     regions = cut_regions(photo)
     belief = SceneGraph(scene, [regions], measure_shape(scene)).solve({0: clicks}, config.seed)
     believed = belief.points > 0.5
-    hints = make_hints(scene, 0, clicks, regions, belief, believed[track_owner(scene)])
+    hints = make_hints(scene, 0, clicks, regions, belief, believed[scene.track_point])
     segmenter = choose_segmenter(config, default_folder().parent)
     segment = segmenter.segment(0, photo, hints)
     if segment.score < RETRY_BELOW:

@@ -22,7 +22,7 @@ from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.leaves import leaves_before
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
-from mgf_engine.masks.points import Votes, pixel_at, track_owner, track_votes, vote
+from mgf_engine.masks.points import Votes, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.regions import Regions, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
@@ -75,7 +75,7 @@ class _Work:
         self.config, self.reporter = config, reporter
         self.threads = config.threads or cores()
         self.views = range(len(scene.views))
-        self.owner = track_owner(scene)
+        self.owner = scene.track_point
         self.regions: list[Regions] = []
         self.labels: list[NDArray[np.uint8]] = [np.zeros((v.height, v.width), np.uint8) for v in scene.views]
         self.scores = np.zeros(len(scene.views), np.float32)
