@@ -175,15 +175,20 @@ def test_two_scenes_keep_to_themselves(ready, engine, house):
     assert len(Tree.find(second).objects("Mesh")) == 1 and not Tree.find(first).objects("Mesh")
 
 
-def test_quit_and_reopen_finds_the_job(ready, engine, tmp_path):
+def quit_during(stage, engine, tmp_path) -> None:
+    """Starts a job, saves the file, leaves Blender in this stage and opens the file again."""
     engine("slow")
     job = make_job(bpy.context.scene)
     runner.submit(job)
-    pump(lambda: job.stage == "scene")
+    pump(lambda: job.stage == stage)
     path = str(tmp_path / "saved.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     runner.stop_all()
     bpy.ops.wm.open_mainfile(filepath=path)
+
+
+def test_quit_and_reopen_finds_the_job(ready, engine, tmp_path):
+    quit_during("scene", engine, tmp_path)
     scene = bpy.context.scene
     assert interrupted(scene)
     assert [tuple(c.uv) for c in scene.mgf.photos[0].clicks] == [(100.5, 80.25)]
@@ -198,14 +203,7 @@ def test_quit_and_reopen_finds_a_second_run_that_was_interrupted(ready, engine, 
     ready.import_when_done = False
     bpy.ops.mgf.reconstruct()
     assert Path(ready.job_folder, "deliver.json").is_file() and not interrupted(bpy.context.scene)
-    engine("slow")
-    job = make_job(bpy.context.scene)
-    runner.submit(job)
-    pump(lambda: job.stage == "masks")
-    path = str(tmp_path / "saved.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    runner.stop_all()
-    bpy.ops.wm.open_mainfile(filepath=path)
+    quit_during("masks", engine, tmp_path)
     assert interrupted(bpy.context.scene)
 
 
