@@ -59,7 +59,7 @@ class Job:
         masks: the user's folder of masks, or None.
         given: the options the user gave, name -> value.
         config: the validated options.
-        stages: stage name -> key, seconds, peak_memory, figures, warnings, for the stages that are done.
+        stages: stage name -> key, seconds, cpu_seconds, peak_memory, figures, warnings, for the stages that are done.
     """
 
     def __init__(
@@ -174,11 +174,12 @@ class Job:
         return key
 
     def finish(
-        self, stage: str, key: str, seconds: float, peak: int, figures: dict[str, Any], warnings: list[str]
+        self, stage: str, key: str, seconds: float, cpu: float, peak: int, figures: dict[str, Any], warnings: list[str]
     ) -> None:
-        """Record the stage as done, with its cost (wall seconds, bytes), figures and warnings."""
+        """Record the stage as done, with its cost (wall and CPU seconds, bytes), figures and warnings."""
         self.stages[stage] = {
-            "key": key, "seconds": round(seconds, 2), "peak_memory": peak, "figures": figures, "warnings": warnings,
+            "key": key, "seconds": round(seconds, 2), "cpu_seconds": round(cpu, 2), "peak_memory": peak,
+            "figures": figures, "warnings": warnings,
         }  # fmt: skip
         self.save()
 

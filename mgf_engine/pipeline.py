@@ -16,7 +16,7 @@ from mgf_engine import __version__
 from mgf_engine.errors import BadInput
 from mgf_engine.job import Job
 from mgf_engine.messages import STAGES, Reporter
-from mgf_engine.system import cores, peak_memory
+from mgf_engine.system import cores, cpu_seconds, peak_memory
 
 if TYPE_CHECKING:
     from mgf_engine.field.gaussians import Gaussians
@@ -139,12 +139,12 @@ def _prepare(job: Job, reporter: Reporter) -> None:
 def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
     key = job.begin(name)
     log.info("stage %s begins", name)
-    started = time.perf_counter()
+    started, cpu_before = time.perf_counter(), cpu_seconds()
     reporter.warnings.clear()
     figures = _RUNNERS[name](job, reporter)
-    seconds = time.perf_counter() - started
+    seconds, cpu = time.perf_counter() - started, cpu_seconds() - cpu_before
     reporter.progress(1.0, 0.0, **{k: v for k, v in figures.items() if isinstance(v, int | float | str)})
-    job.finish(name, key, seconds, peak_memory(), figures, list(reporter.warnings))
+    job.finish(name, key, seconds, cpu, peak_memory(), figures, list(reporter.warnings))
     log.info("stage %s took %.1f s: %s", name, seconds, figures)
 
 

@@ -27,7 +27,7 @@ def source(tmp_path: Path) -> Path:
 
 def finish_all(job: Job) -> None:
     for stage in STAGES:
-        job.finish(stage, job.keys()[stage], 1.0, 1, {}, [])
+        job.finish(stage, job.keys()[stage], 1.0, 2.0, 1, {}, [])
 
 
 def test_a_finished_job_is_done_after_reopening(tmp_path: Path, source: Path) -> None:
@@ -135,7 +135,7 @@ def test_a_result_that_cannot_be_read_is_made_again_alone(tmp_path: Path, source
 def test_a_stage_done_again_with_the_same_options_keeps_the_later_ones(tmp_path: Path, source: Path) -> None:
     with Job.start(tmp_path / "job", source) as job:
         finish_all(job)
-        job.finish("masks", job.begin("masks"), 1.0, 1, {}, [])
+        job.finish("masks", job.begin("masks"), 1.0, 2.0, 1, {}, [])
         assert all(job.done(stage) for stage in STAGES)
         job.forget("masks")
         assert [stage for stage in STAGES if not job.done(stage)] == ["masks"]

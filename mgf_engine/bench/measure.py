@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.bench.shelf import Stages, keep, lend, saved, shelf_of, stages_of
 from mgf_engine.bench.suites import Run
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.geometry import cameras_of, evaluate_mesh, mask_iou
@@ -93,17 +94,36 @@ def true_cameras(folder: Path) -> list[SeeingCamera]:
     return cameras_of(folder / "sparse_truth", nothing_in_front)
 
 
-def measure(run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool) -> dict[str, Any]:
-    """Run and score; a plain row for tables, with ``failed`` (one sentence) instead of scores if the run failed."""
+def measure(
+    run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool, shelves: Path | None = None
+) -> dict[str, Any]:
+    """Run and score; a plain row for tables, with ``failed`` (one sentence) instead of scores if the run failed.
+
+    Args:
+        samples: points on each mesh.
+        keep_job: keep the whole job folder, not only what people look at.
+        shelves: folder where runs leave first stages for each other; what a run takes from there is added to its cost.
+    """
     row: dict[str, Any] = {"variant": run.variant, "scene": run.scene, "seed": run.seed, "group": run.group,
                            "options": run.options, "masks": run.masks, "poses": run.poses}  # fmt: skip
     shutil.rmtree(job, ignore_errors=True)
     job.mkdir(parents=True)
-    source = _source(scene.folder, run.poses, job)
-    mesh = job / "mesh.ply"
-    command = _external(run, source, job, mesh) if run.command else _engine(run, source, scene.folder, job)
+    mesh, lent = job / "mesh.ply", Stages()
+    shelf = None
+    if shelves is not None and not run.command:
+        shelf = shelf_of(shelves, scene.folder, run.masks, run.poses, run.seed)
+    source = _source(scene.folder, run.poses, job if shelf is None else shelf.parent)
+    if run.command:
+        command = _external(run, source, job, mesh)
+    else:
+        job.rmdir()  # the engine makes it
+        lent = {} if shelf is None else lend(shelf, job)
+        command = _engine(run, source, scene.folder, job)
     code, tail, usage = _timed(command, job)
     row.update(usage)
+    if code == 0 and shelf is not None:
+        _add_saved(row, saved(lent, job))
+        keep(job, shelf)
     if code != 0 or not mesh.exists():
         return {**row, "code": code, "failed": tail or f"exit code {code}"}
     whole_picture = bool(run.command) or str(run.options.get("use_masks", True)).lower() in ("false", "0", "off", "no")
@@ -118,6 +138,13 @@ def measure(run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool) 
     if not keep_job:
         _slim(job)
     return row
+
+
+def _add_saved(row: dict[str, Any], cost: dict[str, float]) -> None:
+    """Add what the stages of a shelf cost, so that runs compare as if each had begun from nothing."""
+    row["seconds"] += cost["seconds"]
+    row["cpu_seconds"] += cost["cpu_seconds"]
+    row["peak_memory"] = max(row["peak_memory"], cost["peak_memory"])
 
 
 def _to_true_frame(path: Path, scene: Prepared) -> None:
@@ -136,7 +163,7 @@ def above_ground(crop: Points) -> Points:
 
 def job_figures(job: Path) -> dict[str, Any]:
     """What the job itself recorded: seconds and peak memory per stage, PSNR and SSIM, number of Gaussians."""
-    stages = json.loads((job / "job.json").read_text(encoding="utf-8"))["stages"]
+    stages = stages_of(job)
     figures: dict[str, Any] = {"stages": {name: entry["seconds"] for name, entry in stages.items()}}
     merged = {k: v for entry in stages.values() for k, v in entry["figures"].items()}
     for name in ("psnr", "ssim", "lpips", "gaussians", "iterations"):
@@ -176,9 +203,8 @@ def _source(folder: Path, poses: str, job: Path) -> Path:
 
 
 def _engine(run: Run, source: Path, scene: Path, job: Path) -> list[str]:
-    job.rmdir()  # the engine makes it
     command = [sys.executable, "-m", "mgf_engine", "reconstruct", str(source), "--out", str(job), "--progress", "json"]
-    command += ["--prompts", str(scene / "prompts.json")]
+    command += ["--prompts", str(scene / "prompts.json"), "--resume"]
     if run.masks == "true":
         command += ["--masks", str(scene / "masks")]
     for name, value in {**run.options, "seed": run.seed}.items():

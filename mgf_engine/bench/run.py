@@ -8,12 +8,14 @@ whose result is there already is not repeated: results lie in ``OUT/results/<key
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mgf_engine import __version__
 from mgf_engine.bench.arguments import count, engine_options, results_folder
 from mgf_engine.bench.measure import Prepared, measure, prepare_scene
 from mgf_engine.bench.suites import SUITES, suite_runs
@@ -90,7 +92,8 @@ def _run_suite(args: argparse.Namespace) -> int:
             if run.scene not in scenes:
                 scenes[run.scene] = prepare_scene(run.scene, args.photos, args.width)
             print(f"[{number}/{len(runs)}] {run.scene}: {run.variant}, seed {run.seed}", flush=True)
-            row = measure(run, scenes[run.scene], args.out / "jobs" / path.stem, args.samples, args.keep_jobs)
+            job = args.out / "jobs" / path.stem
+            row = measure(run, scenes[run.scene], job, args.samples, args.keep_jobs, _shelves(args))
             if row.get("failed"):
                 failed += 1
                 print(f"    failed: {row['failed']}", flush=True)
@@ -111,6 +114,12 @@ def _run_suite(args: argparse.Namespace) -> int:
 def _label(args: argparse.Namespace) -> str:
     """What else decides a result: the user's label, the scene's size, the samples."""
     return json.dumps([args.label, args.photos, args.width, args.samples])
+
+
+def _shelves(args: argparse.Namespace) -> Path:
+    """Where runs leave stages for each other; a new label or version begins anew, for the engine may have changed."""
+    kind = hashlib.sha256(json.dumps([args.label, __version__]).encode()).hexdigest()[:12]
+    return Path(args.out / "shelves" / kind)
 
 
 def _headline(row: dict[str, Any]) -> str:

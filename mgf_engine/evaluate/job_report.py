@@ -92,7 +92,7 @@ def _view_report(
 def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list[ViewReport]) -> ReportData:
     trained = job.stages["field"]["figures"]
     memory = total_memory()
-    stages = [StageReport(n, s["seconds"], s["peak_memory"]) for n, s in job.stages.items()]
+    stages = [StageReport(n, s["seconds"], s["peak_memory"], s.get("cpu_seconds")) for n, s in job.stages.items()]
     contact = job.path("masks", "contact_sheet.jpg")
     return ReportData(
         title=job.source.name,

@@ -53,11 +53,12 @@ class ViewReport:
 
 @dataclass
 class StageReport:
-    """One stage's cost. ``seconds`` of wall time, ``peak_memory`` in bytes (of the process so far), or None."""
+    """One stage's cost: seconds of wall and of CPU time, ``peak_memory`` in bytes (of the process so far), or None."""
 
     name: str
     seconds: float
     peak_memory: int | None = None
+    cpu_seconds: float | None = None
 
 
 @dataclass

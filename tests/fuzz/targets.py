@@ -234,7 +234,7 @@ def _prepare_job(folder: Path) -> None:
     (folder / "photos").mkdir()
     with Job.start(folder / "job", folder / "photos", given={"seed": 3}) as job:
         for stage in ("scene", "masks"):
-            job.finish(stage, job.begin(stage), 1.0, 5, {"photos": 3}, ["a warning"])
+            job.finish(stage, job.begin(stage), 1.0, 2.0, 5, {"photos": 3}, ["a warning"])
 
 
 def _read_job(folder: Path) -> Any:

@@ -90,7 +90,7 @@ def test_strange_errors_near_the_memory_limit_are_understood() -> None:
 def test_folders_with_names_in_another_encoding_work(source: Path, tmp_path: Path) -> None:
     folder = tmp_path / BROKEN
     with Job.start(folder / "job", source) as job:
-        job.finish("scene", job.begin("scene"), 1.0, 1, {}, [f"about '{folder}'."])
+        job.finish("scene", job.begin("scene"), 1.0, 2.0, 1, {}, [f"about '{folder}'."])
     data = read_job(folder / "job")
     assert data["stages"]["scene"]["warnings"] == [f"about '{folder}'."]
 
@@ -115,7 +115,7 @@ def test_json_holds_any_name(tmp_path: Path) -> None:
 )
 def test_job_files_of_other_versions_are_refused(source: Path, tmp_path: Path, change) -> None:
     with Job.start(tmp_path / "job", source) as job:
-        job.finish("scene", job.begin("scene"), 1.0, 1, {}, [])
+        job.finish("scene", job.begin("scene"), 1.0, 2.0, 1, {}, [])
     data = json.loads((tmp_path / "job/job.json").read_text())
     change(data)
     (tmp_path / "job/job.json").write_text(json.dumps(data))
