@@ -62,6 +62,7 @@ PERTURBATIONS: dict[str, Perturbation] = {
     "masks_wrong": Perturbation("Given masks wrong", "of the photos", (0, 0.1, 0.2, 0.35, 0.5), masks.replace, "given"),
     "scale": Perturbation("Scale of the scene", "factor", (1, 1e-3, 1e3), model.scale, "given"),
     "offset": Perturbation("Offset of the coordinates", "m", (0, 1e3, 1e6), model.offset, "given"),
+    "blurred": Perturbation("Blurred photos among sharp ones", "photos", (0, 3, 8, 15), photos.blur_some),
 }  # fmt: skip
 
 

@@ -74,7 +74,8 @@ class SceneCopy:
         path = self.folder / "images" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         data = np.clip(np.round(photo), 0, 255).astype(np.uint8)
-        if not cv2.imwrite(str(path), data, [cv2.IMWRITE_JPEG_QUALITY, 95]):
+        quality = [cv2.IMWRITE_JPEG_QUALITY, 95] if path.suffix.lower() in (".jpg", ".jpeg") else []
+        if not cv2.imwrite(str(path), data, quality):
             raise OSError(f"cannot write '{path}'")
 
     def mask(self, name: str) -> Photo:

@@ -46,6 +46,15 @@ def blur(copy: SceneCopy, length: float) -> None:
         copy.write_photo(name, cv2.filter2D(copy.photo(name), -1, kernel, borderType=cv2.BORDER_REPLICATE))
 
 
+def blur_some(copy: SceneCopy, count: float) -> None:
+    """``count`` photos smeared over 24 pixels of a photo 480 wide, each in a direction of its own; the rest stays."""
+    names = _names(copy)
+    for index in copy.rng.permutation(len(names))[: int(count)]:
+        kernel = line_kernel(copy.pixels(24.0), copy.rng.uniform(0, math.pi))
+        smeared = cv2.filter2D(copy.photo(names[index]), -1, kernel, borderType=cv2.BORDER_REPLICATE)
+        copy.write_photo(names[index], smeared)
+
+
 def line_kernel(length: float, angle: float) -> NDArray[np.float32]:
     """A line of the given length (pixels) and direction through the middle of a square kernel; its sum is 1."""
     half = math.ceil(length / 2) + 1

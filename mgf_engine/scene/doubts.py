@@ -16,6 +16,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.model import Scene
+from mgf_engine.scene.quality import blurred_views, photo_quality, poor_photos
 from mgf_engine.scene.roots import choose_held_out, choose_roots
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ UNSTEADY = 0.8
 FEW_PHOTOS = 5
 SPACING = 25.0  # degrees from photo to photo, seen from the building; stereo fails beyond
 FEW_POINTS = 30  # seen per photo (median); masks and stereo lean on them
-ONE_SIDED = 200.0  # degrees around the building; less leaves sides that no photo shows
+ONE_SIDED = 225.0  # degrees around the building; less leaves sides that no photo shows (docs/stability.md)
 
 
 def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter) -> Scene:
@@ -61,15 +62,25 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter)
             "photos of another place; leave out those that differ."
         )
     if foreign:
-        names = ", ".join(f"'{scene.views[i].name}'" for i in foreign[:3]) + (", ..." if len(foreign) > 3 else "")
         reporter.warning(
             f"{len(foreign)} of {len(scene.views)} photos do not show what the COLMAP model saw in them and are left "
-            f"out ({names}); check whether they are of another place."
+            f"out ({_names(scene, foreign)}); check whether they are of another place."
         )
         scene = drop_views(scene, foreign, every)
-    for text in weaknesses(scene):
+    quality = photo_quality(scene, folder)
+    blurred = blurred_views(quality)
+    if blurred:
+        reporter.warning(
+            f"{len(blurred)} of {len(scene.views)} photos are much less sharp than the others "
+            f"({_names(scene, blurred)}); leave them out or take them again."
+        )
+    for text in (*poor_photos(quality), *weaknesses(scene)):
         reporter.warning(text)
     return scene
+
+
+def _names(scene: Scene, views: list[int]) -> str:
+    return ", ".join(f"'{scene.views[i].name}'" for i in views[:3]) + (", ..." if len(views) > 3 else "")
 
 
 def reprojection_errors(scene: Scene) -> Array:

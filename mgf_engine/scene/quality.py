@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How good the photos themselves are where the sparse points lie: sensor noise and blur, before any work is done.
+
+Both are measured on the working photos, so that what counts is left after they were made smaller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.scene.images import read_rgb
+from mgf_engine.scene.model import Scene
+
+Array = NDArray[np.float64]
+#: Grey values of noise that roughen the mesh. Sound photos stay below 5 down to 240 pixels, leaves and bricks included.
+NOISY = 10.0
+#: Sharpness below which detail is lost: edges take more than three pixels. Sound photos have 0.65 to 1.6.
+BLURRED = 0.5
+#: A photo is out of line when it is blurred and this much less sharp than the median photo; at most so many of all.
+OUT_OF_LINE, MOST_BLURRED = 0.6, 0.3
+_SECOND_DIFFERENCE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)  # its noise gain is 6
+_BLOCK, _AROUND, _MARGIN = 8, 9, 5  # pixels
+_DARKEST, _BRIGHTEST = 16.0, 235.0  # clipped pixels have no noise
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Of each view, [V] each; NaN where too little can be seen.
+
+    Attributes:
+        noise: standard deviation in grey values of 255, from the calmest tenth of the photo.
+        sharpness: about 1 for edges of a pixel, 0.4 for edges of four, towards 0.3 beyond; the least over four
+            directions, because motion smears along one only.
+    """
+
+    noise: Array
+    sharpness: Array
+
+
+def photo_quality(scene: Scene, folder: Path) -> Quality:
+    """Noise and sharpness of the working photos in ``folder``."""
+    noise, sharpness = np.full((2, len(scene.views)), np.nan)
+    for index, view in enumerate(scene.views):
+        green = read_rgb(folder / Path(view.file).name)[..., 1].astype(np.float32)
+        noise[index] = noise_of(green)
+        sharpness[index] = sharpness_of(green, scene.track_uv[scene.track_view == index])
+    return Quality(noise, sharpness)
+
+
+def noise_of(grey: NDArray[np.float32]) -> float:
+    """Standard deviation of the noise in a photo [H, W], grey values of 0..255; NaN where nearly all is clipped.
+
+    Second differences across and down cancel smooth shading; for Gaussian noise their mean size is 6 sigma sqrt(2/pi).
+    The calmest tenth of all blocks is taken: texture adds to the others.
+    """
+    size = np.abs(cv2.filter2D(grey, -1, _SECOND_DIFFERENCE))[1:-1, 1:-1]
+    usable = ((grey > _DARKEST) & (grey < _BRIGHTEST)).astype(np.float32)[1:-1, 1:-1]
+    values = _block_means(size)[_block_means(usable) > 0.9]
+    if len(values) < 10:
+        return float("nan")
+    return float(np.percentile(values, 10) * np.sqrt(np.pi / 2) / 6)
+
+
+def _block_means(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    high, wide = (n // _BLOCK for n in values.shape)
+    blocks = values[: high * _BLOCK, : wide * _BLOCK].reshape(high, _BLOCK, wide, _BLOCK)
+    return np.asarray(blocks.mean((1, 3)), np.float32)
+
+
+def sharpness_of(grey: NDArray[np.float32], uv: NDArray[np.floating]) -> float:
+    """Sharpness around the observations uv [N, 2] of a photo [H, W]; see :class:`Quality`. NaN where nothing is.
+
+    Squared differences over one pixel against those over four, per pixel of distance: a sharp edge gives both the
+    same sum, an edge wider than four pixels a quarter of it.
+    """
+    x, y = np.floor(uv).astype(np.int64).T
+    near = np.zeros(grey.shape, np.uint8)
+    near[np.clip(y, 0, grey.shape[0] - 1), np.clip(x, 0, grey.shape[1] - 1)] = 1
+    near = np.asarray(cv2.dilate(near, np.ones((_AROUND, _AROUND), np.uint8)), np.uint8)
+    inner = near[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] > 0
+    if not inner.any():
+        return float("nan")
+    return min(_along(grey, step, far, inner) for step, far in (((0, 1), 4), ((1, 0), 4), ((1, 1), 3), ((1, -1), 3)))
+
+
+def _along(grey: NDArray[np.float32], step: tuple[int, int], far: int, inner: NDArray[np.bool_]) -> float:
+    """The ratio along one direction, ``step`` in rows and columns."""
+    high, wide = grey.shape
+
+    def squares(times: int) -> float:
+        y, x = _MARGIN + times * step[0], _MARGIN + times * step[1]
+        moved = grey[y : high - 2 * _MARGIN + y, x : wide - 2 * _MARGIN + x]
+        return float(((moved - grey[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN])[inner] ** 2).sum())
+
+    return far * squares(1) / max(squares(far), 1e-6)
+
+
+def blurred_views(quality: Quality) -> list[int]:
+    """Photos much less sharp than the others; empty where there are too many of them to be exceptions."""
+    limit = min(BLURRED, OUT_OF_LINE * _median(quality.sharpness))
+    found = np.flatnonzero(quality.sharpness < limit)
+    return found.tolist() if len(found) <= MOST_BLURRED * len(quality.sharpness) else []
+
+
+def poor_photos(quality: Quality) -> list[str]:
+    """A sentence each, with cause and cure, where the photos as a whole are noisy or blurred."""
+    found = []
+    noise, sharpness = _median(quality.noise), _median(quality.sharpness)
+    if noise > NOISY:
+        found.append(
+            f"The photos are noisy ({noise:.0f} of 255 grey values at their working size): the mesh will be rough and "
+            "lose detail; take them in more light or with a lower ISO."
+        )
+    if sharpness < BLURRED:
+        found.append(
+            "The photos are blurred over three pixels or more of their working size: the mesh will lose detail; take "
+            "them again with a shorter exposure and in focus."
+        )
+    return found
+
+
+def _median(values: Array) -> float:
+    """NaN, which is neither above nor below anything, where no photo tells."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
