@@ -138,8 +138,8 @@ def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
     position = {view: number for number, view in enumerate(chosen)}
     pairs = matching_views(scene, masks, chosen, MATCHED_WITH)
 
-    def grey(number: int) -> NDArray[np.float32]:
-        return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY) / np.float32(255), np.float32)
+    def grey(number: int) -> NDArray[np.uint8]:
+        return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)
 
     return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
 

@@ -56,11 +56,11 @@ class Photos:
     """What matching needs of the photos.
 
     Attributes:
-        grey: number of a view -> float32 [H, W], brightness 0..1.
+        grey: number of a view -> uint8 [H, W], brightness.
         neighbours: per view the numbers of those to match it with.
     """
 
-    grey: Callable[[int], NDArray[np.float32]]
+    grey: Callable[[int], NDArray[np.uint8]]
     neighbours: Sequence[Sequence[int]]
 
 
@@ -206,7 +206,7 @@ def fuse_gaussians(
     return FusedField(show, masks, photos.neighbours if photos else (), progress=progress)
 
 
-def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.float32] | None = None) -> Surface:
+def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None) -> Surface:
     """What the field shows in a view, where it covers the pixel at all, with the photo's brightness beside it."""
     with torch.no_grad():
         seen = render(gaussians, Camera.from_view(view), sh_degree=0).cpu()
@@ -215,7 +215,7 @@ def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.float32] |
     depth = _surface_depth(seen.median.numpy(), seen.depth.numpy() / np.maximum(alpha, 1e-6))
     normal = seen.normal.numpy() / np.maximum(np.linalg.norm(seen.normal.numpy(), axis=0), 1e-6)
     depth = np.where((alpha >= MIN_ALPHA) & (depth > NEAR), depth, 0.0).astype(np.float32)
-    grey = np.zeros_like(depth) if grey is None else grey
+    grey = np.zeros(depth.shape, np.uint8) if grey is None else grey
     return Surface(view, grey, depth, np.ascontiguousarray(normal.transpose(1, 2, 0)), alpha < THROUGH)
 
 

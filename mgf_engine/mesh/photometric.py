@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from mgf_engine.scene.model import View
 
 JUMP = 0.01  # share of the depth that pixels of one surface may differ from its plane
 HIDDEN = 0.02  # share of the depth that the neighbour's own depth may differ
-TEXTURE = 0.008  # least standard deviation of a patch's brightness
+TEXTURE = 0.008 * 255  # least standard deviation of a patch's brightness, grey levels
 SURE = 0.6  # least correlation at the best depth
 
 Array = NDArray[np.float32]
@@ -43,17 +44,24 @@ class Surface:
     """A photo and what the field shows in it.
 
     Attributes:
-        grey: float32 [H, W], brightness 0..1.
+        grey: uint8 [H, W], brightness of the photo.
         depth: float32 [H, W], 0 where no surface is shown.
         normal: float32 [H, W, 3], unit, in the camera's frame, facing the camera.
         through: bool [H, W], where the view looks past everything.
     """
 
     view: View
-    grey: Array
+    grey: NDArray[np.uint8]
     depth: Array
     normal: Array
     through: NDArray[np.bool_]
+
+    @cached_property
+    def quads(self) -> NDArray[np.uint32]:
+        """Brightness of each pixel, and in the higher bytes of those right, below and below right of it, [H, W]."""
+        padded = np.pad(self.grey, ((0, 1), (0, 1)), "edge")
+        corners = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
+        return np.ascontiguousarray(np.stack(corners, -1)).view("<u4")[..., 0]
 
 
 @dataclass(frozen=True)
@@ -75,8 +83,7 @@ def match_surface(first: Surface, others: Sequence[Surface], search: Search = WI
     likeness = np.zeros(first.depth.size, np.float32)
     depth = first.depth.ravel().copy()
     if len(pixels) and others:
-        step = _step(first, others, pixels, search)
-        scores, counts = correlations(first, others, pixels, step, search.steps)
+        scores, counts, step = correlations(first, others, pixels, search)
         shift, best = _peak(scores, counts)
         depth[pixels] = depth[pixels] / (1 + shift * step)
         likeness[pixels] = best
@@ -85,26 +92,30 @@ def match_surface(first: Surface, others: Sequence[Surface], search: Search = WI
 
 
 def correlations(
-    first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], step: Array, steps: int = WIDE.steps
-) -> tuple[Array, Array]:
+    first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], search: Search = WIDE
+) -> tuple[Array, Array, Array]:
     """Correlation of the patches around ``pixels`` [N] for each tried depth, summed over neighbours that see them.
 
-    The tried depths are ``depth / (1 + (k - steps // 2) * step)``.
+    The tried depths are ``depth / (1 + (k - steps // 2) * step)``; pixels less than two from the rim are left out.
 
     Returns:
-        sums [N, steps] and number of neighbours [N].
+        sums [N, steps], number of neighbours [N], and the steps [N].
     """
-    scores, counts = np.zeros((len(pixels), steps), np.float32), np.zeros(len(pixels), np.float32)
+    count, view = len(pixels), first.view
+    scores, counts, step = (np.zeros(shape, np.float32) for shape in ((count, search.steps), count, count))
     normals = np.ascontiguousarray(first.normal.reshape(-1, 3)[pixels])
-    view = first.view
     inverse = np.array([1 / view.fx, 1 / view.fy, view.cx, view.cy], np.float32)
-    for other in others:
-        parallel(
-            "match_depths_work", len(pixels), pixels, normals, step, steps, first.grey, first.depth, *first.depth.shape,
-            inverse, between(view, other.view), other.grey, other.depth, *other.depth.shape,
-            JUMP, HIDDEN, TEXTURE, scores, counts,
-        )  # fmt: skip
-    return scores, counts
+    parallel(
+        "match_photos_work", count, pixels, normals, search.pixels, search.steps, _struct([first], view), inverse,
+        _struct(others, view), len(others), JUMP, HIDDEN, TEXTURE, step, scores, counts,
+    )  # fmt: skip
+    return scores, counts, step
+
+
+def _struct(surfaces: Sequence[Surface], first: View) -> NDArray[np.void]:
+    """As ``raster/kernels/match.c`` takes photos with their surfaces (struct Photo)."""
+    rows = [(s.quads.ctypes.data, s.depth.ctypes.data, *s.depth.shape, between(first, s.view)) for s in surfaces]
+    return np.array(rows, [(name, "<i8") for name in ("quads", "depth", "height", "width")] + [("to", "<f8", 12)])
 
 
 def between(first: View, second: View) -> NDArray[np.float64]:
@@ -117,22 +128,6 @@ def between(first: View, second: View) -> NDArray[np.float64]:
 
 def _intrinsics(view: View) -> NDArray[np.float64]:
     return np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]])
-
-
-def _step(first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], search: Search) -> Array:
-    """Relative change of the inverse depth that moves a pixel by one step where it moves the most, [N]."""
-    width = first.depth.shape[1]
-    inverse = 1.0 / first.depth.ravel()[pixels].astype(np.float64)
-    rays = np.stack([pixels % width + 0.5, pixels // width + 0.5, np.ones(len(pixels))], 1)
-    most = np.full(len(pixels), 1e-6)
-    for other in others:
-        m = between(first.view, other.view)
-        at = [rays @ m[:9].reshape(3, 3).T + m[9:] * (inverse * factor)[:, None] for factor in (1.0, 1.001)]
-        ahead = (at[0][:, 2] > 0) & (at[1][:, 2] > 0)
-        uv = [a[:, :2] / np.where(ahead, a[:, 2], 1.0)[:, None] for a in at]
-        moved = np.linalg.norm(uv[1] - uv[0], axis=1) / 0.001
-        most = np.where(ahead, np.maximum(most, moved), most)
-    return np.minimum(search.pixels / most, 0.5 / search.steps).astype(np.float32)
 
 
 def _peak(scores: Array, counts: Array) -> tuple[Array, Array]:

@@ -52,7 +52,7 @@ def refine(
     return mesh
 
 
-def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.float32]) -> Surface:
+def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]) -> Surface:
     """What a view sees of the mesh from the front.
 
     Args:

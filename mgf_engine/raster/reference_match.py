@@ -3,11 +3,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 RADIUS = 2
+
+
+def depth_steps(
+    pixels: NDArray[np.int32], depth: Array, between: Sequence[Array], length: float, limit: float
+) -> Array:
+    """Relative change [N] of the inverse depth that moves ``pixels`` by ``length`` in the photo where they move most.
+
+    Args:
+        depth: of the first photo, [H, W].
+        between: of each neighbour, as :func:`match_depths` takes it.
+    """
+    rows, columns = np.divmod(pixels, depth.shape[1])
+    places = np.stack([columns + 0.5, rows + 0.5, np.ones(len(pixels))], 1)
+    inverse = 1 / depth[rows, columns]
+    most = np.full(len(pixels), 1e-6)
+    for m in between:
+        q = [places @ m[:9].reshape(3, 3).T + m[9:] * (inverse * factor)[:, None] for factor in (1 - 1e-5, 1 + 1e-5)]
+        moved = np.linalg.norm(q[1][:, :2] / q[1][:, 2:] - q[0][:, :2] / q[0][:, 2:], axis=1) / 2e-5
+        most = np.where(q[0][:, 2] > 0, np.maximum(most, moved), most)
+    return np.asarray(np.minimum(length / most, limit))
 
 
 def match_depths(
@@ -18,7 +40,7 @@ def match_depths(
 
     Args:
         normals: [N, 3], first camera's frame.
-        first, other: (grey, depth) of each photo, [H, W] each.
+        first, other: (brightness, depth) of each photo, [H, W] each.
         inverse_intrinsics: 1 / fx, 1 / fy, cx, cy of the first photo.
         between: M and b, flat [12]: (u, v, 1) ~ M (x, y, 1) + b / depth.
     """

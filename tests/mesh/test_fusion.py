@@ -35,7 +35,7 @@ def wall_field(deeper: int) -> FusedField:
             depth[(abs(rows - row) < 6) & (abs(columns - column) < 6)] += DEEPER * 4 / view.fx
         normal = np.zeros((HEIGHT, WIDTH, 3), np.float32)
         normal[..., 2] = -1
-        return Surface(view, np.zeros_like(depth), depth, normal, np.zeros(depth.shape, bool))
+        return Surface(view, np.zeros(depth.shape, np.uint8), depth, normal, np.zeros(depth.shape, bool))
 
     return FusedField(show, [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT)
 

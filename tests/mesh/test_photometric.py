@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import cv2
@@ -13,12 +14,14 @@ from mgf_engine.mesh.photometric import (
     HIDDEN,
     JUMP,
     TEXTURE,
+    WIDE,
     Surface,
     between,
     correlations,
     match_surface,
 )
-from mgf_engine.raster.reference_match import match_depths
+from mgf_engine.raster import library
+from mgf_engine.raster.reference_match import depth_steps, match_depths
 from mgf_engine.scene.model import View
 
 SIZE, DISTANCE = 64, 5.0
@@ -50,34 +53,68 @@ def surface(camera: View, tilt: float = 0.3, gain: float = 1.0, plain: bool = Fa
     grey = np.full(depth.shape, 0.5) if plain else 0.1 + gain * texture(points)
     normals = np.broadcast_to(camera.rotation @ normal, (*depth.shape, 3))
     through = np.zeros(depth.shape, bool)
-    as32 = (np.ascontiguousarray(a, dtype=np.float32) for a in (grey, depth, normals))
-    return Surface(camera, *as32, through)
+    as32 = (np.ascontiguousarray(a, dtype=np.float32) for a in (depth, normals))
+    return Surface(camera, np.rint(255 * grey).astype(np.uint8), *as32, through)
 
 
 FIRST = surface(view(0.0))
 OTHERS = [surface(view(0.9, -0.15)), surface(view(-0.8, 0.1), gain=0.7)]
 
 
-def test_kernel_equals_its_twin() -> None:
+@pytest.fixture(params=library.runnable_variants())
+def variant(request: pytest.FixtureRequest) -> Iterator[str]:
+    library.use_variant(request.param)
+    yield request.param
+    library.use_variant("")
+
+
+def test_kernel_equals_its_twin(variant: str) -> None:
     generator = np.random.default_rng(0)
     noisy = replace(FIRST, depth=(FIRST.depth * generator.normal(1, 0.004, FIRST.depth.shape)).astype(np.float32))
     noisy.depth[10:20, 5:40] = 0
-    pixels = generator.choice(SIZE * SIZE, 700, replace=False).astype(np.int32)
-    step = generator.uniform(0.001, 0.01, len(pixels)).astype(np.float32)
-    scores, counts = correlations(noisy, OTHERS[:1], pixels, step)
+    others = [OTHERS[0], replace(OTHERS[1], depth=OTHERS[1].depth * np.where(np.arange(SIZE)[:, None] < 40, 1, 0.9))]
+    others[1] = replace(others[1], depth=others[1].depth.astype(np.float32))
+    pixels = np.sort(generator.choice(SIZE * SIZE, 700, replace=False)).astype(np.int32)
+    pixels = pixels[noisy.depth.ravel()[pixels] > 0]
+    scores, counts, step = correlations(noisy, others, pixels)
     v = noisy.view
-    expected, seen = match_depths(
-        pixels, noisy.normal.reshape(-1, 3)[pixels].astype(float), step.astype(float), scores.shape[1],
-        (noisy.grey.astype(float), noisy.depth.astype(float)), np.array([1 / v.fx, 1 / v.fy, v.cx, v.cy]),
-        between(v, OTHERS[0].view), (OTHERS[0].grey.astype(float), OTHERS[0].depth.astype(float)),
-        JUMP, HIDDEN, TEXTURE,
-    )  # fmt: skip
-    assert 100 < seen.sum() < 600
+    maps = [between(v, other.view) for other in others]
+    found = [
+        match_depths(
+            pixels, noisy.normal.reshape(-1, 3)[pixels].astype(float), step.astype(float), WIDE.steps,
+            (noisy.grey.astype(float), noisy.depth.astype(float)), np.array([1 / v.fx, 1 / v.fy, v.cx, v.cy]),
+            m, (other.grey.astype(float), other.depth.astype(float)), JUMP, HIDDEN, TEXTURE,
+        )
+        for m, other in zip(maps, others, strict=True)
+    ]  # fmt: skip
+    expected, seen = sum(f[0] for f in found), sum(f[1] for f in found)
+    assert {0, 1, 2} == set(seen.tolist()) and 200 < seen.sum() < 900
     # A pixel whose depth lies on a threshold to the last bit may be judged either way.
     same = counts == seen
     assert same.mean() > 0.995
     assert np.abs(scores - expected)[same].max() < 2e-3
     assert np.abs(scores - expected)[same].mean() < 2e-5
+    inside = (np.minimum(pixels % SIZE, pixels // SIZE) >= 2) & (np.maximum(pixels % SIZE, pixels // SIZE) < SIZE - 2)
+    steps = depth_steps(pixels, noisy.depth.astype(float), maps, WIDE.pixels, 0.5 / WIDE.steps)
+    np.testing.assert_allclose(step[inside], steps[inside], rtol=1e-5)
+    assert np.ptp(step) > 0.1 * step.mean()
+
+
+def test_any_number_of_threads_and_small_pictures() -> None:
+    pixels = np.flatnonzero(FIRST.depth.ravel() > 0).astype(np.int32)
+    results = []
+    for count in (1, 3):
+        library.set_threads(count)
+        results.append(correlations(FIRST, OTHERS, pixels))
+    library.set_threads(0)
+    for one, other in zip(*results, strict=True):
+        assert np.array_equal(one, other)
+    for height, width in ((1, 1), (4, 64), (64, 4), (5, 5)):
+        small = [
+            replace(s, **{k: np.ascontiguousarray(getattr(s, k)[:height, :width]) for k in ("grey", "depth", "normal")})
+            for s in (FIRST, *OTHERS)
+        ]
+        assert np.isfinite(match_surface(small[0], small[1:]).depth).all()
 
 
 def inner(a: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ FINE = 6  # subdivisions of the ball
 
 
 def painted(view, plain: bool = False) -> np.ndarray:
-    """The photo of a unit ball with waves on it, brightness 0..1."""
+    """The photo of a unit ball with waves on it, as brightness."""
     rows, columns = np.indices((view.height, view.width))
     rays = pixel_rays(view, rows.ravel(), columns.ravel())
     middle = rays @ -view.centre
@@ -33,7 +33,7 @@ def painted(view, plain: bool = False) -> np.ndarray:
     x, y, z = (view.centre + depth[:, None] * rays).T
     waves = np.sin(23 * x + 5 * y) + np.sin(19 * y - 11 * z + 1) + np.sin(27 * z + 7 * x) + np.sin(31 * x - 17 * y)
     grey = np.where(inside > 0, 0.5 + (0 if plain else 0.1) * waves, 0.0)
-    return np.asarray(grey.reshape(view.height, view.width), np.float32)
+    return np.rint(255 * grey.reshape(view.height, view.width)).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")

@@ -1,129 +1,209 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// How alike a photo and its neighbour look around a pixel, for several depths of the surface there: normalised
+// How alike a photo and its neighbours look around a pixel, for several depths of the surface there: normalised
 // cross-correlation of a patch, carried over by the plane through the surface (plane sweep with known normals; Collins
 // 1996, Gallup et al. 2007).
 //
-// Brightness and contrast drop out of the measure, so photos of other exposure compare as well.
-#include <string.h>
-
+// Brightness and contrast drop out of the measure, so photos of other exposure compare as well. Sixteen pixels go side
+// by side, one in each lane. Four neighbouring pixels of a photo are packed into one word, since fetching them from
+// sixteen places is what takes the time.
 #include "export.h"
+#include "vector.h"
 
-enum { PIECE = 64, RADIUS = 2, SIDE = 2 * RADIUS + 1, SAMPLES = SIDE * SIDE, PADDED = 32, MOST_STEPS = 33 };
+enum { GROUPS = 4, RADIUS = 2, SIDE = 2 * RADIUS + 1, SAMPLES = SIDE * SIDE, MOST_STEPS = 33 };
 
-// A photo with its rendered surface; grey [height][width] in 0..1, depth [height][width], 0 where unknown.
+// A photo with the surface it shows, [height][width] each; m, b take pixels of the first photo to this one:
+// (u, v, 1) ~ m (x, y, 1) + b / depth.
 typedef struct {
-    const float *grey, *depth;
+    const uint32_t *quads;  // brightness 0..255 of a pixel, and in the higher bytes of those right, below, below right
+    const float *depth;     // 0 where unknown
     int64_t height, width;
-} Picture;
+    double m[9], b[3];
+} Photo;
+
+// Sixteen pixels, and the plane through the surface at each: inverse + dx * slope[0] + dy * slope[1] is 1 / depth beside it.
+typedef struct {
+    i16 at, good;  // index in the picture; may the lane be used?
+    v16 x, y, depth, inverse, slope[2];
+} Pixels;
 
 typedef struct {
-    float grey[PADDED], weight[PADDED];
-    float total, mean, spread;  // sum of weights, weighted mean, square root of the weighted sum of squares about it
+    v16 weight[SAMPLES], grey[SAMPLES];  // is the pixel on the plane? its brightness less the mean, times the weight
+    v16 total, mean, spread;             // sum of weights, mean, square root of the sum of squares about it
 } Patch;
 
-// The pixels around (x, y) that lie on the plane `plane` . (x, y, 1) = 1 / depth; 0 when there is nothing to match.
-static int load_patch(const Picture *p, int64_t x, int64_t y, const float *plane, float jump, float texture, Patch *patch) {
-    if (x < RADIUS || y < RADIUS || x + RADIUS >= p->width || y + RADIUS >= p->height) return 0;
-    memset(patch, 0, sizeof *patch);
-    float sum = 0;
-    for (int k = 0; k < SAMPLES; k++) {
-        const int64_t px = x + k % SIDE - RADIUS, py = y + k / SIDE - RADIUS, i = py * p->width + px;
-        const float inverse = plane[0] * (px + 0.5f) + plane[1] * (py + 0.5f) + plane[2];
-        // depth = 0 (unknown) differs by one from every plane.
-        patch->weight[k] = __builtin_fabsf(p->depth[i] * inverse - 1.0f) < jump ? 1.0f : 0.0f;
-        patch->grey[k] = p->grey[i];
-        patch->total += patch->weight[k], sum += patch->weight[k] * p->grey[i];
+// Where a lane's pixel falls in a photo: (u, v, 1) ~ centre + dx * across + dy * down, for one depth.
+typedef struct {
+    v16 centre[3], across[3], down[3];
+} Homography;
+
+static Pixels load_pixels(const Photo *p, const int32_t *pixels, int64_t count, const float *normals, const float *k) {
+    Pixels r;
+    v16 m[3];
+    const int32_t width = (int32_t)p->width, height = (int32_t)p->height;
+    for (int l = 0; l < VECTOR; l++) {
+        const int64_t i = l < count ? l : 0;
+        const int32_t x = pixels[i] % width, y = pixels[i] / width;
+        const int inside = x >= RADIUS && y >= RADIUS && x + RADIUS < width && y + RADIUS < height;
+        r.good[l] = l < count && inside ? -1 : 0;
+        r.at[l] = inside ? pixels[i] : RADIUS * width + RADIUS;
+        r.x[l] = x + 0.5f, r.y[l] = y + 0.5f, r.depth[l] = p->depth[pixels[i]];
+        for (int c = 0; c < 3; c++) m[c][l] = normals[3 * i + c];
     }
-    if (patch->total < 0.5f * SAMPLES) return 0;
-    patch->mean = sum / patch->total;
-    float squares = 0;
-    for (int k = 0; k < SAMPLES; k++) {
-        const float d = patch->grey[k] - patch->mean;
-        squares += patch->weight[k] * d * d;
-    }
-    patch->spread = __builtin_sqrtf(squares);
-    return squares > texture * texture * patch->total;
+    const v16 facing = (m[0] * ((r.x - k[2]) * k[0]) + m[1] * ((r.y - k[3]) * k[1]) + m[2]) * r.depth;
+    r.good &= (r.depth > 0.0f) & (facing < 0.0f);
+    const v16 scale = 1.0f / choose(r.good, facing, splat(1.0f));
+    r.slope[0] = m[0] * k[0] * scale, r.slope[1] = m[1] * k[1] * scale;
+    r.inverse = 1.0f / choose(r.good, r.depth, splat(1.0f));
+    return r;
 }
 
-// Correlation of a patch with `other` seen through `h` (pixel of the one -> of the other, row-major); -2 out of frame.
-static float correlate(const Patch *patch, int64_t x, int64_t y, const float *h, const Picture *other, float texture) {
-    float u[PADDED], v[PADDED], low_u = 1e30f, high_u = -1e30f, low_v = 1e30f, high_v = -1e30f, low_w = 1e30f;
-    for (int k = 0; k < PADDED; k++) {
-        const int s = k < SAMPLES ? k : 0;
-        const float a = x + s % SIDE - RADIUS + 0.5f, b = y + s / SIDE - RADIUS + 0.5f;
-        const float w = h[6] * a + h[7] * b + h[8], inverse = 1.0f / w;
-        u[k] = (h[0] * a + h[1] * b + h[2]) * inverse - 0.5f, v[k] = (h[3] * a + h[4] * b + h[5]) * inverse - 0.5f;
-        low_w = w < low_w ? w : low_w;
-        low_u = u[k] < low_u ? u[k] : low_u, high_u = u[k] > high_u ? u[k] : high_u;
-        low_v = v[k] < low_v ? v[k] : low_v, high_v = v[k] > high_v ? v[k] : high_v;
+// The patches around pixels; lanes where there is nothing to match are marked.
+static void load_patches(const Photo *p, Pixels *pixels, float jump, float texture, Patch *patch) {
+    v16 sum = splat(0.0f), squares = splat(0.0f);
+    patch->total = splat(0.0f);
+    for (int k = 0; k < SAMPLES; k++) {
+        const float dx = k % SIDE - RADIUS, dy = k / SIDE - RADIUS;
+        const i16 at = pixels->at + ((k / SIDE - RADIUS) * (int32_t)p->width + k % SIDE - RADIUS);
+        const v16 off = (v16)gather(p->depth, at) * (pixels->inverse + dx * pixels->slope[0] + dy * pixels->slope[1]) - 1.0f;
+        // depth = 0 (unknown) differs by one from every plane.
+        patch->weight[k] = keep((off < jump) & (off > -jump), splat(1.0f));
+        patch->grey[k] = __builtin_convertvector(gather(p->quads, at) & 255, v16);
+        patch->total += patch->weight[k], sum += patch->weight[k] * patch->grey[k];
     }
-    if (!(low_w > 0 && low_u >= 0 && low_v >= 0 && high_u < other->width - 1 && high_v < other->height - 1)) return -2.0f;
-    const float *grey = other->grey;
-    const int32_t width = (int32_t)other->width;
-    float sum = 0, squares = 0, products = 0;
-    for (int k = 0; k < PADDED; k++) {
-        const int32_t i = (int32_t)u[k], j = (int32_t)v[k], at = j * width + i;
-        const float a = u[k] - i, b = v[k] - j;
-        const float top = grey[at] + a * (grey[at + 1] - grey[at]);
-        const float bottom = grey[at + width] + a * (grey[at + width + 1] - grey[at + width]);
-        const float value = top + b * (bottom - top) - patch->mean, weighted = patch->weight[k] * value;
-        sum += weighted, squares += weighted * value, products += weighted * (patch->grey[k] - patch->mean);
+    pixels->good &= patch->total >= 0.5f * SAMPLES;
+    patch->total = choose(pixels->good, patch->total, splat(1.0f));
+    patch->mean = sum / patch->total;
+    for (int k = 0; k < SAMPLES; k++) {
+        patch->grey[k] = patch->weight[k] * (patch->grey[k] - patch->mean);
+        squares += patch->grey[k] * patch->grey[k];
+    }
+    pixels->good &= squares > texture * texture * patch->total;
+    patch->spread = vsqrt(squares);
+}
+
+// What takes the first photo's pixels to `o`, at their depths; `here` is m (x, y, 1).
+static void carry(const Photo *o, const Pixels *pixels, v16 here[3]) {
+    for (int r = 0; r < 3; r++)
+        for (int l = 0; l < VECTOR; l++)
+            here[r][l] = (float)(o->m[3 * r] * pixels->x[l] + o->m[3 * r + 1] * pixels->y[l] + o->m[3 * r + 2]);
+}
+
+static Homography at_depth(const Photo *o, const Pixels *pixels, const v16 here[3], v16 factor) {
+    Homography h;
+    for (int r = 0; r < 3; r++) {
+        const v16 shift = factor * (float)o->b[r];
+        h.centre[r] = here[r] + shift * pixels->inverse;
+        h.across[r] = (float)o->m[3 * r] + shift * pixels->slope[0];
+        h.down[r] = (float)o->m[3 * r + 1] + shift * pixels->slope[1];
+    }
+    return h;
+}
+
+// Lanes whose spot a photo sees, and nothing in front of it.
+static i16 sees(const Photo *o, const Pixels *pixels, const v16 here[3], float hidden) {
+    const Homography h = at_depth(o, pixels, here, splat(1.0f));
+    i16 seen = pixels->good & (h.centre[2] > 0.0f);
+    const v16 inverse = 1.0f / choose(seen, h.centre[2], splat(1.0f)), u = h.centre[0] * inverse, v = h.centre[1] * inverse;
+    seen &= (u >= 0.0f) & (v >= 0.0f) & (u < (float)o->width) & (v < (float)o->height);
+    const i16 x = __builtin_convertvector(keep(seen, u), i16), y = __builtin_convertvector(keep(seen, v), i16);
+    const v16 depth = h.centre[2] * pixels->depth, off = (v16)gather(o->depth, y * (int32_t)o->width + x) - depth;
+    return seen & (off < hidden * depth) & (off > -hidden * depth);
+}
+
+// Lanes whose patch lies in the frame: where all is in front of the camera, its corners are where it reaches farthest.
+static i16 in_picture(const Photo *o, const Homography *h) {
+    i16 inside = ~(i16){0};
+    for (int k = 0; k < 4; k++) {
+        const float dx = k & 1 ? RADIUS : -RADIUS, dy = k & 2 ? RADIUS : -RADIUS;
+        v16 q[3];
+        for (int r = 0; r < 3; r++) q[r] = h->centre[r] + dx * h->across[r] + dy * h->down[r];
+        inside &= (q[2] > 0.0f) & (q[0] >= 0.5f * q[2]) & (q[1] >= 0.5f * q[2]);
+        inside &= (q[0] < ((float)o->width - 0.5f) * q[2]) & (q[1] < ((float)o->height - 0.5f) * q[2]);
+    }
+    return inside;
+}
+
+// Correlation of the patches with a photo seen through `h`; anything in lanes that are not good.
+static v16 correlate(const Patch *patch, Homography h, i16 good, const Photo *o, float texture) {
+    for (int r = 0; r < 3; r++)  // the lanes that are not good read the first pixels
+        h.centre[r] = choose(good, h.centre[r], splat(1.0f)), h.across[r] = keep(good, h.across[r]), h.down[r] = keep(good, h.down[r]);
+    v16 sum = splat(0.0f), squares = splat(0.0f), products = splat(0.0f);
+    for (int k = 0; k < SAMPLES; k++) {
+        const float dx = k % SIDE - RADIUS, dy = k / SIDE - RADIUS;
+        const v16 inverse = reciprocal(h.centre[2] + dx * h.across[2] + dy * h.down[2]);
+        const v16 u = (h.centre[0] + dx * h.across[0] + dy * h.down[0]) * inverse - 0.5f;
+        const v16 v = (h.centre[1] + dx * h.across[1] + dy * h.down[1]) * inverse - 0.5f;
+        const i16 i = __builtin_convertvector(u, i16), j = __builtin_convertvector(v, i16);
+        const v16 a = u - __builtin_convertvector(i, v16), b = v - __builtin_convertvector(j, v16);
+        const i16 quad = gather(o->quads, j * (int32_t)o->width + i);
+        const v16 p = __builtin_convertvector(quad & 255, v16), q = __builtin_convertvector(quad >> 8 & 255, v16);
+        const v16 r = __builtin_convertvector(quad >> 16 & 255, v16), s = __builtin_convertvector(quad >> 24 & 255, v16);
+        const v16 top = p + a * (q - p), bottom = r + a * (s - r), value = top + b * (bottom - top) - patch->mean;
+        const v16 weighted = patch->weight[k] * value;
+        sum += weighted, squares += weighted * value, products += patch->grey[k] * value;
     }
     squares -= sum * sum / patch->total;
-    if (!(squares > texture * texture * patch->total)) return -1.0f;
-    return products / (patch->spread * __builtin_sqrtf(squares));
+    const i16 rich = squares > texture * texture * patch->total;
+    return choose(rich, products / (patch->spread * vsqrt(squares)), splat(-1.0f));
 }
 
-/* Adds to scores [n][steps] the correlation of one neighbour, and 1 to counts [n] where it had a say at every depth.
-   pixels [n]: y * width + x in `first`; normals [n][3]: of the surface there, in the frame of the first camera, facing it.
-   The tried inverse depths are those of the first depth map times (1 + (k - steps / 2) step[n]).
-   between: what takes a pixel to the other picture, 9 + 3 numbers M, b: (u, v, 1) ~ M (x, y, 1) + b / depth;
-   inverse_intrinsics: (1 / fx, 1 / fy, cx, cy) of the first. jump: share of the depth by which pixels of one surface
-   differ from its plane at most; hidden: by which the neighbour's own depth may differ; texture: least deviation of grey. */
-MGF_API void match_depths_work(int32_t *next, int64_t n, const int32_t *pixels, const float *normals, const float *step,
-                               int64_t steps, const float *first_grey, const float *first_depth, int64_t first_height,
-                               int64_t first_width, const float *inverse_intrinsics, const double *between,
-                               const float *other_grey, const float *other_depth, int64_t other_height,
-                               int64_t other_width, float jump, float hidden, float texture, float *scores,
-                               float *counts) {
-    const Picture first = {first_grey, first_depth, first_height, first_width};
-    const Picture other = {other_grey, other_depth, other_height, other_width};
-    const float *k = inverse_intrinsics;
+// Relative change of the inverse depth that moves a pixel by `length` where it moves the most, at most `limit`.
+static v16 step_of(const Photo *others, int64_t count, const Pixels *pixels, float length, float limit) {
+    v16 most = splat(1e-6f);
+    for (int64_t n = 0; n < count; n++) {
+        const Photo *o = others + n;
+        v16 here[3];
+        carry(o, pixels, here);
+        const Homography h = at_depth(o, pixels, here, splat(1.0f));
+        const i16 ahead = h.centre[2] > 0.0f;
+        const v16 w = choose(ahead, h.centre[2], splat(1.0f)), scale = pixels->inverse / (w * w);
+        const v16 du = ((float)o->b[0] * here[2] - (float)o->b[2] * here[0]) * scale;
+        const v16 dv = ((float)o->b[1] * here[2] - (float)o->b[2] * here[1]) * scale;
+        most = choose(ahead, vmax(vsqrt(du * du + dv * dv), most), most);
+    }
+    return vmin(length / most, splat(limit));
+}
+
+/* pixels [n]: y * width + x in `first`, where its depth is known; normals [n][3]: of the surface there, in the frame of
+   the first camera, facing it; inverse_intrinsics: (1 / fx, 1 / fy, cx, cy) of the first.
+   step [n] is set to the relative change of the inverse depth that moves a pixel by `length` in the neighbour where it
+   moves the most; the tried inverse depths are those of the first depth map times (1 + (k - steps / 2) step[n]).
+   scores [n][steps] are set to the sums of the correlations with the neighbours that had a say at every depth, counts
+   [n] to their number. jump: share of the depth by which pixels of one surface differ from its plane at most; hidden: by
+   which the neighbour's own depth may differ; texture: least deviation of brightness. */
+MGF_API void match_photos_work(int32_t *next, int64_t n, const int32_t *pixels, const float *normals, float length,
+                               int64_t steps, const Photo *first, const float *inverse_intrinsics,
+                               const Photo *others, int64_t neighbours, float jump, float hidden, float texture,
+                               float *step, float *scores, float *counts) {
+    if (first->width < SIDE || first->height < SIDE || steps > MOST_STEPS) return;
     for (;;) {
-        const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
+        const int64_t start = take_work(next) * GROUPS * VECTOR, end = start + GROUPS * VECTOR < n ? start + GROUPS * VECTOR : n;
         if (start >= n) return;
-        for (int64_t i = start; i < end; i++) {
-            const int64_t x = pixels[i] % first.width, y = pixels[i] / first.width;
-            const float depth = first.depth[pixels[i]], *m = normals + 3 * i;
-            // The plane through the point with that normal: 1 / depth is linear in the pixel.
-            const float rx = (x + 0.5f - k[2]) * k[0], ry = (y + 0.5f - k[3]) * k[1];
-            const float facing = (m[0] * rx + m[1] * ry + m[2]) * depth;
-            if (!(depth > 0 && facing < 0)) continue;
-            const float plane[3] = {m[0] * k[0] / facing, m[1] * k[1] / facing,
-                                    (m[2] - m[0] * k[2] * k[0] - m[1] * k[3] * k[1]) / facing};
-            // Does the neighbour see this spot, or something in front of it?
-            double q[3];
-            for (int r = 0; r < 3; r++)
-                q[r] = (between[3 * r] * (x + 0.5) + between[3 * r + 1] * (y + 0.5) + between[3 * r + 2]) * depth + between[9 + r];
-            if (!(q[2] > 0)) continue;
-            const double u = q[0] / q[2], v = q[1] / q[2];
-            if (!(u >= 0 && v >= 0 && u < other.width && v < other.height)) continue;
-            const float seen = other.depth[(int64_t)v * other.width + (int64_t)u];
-            if (!(__builtin_fabs(seen - q[2]) < hidden * q[2])) continue;
+        for (int64_t i = start; i < end; i += VECTOR) {
+            const int64_t lanes = end - i < VECTOR ? end - i : VECTOR;
+            Pixels here = load_pixels(first, pixels + i, lanes, normals + 3 * i, inverse_intrinsics);
+            const v16 stride = step_of(others, neighbours, &here, length, 0.5f / (float)steps);
+            v16 sum[MOST_STEPS], number = splat(0.0f);
+            for (int64_t s = 0; s < steps; s++) sum[s] = splat(0.0f);
             Patch patch;
-            if (!load_patch(&first, x, y, plane, jump, texture, &patch)) continue;
-            float found[MOST_STEPS];
-            int64_t s = 0;
-            for (; s < steps; s++) {
-                const float factor = 1.0f + (float)(s - steps / 2) * step[i];
-                float h[9];
-                for (int r = 0; r < 9; r++) h[r] = (float)(between[r] + between[9 + r / 3] * plane[r % 3] * factor);
-                found[s] = correlate(&patch, x, y, h, &other, texture);
-                if (found[s] < -1.5f) break;
+            load_patches(first, &here, jump, texture, &patch);
+            for (int64_t k = 0; k < neighbours; k++) {
+                v16 at[3], found[MOST_STEPS];
+                carry(others + k, &here, at);
+                i16 said = sees(others + k, &here, at, hidden);
+                for (int64_t s = 0; s < steps && any(said); s++) {
+                    const Homography h = at_depth(others + k, &here, at, 1.0f + (float)(s - steps / 2) * stride);
+                    said &= in_picture(others + k, &h);
+                    found[s] = correlate(&patch, h, said, others + k, texture);
+                }
+                if (!any(said)) continue;
+                for (int64_t s = 0; s < steps; s++) sum[s] += keep(said, found[s]);
+                number += keep(said, splat(1.0f));
             }
-            if (s < steps) continue;
-            for (s = 0; s < steps; s++) scores[i * steps + s] += found[s];
-            counts[i] += 1.0f;
+            for (int64_t l = 0; l < lanes; l++) {
+                step[i + l] = stride[l], counts[i + l] = number[l];
+                for (int64_t s = 0; s < steps; s++) scores[(i + l) * steps + s] = sum[s][l];
+            }
         }
     }
 }

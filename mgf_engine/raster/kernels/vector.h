@@ -59,6 +59,17 @@ static inline v16 vmin(v16 a, v16 b) { return choose(a < b, a, b); }
 static inline v16 vmax(v16 a, v16 b) { return choose(a > b, a, b); }
 #endif
 
+// Lane i = the word a[at[i]], whatever it stands for.
+static inline i16 gather(const void *a, i16 at) {
+#if defined(__AVX512F__)
+    return (i16)_mm512_i32gather_epi32((__m512i)at, a, 4);
+#else
+    i16 r;
+    for (int i = 0; i < 16; i++) r[i] = ((const int32_t *)a)[at[i]];
+    return r;
+#endif
+}
+
 static inline v16 vsqrt(v16 x) {
 #if defined(__AVX512F__)
     return (v16)_mm512_sqrt_ps((__m512)x);
