@@ -13,6 +13,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.agreement import contradicted_masks
 from mgf_engine.masks.contact import write_contact_sheet
+from mgf_engine.masks.fit import forgive, measure_fit, misfits
 from mgf_engine.masks.levels import Part, add_elements, tie_parts
 from mgf_engine.masks.model import BUILDING, MaskSet, building
 from mgf_engine.masks.points import vote
@@ -112,10 +113,12 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
     for index, agreement in contradicted_masks(scene, labels, used, config.vote_dilation).items():
         reasons[index] = f"other photos' masks contradict it (agreement {agreement:.0%})"
         used[index] = False
+    fit = measure_fit(scene, labels, used)
+    labels = forgive(scene, labels, fit)
     rows = np.arange(len(scene.points))
     points = vote(scene.points, scene, labels, np.flatnonzero(used).tolist(), config, rows)
     masks = MaskSet(tuple(labels), used, used.astype(np.float32), points)
-    return Propagation(masks, reasons, [], consistency(scene, masks, config.vote_dilation))
+    return Propagation(masks, reasons, misfits(scene, fit), consistency(scene, masks, config.vote_dilation))
 
 
 def _second_level(
