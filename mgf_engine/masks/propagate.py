@@ -22,6 +22,7 @@ from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.leaves import leaves_before
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
+from mgf_engine.masks.openwork import Openwork, find_openwork
 from mgf_engine.masks.points import Votes, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.regions import Regions, cut_regions
@@ -87,7 +88,7 @@ class _Work:
             self.reporter.progress(0.35 * (index + 1) / len(self.views))
         self.shape = measure_shape(self.scene)
         self.graph = SceneGraph(self.scene, self.regions, self.shape)
-        warnings = self._drop_doubtful()
+        doubts = self._drop_doubtful()
         self.belief = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
         roots = [i for i in self.views if i in self.prompts]
@@ -97,17 +98,24 @@ class _Work:
         children = [i for i in self.views if i not in self.prompts]
         self._draw(children, accepted, 0.5 + 0.35 * len(roots) / len(self.views))
         disagreement = self._second_vote()
-        return self._finish(disagreement, warnings)
+        return self._finish(disagreement, doubts)
 
-    def _drop_doubtful(self) -> list[str]:
-        """Leave out clicks that the other photos contradict, and say so."""
+    def _drop_doubtful(self) -> list[Doubt]:
+        """Leave out clicks that the other photos contradict; which ones."""
         doubts = doubtful_clicks(self.graph, self.prompts, self.config.seed)
         kept = without(self.prompts, doubts)
-        if not any(len(c.positive) for c in kept.values()):
-            names = ", ".join(self.scene.views[i].name for i in sorted({d.view for d in doubts}))
+        self.original = self.prompts
+        if any(len(c.positive) for c in kept.values()):
+            self.prompts = kept
+        return doubts
+
+    def _doubt_texts(self, doubts: list[Doubt]) -> list[str]:
+        """One sentence per photo with doubted clicks, or one for all when they were kept for want of others."""
+        views = sorted({d.view for d in doubts})
+        if views and self.prompts is self.original:
+            names = ", ".join(self.scene.views[i].name for i in views)
             return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
-        self.original, self.prompts = self.prompts, kept
-        return [self._doubt_text(i, [d for d in doubts if d.view == i]) for i in sorted({d.view for d in doubts})]
+        return [self._doubt_text(i, [d for d in doubts if d.view == i]) for i in views]
 
     def _doubt_text(self, index: int, doubts: list[Doubt]) -> str:
         view, clicks = self.scene.views[index], self.original[index]
@@ -185,7 +193,7 @@ class _Work:
         differ = (mine != accepted[points]) & sure & (self.labels[index][y, x] != UNKNOWN)
         return float(differ.sum() / max(1, sure.sum())), accepted
 
-    def _finish(self, disagreement: NDArray[np.float64], warnings: list[str]) -> Propagation:
+    def _finish(self, disagreement: NDArray[np.float64], doubts: list[Doubt]) -> Propagation:
         reasons = [_reason(self.labels[i], float(self.scores[i]), float(disagreement[i])) for i in self.views]
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
@@ -205,8 +213,22 @@ class _Work:
             ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
             labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
+        openwork = self._add_openwork(point_mask)
+        if openwork is not None:
+            point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
+            doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask)
-        return Propagation(masks, reasons, warnings, consistency(self.scene, masks, self.config.vote_dilation))
+        return Propagation(
+            masks, reasons, self._doubt_texts(doubts), consistency(self.scene, masks, self.config.vote_dilation)
+        )
+
+    def _add_openwork(self, accepted: NDArray[np.bool_]) -> Openwork | None:
+        """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""
+        leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
+        found = find_openwork(self.scene, self.original, self.labels, self._sky, leafy, accepted, up)
+        if found is not None:
+            found.draw(self.scene, self.labels)
+        return found
 
     def _strays(self, index: int, core: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Pieces of a mask apart from the rest that hold no click and no point and lie beside the building, [H, W]."""
