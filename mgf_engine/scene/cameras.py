@@ -62,7 +62,7 @@ class WorkingCamera:
         """Keypoints [N, 2] in pixels of the COLMAP camera -> working pixels; NaN where the lens has no such ray."""
         if self.lens is None:
             return observed * (self.width / camera.width, self.height / camera.height)
-        return _rays(self.lens, observed) * (self.fx, self.fy) + (self.cx, self.cy)
+        return lens_rays(self.lens, observed) * (self.fx, self.fy) + (self.cx, self.cy)
 
 
 def plan_camera(camera: SparseCamera, photo_size: tuple[int, int], resolution: int) -> WorkingCamera:
@@ -75,7 +75,7 @@ def plan_camera(camera: SparseCamera, photo_size: tuple[int, int], resolution: i
         BadInput: the lens cannot be turned into a pinhole picture.
     """
     lens = Lens(camera.model, camera.width, camera.height, camera.params)
-    original = _colmap_camera(lens)
+    original = lens_camera(lens)
     if not original.verify_params():
         raise BadInput(f"Camera {camera.id} ({camera.model}) has impossible parameters; export the COLMAP model again.")
     if camera.model in _PINHOLES or _is_straight(lens):
@@ -106,7 +106,7 @@ def from_original(view: View, points: NDArray[np.float64]) -> NDArray[np.float64
     if view.lens is None:
         return points * (view.width / view.original_width, view.height / view.original_height)
     own = points * (view.lens.width / view.original_width, view.lens.height / view.original_height)
-    return _rays(view.lens, own) * (view.fx, view.fy) + (view.cx, view.cy)
+    return lens_rays(view.lens, own) * (view.fx, view.fy) + (view.cx, view.cy)
 
 
 def to_original(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -150,7 +150,7 @@ def _undistorted(camera: SparseCamera, original: pycolmap.Camera) -> pycolmap.Ca
     uv = _project(lens, rays)
     inside = ((uv >= -1.0) & (uv <= (camera.width + 1.0, camera.height + 1.0))).all(1)
     # Far from what it was fitted to, a polynomial folds back: two rays then meet in one pixel.
-    single = (np.abs(_rays(lens, uv) - rays) * (fx, fy) < 0.5).all(1)
+    single = (np.abs(lens_rays(lens, uv) - rays) * (fx, fy) < 0.5).all(1)
     if (~(inside & single)).mean() > _BLANK_LIMIT:
         raise refuse
     return straight
@@ -159,8 +159,8 @@ def _undistorted(camera: SparseCamera, original: pycolmap.Camera) -> pycolmap.Ca
 def _is_straight(lens: Lens) -> bool:
     """Whether the lens is a pinhole for all that pixels can tell (COLMAP's own test also says so of plain fisheyes)."""
     grid = _pixel_centres(lens.width, lens.height, _STEP)
-    fx, fy, cx, cy = _pinhole(_colmap_camera(lens))
-    return bool((np.abs(_rays(lens, grid) * (fx, fy) + (cx, cy) - grid) < 1e-6).all())
+    fx, fy, cx, cy = _pinhole(lens_camera(lens))
+    return bool((np.abs(lens_rays(lens, grid) * (fx, fy) + (cx, cy) - grid) < 1e-6).all())
 
 
 def _make_maps(view: WorkingCamera, width: int, height: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -185,19 +185,20 @@ def _pixel_centres(width: int, height: int, step: int = 1) -> NDArray[np.float64
     return np.stack([x.ravel(), y.ravel()], 1)
 
 
-def _colmap_camera(lens: Lens) -> pycolmap.Camera:
+def lens_camera(lens: Lens) -> pycolmap.Camera:
+    """The lens as COLMAP's camera."""
     return pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=list(lens.params))
 
 
 def _project(lens: Lens, rays: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rays (x / z, y / z) [N, 2] -> pixels of the lens [N, 2]; NaN where they miss it."""
     local = np.concatenate([rays, np.ones((len(rays), 1))], 1)
-    return np.asarray(_colmap_camera(lens).img_from_cam(local), np.float64).reshape(-1, 2)
+    return np.asarray(lens_camera(lens).img_from_cam(local), np.float64).reshape(-1, 2)
 
 
-def _rays(lens: Lens, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+def lens_rays(lens: Lens, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Pixels of the lens [N, 2] -> rays (x / z, y / z) [N, 2]; NaN where there is none."""
-    found = _colmap_camera(lens).cam_from_img(np.ascontiguousarray(pixels, np.float64).reshape(-1, 2))
+    found = lens_camera(lens).cam_from_img(np.ascontiguousarray(pixels, np.float64).reshape(-1, 2))
     return np.asarray(found, np.float64).reshape(-1, 2)
 
 

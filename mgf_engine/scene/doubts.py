@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
+from mgf_engine.scene.adjust import far_points
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.model import Scene
 from mgf_engine.scene.quality import blurred_views, photo_quality, poor_photos
 from mgf_engine.scene.roots import choose_held_out, choose_roots
 
 Array = NDArray[np.float64]
-#: A point is stray when its observations lie this far off, working pixels, beyond what is usual in the scene.
-STRAY, USUAL = 4.0, 3.0
 #: A photo is foreign below the first correlation with the other photos at its points, where a quarter of the photos
 #: reach the second (photos that all differ, by shadows for example, tell nothing).
 FOREIGN, FAMILIAR = 0.35, 0.7
@@ -95,15 +94,8 @@ def reprojection_errors(scene: Scene) -> Array:
 
 
 def stray_points(scene: Scene) -> NDArray[np.bool_]:
-    """Points that most of their photos see elsewhere, bool [P]. Holds while a sixth of them are sound."""
-    errors = reprojection_errors(scene)
-    if not len(errors):
-        return np.zeros(len(scene.points), bool)
-    owner = scene.track_point
-    limit = STRAY + USUAL * float(np.percentile(errors, 10))
-    far = np.bincount(owner, errors > limit, len(scene.points))
-    seen = np.diff(scene.track_start)
-    return np.asarray((seen > 0) & (far > 0.5 * seen))
+    """Points that most of their photos see elsewhere, bool [P]."""
+    return far_points(reprojection_errors(scene), scene.track_start)
 
 
 def foreign_views(brightness: Array, scene: Scene) -> list[int]:

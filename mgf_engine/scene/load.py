@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
+from mgf_engine.scene.adjust import agreeing
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.doubts import without_doubtful
 from mgf_engine.scene.exposure import even_exposure
@@ -84,7 +85,7 @@ def _load(source: Path, folder: Path, working: Path, config: Config, reporter: R
                 "photos taken closer together, with more overlap, would help."
             )
     else:
-        model = read_model(model_folder)
+        model = agreeing(read_model(model_folder), config.resolution, reporter)
         paths = find_photos([image.name for image in model.images], model_folder, source, exclude)
     photos = plan_photos(model, paths, config.resolution, reporter)
 

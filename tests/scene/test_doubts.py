@@ -23,6 +23,7 @@ from mgf_engine.scene.doubts import (
     keep_points,
     reprojection_errors,
     stray_points,
+    weaknesses,
 )
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.load import load_scene
@@ -82,11 +83,21 @@ def test_points_that_no_photo_sees_where_they_lie_are_left_out(source: Path, tmp
 
 
 @pytest.mark.parametrize(("name", "level"), [("pose", 8.0), ("focal", 10.0)])
-def test_cameras_that_disagree_with_the_points_are_spoken_of(
+def test_cameras_that_disagree_with_the_points_are_adjusted(
     source: Path, tmp_path: Path, name: str, level: float
 ) -> None:
-    _, warnings, _ = loaded(source, tmp_path, name, level)
-    assert any("disagree by" in text and "bundle adjuster" in text for text in warnings)
+    sound, _, _ = loaded(source, tmp_path / "sound")
+    scene, warnings, _ = loaded(source, tmp_path, name, level)
+    assert np.median(reprojection_errors(scene)) < 0.05
+    assert scene.views[0].fx == pytest.approx(sound.views[0].fx, rel=0.01)
+    assert any("disagreed by" in text and "bundle adjuster" in text for text in warnings)
+
+
+def test_cameras_that_cannot_be_adjusted_are_spoken_of(source: Path, tmp_path: Path) -> None:
+    scene, _, _ = loaded(source, tmp_path)
+    shaken = replace(scene, track_uv=scene.track_uv + np.float32(2.0) * np.sign(scene.track_uv % 2 - 1))
+    assert any("disagree by" in text and "bundle adjuster" in text for text in weaknesses(shaken))
+    assert weaknesses(scene) == []
 
 
 def test_few_photos_and_photos_from_one_side_are_spoken_of(source: Path, tmp_path: Path) -> None:
