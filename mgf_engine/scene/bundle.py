@@ -114,7 +114,8 @@ def _linear_points(bundle: Bundle) -> Array:
     turned: Array = np.einsum("tji,tj->ti", bundle.rotations[bundle.view], ray)
     direction: Array = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     centres: Array = bundle.centres[bundle.view]
-    across: Array = (np.eye(3) - direction[:, :, None] * direction[:, None]) * known[:, None, None]
+    across: Array = np.eye(3) - direction[:, :, None] * direction[:, None]
+    across[~known] = 0.0
     normal = _sum_by(bundle.point, across, len(bundle.points))
     right = _sum_by(bundle.point, (across @ centres[..., None])[..., 0], len(bundle.points))
     sound = np.linalg.eigvalsh(normal)[:, 0] > 1e-6
