@@ -22,12 +22,7 @@ OUTLIER = 40.0  # grey levels from the median beyond which a photo is left out (
 
 def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
     """Unit normals [N, 3], faces weighted by area."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    weighted = np.cross(b - a, c - a)
-    total = np.zeros_like(mesh.vertices)
-    for k in range(3):
-        for axis in range(3):
-            total[:, axis] += np.bincount(mesh.faces[:, k], weights=weighted[:, axis], minlength=len(total))
+    total = mesh.around.vertex_normals(mesh.vertices)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1.0)
 

@@ -26,6 +26,7 @@ from mgf_engine.mesh.holes import cap_rims, fill_holes
 from mgf_engine.mesh.isosurface import FREE, SOLID, bisect, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
+from mgf_engine.mesh.pixel_counts import count_pixels
 from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.screening import screen, voting_views
@@ -210,11 +211,12 @@ def cleaned(
     mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
     mesh = clean.drop_unconfirmed(mesh, field.confirmed(mesh.vertices), MADE_UP)
     mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
-    front, back = clean.count_pixels(mesh, views)
-    mesh = clean.orient_outward(mesh, front, back)
-    mesh = clean.drop_hidden_parts(mesh, front + back, config.min_component)
+    counts = count_pixels(mesh, views, labels)
+    mesh = clean.orient_outward(mesh, counts.front, counts.back)
+    seen = clean.seen_parts(mesh, counts.front + counts.back, config.min_component)
+    mesh = clean.with_faces(mesh, mesh.faces[seen])
     if labels is not None:
-        mesh = clean.drop_small_parts(cut_background(mesh, views, labels), config.min_component)
+        mesh = clean.drop_small_parts(cut_background(mesh, views, labels, counts.select(seen)), config.min_component)
         mesh = clean.split_nonmanifold(mesh)
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")

@@ -13,10 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.model import UNKNOWN, building
 from mgf_engine.mesh.clean import with_faces
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look
+from mgf_engine.mesh.pixel_counts import PixelCounts, count_pixels
 from mgf_engine.scene.model import View
 
 ROUNDS = 3  # what lies behind a face that went is seen, and judged, in the next round
@@ -24,39 +23,29 @@ MAJORITY = 0.5  # least share of a face's pixels that masks call building
 SPREAD = 2  # times each vote is shared with the next faces, so that single faces do not fray the rim
 
 
-def cut_background(mesh: Mesh, views: Sequence[View], labels: Sequence[NDArray[np.uint8]]) -> Mesh:
+def cut_background(
+    mesh: Mesh, views: Sequence[View], labels: Sequence[NDArray[np.uint8]], counts: PixelCounts | None = None
+) -> Mesh:
     """The mesh without faces that lie on background in most of the pixels that see them.
 
     Args:
         views: photos that vote, normalised frame.
         labels: label map of each view, uint8 [H, W]; unknown pixels do not vote. Faces that no view sees stay.
+        counts: those of the mesh, where they are known already.
     """
     for _ in range(ROUNDS):
-        inside, total = _votes(mesh, views, labels)
-        inside, total = _shared(mesh, inside), _shared(mesh, total)
-        keep = inside >= MAJORITY * total
+        counts = counts or count_pixels(mesh, views, labels)
+        keep = _shared(mesh, counts.inside) >= MAJORITY * _shared(mesh, counts.known)
         if keep.all():
             break
-        mesh = with_faces(mesh, mesh.faces[keep])
+        mesh, counts = with_faces(mesh, mesh.faces[keep]), None
     return mesh
 
 
-def _votes(
-    mesh: Mesh, views: Sequence[View], labels: Sequence[NDArray[np.uint8]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixels of all views that see each face and call it building, and that see it and know, [F] each."""
-    inside, total = np.zeros((2, len(mesh.faces)))
-    for view, label in zip(views, labels, strict=True):
-        face = look(mesh, view).face
-        known = (face >= 0) & (label != UNKNOWN)
-        total += np.bincount(face[known], minlength=len(total))
-        inside += np.bincount(face[known & building(label)], minlength=len(total))
-    return inside, total
-
-
-def _shared(mesh: Mesh, votes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shared(mesh: Mesh, count: NDArray[np.int32]) -> NDArray[np.float64]:
     """Votes [F] averaged with those of the faces around."""
     around = np.maximum(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)), 1)
+    votes = count.astype(np.float64)
     for _ in range(SPREAD):
         of_vertex = np.bincount(mesh.faces.ravel(), np.repeat(votes, 3), len(mesh.vertices)) / around
         votes = of_vertex[mesh.faces].mean(1)

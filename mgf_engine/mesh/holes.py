@@ -16,7 +16,7 @@ from mgf_engine.mesh.model import Mesh
 
 def boundary_loops(mesh: Mesh) -> list[NDArray[np.int32]]:
     """Closed loops of vertices along open edges, each in the direction of its faces."""
-    start, end = open_edges(mesh.faces)
+    start, end = open_edges(mesh)
     following: dict[int, list[int]] = {}
     for a, b in zip(start.tolist(), end.tolist(), strict=True):
         following.setdefault(a, []).append(b)

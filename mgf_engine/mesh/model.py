@@ -5,10 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mgf_engine.mesh.topology import Around
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,11 @@ class Mesh:
     faces: NDArray[np.int32]
     colors: NDArray[np.uint8]
     values: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    @cached_property
+    def around(self) -> Around:
+        """The corners around each vertex."""
+        return Around.of(self.faces, len(self.vertices))
 
     def gather(self, index: NDArray[np.integer], faces: NDArray[np.integer]) -> Mesh:
         """The mesh of the vertices at ``index`` [M], with all they carry, and ``faces`` [F, 3] between them."""

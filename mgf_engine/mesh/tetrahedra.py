@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.mesh.order import morton
 from mgf_engine.raster.points import deviations
 
 MAX_SIGMA = 3.0
@@ -65,8 +66,7 @@ def _merge(points: NDArray[np.float64], extent: NDArray[np.float64]) -> TetraPoi
     low = points.min(0)
     cell = max(float((points.max(0) - low).max()) * MERGE, 1e-12)
     key = np.rint((points - low) / cell).astype(np.int64)
-    packed = (key[:, 0] << 42) | (key[:, 1] << 21) | key[:, 2]
-    _, first, group = np.unique(packed, return_index=True, return_inverse=True)
+    _, first, group = np.unique(morton(key), return_index=True, return_inverse=True)
     largest = np.zeros(len(first))
     np.maximum.at(largest, group, extent)
     return TetraPoints(points[first], largest)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.raster.camera import pose_and_intrinsics
-from mgf_engine.raster.library import parallel
+from mgf_engine.raster.library import own_threads, parallel
 from mgf_engine.scene.model import View
 
 NEAR = 1e-3  # of the normalised frame: faces with a vertex nearer than this are not drawn
@@ -52,7 +52,8 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
     if len(mesh.faces):
         at = corners(mesh.vertices, view) if at is None else at
         faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-        parallel("zbuffer_work", at, faces, len(faces), height, width, inverse, face)
+        bands = 1 if own_threads() == 1 else 2 * own_threads()
+        parallel("zbuffer_work", at, faces, len(faces), height, width, -(-height // bands), inverse, face)
     seen = face >= 0
     depth_map = np.where(seen, 1.0 / np.where(seen, inverse, 1.0), 0.0).astype(np.float32)
     return Sight(depth_map, face)

@@ -11,9 +11,12 @@ from __future__ import annotations
 
 import ctypes
 import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -22,8 +25,11 @@ from mgf_engine.errors import BadInput
 from mgf_engine.raster.build import TARGETS, VARIANTS, host_target, library_path
 from mgf_engine.system import cores
 
+#: ``alone``: work loops that this thread starts run on it only, because others of its kind keep the cores busy.
+_here = threading.local()
 _HINT = "run 'python -m mgf_engine.raster.build' to compile the kernels"
 
+T = TypeVar("T")
 _threads = 0
 _pool: ThreadPoolExecutor | None = None
 _current: ctypes.CDLL | None = None
@@ -131,11 +137,40 @@ def parallel(name: str, *arguments: Any) -> None:
     counter = ctypes.c_int32(0)
     converted = [ctypes.byref(counter), *map(_to_c, arguments)]
     workers: list[Future[None]] = []
-    if threads() > 1 and _pool is not None:
+    if own_threads() > 1 and _pool is not None:
         workers = [_pool.submit(function, *converted) for _ in range(_threads - 1)]
     function(*converted)
     for worker in workers:
         worker.result()
+
+
+def own_threads() -> int:
+    """Number of threads that a work loop started on this thread gets."""
+    return 1 if getattr(_here, "alone", False) else threads()
+
+
+def side_by_side(work: Callable[[int], T], count: int) -> Iterator[T]:
+    """``work(0)``, ``work(1)``, ... in this order, made on :func:`threads` threads, a few ahead of what is taken.
+
+    Work loops inside ``work`` run on one thread each: with many pieces that costs less than sharing every one.
+    """
+
+    def alone(number: int) -> T:
+        _here.alone = True
+        return work(number)
+
+    with ThreadPoolExecutor(threads(), "mgf-view") as pool:
+        ahead: deque[Future[T]] = deque()
+        try:
+            for number in range(count):
+                ahead.append(pool.submit(alone, number))
+                if len(ahead) > threads():
+                    yield ahead.popleft().result()
+            while ahead:
+                yield ahead.popleft().result()
+        finally:
+            for future in ahead:
+                future.cancel()
 
 
 def _to_c(value: Any) -> Any:

@@ -9,6 +9,7 @@ import pytest
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.holes import boundary_loops, cap_rims, fill_holes
 from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.pixel_counts import count_pixels
 
 from .analytic import as_trimesh, ball, cuboid, ring
 
@@ -69,17 +70,19 @@ def test_small_parts_go_by_area():
 
 def test_parts_inside_are_hidden():
     mesh = merged(ball(1.0, 3), ball(0.5, 3))
-    front, back = clean.count_pixels(mesh, ring(6))
-    assert front.sum() > 1000 and back.sum() == 0
-    assert len(clean.drop_hidden_parts(mesh, front + back, 0.0).faces) == len(ball(1.0, 3).faces)
+    counts = count_pixels(mesh, ring(6))
+    assert counts.front.sum() > 1000 and counts.back.sum() == 0
+    assert clean.seen_parts(mesh, counts.front + counts.back, 0.0).sum() == len(ball(1.0, 3).faces)
 
 
 def test_turned_parts_are_turned_back():
     wrong = replace(ball(0.4, 3), faces=ball(0.4, 3).faces[:, ::-1].copy())
     mesh = merged(moved(ball(0.4, 3), -0.6, 0, 0), moved(wrong, 0.6, 0, 0))
-    right = clean.orient_outward(mesh, *clean.count_pixels(mesh, ring(8)))
+    seen = count_pixels(mesh, ring(8))
+    right = clean.orient_outward(mesh, seen.front, seen.back)
     assert all(part.volume > 0 for part in as_trimesh(right).split())
-    again = clean.orient_outward(right, *clean.count_pixels(right, ring(8)))
+    seen = count_pixels(right, ring(8))
+    again = clean.orient_outward(right, seen.front, seen.back)
     assert np.array_equal(again.faces, right.faces)
 
 
@@ -151,9 +154,9 @@ def test_one_missing_triangle_is_put_back():
 
 def test_parts_hardly_seen_go():
     mesh = merged(ball(1.0, 3), moved(ball(0.08, 3), 1.5, 0, 0))
-    pixels = sum(clean.count_pixels(mesh, ring(6)))
-    assert len(clean.drop_hidden_parts(mesh, pixels, 0.0).faces) == len(mesh.faces)
-    assert len(clean.drop_hidden_parts(mesh, pixels, 0.05).faces) == len(ball(1.0, 3).faces)
+    counts = count_pixels(mesh, ring(6))
+    assert clean.seen_parts(mesh, counts.front + counts.back, 0.0).all()
+    assert clean.seen_parts(mesh, counts.front + counts.back, 0.05).sum() == len(ball(1.0, 3).faces)
 
 
 def test_large_patches_that_no_view_shows_go_and_small_ones_stay():
@@ -209,10 +212,11 @@ def test_empty_meshes_pass_through():
     nothing = empty()
     none = np.zeros(0, np.int64)
     for result in (
-        clean.weld(nothing), clean.drop_small_parts(nothing, 0.1), clean.drop_hidden_parts(nothing, none, 0.1),
+        clean.weld(nothing), clean.drop_small_parts(nothing, 0.1), clean.with_faces(nothing, nothing.faces),
         clean.orient_outward(nothing, none, none), clean.split_nonmanifold(nothing), fill_holes(nothing, 1.0),
     ):  # fmt: skip
         assert len(result.faces) == 0
+    assert len(clean.seen_parts(nothing, none, 0.1)) == 0
 
 
 def test_areas_of_vertices_add_up_and_follow_the_faces():

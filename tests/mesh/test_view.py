@@ -5,12 +5,15 @@ import time
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from mgf_engine.masks.model import BACKGROUND, UNKNOWN
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import NEAR, corners, look, pixel_rays, scaled_view, shaded
+from mgf_engine.mesh.pixel_counts import count_pixels
+from mgf_engine.mesh.view import NEAR, corners, face_normals, look, pixel_rays, scaled_view, shaded
 from mgf_engine.raster import library
 
-from .analytic import ball, camera, cuboid
+from .analytic import ball, camera, cuboid, ring
 
 
 def empty() -> Mesh:
@@ -111,3 +114,29 @@ def test_corners_are_projections_and_zero_behind_the_camera():
     np.testing.assert_allclose(at[front, 2], 1 / depth[front], rtol=1e-12)
     assert (at[~front] == 0).all()
     assert corners(np.zeros((0, 3)), view).shape == (0, 3)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_pixels_are_counted_by_side_and_by_label(threads: int):
+    mesh, views = ball(subdivisions=4), ring(5)
+    mesh = replace(mesh, faces=np.where(np.arange(len(mesh.faces))[:, None] % 3, mesh.faces, mesh.faces[:, ::-1]))
+    labels = [
+        np.random.default_rng(k).choice([BACKGROUND, 1, 7, UNKNOWN], (v.height, v.width)) for k, v in enumerate(views)
+    ]
+    expected = np.zeros((4, len(mesh.faces)), int)
+    for view, label in zip(views, labels, strict=True):
+        sight = look(mesh, view)
+        rows, columns = np.nonzero(sight.face >= 0)
+        faces, said = sight.face[rows, columns], label[rows, columns]
+        front = (face_normals(mesh)[faces] * pixel_rays(view, rows, columns)).sum(1) < 0
+        for row, of in zip(
+            expected, (front, ~front, (said != UNKNOWN) & (said != BACKGROUND), said != UNKNOWN), strict=True
+        ):
+            np.add.at(row, faces[of], 1)
+    library.set_threads(threads)
+    found = count_pixels(mesh, views, [label.astype(np.uint8) for label in labels])
+    blind = count_pixels(mesh, views)
+    library.set_threads(0)
+    for row, column in zip(expected, (found.front, found.back, found.inside, found.known), strict=True):
+        assert row.sum() > 1000 and np.array_equal(row, column)
+    assert np.array_equal(blind.front, found.front) and not blind.known.any()

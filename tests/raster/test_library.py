@@ -77,3 +77,32 @@ def test_libraries_are_up_to_date() -> None:
     build.build()
     after = {p: p.stat().st_mtime_ns for p in build.LIBRARIES.glob("*.so")}
     assert before == after, "the libraries were stale and have been rebuilt; run the tests again"
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_pieces_side_by_side_come_in_order_and_few_are_ahead(count: int) -> None:
+    library.set_threads(count)
+    done: list[int] = []
+
+    def work(number: int) -> tuple[int, int]:
+        done.append(number)
+        return number, library.own_threads()
+
+    for taken, result in enumerate(library.side_by_side(work, 20)):
+        assert result == (taken, 1) and len(done) <= taken + 1 + 2 * count + 1
+    assert sorted(done) == list(range(20)) and library.own_threads() == count
+    library.set_threads(0)
+
+
+def test_a_piece_that_fails_ends_the_others() -> None:
+    def work(number: int) -> int:
+        if number == 3:
+            raise ValueError("three")
+        return number
+
+    taken = []
+    with pytest.raises(ValueError, match="three"):
+        for number in library.side_by_side(work, 1000):
+            taken.append(number)
+    assert taken == [0, 1, 2]
+    assert list(library.side_by_side(work, 0)) == []
