@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 #: reach the second (photos that all differ, by shadows for example, tell nothing).
 FOREIGN, FAMILIAR = 0.35, 0.7
 FEWEST_SPOTS = 30  # observations that can tell a foreign photo
-MOST_FOREIGN = 0.3  # of all photos; where more look foreign, nobody can say which are
+MOST_FOREIGN = 0.45  # of all photos; where more look foreign, nobody can say which are
+MOST_BLURRED = 0.3  # of all photos that are left out for being less sharp than the others
 #: Median reprojection error that spoils the mesh, working pixels.
 UNSTEADY = 0.8
 FEW_PHOTOS = 5
@@ -53,28 +54,44 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter)
                 f"{share:.0%} of the sparse points are not where the photos see them and are left out; "
                 "building the COLMAP model again would give better ones."
             )
-    brightness = observed_colors(scene, folder).mean(1)
+    scene = _without_foreign(scene, observed_colors(scene, folder).mean(1), every, reporter)
+    quality = photo_quality(scene, folder)
+    scene = _without_blurred(scene, blurred_views(quality), every, reporter)
+    for text in (*poor_photos(quality), *weaknesses(scene)):
+        reporter.warning(text)
+    return scene
+
+
+def _without_foreign(scene: Scene, brightness: Array, every: int, reporter: Reporter) -> Scene:
     foreign = foreign_views(brightness, scene)
-    if not foreign and usual_likeness(brightness, scene) < FAMILIAR:
+    too_many = len(foreign) > MOST_FOREIGN * len(scene.views)
+    if too_many or (not foreign and usual_likeness(brightness, scene) < FAMILIAR):
         reporter.warning(
             "The photos show the same points in very different brightness: shadows that moved, clipped exposures or "
             "photos of another place; leave out those that differ."
         )
-    if foreign:
+    elif foreign:
         reporter.warning(
             f"{len(foreign)} of {len(scene.views)} photos do not show what the COLMAP model saw in them and are left "
             f"out ({_names(scene, foreign)}); check whether they are of another place."
         )
-        scene = drop_views(scene, foreign, every)
-    quality = photo_quality(scene, folder)
-    blurred = blurred_views(quality)
-    if blurred:
-        reporter.warning(
-            f"{len(blurred)} of {len(scene.views)} photos are much less sharp than the others "
-            f"({_names(scene, blurred)}); leave them out or take them again."
-        )
-    for text in (*poor_photos(quality), *weaknesses(scene)):
-        reporter.warning(text)
+        return drop_views(scene, foreign, every)
+    return scene
+
+
+def _without_blurred(scene: Scene, blurred: list[int], every: int, reporter: Reporter) -> Scene:
+    """Blurred photos are left out where the others are close enough together without them; else they are named."""
+    if not blurred:
+        return scene
+    text = f"{len(blurred)} of {len(scene.views)} photos are much less sharp than the others "
+    if len(blurred) <= MOST_BLURRED * len(scene.views):
+        smaller = drop_views(scene, blurred, every)
+        if degrees_apart(smaller) <= SPACING:
+            reporter.warning(
+                f"{text}and are left out ({_names(scene, blurred)}); sharp ones in their place would help."
+            )
+            return smaller
+    reporter.warning(f"{text}({_names(scene, blurred)}): the mesh will lose detail; take them again.")
     return scene
 
 
@@ -102,7 +119,7 @@ def foreign_views(brightness: Array, scene: Scene) -> list[int]:
     """Photos whose brightness at their points has little to do with what the other photos show there.
 
     The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
-    more than :data:`MOST_FOREIGN` of all look so.
+    the photos hardly resemble each other at all.
 
     Args:
         brightness: of each observation, [T].
@@ -115,7 +132,7 @@ def foreign_views(brightness: Array, scene: Scene) -> list[int]:
         likeness[found] = np.nan
         low = np.flatnonzero(likeness < FOREIGN)
         if not len(low) or np.isfinite(likeness).sum() < 3 or np.nanpercentile(likeness, 75) < FAMILIAR:
-            return sorted(found) if len(found) <= MOST_FOREIGN * len(scene.views) else []
+            return sorted(found)
         found += low[np.argsort(likeness[low], kind="stable")][: -(-len(low) // 3)].tolist()
 
 

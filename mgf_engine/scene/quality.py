@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 NOISY = 10.0
 #: Sharpness below which detail is lost: edges take more than three pixels. Sound photos have 0.65 to 1.6.
 BLURRED = 0.5
-#: A photo is out of line when it is blurred and this much less sharp than the median photo; at most so many of all.
-OUT_OF_LINE, MOST_BLURRED = 0.6, 0.3
+#: A photo is out of line when it is blurred and this much less sharp than the median photo.
+OUT_OF_LINE = 0.6
 _SECOND_DIFFERENCE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)  # its noise gain is 6
 _BLOCK, _AROUND, _MARGIN = 8, 9, 5  # pixels
 _DARKEST, _BRIGHTEST = 16.0, 235.0  # clipped pixels have no noise
@@ -101,10 +101,9 @@ def _along(grey: NDArray[np.float32], step: tuple[int, int], far: int, inner: ND
 
 
 def blurred_views(quality: Quality) -> list[int]:
-    """Photos much less sharp than the others; empty where there are too many of them to be exceptions."""
+    """Blurred photos much less sharp than the median photo."""
     limit = min(BLURRED, OUT_OF_LINE * _median(quality.sharpness))
-    found = np.flatnonzero(quality.sharpness < limit)
-    return found.tolist() if len(found) <= MOST_BLURRED * len(quality.sharpness) else []
+    return np.flatnonzero(quality.sharpness < limit).tolist()
 
 
 def poor_photos(quality: Quality) -> list[str]:

@@ -54,7 +54,7 @@ def test_a_sound_scene_is_left_alone(source: Path, tmp_path: Path) -> None:
     assert np.median(reprojection_errors(scene)) < 0.01
 
 
-@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("count", [1, 4, 7])
 def test_foreign_photos_are_left_out_by_name_and_their_clicks_passed_over(
     source: Path, tmp_path: Path, count: int
 ) -> None:
@@ -71,6 +71,12 @@ def test_foreign_photos_are_left_out_by_name_and_their_clicks_passed_over(
     prompts = tmp_path / "prompts.json"
     prompts.write_text(json.dumps(clicks))
     assert len(read_prompts(prompts, again)) == len(set(clicks) - changed)
+
+
+def test_too_many_foreign_photos_are_spoken_of_and_none_dropped(source: Path, tmp_path: Path) -> None:
+    scene, warnings, _ = loaded(source, tmp_path, "foreign", 11)
+    assert len(scene.views) == PHOTOS
+    assert any("photos of another place" in text for text in warnings)
 
 
 @pytest.mark.parametrize("share", [0.5, 0.8])
