@@ -180,14 +180,16 @@ def _run_mesh(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.mesh.extract import extract_mesh
     from mgf_engine.mesh.parts import FILE as PARTS_FILE
     from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
+    from mgf_engine.timing import PartTimes
 
     scene, masks = load_inputs(job)
-    mesh = extract_mesh(load_field(job), scene, masks, job.config, reporter)
+    times = PartTimes()
+    mesh = extract_mesh(load_field(job), scene, masks, job.config, reporter, times)
     write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
     named = named_parts(job.path("masks"), scene)
     if named:
         write_parts(list(named), face_parts(mesh, scene, masks, list(named.values())), job.path(PARTS_FILE))
-    figures: Figures = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+    figures: Figures = {"vertices": len(mesh.vertices), "faces": len(mesh.faces), **times.figures()}
     if "confidence" in mesh.values:
         # By area: vertices are many where the surface is rough, and there it is least certain.
         areas = vertex_areas(mesh)

@@ -109,6 +109,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
         stages=stages,
         iterations=trained["iterations"],
         seconds_per_part=trained["seconds_per_part"],
+        mesh_seconds_per_part=job.stages["mesh"]["figures"].get("seconds_per_part", {}),
         curve=trained["curve"],
         versions=versions(),
         machine={

@@ -76,6 +76,7 @@ class ReportData:
         stages: cost per stage, in order.
         iterations: training iterations done.
         seconds_per_part: part of a training iteration -> seconds over the whole run.
+        mesh_seconds_per_part: part of the mesh stage -> seconds.
         curve: training curve; entries with ``iteration``, ``psnr``, ``gaussians`` and anything else.
         versions: name -> version of Python, system and packages.
         machine: label -> text (processor, cores, memory, device).
@@ -97,6 +98,7 @@ class ReportData:
     stages: list[StageReport] = field(default_factory=list)
     iterations: int = 0
     seconds_per_part: dict[str, float] = field(default_factory=dict)
+    mesh_seconds_per_part: dict[str, float] = field(default_factory=dict)
     curve: list[dict[str, Any]] = field(default_factory=list)
     versions: dict[str, str] = field(default_factory=dict)
     machine: dict[str, str] = field(default_factory=dict)
@@ -128,8 +130,8 @@ def report_figures(data: ReportData) -> dict[str, Any]:
     """The content of ``report.json``: every figure of the page, without the pictures; numbers are finite or null.
 
     Keys: ``format, title, command, seed, config, given, held_out`` and ``training`` (mean scores), ``views`` (scores
-    per view), ``counts, stages, seconds, iterations, seconds_per_part, curve, versions, machine, kernel, peak_memory,
-    warnings, files, figures``.
+    per view), ``counts, stages, seconds, iterations, seconds_per_part, mesh_seconds_per_part, curve, versions, machine,
+    kernel, peak_memory, warnings, files, figures``.
     """
     held_out, training = _means(data)
     result = {
@@ -141,7 +143,8 @@ def report_figures(data: ReportData) -> dict[str, Any]:
             for v in data.views
         ],
         "counts": data.counts, "stages": [asdict(s) for s in data.stages], "seconds": _total_seconds(data),
-        "iterations": data.iterations, "seconds_per_part": data.seconds_per_part, "curve": data.curve,
+        "iterations": data.iterations, "seconds_per_part": data.seconds_per_part,
+        "mesh_seconds_per_part": data.mesh_seconds_per_part, "curve": data.curve,
         "versions": data.versions, "machine": data.machine, "kernel": data.kernel, "peak_memory": data.peak_memory,
         "warnings": data.warnings, "files": data.files, "figures": data.figures,
     }  # fmt: skip
@@ -166,6 +169,7 @@ def _render(data: ReportData) -> str:
         total=_total_seconds(data),
         stages=_bars([(s.name, s.seconds) for s in data.stages]),
         parts=_bars(sorted(data.seconds_per_part.items(), key=lambda p: -p[1])),
+        mesh_parts=_bars(list(data.mesh_seconds_per_part.items())),
         shown=[(v, [(caption, embed(p)) for caption, p in v.pictures.items()]) for v in shown],
         turntable=[embed(p) for p in data.turntable],
         contact_sheet=embed(data.contact_sheet, _CONTACT_SIDE) if data.contact_sheet else "",

@@ -35,6 +35,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
 from mgf_engine.scene.model import Scene, View
+from mgf_engine.timing import PartTimes
 
 log = logging.getLogger("mgf")
 
@@ -65,44 +66,52 @@ class Judges:
     photos: Photos | None
 
 
-def extract_mesh(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Config, reporter: Reporter) -> Mesh:
+def extract_mesh(
+    gaussians: Gaussians,
+    scene: Scene,
+    masks: MaskSet,
+    config: Config,
+    reporter: Reporter,
+    times: PartTimes | None = None,
+) -> Mesh:
     """The building's surface as a coloured triangle mesh in the normalised frame.
+
+    Args:
+        times: where to note what the parts of the work take.
 
     Raises:
         BadInput: nothing is left to mesh; the message says at which step.
         Cancelled: the user asked to stop.
     """
+    times = times or PartTimes()
     judges = find_judges(scene, masks, config)
     reporter.progress(0.0)
-    kept = screen(gaussians, scene, masks, config)
-    field = surface_field(kept, judges, config, reporter)
-    if isinstance(field, FusedField):
-        sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
-        shift = field.calibrate(scene.points[sure])
-        log.info("mesh: surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
+    with times.part("depth maps"):
+        kept = screen(gaussians, scene, masks, config)
+        field = surface_field(kept, judges, config, reporter)
+        if isinstance(field, FusedField):
+            sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
+            shift = field.calibrate(scene.points[sure])
+            log.info("mesh: surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
     box = crop_of(config.crop_box, scene)
-    mesh = level_set(kept if box is None else beside(kept, box), field, config, reporter)
+    mesh = level_set(kept if box is None else beside(kept, box), field, config, reporter, times)
     reporter.progress(_PLACED, faces=len(mesh.faces))
-    mesh = cleaned(mesh, field, judges.views, config, judges.labels if config.use_masks and config.screening else None)
+    with times.part("cleaning"):
+        voting = judges.labels if config.use_masks and config.screening else None
+        mesh = cleaned(mesh, field, judges.views, config, voting)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
-    if judges.photos:
-        mesh = refine(
-            mesh, judges.views, judges.verdicts, judges.photos, config.refine_rounds,
-            lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share),
+    with times.part("refinement"):
+        mesh = refined(mesh, judges, config, reporter)
+    with times.part("colours"):
+        colored = color_from_photos(
+            trimmed(mesh, config, box), judges.views, lambda i: scene.photo(judges.indices[i]),
+            [building(label) for label in judges.labels],
+            lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share),
         )  # fmt: skip
-    mesh = trimmed(mesh, config, box)
-    colored = color_from_photos(
-        mesh, judges.views, lambda i: scene.photo(judges.indices[i]), [building(label) for label in judges.labels],
-        lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share),
-    )  # fmt: skip
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
-    pixel = ground_pixels(colored, judges.views)
-    reduced = reduce_faces(
-        colored, config.max_faces, config.face_error * pixel, config.color_error if config.color_error < 256 else -1.0,
-        lambda share: reporter.progress(_COLORED + (1 - _COLORED) * share),
-    )  # fmt: skip
-    log.info("mesh: reduced to %d faces", len(reduced.faces))
-    return replace(reduced, values=field.confidence(reduced.vertices))
+    with times.part("reduction"):
+        mesh = reduced(colored, judges.views, config, reporter)
+        return replace(mesh, values=field.confidence(mesh.vertices))
 
 
 def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
@@ -160,22 +169,36 @@ def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:
     return gaussians.select(torch.from_numpy(near))
 
 
-def level_set(gaussians: Gaussians, field: OpacityField | FusedField, config: Config, reporter: Reporter) -> Mesh:
+def level_set(
+    gaussians: Gaussians, field: OpacityField | FusedField, config: Config, reporter: Reporter, times: PartTimes
+) -> Mesh:
     """The raw surface O(x) = level between the tetrahedral points of the Gaussians.
 
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
     """
-    spanned = tetra_points(gaussians)
-    tetrahedra = delaunay(spanned.points)
+    with times.part("tetrahedra"):
+        spanned = tetra_points(gaussians)
+        tetrahedra = delaunay(spanned.points)
     reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
+    with times.part("level set"):
+        return _between(spanned, tetrahedra, field, config.level_steps, reporter)
+
+
+def _between(
+    spanned: TetraPoints,
+    tetrahedra: NDArray[np.int32],
+    field: OpacityField | FusedField,
+    steps: int,
+    reporter: Reporter,
+) -> Mesh:
+    """The surface between solid and free corners of the tetrahedra."""
     state = field.classify(spanned.points, lambda s: reporter.progress(_TETRAHEDRA + (_CLASSIFIED - _TETRAHEDRA) * s))
     crossing = march(tetrahedra, state, spanned.points)
     if len(crossing.faces) == 0:
         raise BadInput("The field has no surface inside the masks; train longer, or check the masks and the cameras.")
     kept = crossing.faces[~_overlong(spanned, crossing.edges)[crossing.faces].any(1)]
     solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
-    steps = config.level_steps
 
     def is_solid(points: NDArray[np.float64], share: float) -> NDArray[np.bool_]:
         start = _CLASSIFIED + (_PLACED - _CLASSIFIED) * share
@@ -223,6 +246,27 @@ def cleaned(
     pixel = ground_pixels(mesh, views)
     mesh = fill_holes(mesh, SMALL_HOLE * pixel, lambda points: field.classify(points) == FREE)
     return clean.smooth(mesh, config.smoothing)
+
+
+def refined(mesh: Mesh, judges: Judges, config: Config, reporter: Reporter) -> Mesh:
+    """The mesh where the photos agree about it, as often as ``config.refine_rounds`` wants."""
+    if judges.photos is None:
+        return mesh
+    return refine(
+        mesh, judges.views, judges.verdicts, judges.photos, config.refine_rounds,
+        lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share),
+    )  # fmt: skip
+
+
+def reduced(mesh: Mesh, views: Sequence[View], config: Config, reporter: Reporter) -> Mesh:
+    """The coloured mesh with as few faces as the bounds in the options allow."""
+    result = reduce_faces(
+        mesh, config.max_faces, config.face_error * ground_pixels(mesh, views),
+        config.color_error if config.color_error < 256 else -1.0,
+        lambda share: reporter.progress(_COLORED + (1 - _COLORED) * share),
+    )  # fmt: skip
+    log.info("mesh: reduced to %d faces", len(result.faces))
+    return result
 
 
 def trimmed(mesh: Mesh, config: Config, box: CropBox | None = None) -> Mesh:

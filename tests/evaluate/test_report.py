@@ -37,7 +37,7 @@ def data(tmp_path: Path) -> ReportData:
         views=[view("a.jpg", False, 1), view("b.jpg", True, 2), view("c.jpg", True, 3), view("d.jpg", False, 1, False)],
         counts={"photos": 4, "Gaussians": 123456, "faces": 98765},
         stages=[StageReport("scene", 1.5, 10**8), StageReport("field", 240.0, 2 * 10**9)], iterations=1500,
-        seconds_per_part={"forward": 60.0, "backward": 120.0},
+        seconds_per_part={"forward": 60.0, "backward": 120.0}, mesh_seconds_per_part={"cleaning": 30.0, "colours": 7.0},
         curve=[{"iteration": i, "psnr": 20 + i / 100, "gaussians": 1000 + i} for i in range(0, 1500, 10)],
         versions={"python": "3.11"}, machine={"processor": "Fast One"}, kernel="avx2", peak_memory=2_100_000_000,
         warnings=["One photo is <odd>; look at it."], turntable=[np.zeros((12, 16, 3), np.uint8)] * 8,
@@ -84,6 +84,7 @@ def test_page(data: ReportData, tmp_path: Path) -> None:
     assert page.text.index("b.jpg") < page.text.index("a.jpg")  # held-out views come first
     pictures = [s for s in page.sources if s.startswith("data:")]
     assert len(pictures) == 6 + 8 + 1
+    assert "cleaning" in page.text and "81.1 %" in page.text
     assert "80.0 ms" in page.text  # 120 s of backward in 1500 iterations
     for name in data.config:
         assert name in page.text

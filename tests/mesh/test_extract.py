@@ -14,6 +14,7 @@ from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.messages import Reporter
+from mgf_engine.timing import PartTimes
 
 from .analytic import as_trimesh, ball, box, cuboid, discs, ring, scene_of, sphere
 
@@ -38,9 +39,9 @@ def joined(*fields: Gaussians) -> Gaussians:
 def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     field, truth = (sphere(800), ball()) if shape == "sphere" else (box(0.12), cuboid())
     scene, masks = scene_of(ring(16), truth)
-    seen = []
+    seen, times = [], PartTimes()
     config = make_config({"surface": surface, "level_steps": 5})
-    mesh = extract_mesh(field, scene, masks, config, reporter(seen.append))
+    mesh = extract_mesh(field, scene, masks, config, reporter(seen.append), times)
     closed = as_trimesh(mesh)
     assert closed.is_watertight and closed.is_winding_consistent and closed.body_count == 1
     assert 0.9 < closed.volume / as_trimesh(truth).volume < 1.25
@@ -50,6 +51,9 @@ def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     assert (np.abs(mesh.colors.astype(int) - (200, 120, 40)) <= 1).all()
     fractions = [m["fraction"] for m in seen if m["type"] == "progress"]
     assert fractions == sorted(fractions) and len(fractions) > 20
+    seconds = times.figures()["seconds_per_part"]
+    assert list(seconds) == ["depth maps", "tetrahedra", "level set", "cleaning", "refinement", "colours", "reduction"]
+    assert all(value >= 0 for value in seconds.values()) and seconds["depth maps"] > 0
 
 
 def test_same_input_same_mesh_for_any_number_of_threads():

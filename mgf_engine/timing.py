@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the time of a stage goes."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class PartTimes:
+    """Seconds that pass in the parts of a stage, and seconds of processor time that all threads spend meanwhile."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[str, float] = defaultdict(float)
+        self._cpu: dict[str, float] = defaultdict(float)
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Counts what is done inside for the part ``name``."""
+        started, cpu = time.perf_counter(), time.process_time()
+        try:
+            yield
+        finally:
+            self._seconds[name] += time.perf_counter() - started
+            self._cpu[name] += time.process_time() - cpu
+
+    def figures(self) -> dict[str, dict[str, float]]:
+        """``seconds_per_part`` and ``cpu_seconds_per_part``, part -> seconds in the order in which parts began."""
+        parts = {"seconds_per_part": self._seconds, "cpu_seconds_per_part": self._cpu}
+        return {key: {name: round(value, 2) for name, value in values.items()} for key, values in parts.items()}

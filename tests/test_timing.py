@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from mgf_engine.timing import PartTimes
+
+
+def test_time_adds_up_per_part_also_when_it_fails() -> None:
+    times = PartTimes()
+    for _ in range(2):
+        with times.part("waiting"):
+            time.sleep(0.05)
+    with pytest.raises(ValueError, match="no"), times.part("working"):
+        ends = time.process_time() + 0.05
+        while time.process_time() < ends:
+            pass
+        raise ValueError("no")
+    figures = times.figures()
+    assert list(figures["seconds_per_part"]) == ["waiting", "working"] == list(figures["cpu_seconds_per_part"])
+    assert figures["seconds_per_part"]["waiting"] >= 0.1 > figures["cpu_seconds_per_part"]["waiting"]
+    assert figures["cpu_seconds_per_part"]["working"] >= 0.05
