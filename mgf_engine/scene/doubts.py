@@ -25,7 +25,9 @@ Array = NDArray[np.float64]
 #: reach the second (photos that all differ, by shadows for example, tell nothing).
 FOREIGN, FAMILIAR = 0.35, 0.7
 FEWEST_SPOTS = 30  # observations that can tell a foreign photo
-MOST_FOREIGN = 0.45  # of all photos; where more look foreign, nobody can say which are
+#: Shares of all photos that may look foreign: so many at once, or more where three quarters of the others are familiar;
+#: beyond, nobody can say which are.
+FEW_FOREIGN, MOST_FOREIGN = 0.3, 0.45
 MOST_BLURRED = 0.3  # of all photos that are left out for being less sharp than the others
 #: Median reprojection error that spoils the mesh, working pixels.
 UNSTEADY = 0.8
@@ -63,9 +65,9 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter)
 
 
 def _without_foreign(scene: Scene, brightness: Array, every: int, reporter: Reporter) -> Scene:
-    foreign = foreign_views(brightness, scene)
-    too_many = len(foreign) > MOST_FOREIGN * len(scene.views)
-    if too_many or (not foreign and usual_likeness(brightness, scene) < FAMILIAR):
+    foreign, others = foreign_views(brightness, scene)
+    most = MOST_FOREIGN if others >= FAMILIAR else FEW_FOREIGN
+    if len(foreign) > most * len(scene.views) or (not foreign and usual_likeness(brightness, scene) < FAMILIAR):
         reporter.warning(
             "The photos show the same points in very different brightness: shadows that moved, clipped exposures or "
             "photos of another place; leave out those that differ."
@@ -115,11 +117,11 @@ def stray_points(scene: Scene) -> NDArray[np.bool_]:
     return far_points(reprojection_errors(scene), scene.track_start)
 
 
-def foreign_views(brightness: Array, scene: Scene) -> list[int]:
+def foreign_views(brightness: Array, scene: Scene) -> tuple[list[int], float]:
     """Photos whose brightness at their points has little to do with what the other photos show there.
 
     The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
-    the photos hardly resemble each other at all.
+    the photos hardly resemble each other at all. Also what three quarters of the others reach of :func:`_likeness`.
 
     Args:
         brightness: of each observation, [T].
@@ -132,7 +134,8 @@ def foreign_views(brightness: Array, scene: Scene) -> list[int]:
         likeness[found] = np.nan
         low = np.flatnonzero(likeness < FOREIGN)
         if not len(low) or np.isfinite(likeness).sum() < 3 or np.nanpercentile(likeness, 75) < FAMILIAR:
-            return sorted(found)
+            known = likeness[np.isfinite(likeness)]
+            return sorted(found), float(np.percentile(known, 25)) if len(known) else 0.0
         found += low[np.argsort(likeness[low], kind="stable")][: -(-len(low) // 3)].tolist()
 
 
