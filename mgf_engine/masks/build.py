@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from mgf_engine.config import Config
@@ -15,8 +16,8 @@ from mgf_engine.masks.agreement import contradicted_masks
 from mgf_engine.masks.contact import write_contact_sheet
 from mgf_engine.masks.fit import forgive, measure_fit, misfits
 from mgf_engine.masks.levels import Part, add_elements, tie_parts
-from mgf_engine.masks.model import BUILDING, MaskSet, building
-from mgf_engine.masks.points import vote
+from mgf_engine.masks.model import BACKGROUND, BUILDING, MaskSet, building
+from mgf_engine.masks.points import pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, read_prompts
 from mgf_engine.masks.propagate import Propagation, consistency, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
@@ -29,6 +30,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
 
+SLIP = 10  # px that a click may lie beside the building
 _NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks."
 
 
@@ -73,6 +75,7 @@ def build_masks(
     write_contact_sheet(scene, masks, result.reasons, set(clicks), sheet)
     reporter.preview(str(sheet), "Masks")
     _warn(result, scene, reporter)
+    _check_clicks(clicks, masks)
     return masks
 
 
@@ -140,6 +143,24 @@ def _check(result: Propagation) -> None:
         raise BadInput("No photo got a usable mask; click more points on the building and beside it, in more photos.")
     if not result.masks.point_mask.any():
         raise BadInput("No sparse point lies on the building; check that clicks or masks belong to these photos.")
+
+
+def _check_clicks(clicks: Prompts, masks: MaskSet) -> None:
+    """Refuse masks of something else: training on them for minutes would end in a mesh nobody asked for.
+
+    Raises:
+        BadInput: most clicks on the building lie outside the masks of their photos.
+    """
+    held, count = 0, 0
+    for index, photo in clicks.items():
+        taken = cv2.dilate((masks.labels[index] != BACKGROUND).astype(np.uint8), np.ones((2 * SLIP + 1,) * 2, np.uint8))
+        held += int(taken[pixel_at(taken.shape, photo.positive)].sum())
+        count += len(photo.positive)
+    if 2 * held < count:
+        raise BadInput(
+            f"The masks miss {count - held} of the {count} clicks on the building, so they show something else (see the contact "
+            "sheet); click the building in more photos, and what is not the building beside it."
+        )
 
 
 def _warn(result: Propagation, scene: Scene, reporter: Reporter) -> None:

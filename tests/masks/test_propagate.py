@@ -13,8 +13,10 @@ import pytest
 
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.masks import build
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.masks.propagate import Propagation
 from mgf_engine.masks.store import read_masks
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.scene.model import Scene
@@ -198,3 +200,15 @@ def test_damaged_results_have_a_sentence(plain: tuple[MaskSet, Path], scene: Sce
     (wrong / "scores.json").write_text("[]")
     with pytest.raises(BadInput, match="Cannot read the masks"):
         read_masks(wrong, scene)
+
+
+def test_masks_of_something_else_are_refused_before_the_field_is_trained(
+    plain: tuple[MaskSet, Path], scene: Scene, clicks: Clicks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    masks, _ = plain
+    elsewhere = tuple(np.where(building(label), 0, 1).astype(np.uint8) for label in masks.labels)
+    other = Propagation(replace(masks, labels=elsewhere), ["" for _ in elsewhere], [], 1.0)
+    monkeypatch.setattr(build, "propagate", lambda *_: other)
+    with pytest.raises(BadInput, match="clicks on the building, so they show something else"):
+        run(scene, clicks, tmp_path)
+    assert (tmp_path / "masks" / "contact_sheet.jpg").is_file()
