@@ -25,9 +25,7 @@ Array = NDArray[np.float64]
 #: reach the second (photos that all differ, by shadows for example, tell nothing).
 FOREIGN, FAMILIAR = 0.35, 0.7
 FEWEST_SPOTS = 30  # observations that can tell a foreign photo
-#: Shares of all photos that may look foreign: so many at once, or more where three quarters of the others are familiar;
-#: beyond, nobody can say which are.
-FEW_FOREIGN, MOST_FOREIGN = 0.3, 0.45
+MOST_FOREIGN = 0.45  # of all photos; where more look foreign, or the others are not familiar, nobody can say which are
 MOST_BLURRED = 0.3  # of all photos that are left out for being less sharp than the others
 #: Median reprojection error that spoils the mesh, working pixels.
 UNSTEADY = 0.8
@@ -66,8 +64,8 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter)
 
 def _without_foreign(scene: Scene, brightness: Array, every: int, reporter: Reporter) -> Scene:
     foreign, others = foreign_views(brightness, scene)
-    most = MOST_FOREIGN if others >= FAMILIAR else FEW_FOREIGN
-    if len(foreign) > most * len(scene.views) or (not foreign and usual_likeness(brightness, scene) < FAMILIAR):
+    uncertain = others < FAMILIAR or len(foreign) > MOST_FOREIGN * len(scene.views)
+    if (foreign and uncertain) or (not foreign and usual_likeness(brightness, scene) < FAMILIAR):
         reporter.warning(
             "The photos show the same points in very different brightness: shadows that moved, clipped exposures or "
             "photos of another place; leave out those that differ."
