@@ -61,8 +61,8 @@ def enlarged(folder: Path, target: Path, width: int) -> Path:
 def whole_job(scene: Path, job: Path, resolution: int) -> dict[str, object]:
     """CPU seconds per stage and the peak memory of one job, bytes."""
     shutil.rmtree(job, ignore_errors=True)
-    command = [sys.executable, "-m", "mgf_engine", "reconstruct", scene, "--prompts", scene / "prompts.json", "--out", job,
-               *OPTIONS, "--resolution", resolution]  # fmt: skip
+    command = [sys.executable, "-m", "mgf_engine", "reconstruct", scene, "--prompts", scene / "prompts.json"]
+    command += ["--out", job, *OPTIONS, "--resolution", resolution]
     subprocess.run([str(part) for part in command], check=True)
     stages = json.loads((job / "job.json").read_text())["stages"]
     shutil.rmtree(job)
