@@ -54,6 +54,8 @@ def stability_main(argv: Sequence[str]) -> int:
         if row is not None:
             rows.append(row)
             print(describe(row), flush=True)
+    for line in spreads(rows):
+        print(line)
     write_json(args.out / "stability.json", rows)
     page = write_page(summarise(rows), args.out)
     faults = [row for row in rows if row.get("code") not in (None, EXIT_BAD_INPUT)]
@@ -159,6 +161,22 @@ def describe(row: Row) -> str:
         f"{row['name']:<16} {row['level']:<7g} {row['mode']:<9} F1 {f1_of(row):5.1f}  "
         f"PSNR {'-' if psnr is None else f'{psnr:.1f}'}  {row['cpu_seconds']:4.0f} CPU s  {outcome(row)}  {text[:150]}"
     )
+
+
+def spreads(rows: Sequence[Row]) -> list[str]:
+    """A line for each level that several seeds measured: range and spread of F1 and PSNR."""
+    lines = []
+    for place in dict.fromkeys((row["name"], row["level"], row["mode"]) for row in rows):
+        mine = [row for row in rows if (row["name"], row["level"], row["mode"]) == place]
+        if len(mine) < 2:
+            continue
+        parts = []
+        for title, values in (("F1", [f1_of(r) for r in mine]), ("PSNR", [r["psnr"] for r in mine if r.get("psnr")])):
+            if values:
+                low, high = min(values), max(values)
+                parts.append(f"{title} {low:.2f} .. {high:.2f}, spread {high - low:.2f}")
+        lines.append(f"{place[0]} {place[1]:g} {place[2]}, {len(mine)} seeds: {'; '.join(parts)}")
+    return lines
 
 
 def summarise(rows: Sequence[Row]) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from mgf_engine.bench import stability
 from mgf_engine.bench.measure import Prepared
 from mgf_engine.bench.perturb import PERTURBATIONS, RECORD
 from mgf_engine.bench.run import bench_main
-from mgf_engine.bench.stability import crossing, outcome, stability_main, summarise
+from mgf_engine.bench.stability import crossing, outcome, spreads, stability_main, summarise
 from mgf_engine.bench.stability_charts import markdown
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
@@ -60,6 +60,13 @@ def test_crossing_downwards_levels() -> None:
     curve = [{"level": 30.0, "share": 1.0}, {"level": 10.0, "share": 0.8}, {"level": 3.0, "share": 0.1}]
     assert crossing(curve, 0.9) == pytest.approx(20.0)
     assert crossing(curve, 0.05) is None
+
+
+def test_several_seeds_show_their_spread() -> None:
+    rows = [row("blur", 0, f1=value, psnr=psnr) for value, psnr in ((80.0, 22.0), (80.4, 22.5), (79.9, 22.25))]
+    assert spreads([*rows, row("blur", 3)]) == [
+        "blur 0 masks, 3 seeds: F1 79.90 .. 80.40, spread 0.50; PSNR 22.00 .. 22.50, spread 0.50"
+    ]
 
 
 def test_several_seeds_are_averaged_and_the_worst_outcome_counts() -> None:
