@@ -9,9 +9,9 @@ the minimum over views decides, and asking costs a look-up per view instead of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ from mgf_engine.mesh.opacity import outside_hull
 from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_surface, unmatched
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.camera import pose_and_intrinsics
-from mgf_engine.raster.library import parallel
+from mgf_engine.raster.library import parallel, side_by_side
 from mgf_engine.raster.points import NEAR
 from mgf_engine.scene.model import View
 
@@ -39,15 +39,19 @@ UNMATCHED = 0.2  # weight of a depth that only the field vouches for, beside one
 CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
 ENOUGH_VIEWS = 3  # photos that must show a spot for full confidence
 OUTVOTED = 3  # times the square of the views that call a point free: as many that cover it closely outvote them
-CHUNK = 1 << 20  # points that are asked at a time, which bounds the memory
+CHUNK = 1 << 16  # points that are asked at a time, which bounds the memory
 ENOUGH = 50  # triangulated points from which the level is calibrated
 
+T = TypeVar("T")
 Progress = Callable[[float], None]
 _BELIEF = [
     ("weight", "<f4"),
     ("sum", "<f4"),
     ("likeness", "<f4"),
     *((name, "<i4") for name in ("covered", "outside", "seen", "near", "judging", "behind")),
+]
+_JUDGE = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
+    (name, kind) for names, kind in (("labels map height width", "<i8"), ("band", "<f8")) for name in names.split()
 ]
 
 
@@ -82,6 +86,7 @@ class FusedField:
         neighbours: per view the numbers of those to move its depths with to where their photos look most alike.
         search: how far, and in which steps.
         band: half width of the band in which distances are known, in pixels.
+        apart: whether ``show`` may be asked on several threads.
     """
 
     def __init__(
@@ -92,35 +97,47 @@ class FusedField:
         search: Search = WIDE,
         band: float = BAND_PIXELS,
         progress: Progress = lambda share: None,
+        apart: bool = True,
     ) -> None:
         self.offset, self.band = 0.0, band
         near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
         left = np.bincount([k for number in range(len(masks)) for k in (number, *near[number])], minlength=len(masks))
         surfaces: dict[int, Surface] = {}  # only those that a view still to come is matched with
+        first_needed = list(dict.fromkeys(k for number in range(len(masks)) for k in (number, *near[number])))
+        shown = side_by_side(show, first_needed) if apart else map(show, first_needed)
+
+        def needed() -> Iterator[tuple[Surface, list[Surface], NDArray[np.uint8]]]:
+            for number, mask in enumerate(masks):
+                for k in (number, *near[number]):
+                    if k not in surfaces:
+                        surfaces[k] = next(shown)
+                yield surfaces[number], [surfaces[k] for k in near[number]], mask
+                for k in (number, *near[number]):
+                    left[k] -= 1
+                    if left[k] == 0:
+                        del surfaces[k]
+
+        def matched(given: tuple[Surface, list[Surface], NDArray[np.uint8]]) -> DepthMap:
+            surface, others, mask = given
+            return depth_map(surface, mask, match_surface(surface, others, search) if others else unmatched(surface))
+
         self.maps: list[DepthMap] = []
-        for number, mask in enumerate(masks):
-            progress(number / len(masks))
-            for k in (number, *near[number]):
-                if k not in surfaces:
-                    surfaces[k] = show(k)
-            surface, others = surfaces[number], [surfaces[k] for k in near[number]]
-            matched = match_surface(surface, others, search) if others else unmatched(surface)
-            self.maps.append(depth_map(surface, mask, matched))
-            for k in (number, *near[number]):
-                left[k] -= 1
-                if left[k] == 0:
-                    del surfaces[k]
+        for m in side_by_side(matched, needed()):
+            progress(len(self.maps) / len(masks))
+            self.maps.append(m)
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
         """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
-        state = np.empty(len(points), np.uint8)
-        for part, belief in self._ask(points, progress):
+
+        def state(belief: NDArray[np.void]) -> NDArray[np.uint8]:
             outvoted = belief["behind"] >= OUTVOTED * belief["judging"] ** 2
-            state[part] = np.where((_distance(belief) > self.offset) & ~outvoted, FREE, SOLID)
-            state[part][(belief["weight"] == 0) & (belief["covered"] > 0)] = SOLID
-            state[part][(belief["weight"] == 0) & (belief["covered"] == 0)] = INVALID
-            state[part][outside_hull(belief["outside"], belief["seen"])] = FREE
-        return state
+            result = np.where((_distance(belief) > self.offset) & ~outvoted, FREE, SOLID).astype(np.uint8)
+            result[(belief["weight"] == 0) & (belief["covered"] > 0)] = SOLID
+            result[(belief["weight"] == 0) & (belief["covered"] == 0)] = INVALID
+            result[outside_hull(belief["outside"], belief["seen"])] = FREE
+            return result
+
+        return _joined(self._ask(points, state, progress), np.uint8)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
         """Put the level where triangulated points of the surface [N, 3] lie (median); returns it, in pixels.
@@ -128,27 +145,31 @@ class FusedField:
         Gaussians are trained to look right, and light stops on their near side: their centres, and so the rendered
         depths, tend to lie a fraction of a pixel behind the surface.
         """
-        asked = [
-            _distance(belief)[(belief["weight"] > 0) & ~outside_hull(belief["outside"], belief["seen"])]
-            for _, belief in self._ask(points)
-        ]
-        near = np.concatenate([d[np.abs(d) < 0.9] for d in asked]) if asked else np.zeros(0)
+
+        def near_level(belief: NDArray[np.void]) -> NDArray[np.float32]:
+            known = (belief["weight"] > 0) & ~outside_hull(belief["outside"], belief["seen"])
+            distance = _distance(belief)[known]
+            return distance[np.abs(distance) < 0.9]
+
+        near = _joined(self._ask(points, near_level), np.float32)
         self.offset = float(np.median(near)) if len(near) >= ENOUGH else 0.0
         return self.offset * self.band
 
     def distance(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
         """How far points [N, 3] lie in front of the surface, in half bands, -1..1, [N]; NaN where no view knows."""
-        distance = np.empty(len(points), np.float32)
-        for part, belief in self._ask(points):
-            distance[part] = np.where(belief["weight"] > 0, _distance(belief) - self.offset, np.nan)
-        return distance
+
+        def off(belief: NDArray[np.void]) -> NDArray[np.float32]:
+            return np.where(belief["weight"] > 0, _distance(belief) - self.offset, np.nan).astype(np.float32)
+
+        return _joined(self._ask(points, off), np.float32)
 
     def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Points [N, 3] near which at least one view really shows a surface, bool [N]."""
-        near = np.zeros(len(points), bool)
-        for part, belief in self._ask(points):
-            near[part] = (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
-        return near
+
+        def near(belief: NDArray[np.void]) -> NDArray[np.bool_]:
+            return (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
+
+        return _joined(self._ask(points, near), np.bool_)
 
     def confidence(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         """How far to trust a surface at points [N, 3].
@@ -157,28 +178,48 @@ class FusedField:
             ``views``: how many photos show a surface there, uint8 [N]; ``confidence``: 0..1, float32 [N]. Three photos
             that show it are worth 0.5, three whose patches look alike there 1; 0 is made up to close a gap.
         """
-        views, confidence = np.empty(len(points), np.uint8), np.empty(len(points), np.float32)
-        for part, belief in self._ask(points):
+
+        def trust(belief: NDArray[np.void]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
             alike = belief["likeness"] / np.maximum(belief["near"], 1)
             enough = np.minimum(belief["near"] / ENOUGH_VIEWS, 1.0)
-            confidence[part] = enough * (0.5 + 0.5 * np.clip(alike, 0, 1))
-            views[part] = np.minimum(belief["near"], 255)
-        return {"views": views, "confidence": confidence}
+            confidence = enough * (0.5 + 0.5 * np.clip(alike, 0, 1))
+            return np.minimum(belief["near"], 255).astype(np.uint8), confidence.astype(np.float32)
+
+        found = list(self._ask(points, trust))
+        return {
+            "views": _joined((f[0] for f in found), np.uint8),
+            "confidence": _joined((f[1] for f in found), np.float32),
+        }
 
     def _ask(
-        self, points: NDArray[np.float64], progress: Progress = lambda share: None
-    ) -> Iterator[tuple[slice, NDArray[np.void]]]:
-        """What the views together say of each point (struct Belief in ``raster/kernels/fuse.c``), CHUNK at a time."""
-        for start in range(0, len(points), CHUNK):
-            part = slice(start, min(start + CHUNK, len(points)))
-            points32 = np.ascontiguousarray(points[part], dtype=np.float32)
-            belief = np.zeros(len(points32), _BELIEF)
-            for number, m in enumerate(self.maps):
-                progress((start + number / len(self.maps) * len(points32)) / len(points))
-                view = m.view
-                camera = (*pose_and_intrinsics(view), NEAR, m.mask, m.pixels, view.height, view.width)
-                parallel("fuse_points_work", len(points32), points32, *camera, self.band / view.fx, JUMP, belief)
-            yield part, belief
+        self,
+        points: NDArray[np.float64],
+        answer: Callable[[NDArray[np.void]], T],
+        progress: Progress = lambda share: None,
+    ) -> Iterator[T]:
+        """``answer`` to what the views together say of each point (struct Belief in ``raster/kernels/fuse.c``), CHUNK
+        points at a time."""
+        judges = np.array([self._judge(m) for m in self.maps], _JUDGE)
+
+        def one(start: int) -> T:
+            part = np.ascontiguousarray(points[start : start + CHUNK], dtype=np.float32)
+            belief = np.zeros(len(part), _BELIEF)
+            parallel("fuse_judges_work", len(part), part, judges, len(judges), NEAR, JUMP, belief)
+            return answer(belief)
+
+        starts = range(0, len(points), CHUNK)
+        for start, result in zip(starts, side_by_side(one, starts), strict=True):
+            progress(min(start + CHUNK, len(points)) / len(points))
+            yield result
+
+    def _judge(self, m: DepthMap) -> tuple[Any, ...]:
+        """A depth map as ``raster/kernels/fuse.c`` takes it (struct Judge)."""
+        arrays = m.mask.ctypes.data, m.pixels.ctypes.data
+        return (*pose_and_intrinsics(m.view), *arrays, m.view.height, m.view.width, self.band / m.view.fx)
+
+
+def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[Any]:
+    return np.concatenate([np.zeros(0, kind), *chunks])
 
 
 def _distance(belief: NDArray[np.void]) -> NDArray[np.float32]:
@@ -203,7 +244,8 @@ def fuse_gaussians(
     def show(number: int) -> Surface:
         return render_surface(gaussians, views[number], photos.grey(number) if photos else None)
 
-    return FusedField(show, masks, photos.neighbours if photos else (), progress=progress)
+    apart = gaussians.positions.device.type == "cpu"
+    return FusedField(show, masks, photos.neighbours if photos else (), progress=progress, apart=apart)
 
 
 def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None) -> Surface:

@@ -54,6 +54,6 @@ def count_pixels(mesh: Mesh, views: Sequence[View], labels: Sequence[NDArray[np.
         label = None if labels is None else np.ascontiguousarray(labels[number])
         call("count_pixels", face.size, face, at, faces, label, UNKNOWN, counts)
 
-    for _ in side_by_side(add, len(views)):
+    for _ in side_by_side(add, range(len(views))):
         pass
     return PixelCounts(*(np.ascontiguousarray(column) for column in counts.T))

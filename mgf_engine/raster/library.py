@@ -13,7 +13,7 @@ import ctypes
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
@@ -29,6 +29,7 @@ from mgf_engine.system import cores
 _here = threading.local()
 _HINT = "run 'python -m mgf_engine.raster.build' to compile the kernels"
 
+S = TypeVar("S")
 T = TypeVar("T")
 _threads = 0
 _pool: ThreadPoolExecutor | None = None
@@ -149,21 +150,22 @@ def own_threads() -> int:
     return 1 if getattr(_here, "alone", False) else threads()
 
 
-def side_by_side(work: Callable[[int], T], count: int) -> Iterator[T]:
-    """``work(0)``, ``work(1)``, ... in this order, made on :func:`threads` threads, a few ahead of what is taken.
+def side_by_side(work: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
+    """``work`` of each item, in order, made on :func:`threads` threads, a few ahead of what is taken.
 
-    Work loops inside ``work`` run on one thread each: with many pieces that costs less than sharing every one.
+    Work loops inside ``work`` run on one thread each: with many items that costs less than sharing every one. The items
+    themselves are made by the thread that asks.
     """
 
-    def alone(number: int) -> T:
+    def alone(item: S) -> T:
         _here.alone = True
-        return work(number)
+        return work(item)
 
     with ThreadPoolExecutor(threads(), "mgf-view") as pool:
         ahead: deque[Future[T]] = deque()
         try:
-            for number in range(count):
-                ahead.append(pool.submit(alone, number))
+            for item in items:
+                ahead.append(pool.submit(alone, item))
                 if len(ahead) > threads():
                     yield ahead.popleft().result()
             while ahead:

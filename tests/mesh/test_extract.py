@@ -53,7 +53,7 @@ def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     assert fractions == sorted(fractions) and len(fractions) > 20
     seconds = times.figures()["seconds_per_part"]
     assert list(seconds) == ["depth maps", "tetrahedra", "level set", "cleaning", "refinement", "colours", "reduction"]
-    assert all(value >= 0 for value in seconds.values()) and seconds["depth maps"] > 0
+    assert all(value >= 0 for value in seconds.values()) and sum(seconds.values()) > 0
 
 
 def test_same_input_same_mesh_for_any_number_of_threads():
@@ -236,6 +236,7 @@ def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
     import weakref
 
     from mgf_engine.mesh import fusion
+    from mgf_engine.raster import library
 
     alive: list[weakref.ref] = []
     most = 0
@@ -249,11 +250,13 @@ def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
         return surface
 
     monkeypatch.setattr(fusion, "render_surface", render)
-    views = ring(12)
+    views = ring(24)
     scene, masks = scene_of(views, ball())
-    grey = np.zeros((views[0].height, views[0].width), np.float32)
-    photos = fusion.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 11)] for n in range(12)])
+    grey = np.zeros((views[0].height, views[0].width), np.uint8)
+    photos = fusion.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 23)] for n in range(24)])
     from mgf_engine.mesh.opacity import judging_masks
 
-    field = fusion.fuse_gaussians(sphere(100), views, judging_masks(scene, masks, range(12), 1), photos)
-    assert len(field.maps) == len(alive) == 12 and most <= 4
+    library.set_threads(2)
+    field = fusion.fuse_gaussians(sphere(100), views, judging_masks(scene, masks, range(24), 1), photos)
+    library.set_threads(0)
+    assert len(field.maps) == len(alive) == 24 and most <= 4 + 2 * (2 + 1)  # those made ahead twice over

@@ -7,7 +7,7 @@
 #include "export.h"
 #include "view.h"
 
-enum { PIECE = 4096 };
+enum { PIECE = 2048 };
 static const float CLOSELY = 4;  // bands behind a surface that count as closely covered
 
 // What a depth map says at one pixel; weight 0: nothing.
@@ -42,35 +42,44 @@ static inline Pixel sample(const Pixel *map, int64_t height, int64_t width, doub
     return r;
 }
 
-/* One view adds to the beliefs [n] of points [n][3]. map, labels: [height][width]. pose, intrinsics: as in view.h.
-   band: per unit of depth; jump: share of the depth by which neighbouring pixels of one surface differ at most. */
-MGF_API void fuse_points_work(int32_t *next, int64_t n, const float *points, const double *pose,
-                              const double *intrinsics, float near, const uint8_t *labels, const Pixel *map,
-                              int64_t height, int64_t width, float band, float jump, Belief *beliefs) {
+// A camera that judges, with what it shows: labels, map [height][width]; pose, intrinsics as in view.h.
+typedef struct {
+    double pose[12], intrinsics[4];
+    const uint8_t *labels;
+    const Pixel *map;
+    int64_t height, width;
+    double band;  // per unit of depth
+} Judge;
+
+static void ask(const Judge *j, const float *p, float near, float jump, Belief *belief) {
+    double c[3], u, v;
+    to_camera(j->pose, p[0], p[1], p[2], c);
+    if (!in_frame(c, j->intrinsics, near, j->height, j->width, &u, &v)) return;
+    const uint8_t label = j->labels[(int64_t)v * j->width + (int64_t)u];
+    if (label == OUTSIDE) belief->outside++;
+    if (label != INSIDE) return;
+    belief->seen++;
+    const Pixel here = sample(j->map, j->height, j->width, u, v, jump);
+    if (!(here.weight > 0)) return;
+    const float limit = (float)j->band * here.depth;
+    const float s = (float)(here.depth - c[2]) * here.slope;
+    if (s < 0.5f * limit && s > -0.5f * limit) belief->near++, belief->likeness += here.likeness;
+    if (s < -limit) {
+        belief->covered++, belief->behind += s > -CLOSELY * limit;
+        return;
+    }
+    belief->judging++, belief->weight += here.weight;
+    belief->sum += here.weight * (s < limit ? s / limit : 1.0f);
+}
+
+/* What `count` judges together believe of points [n][3]: beliefs [n], given as zeros.
+   jump: share of the depth by which neighbouring pixels of one surface differ at most. */
+MGF_API void fuse_judges_work(int32_t *next, int64_t n, const float *points, const Judge *judges, int64_t count,
+                              float near, float jump, Belief *beliefs) {
     for (;;) {
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
         if (start >= n) return;
-        for (int64_t i = start; i < end; i++) {
-            double c[3], u, v;
-            const float *p = points + 3 * i;
-            to_camera(pose, p[0], p[1], p[2], c);
-            if (!in_frame(c, intrinsics, near, height, width, &u, &v)) continue;
-            const uint8_t label = labels[(int64_t)v * width + (int64_t)u];
-            Belief *belief = beliefs + i;
-            if (label == OUTSIDE) belief->outside++;
-            if (label != INSIDE) continue;
-            belief->seen++;
-            const Pixel here = sample(map, height, width, u, v, jump);
-            if (!(here.weight > 0)) continue;
-            const float limit = band * here.depth;
-            const float s = (float)(here.depth - c[2]) * here.slope;
-            if (s < 0.5f * limit && s > -0.5f * limit) belief->near++, belief->likeness += here.likeness;
-            if (s < -limit) {
-                belief->covered++, belief->behind += s > -CLOSELY * limit;
-                continue;
-            }
-            belief->judging++, belief->weight += here.weight;
-            belief->sum += here.weight * (s < limit ? s / limit : 1.0f);
-        }
+        for (int64_t k = 0; k < count; k++)  // the points of a piece fall close together, mostly
+            for (int64_t i = start; i < end; i++) ask(judges + k, points + 3 * i, near, jump, beliefs + i);
     }
 }
