@@ -17,6 +17,7 @@ import numpy as np
 from mgf_engine.bench import perturb_masks as masks
 from mgf_engine.bench import perturb_model as model
 from mgf_engine.bench import perturb_photos as photos
+from mgf_engine.bench import perturb_surfaces as surfaces
 from mgf_engine.bench.perturb_copy import SceneCopy
 from mgf_engine.errors import BadInput
 from mgf_engine.system import write_json
@@ -63,6 +64,8 @@ PERTURBATIONS: dict[str, Perturbation] = {
     "scale": Perturbation("Scale of the scene", "factor", (1, 1e-3, 1e3), model.scale, "given"),
     "offset": Perturbation("Offset of the coordinates", "m", (0, 1e3, 1e6), model.offset, "given"),
     "blurred": Perturbation("Blurred photos among sharp ones", "photos", (0, 3, 8, 15), photos.blur_some),
+    "walls": Perturbation("Plain walls: texture lost", "of all", (0, 0.5, 0.8, 1.0), surfaces.fade_walls),
+    "mirrors": Perturbation("Windows that mirror", "of all", (0, 0.5, 1.0), surfaces.mirror_windows),
 }  # fmt: skip
 
 

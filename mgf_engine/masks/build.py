@@ -17,6 +17,7 @@ from mgf_engine.masks.contact import write_contact_sheet
 from mgf_engine.masks.fit import forgive, measure_fit, misfits
 from mgf_engine.masks.levels import Part, add_elements, tie_parts
 from mgf_engine.masks.model import BACKGROUND, BUILDING, MaskSet, building
+from mgf_engine.masks.plain import PLAIN, plain_share, plain_text
 from mgf_engine.masks.points import pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, read_prompts
 from mgf_engine.masks.propagate import Propagation, consistency, propagate
@@ -76,6 +77,9 @@ def build_masks(
     reporter.preview(str(sheet), "Masks")
     _warn(result, scene, reporter)
     _check_clicks(clicks, masks)
+    plain = plain_share(scene, masks) if config.use_masks else 0.0
+    if plain > PLAIN:
+        reporter.warning(plain_text(plain))
     return masks
 
 

@@ -10,19 +10,32 @@ import cv2
 import numpy as np
 import pytest
 from house import build_house
+from numpy.typing import NDArray
 
 PHOTOS = 20
+WALL, WINDOW = 2, 3
 _made: list[Path] = []
 
 
+def wall_and_window(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """A map of elements: all of the house is one wall, with a window in the middle."""
+    elements = np.where(mask, WALL, 0).astype(np.uint8)
+    y, x = (int(v.mean()) for v in np.nonzero(mask))
+    elements[y - 12 : y + 12, x - 20 : x + 20][mask[y - 12 : y + 12, x - 20 : x + 20]] = WINDOW
+    return elements
+
+
 def house_scene(factory: pytest.TempPathFactory) -> Path:
-    """The folder: images, masks, sparse/0, prompts.json, scene.json."""
+    """The folder: images, masks, elements, sparse/0, prompts.json, scene.json."""
     if not _made:
         folder = factory.mktemp("house")
         house = build_house(folder, PHOTOS)
-        (folder / "masks").mkdir()
+        for part in ("masks", "elements"):
+            (folder / part).mkdir()
         for name, mask in house.masks.items():
             cv2.imwrite(str(folder / "masks" / name), mask.astype(np.uint8))
-        (folder / "scene.json").write_text(json.dumps({"ground_pixel": 0.02}))
+            cv2.imwrite(str(folder / "elements" / name), wall_and_window(mask))
+        elements = {"wall": WALL, "wall.window0": WINDOW}
+        (folder / "scene.json").write_text(json.dumps({"ground_pixel": 0.02, "elements": elements}))
         _made.append(folder)
     return _made[0]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from mgf_engine.bench.perturb import PERTURBATIONS, RECORD, perturb
 from mgf_engine.bench.perturb_photos import line_kernel
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.colmap import find_model, find_photos, read_model
-from stability.house_scene import PHOTOS, house_scene
+from stability.house_scene import PHOTOS, WALL, WINDOW, house_scene
 
 WIDTH = 240  # of the photos; levels in pixels are given for 480
 
@@ -129,6 +130,36 @@ def test_the_blur_is_a_line_of_its_length(source: Path, tmp_path: Path) -> None:
     for name in before:
         assert cv2.Laplacian(after[name], cv2.CV_64F).std() < 0.7 * cv2.Laplacian(before[name], cv2.CV_64F).std()
         assert abs(after[name].mean() - before[name].mean()) < 2.0
+
+
+def elements_of(folder: Path) -> dict[str, np.ndarray]:
+    return {p.name: cv2.imread(str(p), cv2.IMREAD_UNCHANGED) for p in sorted((folder / "elements").iterdir())}
+
+
+def test_plain_walls_have_one_colour_and_few_points(source: Path, tmp_path: Path) -> None:
+    folder = made(source, tmp_path, "walls", 1.0)
+    before, after, elements = photos_of(source), photos_of(folder), elements_of(source)
+    for name, map_ in elements.items():
+        assert after[name][map_ == WALL].std(0).max() < 0.5 < before[name][map_ == WALL].std(0).min()
+        assert (after[name][map_ == 0] == before[name][map_ == 0]).all()
+    left = model_of(folder).num_points3D()
+    assert 0 < left < 0.7 * model_of(source).num_points3D()
+    half = made(source, tmp_path / "half", "walls", 0.5)
+    assert left < model_of(half).num_points3D() < model_of(source).num_points3D()
+
+
+def test_mirroring_windows_show_something_else_in_every_photo(source: Path, tmp_path: Path) -> None:
+    folder = made(source, tmp_path, "mirrors", 1.0)
+    before, after, elements = photos_of(source), photos_of(folder), elements_of(source)
+    for name, map_ in elements.items():
+        assert np.abs(after[name] - before[name])[map_ == WINDOW].mean() > 5
+        assert (after[name][map_ != WINDOW] == before[name][map_ != WINDOW]).all()
+
+
+def test_a_scene_without_elements_is_refused(source: Path, tmp_path: Path) -> None:
+    shutil.copytree(source, tmp_path / "bare", ignore=shutil.ignore_patterns("elements"))
+    with pytest.raises(BadInput, match="map of elements"):
+        perturb(tmp_path / "bare", tmp_path / "copy", "walls", 1.0)
 
 
 def test_shadows_darken_a_band_elsewhere_in_every_photo(source: Path, tmp_path: Path) -> None:
