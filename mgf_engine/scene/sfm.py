@@ -93,7 +93,7 @@ class _Worker:
         for reader in readers:
             reader.start()
         try:
-            while not _ended(process):
+            while not ended(process):
                 self._report()
         finally:
             process.kill()
@@ -139,7 +139,7 @@ class _Worker:
             return 0
 
 
-def _ended(process: subprocess.Popen[bytes]) -> bool:
+def ended(process: subprocess.Popen[bytes]) -> bool:
     try:
         process.wait(_POLL_SECONDS)
     except subprocess.TimeoutExpired:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import numpy as np
 import pycolmap
 import pytest
 
-from mgf_engine.scene.adjust import agreeing, bundle_of, far_points, similarity
-from mgf_engine.scene.bundle import Bundle, adjust, errors, triangulate
+from mgf_engine.errors import Cancelled
+from mgf_engine.scene.adjust import agreeing, far_points
+from mgf_engine.scene.adjust_worker import Task, laid_onto, replaced_points
 from mgf_engine.scene.colmap import read_model
+from mgf_engine.scene.colmap_bundle import centres, moved, projection_errors
 from mgf_engine.scene.normalise import rotation_of
 from mgf_engine.scene.sparse import SparseModel
 from scene.synthetic import Messages, reconstruction, write_model
@@ -54,12 +57,8 @@ def shaken(model: SparseModel, pixels: float) -> SparseModel:
     return replace(model, images=tuple(images))
 
 
-def centres(model: SparseModel) -> np.ndarray:
-    return np.array([-rotation_of(i.quaternion).T @ i.translation for i in model.images])
-
-
 def median_error(model: SparseModel) -> float:
-    return float(np.median(errors(bundle_of(model, RESOLUTION))))
+    return float(np.median(projection_errors(model, RESOLUTION)))
 
 
 @pytest.mark.parametrize("lens", ["PINHOLE", "SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE"])
@@ -113,27 +112,87 @@ def test_numbers_beyond_reason_leave_the_model_as_it_is(tmp_path: Path) -> None:
 
 
 def test_points_are_placed_where_the_rays_meet(tmp_path: Path) -> None:
-    bundle = bundle_of(true_model(tmp_path), RESOLUTION)
-    lost = replace(bundle, points=np.random.default_rng(2).normal(0, 3, bundle.points.shape))
-    assert np.abs(triangulate(lost).points - bundle.points).max() < 1e-3
+    true = true_model(tmp_path, "OPENCV")
+    lost = np.random.default_rng(2).normal(0, 3, true.points.xyz.shape)
+    placed = replaced_points(replace(true, points=replace(true.points, xyz=lost)), RESOLUTION)
+    assert np.abs(placed.points.xyz - true.points.xyz).max() < 1e-3
 
 
-def test_adjusting_never_makes_it_worse(tmp_path: Path) -> None:
-    start = bundle_of(shaken(turned(true_model(tmp_path), 0.01), 0.5), RESOLUTION)
+def test_wrong_observations_and_stray_points_do_not_bend_the_cameras(tmp_path: Path) -> None:
+    true, rng = true_model(tmp_path, "OPENCV"), np.random.default_rng(3)
+    bad = shaken(turned(true, 0.02), 0.3)
+    images = []
+    for image in bad.images:
+        keypoints, wrong = image.keypoints.copy(), rng.random(len(image.keypoints)) < 0.1
+        keypoints[wrong] = rng.uniform(0, 120, (wrong.sum(), 2))
+        images.append(replace(image, keypoints=keypoints))
+    xyz = bad.points.xyz.copy()
+    xyz[::4] = rng.permutation(xyz[::4])
+    bad = replace(bad, images=tuple(images), points=replace(bad.points, xyz=xyz))
+    mended = agreeing(bad, RESOLUTION, Messages().reporter)
+    assert median_error(bad) > 2.0 and median_error(mended) < 0.4
+    assert mended.cameras[1].params[0] == pytest.approx(true.cameras[1].params[0], rel=0.01)
+    size = np.ptp(centres(true), axis=0).max()
+    assert np.linalg.norm(centres(mended) - centres(true), axis=1).max() < 0.01 * size
+    assert np.median(np.linalg.norm(mended.points.xyz - true.points.xyz, axis=1)) < 0.005 * size
 
-    def cost(bundle: Bundle) -> float:
-        return float(np.median(errors(bundle)))
 
-    assert cost(adjust(start, np.arange(len(start.view)))) < 0.5 * cost(start)
+def test_errors_are_those_of_the_working_photos(tmp_path: Path) -> None:
+    true = true_model(tmp_path)
+    aside = np.array([3.0, 4.0])
+    away = replace(true, images=tuple(replace(i, keypoints=i.keypoints + aside) for i in true.images))
+    assert np.allclose(projection_errors(away, RESOLUTION), 5.0, atol=1e-6)
+    assert np.allclose(projection_errors(away, RESOLUTION // 2), 2.5, atol=1e-6)
+    forward = np.array([rotation_of(image.quaternion)[2] for image in true.images])
+    back = np.full_like(true.points.xyz, (centres(true)[0] - 10 * forward[0]))
+    behind = projection_errors(replace(true, points=replace(true.points, xyz=back)), RESOLUTION)
+    assert np.isinf(behind[true.points.image_ids == true.images[0].id]).all()
 
 
-def test_similarities_are_found_and_far_points_counted() -> None:
-    rng = np.random.default_rng(6)
-    source = rng.normal(size=(20, 3))
-    rotation = pycolmap.Rotation3d(np.array([0.3, -0.2, 1.0])).matrix()
-    scale, found, offset = similarity(source, 2.5 * source @ rotation.T + [1.0, 2.0, 3.0], np.ones(20))
-    assert scale == pytest.approx(2.5)
-    assert np.allclose(found, rotation) and np.allclose(offset, [1, 2, 3])
+def test_the_same_model_is_always_adjusted_alike_and_nothing_is_printed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bad = shaken(turned(true_model(tmp_path), 0.02), 0.3)
+    first, second = (agreeing(bad, RESOLUTION, Messages().reporter) for _ in range(2))
+    assert first is not bad
+    assert np.array_equal(first.points.xyz, second.points.xyz)
+    assert np.array_equal(centres(first), centres(second)) and first.cameras == second.cameras
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_crash_of_the_process_leaves_the_model_and_cancelling_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bad = turned(true_model(tmp_path), 0.02)
+    messages = Messages()
+    messages.reporter.cancel()
+    with pytest.raises(Cancelled):
+        agreeing(bad, RESOLUTION, messages.reporter)
+    crash = tmp_path / "crash.py"
+    crash.write_text("import os; os.abort()")
+    monkeypatch.setattr("mgf_engine.scene.adjust.COMMAND", (sys.executable, str(crash)))
+    assert agreeing(bad, RESOLUTION, Messages().reporter) is bad
+
+
+def test_models_are_laid_onto_where_most_of_them_lay(tmp_path: Path) -> None:
+    true = true_model(tmp_path)
+    away = moved(true, pycolmap.Sim3d(2.5, pycolmap.Rotation3d(np.array([0.3, -0.2, 1.0])), np.array([1.0, 2.0, 3.0])))
+    assert median_error(away) < 1e-3
+    xyz = away.points.xyz.copy()
+    xyz[::3] += np.random.default_rng(6).normal(0, 5, xyz[::3].shape)
+    used = np.arange(len(xyz))
+    task = Task(true, RESOLUTION, used, used, 1.0)
+    back = laid_onto(replace(away, points=replace(away.points, xyz=xyz)), task)
+    assert back is not None and np.allclose(centres(back), centres(true), atol=1e-6)
+    nowhere = replace(
+        away,
+        images=tuple(replace(i, translation=np.full(3, np.nan)) for i in away.images),
+        points=replace(away.points, xyz=np.full_like(xyz, np.nan)),
+    )
+    assert laid_onto(nowhere, task) is None
+
+
+def test_far_points_are_counted() -> None:
     start = np.array([0, 3, 6, 6])
     assert far_points(np.array([0.1, 0.2, 9.0, 9.0, 9.0, 0.1]), start).tolist() == [False, True, False]
     assert far_points(np.zeros(0), np.zeros(3, np.int64)).tolist() == [False, False]

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""COLMAP's bundle adjustment in a process of its own: ``python -m mgf_engine.scene.adjust_worker FOLDER``.
+
+Numbers that Ceres cannot bear end this process and not the job, and cancelling is ending it. The task and the result
+are pickled in a folder that only the job and this process use. One thread and fixed seeds: the result is always the
+same. Everything is measured in pixels of the working photos.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+import threading
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from mgf_engine.scene.colmap_bundle import Bundle, centres, colmap_camera, moved, projection_errors, working_scale
+from mgf_engine.scene.sfm_worker import end_with_the_job
+from mgf_engine.scene.sparse import SparseModel
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+TASK, RESULT = "task.pickle", "result.pickle"
+#: Exit code when the cameras that were found lie nowhere near the old ones.
+NOT_FOUND = 3
+_LEAST_SCALE = 0.5  # working pixels, of Cauchy's loss
+_ROUNDS = 3  # each with a smaller scale, while that falls
+_BATCH = 20_000  # points refined at once: bounds the memory
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be adjusted.
+
+    Attributes:
+        model: near the origin and about of size 1; cameras valid.
+        resolution: longest side of the working photos.
+        chosen: observations that settle poses and focal lengths, indices int64.
+        used: the points of those.
+        before: how far cameras and points disagree, working pixels.
+    """
+
+    model: SparseModel
+    resolution: int
+    chosen: Indices
+    used: Indices
+    before: float
+
+
+def main(folder: Path) -> int:
+    """Do the task in ``folder`` and write the adjusted model beside it; exit code 0, or NOT_FOUND without one."""
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+    pycolmap.set_random_seed(0)
+    task: Task = pickle.loads((folder / TASK).read_bytes())
+    model = laid_onto(replaced_points(adjust(task), task.resolution), task)
+    if model is None:
+        return NOT_FOUND
+    (folder / RESULT).write_bytes(pickle.dumps(model))
+    return 0
+
+
+def adjust(task: Task) -> SparseModel:
+    """Poses, focal lengths and points of the chosen observations, improved by COLMAP with Cauchy's loss."""
+    model, last = task.model, np.inf
+    for _ in range(_ROUNDS):
+        scale = _scale(model, task)
+        if scale >= last:
+            break
+        model, last = _solved(model, task, scale), scale
+    return model
+
+
+def replaced_points(model: SparseModel, resolution: int) -> SparseModel:
+    """All points placed where the rays of most of their observations meet, then refined; the cameras stay."""
+    xyz = model.points.xyz.copy()
+    for first in range(0, len(xyz), _BATCH):
+        batch = np.arange(first, min(first + _BATCH, len(xyz)))
+        start = model.points.start
+        bundle = Bundle(model, resolution, np.arange(start[batch[0]], start[batch[-1] + 1]))
+        bundle.triangulate()
+        config = pycolmap.BundleAdjustmentConfig()
+        for number in bundle.numbers.tolist():
+            config.add_variable_point(number)
+        bundle.solve(config, _LEAST_SCALE)
+        xyz[bundle.used] = bundle.points()
+    return replace(model, points=replace(model.points, xyz=xyz))
+
+
+def laid_onto(model: SparseModel, task: Task) -> SparseModel | None:
+    """The model moved, turned and scaled so that most cameras and chosen points lie where they lay.
+
+    How nearly, is told by the disagreement: so many pixels, seen from the cameras (which are about 1 away).
+    """
+    source, target = (np.concatenate([centres(m), m.points.xyz[task.used]]) for m in (model, task.model))
+    focal = [colmap_camera(c, working_scale(c, task.resolution)).mean_focal_length() for c in model.cameras.values()]
+    distance = max(1.0, float(np.median(np.linalg.norm(task.model.points.xyz[task.used], axis=1))))
+    options = pycolmap.RANSACOptions()
+    options.random_seed, options.max_error = 0, task.before / float(np.median(focal)) * distance
+    found: dict[str, Any] | None = pycolmap.estimate_sim3d_robust(source, target, options)  # type: ignore[assignment]
+    return None if found is None else moved(model, found["tgt_from_src"])
+
+
+def _solved(model: SparseModel, task: Task, scale: float) -> SparseModel:
+    bundle = Bundle(model, task.resolution, task.chosen)
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in range(1, len(model.images) + 1):
+        config.add_image(number)
+    bundle.solve(config, scale)
+    return bundle.adjusted()
+
+
+def _scale(model: SparseModel, task: Task) -> float:
+    distances = projection_errors(model, task.resolution)[task.chosen]
+    return max(_LEAST_SCALE, 2.0 * float(np.median(distances)))
+
+
+if __name__ == "__main__":
+    threading.Thread(target=end_with_the_job, daemon=True).start()
+    sys.exit(main(Path(sys.argv[1])))
