@@ -113,7 +113,8 @@ def _row(args: argparse.Namespace, source: Prepared, name: str, level: float, mo
     what = "undisturbed" if undisturbed else f"{name} {level:g}"  # one run serves all perturbations
     kind = "true" if entry.masks == "given" and mode == "masks" else "prompts"
     run = Run(f"{what}, {mode}", source.folder.name, options, seed, kind)
-    label = json.dumps([args.label, what, args.samples, args.other.name if args.other and name == "foreign" else ""])
+    other = args.other.name if args.other and name == "foreign" and not undisturbed else ""
+    label = json.dumps([args.label, what, args.samples, other])
     path = args.out / "results" / f"{run.key(label)}.json"
     if not path.exists():
         if args.page_only:
