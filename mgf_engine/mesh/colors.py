@@ -13,10 +13,12 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import corners, look
+from mgf_engine.raster.library import side_by_side
 from mgf_engine.scene.model import View
 
 BEST = 5  # photos that share in the colour of a vertex: those that see it largest and straightest
 SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
+CHUNK = 1 << 15  # vertices that are blended at a time
 OUTLIER = 40.0  # grey levels from the median beyond which a photo is left out (reflections, passers-by)
 
 
@@ -44,14 +46,20 @@ def color_from_photos(
     weight = np.zeros((len(mesh.vertices), BEST), np.float32)
     sample = np.zeros((len(mesh.vertices), BEST, 3), np.uint8)
     normals = vertex_normals(mesh)
-    for i, view in enumerate(views):
+
+    def seen(i: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
+        return _samples(mesh, normals, views[i], photo(i), inside[i])
+
+    for i, (index, new_weight, new_sample) in enumerate(side_by_side(seen, range(len(views)))):
         progress(i / len(views))
-        index, new_weight, new_sample = _samples(mesh, normals, view, photo(i), inside[i])
         worst = weight[index].argmin(1)
         better = new_weight > weight[index, worst]
         weight[index[better], worst[better]] = new_weight[better]
         sample[index[better], worst[better]] = new_sample[better]
-    return replace(mesh, colors=_fill(mesh, _blend(weight, sample), weight.max(1) > 0))
+    starts = range(0, len(weight), CHUNK)
+    blended = side_by_side(lambda start: _blend(weight[start : start + CHUNK], sample[start : start + CHUNK]), starts)
+    colors = np.concatenate([np.zeros((0, 3), np.uint8), *blended])
+    return replace(mesh, colors=_fill(mesh, colors, weight.max(1) > 0))
 
 
 def _samples(

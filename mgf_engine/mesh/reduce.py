@@ -37,17 +37,26 @@ def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
         return np.zeros(len(mesh.vertices), np.float32)
     centres = np.array([view.centre for view in views])
     pixels = np.array([1.0 / max(view.fx, view.fy) for view in views])
-    distance, nearest = cKDTree(centres).query(
-        mesh.vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1
-    )
-    normals = vertex_normals(mesh)
-    size = (distance[:, 0] * pixels[nearest[:, 0]]).astype(np.float32)
-    missing = np.ones(len(size), bool)
-    for k in range(nearest.shape[1]):
-        faced = missing & (((centres[nearest[:, k]] - mesh.vertices) * normals).sum(1) > 0)
-        size[faced] = distance[faced, k] * pixels[nearest[faced, k]]
+    tree, normals = cKDTree(centres), vertex_normals(mesh)
+    distance, nearest = tree.query(mesh.vertices, workers=-1)
+    size = (distance * pixels[nearest]).astype(np.float32)
+    away = np.flatnonzero(~_faced(mesh.vertices, normals, centres[nearest]))  # more than one is sought for these only
+    vertices, normals = mesh.vertices[away], normals[away]
+    distance, nearest = tree.query(vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1)
+    missing = np.ones(len(away), bool)
+    for k in range(1, nearest.shape[1]):
+        faced = missing & _faced(vertices, normals, centres[nearest[:, k]])
+        size[away[faced]] = distance[faced, k] * pixels[nearest[faced, k]]
         missing &= ~faced
     return size
+
+
+def _faced(
+    vertices: NDArray[np.float64], normals: NDArray[np.float64], centres: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Vertices [N, 3] that look towards a camera, [N, 3]."""
+    towards: NDArray[np.bool_] = ((centres - vertices) * normals).sum(1) > 0
+    return towards
 
 
 def reduce_faces(

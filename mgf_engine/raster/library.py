@@ -14,7 +14,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any, TypeVar
 
@@ -23,7 +23,7 @@ import torch
 
 from mgf_engine.errors import BadInput
 from mgf_engine.raster.build import TARGETS, VARIANTS, host_target, library_path
-from mgf_engine.system import cores
+from mgf_engine.system import cores, release_memory
 
 #: ``alone``: work loops that this thread starts run on it only, because others of its kind keep the cores busy.
 _here = threading.local()
@@ -33,6 +33,7 @@ S = TypeVar("S")
 T = TypeVar("T")
 _threads = 0
 _pool: ThreadPoolExecutor | None = None
+_side: ThreadPoolExecutor | None = None  # for side_by_side
 _current: ctypes.CDLL | None = None
 _current_variant = ""
 
@@ -98,13 +99,17 @@ def _open(name: str) -> ctypes.CDLL:
 
 def set_threads(count: int) -> None:
     """Number of threads that work loops run on; 0 takes every core this process may use."""
-    global _threads, _pool
+    global _threads, _pool, _side
     count = count or cores()
     if count == _threads:
         return
-    if _pool is not None:
-        _pool.shutdown()
-    _threads, _pool = count, (ThreadPoolExecutor(count - 1, "mgf-kernel") if count > 1 else None)
+    for pool in (_pool, _side):
+        if pool is not None:
+            pool.shutdown()
+    _threads, _pool, _side = count, None, None
+    if count > 1:
+        _pool = ThreadPoolExecutor(count - 1, "mgf-kernel")
+        _side = ThreadPoolExecutor(count, "mgf-side", initializer=_stay_alone)
 
 
 def threads() -> int:
@@ -157,22 +162,27 @@ def side_by_side(work: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
     themselves are made by the thread that asks.
     """
 
-    def alone(item: S) -> T:
-        _here.alone = True
-        return work(item)
-
-    with ThreadPoolExecutor(threads(), "mgf-view") as pool:
-        ahead: deque[Future[T]] = deque()
-        try:
-            for item in items:
-                ahead.append(pool.submit(alone, item))
-                if len(ahead) > threads():
-                    yield ahead.popleft().result()
-            while ahead:
+    if own_threads() == 1:
+        yield from map(work, items)
+        return
+    assert _side is not None
+    ahead: deque[Future[T]] = deque()
+    try:
+        for item in items:
+            ahead.append(_side.submit(work, item))
+            if len(ahead) > threads():
                 yield ahead.popleft().result()
-        finally:
-            for future in ahead:
-                future.cancel()
+        while ahead:
+            yield ahead.popleft().result()
+    finally:
+        for future in ahead:
+            future.cancel()
+        wait(ahead)
+        release_memory()
+
+
+def _stay_alone() -> None:
+    _here.alone = True
 
 
 def _to_c(value: Any) -> Any:
