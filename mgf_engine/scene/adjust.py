@@ -56,8 +56,8 @@ def agreeing(model: SparseModel, resolution: int, reporter: Reporter) -> SparseM
     change = max(abs(new.params[0] / model.cameras[i].params[0] - 1) for i, new in adjusted.cameras.items())
     reporter.warning(
         f"Cameras and points of the COLMAP model disagreed by {before:.1f} pixels of the working photos and were "
-        f"adjusted; {after:.1f} are left, and focal lengths changed by up to {change:.0%}. COLMAP's own bundle "
-        "adjuster with the right lens would be surer."
+        f"adjusted; {after:.1f} are left, and focal lengths changed by up to {change:.0%}. A model "
+        "built anew from the photos, with the right lens, would be surer."
     )
     return adjusted
 

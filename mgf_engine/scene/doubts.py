@@ -213,7 +213,7 @@ def weaknesses(scene: Scene) -> list[str]:
     if median > UNSTEADY:
         found.append(
             f"Cameras and points of the COLMAP model disagree by {median:.1f} pixels of the working photos, so the "
-            "mesh will be inaccurate; adjust the model again (COLMAP's bundle adjuster) with the right lens."
+            "mesh will be inaccurate, and adjusting them did not help; build the model anew with the right lens."
         )
     spacing = degrees_apart(scene)
     if spacing > SPACING or len(scene.views) < FEW_PHOTOS:
