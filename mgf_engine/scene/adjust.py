@@ -9,7 +9,6 @@ that adjusting hardly improves.
 
 from __future__ import annotations
 
-import pickle
 import subprocess
 import sys
 import tempfile
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter, log
-from mgf_engine.scene.adjust_worker import RESULT, TASK, Task
+from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
 from mgf_engine.scene.colmap_bundle import by_image, centres, colmap_camera, moved, owners, projection_errors
 from mgf_engine.scene.sfm import ended
 from mgf_engine.scene.sparse import SparseModel, check_model
@@ -116,7 +115,7 @@ def _in_a_process(task: Task, reporter: Reporter) -> SparseModel | None:
     """The adjusted model from :mod:`adjust_worker`; None where COLMAP failed on it."""
     with tempfile.TemporaryDirectory(prefix="mgf-") as name:
         folder = Path(name)
-        (folder / TASK).write_bytes(pickle.dumps(task))
+        write_task(task, folder / TASK)
         quiet = subprocess.DEVNULL
         with subprocess.Popen([*COMMAND, name], stdin=subprocess.PIPE, stdout=quiet, stderr=quiet) as process:
             try:
@@ -127,8 +126,7 @@ def _in_a_process(task: Task, reporter: Reporter) -> SparseModel | None:
         if process.returncode != 0:
             log.info("scene: cameras could not be adjusted (COLMAP ended with code %d)", process.returncode)
             return None
-        found: SparseModel = pickle.loads((folder / RESULT).read_bytes())
-        return found
+        return read_result(folder / RESULT, task.model)
 
 
 def _frame(model: SparseModel) -> pycolmap.Sim3d:

@@ -2,16 +2,15 @@
 """COLMAP's bundle adjustment in a process of its own: ``python -m mgf_engine.scene.adjust_worker FOLDER``.
 
 Numbers that Ceres cannot bear end this process and not the job, and cancelling is ending it. The task and the result
-are pickled in a folder that only the job and this process use. One thread and fixed seeds: the result is always the
+lie in a folder that only the job and this process use. One thread and fixed seeds: the result is always the
 same. Everything is measured in pixels of the working photos.
 """
 
 from __future__ import annotations
 
-import pickle
 import sys
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +18,12 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_task, write_result
 from mgf_engine.scene.colmap_bundle import Bundle, centres, colmap_camera, moved, projection_errors, working_scale
 from mgf_engine.scene.sfm_worker import end_with_the_job
 from mgf_engine.scene.sparse import SparseModel
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-TASK, RESULT = "task.pickle", "result.pickle"
 #: Exit code when the cameras that were found lie nowhere near the old ones.
 NOT_FOUND = 3
 _LEAST_SCALE = 0.5  # working pixels, of Cauchy's loss
@@ -33,34 +31,15 @@ _ROUNDS = 3  # each with a smaller scale, while that falls
 _BATCH = 20_000  # points refined at once: bounds the memory
 
 
-@dataclass(frozen=True)
-class Task:
-    """What is to be adjusted.
-
-    Attributes:
-        model: near the origin and about of size 1; cameras valid.
-        resolution: longest side of the working photos.
-        chosen: observations that settle poses and focal lengths, indices int64.
-        used: the points of those.
-        before: how far cameras and points disagree, working pixels.
-    """
-
-    model: SparseModel
-    resolution: int
-    chosen: Indices
-    used: Indices
-    before: float
-
-
 def main(folder: Path) -> int:
     """Do the task in ``folder`` and write the adjusted model beside it; exit code 0, or NOT_FOUND without one."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(0)
-    task: Task = pickle.loads((folder / TASK).read_bytes())
+    task = read_task(folder / TASK)
     model = laid_onto(replaced_points(adjust(task), task.resolution), task)
     if model is None:
         return NOT_FOUND
-    (folder / RESULT).write_bytes(pickle.dumps(model))
+    write_result(model, folder / RESULT)
     return 0
 
 

@@ -13,7 +13,8 @@ import pytest
 
 from mgf_engine.errors import Cancelled
 from mgf_engine.scene.adjust import agreeing, far_points
-from mgf_engine.scene.adjust_worker import Task, laid_onto, replaced_points
+from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, read_task, write_result, write_task
+from mgf_engine.scene.adjust_worker import laid_onto, replaced_points
 from mgf_engine.scene.colmap import read_model
 from mgf_engine.scene.colmap_bundle import centres, moved, projection_errors
 from mgf_engine.scene.normalise import rotation_of
@@ -196,3 +197,22 @@ def test_far_points_are_counted() -> None:
     start = np.array([0, 3, 6, 6])
     assert far_points(np.array([0.1, 0.2, 9.0, 9.0, 9.0, 0.1]), start).tolist() == [False, True, False]
     assert far_points(np.zeros(0), np.zeros(3, np.int64)).tolist() == [False, False]
+
+
+def test_a_task_and_its_result_pass_through_plain_files(tmp_path: Path) -> None:
+    model = true_model(tmp_path, "OPENCV")
+    chosen = np.arange(4)
+    write_task(Task(model, 750, chosen, chosen[:2], 3.5), tmp_path / TASK)
+    task = read_task(tmp_path / TASK)
+    assert (task.resolution, task.before) == (750, 3.5)
+    assert task.chosen.tolist() == [0, 1, 2, 3] and task.used.tolist() == [0, 1]
+    assert task.model.cameras == model.cameras
+    for got, sent in zip(task.model.images, model.images, strict=True):
+        assert (got.id, got.name, got.camera_id) == (sent.id, sent.name, sent.camera_id)
+        for name in ("quaternion", "translation", "keypoints", "point_ids"):
+            assert np.array_equal(getattr(got, name), getattr(sent, name))
+    for name, value in vars(model.points).items():
+        assert np.array_equal(getattr(task.model.points, name), value)
+    changed = replace(model, points=replace(model.points, xyz=model.points.xyz + 1))
+    write_result(changed, tmp_path / RESULT)
+    assert np.array_equal(read_result(tmp_path / RESULT, model).points.xyz, changed.points.xyz)
