@@ -20,6 +20,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
 from mgf_engine.masks.extent import Extent
+from mgf_engine.masks.gaps import sky_through
 from mgf_engine.masks.leaves import leaves_before
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
 from mgf_engine.masks.openwork import Openwork, find_openwork
@@ -206,7 +207,9 @@ class _Work:
             core = cv2.resize(place.core.astype(np.uint8), size) > 0
             seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
             labels, sky = self.labels[index], self._sky(index)
-            drawn = draw_skyline(self.scene.photo(index), building(labels), sky)
+            photo = self.scene.photo(index)
+            drawn = draw_skyline(photo, building(labels), sky)
+            drawn &= ~sky_through(photo, drawn, sky, view, self.shape.up, self._observed(index))
             labels[:] = drawn
             labels[self._strays(index, core, point_mask)] = BACKGROUND
             labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
@@ -241,6 +244,10 @@ class _Work:
         stray = ~holds & (covered < STRAY_COVER)
         stray[0] = False
         return np.asarray(stray[pieces] if holds[1:].any() else np.zeros_like(mask), bool)
+
+    def _observed(self, index: int) -> NDArray[np.float32]:
+        """Where a photo observed sparse points, [N, 2]."""
+        return self.scene.track_uv[self.scene.track_view == index]
 
     def _positive(self, index: int) -> NDArray[np.float64]:
         return self.prompts.get(index, Clicks()).positive

@@ -41,18 +41,25 @@ class Outline:
     solid: NDArray[np.bool_]
 
 
-def outline(photo: NDArray[np.uint8], sky: NDArray[np.bool_], view: View, up: NDArray[np.float64]) -> Outline:
+def outline(
+    photo: NDArray[np.uint8],
+    sky: NDArray[np.bool_],
+    view: View,
+    up: NDArray[np.float64],
+    widths: Sequence[float] = WIDTHS,
+) -> Outline:
     """Tell sky from what stands before it, over the horizon of the photo.
 
     Args:
         photo: RGB uint8 [H, W, 3]; sky: [H, W], regions that are sky; up: [3], normalised frame.
+        widths: how far around a pixel sky may be to know its colour, see :data:`WIDTHS`.
     """
     over = over_horizon(view, up)
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not (sure & over).any():
         return Outline(np.zeros_like(sky), np.zeros_like(sky))
     lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
-    around, known = _sky_around(lab, sure)
+    around, known = _sky_around(lab, sure, widths)
     away = np.linalg.norm(lab - around, axis=2)
     most = max(SKY_STEP, SKY_SPREAD * float(np.percentile(away[sure], 95)))
     return Outline(over & known & (away < most), over & known & (away > 2 * most))
@@ -68,14 +75,16 @@ def over_horizon(view: View, up: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(rise > np.sin(np.radians(OVER_HORIZON)) * length, bool)
 
 
-def _sky_around(lab: NDArray[np.float32], sure: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def _sky_around(
+    lab: NDArray[np.float32], sure: NDArray[np.bool_], widths: Sequence[float]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Colour of the sky around each pixel [H, W, 3], and where there is any, [H, W]."""
     height, width = sure.shape
     size = (max(1, width // SHRINK), max(1, height // SHRINK))
     weight = cv2.resize(sure.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     colour = cv2.resize(lab * sure[..., None], size, interpolation=cv2.INTER_AREA)
     mean, total = np.zeros_like(colour), np.zeros_like(weight)
-    for share in WIDTHS:
+    for share in widths:
         sigma = max(1.0, share * max(size))
         near = cv2.GaussianBlur(weight, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
         new = (total <= 1e-3) & (near > 1e-3)

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sky between bars is cut out of a mask; walls as pale as the sky and windows that mirror it are not."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from mast import HEIGHT, SKY, UP, WIDTH, look, photograph
+from numpy.typing import NDArray
+
+from mgf_engine.masks.gaps import sky_through
+from mgf_engine.masks.silhouette import over_horizon
+
+VIEW = look(0.9, 0.3)
+NO_POINTS = np.zeros((0, 2))
+OVER = over_horizon(VIEW, UP)
+
+
+def around(mast: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The mast as a segmenter draws it: with the air between its bars."""
+    hull = np.zeros(mast.shape, np.uint8)
+    cv2.fillConvexPoly(hull, cv2.convexHull(np.argwhere(mast)[:, ::-1].astype(np.int32)), 1)
+    return hull > 0
+
+
+def large_sky(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return OVER & (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
+
+
+def test_the_sky_between_bars_is_no_building() -> None:
+    photo, hut, mast = photograph(VIEW)
+    mask = around(mast) | hut
+    found = sky_through(photo, mask, large_sky(mask), VIEW, UP, NO_POINTS)
+    air = mask & OVER & ~mast & ~hut
+    assert air.sum() > 200
+    assert (found & ~air).sum() == 0
+    assert (found & air).sum() > 0.9 * air.sum()
+
+
+def test_a_wall_as_pale_as_the_sky_stays() -> None:
+    photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
+    photo[:] = SKY
+    photo[round(VIEW.cy) :] = (110, 120, 70)
+    wall = np.zeros((HEIGHT, WIDTH), bool)
+    wall[30:78, 60:120] = True
+    photo[wall] = (186, 206, 231)
+    photo[50:60, 80:90] = (160, 180, 205)  # a shaded recess, darker than the sky but not by much
+    assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+
+
+def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
+    photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
+    photo[:] = SKY
+    wall, pane = np.zeros((2, HEIGHT, WIDTH), bool)
+    wall[20:78, 60:140], pane[40:60, 90:110] = True, True
+    photo[wall] = (150, 70, 55)
+    photo[pane] = SKY
+    y, x = np.mgrid[22:78:4, 62:140:4]
+    points = np.stack([x.ravel(), y.ravel()], 1).astype(float)
+    assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, points).any()
+    found = sky_through(
+        photo, wall, large_sky(wall), VIEW, UP, points[~pane[points[:, 1].astype(int), points[:, 0].astype(int)]]
+    )
+    assert (found == pane).all()
+
+
+def test_without_sky_nothing_is_cut() -> None:
+    photo, hut, mast = photograph(VIEW)
+    assert not sky_through(photo, hut | mast, np.zeros_like(hut), VIEW, UP, NO_POINTS).any()
