@@ -11,13 +11,17 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
-from mgf_engine.masks.silhouette import outline
+from mgf_engine.masks.silhouette import OVER_HORIZON, outline, over_horizon
 from mgf_engine.scene.model import View
 
 #: CIELAB distance between the sky and the building around a gap; a wall as pale as the sky is no gap.
 CONTRAST = 20.0
 SMALLEST = 6  # px
+#: Share of the building below the horizon, where no sky is, that may have its colour: beyond, colour proves nothing.
+PALE = 0.03
+BIN = 4.0  # CIELAB; colours of the sky are counted in bins of this side
 #: Points that a gap may hold all the same (features between bars), or such a share of what as much building holds.
 FEW_POINTS, CROWDED = 1, 0.5
 AROUND = 0.03  # share of the longer side: the building around a gap
@@ -46,22 +50,35 @@ def sky_through(
     gaps = seen.empty & mask
     if not gaps.any():
         return none
+    lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+    clear = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((9, 9), np.uint8), borderValue=1) > 0
+    if _pale(lab, mask & ~over_horizon(view, up, -OVER_HORIZON), clear & over_horizon(view, up)) > PALE:
+        return none
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(gaps.astype(np.uint8), connectivity=4)
     good = stats[:, cv2.CC_STAT_AREA] >= SMALLEST
     x, y = np.clip(np.floor(points).astype(np.int64), 0, np.array(mask.shape[::-1]) - 1).T
     inside = np.bincount(pieces[y, x][gaps[y, x]], minlength=count)
     usual = mask[y, x].sum() / max(int(mask.sum()), 1)
     good &= inside <= np.maximum(FEW_POINTS, CROWDED * usual * stats[:, cv2.CC_STAT_AREA])
-    good &= _contrasts(photo, gaps, mask & seen.solid, pieces, count) > CONTRAST
+    good &= _contrasts(lab, gaps, mask & seen.solid, pieces, count) > CONTRAST
     good[0] = False
     return np.asarray(good[pieces], bool)
 
 
+def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_]) -> float:
+    """Share of the pixels of ``body`` that have a colour of the sky, give or take a bin."""
+    size = int(256 / BIN)
+    places = np.clip((lab + np.float32([0, 128, 128])) / BIN, 0, size - 1).astype(np.uint8)
+    known = np.zeros((size,) * 3, np.uint8)
+    known[tuple(places[sky].T)] = 1
+    grown = maximum_filter(known, 3)
+    return float(grown[tuple(places[body].T)].mean()) if body.any() else 0.0
+
+
 def _contrasts(
-    photo: NDArray[np.uint8], gaps: NDArray[np.bool_], body: NDArray[np.bool_], pieces: NDArray[Any], count: int
+    lab: NDArray[np.float32], gaps: NDArray[np.bool_], body: NDArray[np.bool_], pieces: NDArray[Any], count: int
 ) -> NDArray[np.float64]:
     """CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
-    lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
     sigma = AROUND * max(body.shape)
     weight = cv2.GaussianBlur(body.astype(np.float32), (0, 0), sigma)
     colour = cv2.GaussianBlur(lab * body[..., None], (0, 0), sigma) / np.maximum(weight, 1e-4)[..., None]

@@ -65,14 +65,14 @@ def outline(
     return Outline(over & known & (away < most), over & known & (away > 2 * most))
 
 
-def over_horizon(view: View, up: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Pixels whose rays rise, [H, W]: no level ground is seen there."""
+def over_horizon(view: View, up: NDArray[np.float64], degrees: float = OVER_HORIZON) -> NDArray[np.bool_]:
+    """Pixels whose rays rise by more than so much, [H, W]: no level ground is seen there."""
     x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     y = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     normal = view.rotation @ up
     rise = normal[0] * x[None, :] + normal[1] * y[:, None] + normal[2]
     length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
-    return np.asarray(rise > np.sin(np.radians(OVER_HORIZON)) * length, bool)
+    return np.asarray(rise > np.sin(np.radians(degrees)) * length, bool)
 
 
 def _sky_around(

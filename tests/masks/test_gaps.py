@@ -48,6 +48,19 @@ def test_a_wall_as_pale_as_the_sky_stays() -> None:
     assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
 
 
+def test_a_white_wall_under_a_dark_cornice_stays() -> None:
+    """What tells is its foot: no sky is seen below the horizon."""
+    photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
+    photo[:] = SKY
+    photo[round(VIEW.cy) :] = (110, 120, 70)
+    wall = np.zeros((HEIGHT, WIDTH), bool)
+    wall[30:130, 40:200] = True
+    photo[wall], photo[30:36, 40:200] = SKY, 10
+    assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    photo[85:130, 40:200] = (150, 70, 55)  # on a brick foot it could as well be a gap
+    assert sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+
+
 def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
     photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
     photo[:] = SKY
