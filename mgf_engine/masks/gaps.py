@@ -68,7 +68,7 @@ def sky_through(
 def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_]) -> float:
     """Share of the pixels of ``body`` that have a colour of the sky, give or take a bin."""
     size = int(256 / BIN)
-    places = np.clip((lab + np.float32([0, 128, 128])) / BIN, 0, size - 1).astype(np.uint8)
+    places = np.clip((lab + np.array([0, 128, 128], np.float32)) / BIN, 0, size - 1).astype(np.uint8)
     known = np.zeros((size,) * 3, np.uint8)
     known[tuple(places[sky].T)] = 1
     grown = maximum_filter(known, 3)
