@@ -31,7 +31,6 @@ PIXELS = (375, 750, 1500, 3000)
 GAUSSIANS = (10_000, 30_000, 100_000, 300_000, 1_000_000, 2_000_000)
 FEW = 14  # photos while pixels grow
 OPTIONS = ["--iterations", "200", "--max-gaussians", "10000", "--preset", "draft", "--progress", "none"]
-STAGES = ("scene", "masks", "field", "mesh", "deliver")
 
 
 def enlarged(folder: Path, target: Path, width: int) -> Path:
@@ -108,27 +107,24 @@ def measure(out: Path, photos: tuple[int, ...], pixels: tuple[int, ...], gaussia
 
 
 def chart(found: dict[str, dict], path: Path) -> None:
-    """Three pictures side by side: against photos, pixels and Gaussians."""
-    figure, panes = plt.subplots(1, 3, figsize=(13, 4.2), layout="constrained")
-    for axes, kind, label in zip(
-        panes, ("photos", "pixels"), (f"photos of {WIDTH} px", f"px, {FEW} photos"), strict=False
-    ):
+    """A picture for each kind that was measured: against photos, pixels and Gaussians."""
+    labels = {"photos": f"photos of {WIDTH} px", "pixels": f"px, {FEW} photos", "gaussians": "Gaussians"}
+    kinds = [kind for kind in labels if found[kind]]
+    figure, panes = plt.subplots(1, len(kinds), figsize=(4.4 * len(kinds), 4.2), layout="constrained", squeeze=False)
+    for axes, kind in zip(panes[0], kinds, strict=True):
         sizes = sorted(map(int, found[kind]))
-        for stage in STAGES:
-            axes.plot(sizes, [found[kind][str(n)]["cpu"][stage] for n in sizes], marker="o", label=stage)
-        memory = axes.twinx()
-        memory.plot(sizes, [found[kind][str(n)]["memory"] / 1e9 for n in sizes], "k:", marker=".", label="memory")
-        memory.set(ylabel="peak memory, GB (dotted)", ylim=(0, None))
-        axes.set(xlabel=label, ylabel="CPU seconds", xscale="log", yscale="log")
+        for part in found[kind][str(sizes[0])]["cpu"]:
+            axes.plot(sizes, [found[kind][str(n)]["cpu"][part] for n in sizes], marker="o", label=part)
+        whole = kind != "gaussians"
+        unit = "CPU seconds" if whole else "CPU ms of an iteration, 750 x 500"
+        axes.set(xlabel=labels[kind], ylabel=unit, xscale="log", yscale="log")
         axes.legend(fontsize=8, frameon=False)
-    sizes = sorted(map(int, found["gaussians"]))
-    for part in found["gaussians"][str(sizes[0])]["cpu"]:
-        panes[2].plot(sizes, [found["gaussians"][str(n)]["cpu"][part] for n in sizes], marker="o", label=part)
-    panes[2].set(xlabel="Gaussians", ylabel="CPU ms of an iteration, 750 x 500", xscale="log", yscale="log")
-    panes[2].legend(fontsize=8, frameon=False)
-    for axes in panes:
         axes.grid(True, alpha=0.3)
-    figure.savefig(path, dpi=110)
+        if whole:
+            memory = axes.twinx()
+            memory.plot(sizes, [found[kind][str(n)]["memory"] / 1e9 for n in sizes], "k:", marker=".")
+            memory.set(ylabel="peak memory, GB (dotted)", ylim=(0, None))
+    figure.savefig(path, dpi=100)
     plt.close(figure)
 
 
