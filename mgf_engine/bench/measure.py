@@ -130,7 +130,7 @@ def measure(
     thresholds = sorted({*THRESHOLDS, round(scene.ground_pixel, 4), round(2 * scene.ground_pixel, 4)})
     crop = scene.crop if whole_picture else above_ground(scene.crop)
     _to_true_frame(mesh, scene)
-    scores = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop, seed=run.seed)
+    scores = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop)
     row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)
     if not run.command:
         row.update(job_figures(job))
