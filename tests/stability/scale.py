@@ -118,6 +118,8 @@ def chart(found: dict[str, dict], path: Path) -> None:
         whole = kind != "gaussians"
         unit = "CPU seconds" if whole else "CPU ms of an iteration, 750 x 500"
         axes.set(xlabel=labels[kind], ylabel=unit, xscale="log", yscale="log")
+        axes.set_xticks(sizes, [f"{n // 1000}k" if n >= 10_000 else str(n) for n in sizes])
+        axes.minorticks_off()
         axes.legend(fontsize=8, frameon=False)
         axes.grid(True, alpha=0.3)
         if whole:
