@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.silhouette import OVER_HORIZON, outline, over_horizon
 from mgf_engine.scene.model import View
 
@@ -56,7 +57,7 @@ def sky_through(
         return none
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(gaps.astype(np.uint8), connectivity=4)
     good = stats[:, cv2.CC_STAT_AREA] >= SMALLEST
-    x, y = np.clip(np.floor(points).astype(np.int64), 0, np.array(mask.shape[::-1]) - 1).T
+    y, x = pixel_at(mask.shape, points)
     inside = np.bincount(pieces[y, x][gaps[y, x]], minlength=count)
     usual = mask[y, x].sum() / max(int(mask.sum()), 1)
     good &= inside <= np.maximum(FEW_POINTS, CROWDED * usual * stats[:, cv2.CC_STAT_AREA])

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN, building
+from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.silhouette import Hull, Outline, carve, outline
 from mgf_engine.scene.model import Scene
@@ -80,13 +81,11 @@ def find_openwork(
 
 def _missed(prompts: Prompts, labels: Sequence[NDArray[np.uint8]]) -> list[tuple[int, int, NDArray[np.float64]]]:
     """Positive clicks with no building around them: view, row, pixel."""
-    result = []
+    result: list[tuple[int, int, NDArray[np.float64]]] = []
     for index, clicks in prompts.items():
         near = cv2.dilate(building(labels[index]).astype(np.uint8), np.ones((2 * NEAR + 1,) * 2, np.uint8))
-        for row, click in enumerate(clicks.positive):
-            x, y = np.clip(click.astype(int), 0, np.array(near.shape[::-1]) - 1)
-            if not near[y, x]:
-                result.append((index, row, click))
+        outside = near[pixel_at(near.shape, clicks.positive)] == 0
+        result += [(index, int(row), clicks.positive[row]) for row in np.flatnonzero(outside)]
     return result
 
 

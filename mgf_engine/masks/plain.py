@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.masks.points import pixel_at
 from mgf_engine.scene.model import Scene
 
 #: Share of the building that may be plain. Painted flat in one colour, a house has 0.4 and keeps half of its F1.
@@ -34,8 +35,7 @@ def plain_share(scene: Scene, masks: MaskSet) -> float:
 def _seen(scene: Scene, index: int, shape: tuple[int, ...]) -> np.ndarray:
     """Pixels near an observation, bool [H, W]."""
     near = np.zeros(shape, np.uint8)
-    x, y = np.floor(scene.track_uv[scene.track_view == index]).astype(np.int64).T
-    near[np.clip(y, 0, shape[0] - 1), np.clip(x, 0, shape[1] - 1)] = 1
+    near[pixel_at(shape, scene.track_uv[scene.track_view == index])] = 1
     side = 2 * round(_POINT * max(shape)) + 1
     return np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8)) > 0)
 
