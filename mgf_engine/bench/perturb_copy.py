@@ -50,6 +50,11 @@ class SceneCopy:
         """The registered photos in the order of their names."""
         return sorted((i for i in self.model.images.values() if i.has_pose), key=lambda i: str(i.name))
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the photos, as in the model."""
+        return [str(image.name) for image in self.images]
+
     def touch_model(self) -> None:
         self._model_changed = True
 

@@ -14,7 +14,7 @@ from mgf_engine.masks.model import BUILDING
 def erode(copy: SceneCopy, pixels: float) -> None:
     """Masks smaller by ``pixels`` (of a photo 480 wide) all around."""
     kernel = _disc(copy.pixels(pixels))
-    for name in _names(copy):
+    for name in copy.names:
         building = _building(copy, name)
         copy.write_mask(name, cv2.erode(building, kernel, borderValue=0))
 
@@ -22,13 +22,13 @@ def erode(copy: SceneCopy, pixels: float) -> None:
 def dilate(copy: SceneCopy, pixels: float) -> None:
     """Masks larger by ``pixels`` all around."""
     kernel = _disc(copy.pixels(pixels))
-    for name in _names(copy):
+    for name in copy.names:
         copy.write_mask(name, cv2.dilate(_building(copy, name), kernel))
 
 
 def punch_holes(copy: SceneCopy, share: float) -> None:
     """Round holes, other ones in every photo, until ``share`` of the mask is gone."""
-    for name in _names(copy):
+    for name in copy.names:
         building = _building(copy, name)
         wanted = (1 - share) * building.sum()
         radius = max(2, round(copy.pixels(12)))
@@ -44,7 +44,7 @@ def replace(copy: SceneCopy, share: float) -> None:
 
     The wrong mask is the true one mirrored top to bottom and without the building itself.
     """
-    names = _names(copy)
+    names = copy.names
     for index in copy.rng.permutation(len(names))[: round(share * len(names))]:
         building = _building(copy, names[index])
         wrong = building[::-1].copy()
@@ -61,7 +61,3 @@ def _building(copy: SceneCopy, name: str) -> NDArray[np.uint8]:
 def _disc(radius: float) -> NDArray[np.uint8]:
     side = 2 * max(1, round(radius)) + 1
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), np.uint8)
-
-
-def _names(copy: SceneCopy) -> list[str]:
-    return [str(image.name) for image in copy.images]

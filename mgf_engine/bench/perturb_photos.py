@@ -18,7 +18,7 @@ GAMMA = 2.2
 
 def add_noise(copy: SceneCopy, sigma: float) -> None:
     """A dark sensor turned up: noise of ``sigma`` grey values at mid grey, growing with the root of the light."""
-    for name in _names(copy):
+    for name in copy.names:
         photo = copy.photo(name).astype(float)
         spread = sigma * np.sqrt((photo + 16.0) / 144.0)
         copy.write_photo(name, photo + spread * copy.rng.normal(size=photo.shape))
@@ -26,14 +26,14 @@ def add_noise(copy: SceneCopy, sigma: float) -> None:
 
 def change_exposure(copy: SceneCopy, stops: float) -> None:
     """Every photo brighter or darker by up to ``stops``, uniform; what leaves the range is clipped."""
-    for name in _names(copy):
+    for name in copy.names:
         gain = 2.0 ** copy.rng.uniform(-stops, stops)
         copy.write_photo(name, copy.photo(name) * gain ** (1.0 / GAMMA))
 
 
 def change_balance(copy: SceneCopy, stops: float) -> None:
     """Every photo's red and blue off by up to ``stops``, each its own way; green stays."""
-    for name in _names(copy):
+    for name in copy.names:
         gains = 2.0 ** np.array([copy.rng.uniform(-stops, stops), 0.0, copy.rng.uniform(-stops, stops)])
         copy.write_photo(name, copy.photo(name) * gains ** (1.0 / GAMMA))
 
@@ -41,14 +41,14 @@ def change_balance(copy: SceneCopy, stops: float) -> None:
 def blur(copy: SceneCopy, length: float) -> None:
     """Every photo smeared along a direction of its own, ``length`` pixels of a photo 480 wide."""
     pixels = copy.pixels(length)
-    for name in _names(copy):
+    for name in copy.names:
         kernel = line_kernel(pixels, copy.rng.uniform(0, math.pi))
         copy.write_photo(name, cv2.filter2D(copy.photo(name), -1, kernel, borderType=cv2.BORDER_REPLICATE))
 
 
 def blur_some(copy: SceneCopy, count: float) -> None:
     """``count`` photos smeared over 24 pixels of a photo 480 wide, each in a direction of its own; the rest stays."""
-    names = _names(copy)
+    names = copy.names
     for index in copy.rng.permutation(len(names))[: int(count)]:
         kernel = line_kernel(copy.pixels(24.0), copy.rng.uniform(0, math.pi))
         smeared = cv2.filter2D(copy.photo(names[index]), -1, kernel, borderType=cv2.BORDER_REPLICATE)
@@ -66,7 +66,7 @@ def line_kernel(length: float, angle: float) -> NDArray[np.float32]:
 
 def cast_shadows(copy: SceneCopy, darkness: float) -> None:
     """In every photo a band in another place loses ``darkness`` of its stored light, with soft edges."""
-    for name in _names(copy):
+    for name in copy.names:
         photo = copy.photo(name).astype(float)
         height, width = photo.shape[:2]
         angle, place = copy.rng.uniform(0, math.pi), copy.rng.uniform(-0.25, 0.25) * width
@@ -79,7 +79,7 @@ def cast_shadows(copy: SceneCopy, darkness: float) -> None:
 
 def swap_foreign(copy: SceneCopy, count: float) -> None:
     """``count`` photos show another place: those of the other scene, or of this one upside down in false colours."""
-    names = _names(copy)
+    names = copy.names
     chosen = copy.rng.permutation(len(names))[: int(count)]
     others = sorted((copy.other / "images").iterdir()) if copy.other else []
     if copy.other and not others:
@@ -94,7 +94,3 @@ def swap_foreign(copy: SceneCopy, count: float) -> None:
         else:
             foreign = copy.photo(names[(index + len(names) // 2) % len(names)])[::-1, ::-1, ::-1]
         copy.write_photo(names[index], foreign)
-
-
-def _names(copy: SceneCopy) -> list[str]:
-    return [str(image.name) for image in copy.images]

@@ -24,7 +24,7 @@ _RIM = 2  # pixels at the edge of an element where points stay: a corner is seen
 
 def fade_walls(copy: SceneCopy, share: float) -> None:
     """All faces of the building lose ``share`` of their texture: each pixel goes towards the mean of its element."""
-    for name in _names(copy):
+    for name in copy.names:
         photo, elements = copy.photo(name).astype(float), _elements(copy, name)
         for element in np.unique(elements[elements > 0]):
             here = elements == element
@@ -35,7 +35,7 @@ def fade_walls(copy: SceneCopy, share: float) -> None:
 
 def mirror_windows(copy: SceneCopy, share: float) -> None:
     """This share of the windows shows, in every photo, a part of another photo upside down."""
-    names, record = _names(copy), json.loads((copy.source / "scene.json").read_text(encoding="utf-8"))
+    names, record = copy.names, json.loads((copy.source / "scene.json").read_text(encoding="utf-8"))
     windows = [number for title, number in record["elements"].items() if WINDOW in title]
     chosen = copy.rng.permutation(windows)[: round(share * len(windows))].tolist()
     for index, name in enumerate(names):
@@ -75,7 +75,3 @@ def _elements(copy: SceneCopy, name: str) -> NDArray[np.uint8]:
     if picture is None:
         raise BadInput(f"The map of elements '{path.with_suffix('.png')}' cannot be read; make the scene again.")
     return np.where(picture == 255, 0, picture).astype(np.uint8)
-
-
-def _names(copy: SceneCopy) -> list[str]:
-    return [str(image.name) for image in copy.images]

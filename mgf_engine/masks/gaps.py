@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.silhouette import OVER_HORIZON, outline, over_horizon
 from mgf_engine.scene.model import View
@@ -51,7 +52,7 @@ def sky_through(
     gaps = seen.empty & mask
     if not gaps.any():
         return none
-    lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+    lab = lab_of(photo)
     clear = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((9, 9), np.uint8), borderValue=1) > 0
     if _pale(lab, mask & ~over_horizon(view, up, -OVER_HORIZON), clear & over_horizon(view, up)) > PALE:
         return none

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.model import BUILDING, FIRST_ELEMENT, UNKNOWN, building
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Points
@@ -97,7 +98,7 @@ def good_fields(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32]
 ) -> list[NDArray[np.bool_]]:
     """Fields of a sensible size that stand out from what is around them."""
-    lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    lab = lab_of(photo)
     total, result = int(inside.sum()), []
     for value, (y0, y1, x0, x1) in _boxes(fields).items():
         y0, y1, x0, x1 = max(0, y0 - 4), y1 + 4, max(0, x0 - 4), x1 + 4

@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.appearance import lab_of
+
 #: Longest side of the reduced photo on which regions are cut, and their mean side there, in pixels.
 REDUCED_SIDE = 500
 REGION_SIDE = 10
@@ -59,7 +61,7 @@ def cut_regions(photo: NDArray[np.uint8]) -> Regions:
     factor = min(1.0, REDUCED_SIDE / max(h, w))
     size = (max(1, round(w * factor)), max(1, round(h * factor)))
     small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
-    lab = np.asarray(cv2.cvtColor(small.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+    lab = lab_of(small)
     labels = _superpixels(small)
     count = int(labels.max()) + 1
     flat = labels.ravel()

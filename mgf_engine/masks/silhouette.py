@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from mgf_engine.masks.appearance import lab_of
 from mgf_engine.scene.model import View
 
 #: CIELAB distance to the sky around below which a pixel is sky; where the sky itself is uneven, so many times what
@@ -58,7 +59,7 @@ def outline(
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not (sure & over).any():
         return Outline(np.zeros_like(sky), np.zeros_like(sky))
-    lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+    lab = lab_of(photo)
     around, known = _sky_around(lab, sure, widths)
     away = np.linalg.norm(lab - around, axis=2)
     most = max(SKY_STEP, SKY_SPREAD * float(np.percentile(away[sure], 95)))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.regions import Regions
 
 #: CIELAB steps between regions that the sky may pass; the largest at which it stays free of points is taken.
@@ -64,7 +65,7 @@ def draw_skyline(photo: NDArray[np.uint8], mask: NDArray[np.bool_], sky: NDArray
     """
     if not (sky & ~mask).any():
         return mask
-    lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+    lab = lab_of(photo)
     near, like, clear = _like_sky(lab, mask, sky, 2 * SKYLINE_STEPS[0], SKYLINE_STEPS[1])
     # Half as far: at the horizon the land beside the building is near the sky, too.
     reach = _reach(mask)
