@@ -26,6 +26,7 @@ PALE = 0.03
 BIN = 4.0  # CIELAB; colours of the sky are counted in bins of this side
 #: Points that a gap may hold all the same (features between bars), or such a share of what as much building holds.
 FEW_POINTS, CROWDED = 1, 0.5
+RIM = 3  # px: a point so near to the edge of a gap is a corner of what is around it
 AROUND = 0.03  # share of the longer side: the building around a gap
 
 
@@ -59,9 +60,10 @@ def sky_through(
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(gaps.astype(np.uint8), connectivity=4)
     good = stats[:, cv2.CC_STAT_AREA] >= SMALLEST
     y, x = pixel_at(mask.shape, points)
-    inside = np.bincount(pieces[y, x][gaps[y, x]], minlength=count)
+    deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * RIM + 1,) * 2, np.uint8), borderValue=1) > 0
+    inside = np.bincount(pieces[y, x][deep[y, x]], minlength=count)
     usual = mask[y, x].sum() / max(int(mask.sum()), 1)
-    good &= inside <= np.maximum(FEW_POINTS, CROWDED * usual * stats[:, cv2.CC_STAT_AREA])
+    good &= inside <= np.maximum(FEW_POINTS, CROWDED * usual * np.bincount(pieces[deep], minlength=count))
     good &= _contrasts(lab, gaps, mask & seen.solid, pieces, count) > CONTRAST
     good[0] = False
     return np.asarray(good[pieces], bool)

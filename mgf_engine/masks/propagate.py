@@ -21,6 +21,7 @@ from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.gaps import sky_through
+from mgf_engine.masks.ground_seen import GroundSeen
 from mgf_engine.masks.leaves import leaves_before
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
 from mgf_engine.masks.openwork import Openwork, find_openwork
@@ -216,6 +217,7 @@ class _Work:
             ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
             labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
+        self._cut_ground(voters)
         openwork = self._add_openwork(point_mask)
         if openwork is not None:
             point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
@@ -232,6 +234,17 @@ class _Work:
         if found is not None:
             found.draw(self.scene, self.labels)
         return found
+
+    def _cut_ground(self, voters: list[int]) -> None:
+        """Cut out the ground that shows through an open building; what may be ground becomes unknown."""
+        if self.graph.ground is None:
+            return
+        seen = GroundSeen(self.scene, self.graph.ground)
+        if not seen.shows_through(voters, lambda i: building(self.labels[i])):
+            return
+        for index, through in self._parallel(lambda i: seen.through(i, building(self.labels[i])), self.views):
+            self.labels[index][through.certain] = BACKGROUND
+            self.labels[index][through.possible] = UNKNOWN
 
     def _strays(self, index: int, core: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Pieces of a mask apart from the rest that hold no click and no point and lie beside the building, [H, W]."""

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Ground that shows through the building: between the bars of a frame, under a bridge or an arch.
+
+A mask is drawn around such parts as a whole, and what is trained on the ground behind them would hang in the air as
+clumps. Where a pixel shows the plane of the ground, other photos show the same texture where the plane puts it; where
+it shows the building before the plane, they show something else. No region of a photo is as fine as the gaps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.ground import Ground
+from mgf_engine.scene.model import Scene, View
+
+PHOTOS, FEWEST = 12, 4  # compared with at most, and at least
+#: Degrees between the directions in which two photos see the ground: nearer ones see the building in the same place
+#: too, farther ones see another texture. And how much farther away one of them may be.
+ANGLES, SCALES = (6.0, 45.0), (0.5, 2.0)
+PATCH = 5  # px
+#: Share of the photos that must agree, as a mean over the best: bars stand before the ground in the others.
+BEST = 0.4
+ALIKE = 0.5  # mean normalised cross-correlation of the lightness from which a patch is the same
+COLOUR = 12.0  # CIELAB distance, from which it is not
+TEXTURE = 0.5  # variance of the lightness below which a patch cannot be compared
+#: Planes over the ground that must fit worse, by how many pixels they move in the other photos: at the foot of a wall
+#: the ground fits nearly as well as the wall. And how many photos, those farthest aside, are asked.
+RAISED, ASIDE, BETTER = (1.5, 4.0, 9.0), 5, 0.05
+SPREAD, DENSE = 2.5, 0.35  # px, and share of alike pixels around a pixel of the ground
+SMALLEST = 12  # px
+#: Pixels so near to found ground and as near to its colour as this share of it (in percent) may be ground, too.
+REACH, USUAL = 8, 90
+#: Photos that are tried, and the share of their masks' inside, so many px from the edge, that must be ground for the
+#: building to be an open one. Closed buildings have ground at the edge alone, where the masks are as good without.
+TRIED, OPEN, RIM = 12, 0.03, 4
+
+
+@dataclass(frozen=True)
+class Through:
+    """One photo, bool [H, W] each: pixels of the mask that show the ground, and those that may."""
+
+    certain: NDArray[np.bool_]
+    possible: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class _Box:
+    """A part of a photo: its rows and columns."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+    @property
+    def part(self) -> tuple[slice, slice]:
+        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
+
+
+class GroundSeen:
+    """Finds the ground in masks by comparing photos through the plane of the ground.
+
+    Args:
+        ground: normalised frame.
+    """
+
+    def __init__(self, scene: Scene, ground: Ground) -> None:
+        self.scene, self.ground = scene, ground
+        self._lab: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * PHOTOS)(self._read)
+
+    def shows_through(self, views: Sequence[int], mask_of: Callable[[int], NDArray[np.bool_]]) -> bool:
+        """Whether the building is an open one, from some of the views and their masks [H, W]."""
+        tried = list(views)[:: max(1, len(views) // TRIED)]
+        ground = total = 0
+        for index in tried:
+            mask = mask_of(index)
+            inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * RIM + 1,) * 2, np.uint8)) > 0
+            ground, total = ground + int((self.within(index, mask) & inside).sum()), total + int(inside.sum())
+        return ground > OPEN * total
+
+    def through(self, index: int, mask: NDArray[np.bool_]) -> Through:
+        """The ground in a mask [H, W], and what is near to it and has its colour."""
+        certain = self.within(index, mask)
+        return Through(certain, mask & ~certain & _alike_around(self._lab(index), certain))
+
+    def within(self, index: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Pixels of a mask [H, W] in which other photos confirm the ground, [H, W]."""
+        result = np.zeros_like(mask)
+        view = self.scene.views[index]
+        depth = plane_depth(view, self.ground)
+        box = _box_of(mask & np.isfinite(depth))
+        others = self._others(index, mask, depth) if box is not None else []
+        if box is None or len(others) < FEWEST:
+            return result
+        alike, away = self._compare(index, others, box, self.ground)
+        sure = (alike > ALIKE) & np.isfinite(depth[box.part])
+        sure &= ~self._stands(index, others[-ASIDE:], box, float(np.median(depth[box.part][sure])) if sure.any() else 1)
+        dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), SPREAD) > DENSE
+        result[box.part] = mask[box.part] & dense & (away < COLOUR)
+        return _without_specks(result)
+
+    def _read(self, index: int) -> NDArray[np.uint8]:
+        return np.asarray(cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB), np.uint8)
+
+    def _others(self, index: int, mask: NDArray[np.bool_], depth: NDArray[np.float64]) -> list[int]:
+        """Photos that see the ground behind the mask from beside, the nearest first."""
+        rows, columns = np.nonzero(mask & np.isfinite(depth))
+        middle = np.argsort(depth[rows, columns])[len(rows) // 2]
+        view = self.scene.views[index]
+        ray = np.array([(columns[middle] + 0.5 - view.cx) / view.fx, (rows[middle] + 0.5 - view.cy) / view.fy, 1.0])
+        spot = view.centre + view.rotation.T @ ray * depth[rows[middle], columns[middle]]
+        towards = np.stack([v.centre for v in self.scene.views]) - spot
+        length = np.linalg.norm(towards, axis=1)
+        towards /= length[:, None]
+        angle = np.degrees(np.arccos(np.clip(towards @ towards[index], -1, 1)))
+        scale = length / length[index]
+        good = (angle > ANGLES[0]) & (angle < ANGLES[1]) & (scale > SCALES[0]) & (scale < SCALES[1])
+        return [int(i) for i in np.argsort(angle, kind="stable") if good[i]][:PHOTOS]
+
+    def _stands(self, index: int, others: list[int], box: _Box, depth: float) -> NDArray[np.bool_]:
+        """What fits better a little over the ground than on it, [h, w]: the feet of walls and posts."""
+        view = self.scene.views[index]
+        result = np.zeros((box.height, box.width), bool)
+        level, _ = self._compare(index, others, box, self.ground)
+        aside = np.median([np.linalg.norm(self.scene.views[i].centre - view.centre) for i in others])
+        over = float(self.ground.height(view.centre[None])[0])
+        for pixels in RAISED:
+            # Raised by h, the plane comes nearer by h / over of the depth; seen from aside that is a parallax.
+            raised = pixels * over * depth / (view.fx * float(aside))
+            plane = Ground(self.ground.normal, self.ground.level + raised, self.ground.thickness)
+            result |= self._compare(index, others, box, plane)[0] > level + BETTER
+        return result
+
+    def _compare(
+        self, index: int, others: list[int], box: _Box, ground: Ground
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """How alike the best photos are through the plane, -1..1, and their distance in colour; [h, w] of the box."""
+        own = self._lab(index)[box.part]
+        patch = _Patches(own)
+        alike = np.full((len(others), box.height, box.width), -1, np.float32)
+        away = np.full_like(alike, 255)
+        count = np.zeros((box.height, box.width), np.int32)
+        for row, other in enumerate(others):
+            matrix = homography(self.scene.views[index], self.scene.views[other], ground)
+            matrix = matrix @ np.array([[1, 0, box.left], [0, 1, box.top], [0, 0, 1.0]])
+            flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            warped = cv2.warpPerspective(self._lab(other), matrix, (box.width, box.height), flags=flags)
+            seen = self._inside(self.scene.views[other], matrix, box)
+            correlation, colour = patch.compare(np.asarray(warped, np.uint8))
+            alike[row] = np.where(seen, np.where(colour < COLOUR, correlation, np.minimum(correlation, 0)), -1)
+            away[row][seen] = colour[seen]
+            count += seen
+        best = np.maximum(FEWEST - 1, np.ceil(BEST * count).astype(np.int64))
+        return _mean_of_first(-np.sort(-alike, axis=0), best), _mean_of_first(np.sort(away, axis=0), best)
+
+    @staticmethod
+    def _inside(view: View, matrix: NDArray[np.float64], box: _Box) -> NDArray[np.bool_]:
+        """Pixels of the box that the plane puts inside the frame of another view, before it, [h, w]."""
+        x, y = np.arange(box.width)[None, :], np.arange(box.height)[:, None]
+        u, v, w = (row[0] * x + row[1] * y + row[2] for row in matrix)
+        return np.asarray(
+            (w > 1e-9) & (u >= 0) & (v >= 0) & (u <= (view.width - 1) * w) & (v <= (view.height - 1) * w), bool
+        )
+
+
+class _Patches:
+    """A photo's patches, ready to be compared with others: uint8 CIELAB [h, w, 3]."""
+
+    def __init__(self, lab: NDArray[np.uint8]) -> None:
+        self.lightness, self.colour = _lightness(lab), _smooth(lab)
+        self.mean = _box(self.lightness)
+        self.variance = _box(self.lightness**2) - self.mean**2
+
+    def compare(self, lab: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Normalised cross-correlation of the lightness, 0 where there is no texture, and distance in colour."""
+        other = _lightness(lab)
+        mean = _box(other)
+        variance = _box(other**2) - mean**2
+        shared = _box(self.lightness * other) - self.mean * mean
+        enough = (self.variance > TEXTURE) & (variance > TEXTURE)
+        correlation = np.where(enough, shared / np.sqrt(np.maximum(self.variance * variance, 1e-6)), 0)
+        away = self.colour - _smooth(lab)
+        return correlation.astype(np.float32), np.sqrt((away**2).sum(2))
+
+
+def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels near to the ground whose colour is as near to its mean around them as most of its own, [H, W]."""
+    if not ground.any():
+        return ground
+    colour = _smooth(lab)
+    weight = cv2.GaussianBlur(ground.astype(np.float32), (0, 0), REACH)
+    mean = cv2.GaussianBlur(colour * ground[..., None], (0, 0), REACH) / np.maximum(weight, 1e-5)[..., None]
+    away = np.sqrt(((colour - mean) ** 2).sum(2))
+    near = cv2.dilate(ground.astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0
+    return np.asarray(near & (away < np.percentile(away[ground], USUAL)), bool)
+
+
+def homography(view: View, other: View, ground: Ground) -> NDArray[np.float64]:
+    """[3, 3], pixel indices of ``view`` -> those of ``other``, for what lies on the plane; w > 0 before the camera."""
+    turn = other.rotation @ view.rotation.T
+    shift = other.rotation @ (view.centre - other.centre)
+    height = float(ground.height(view.centre[None])[0])
+    # A ray d of the view meets the plane at d * (height / -(normal . d)).
+    matrix = turn * height - np.outer(shift, view.rotation @ ground.normal)
+    own = np.array([[view.fx, 0, view.cx - 0.5], [0, view.fy, view.cy - 0.5], [0, 0, 1]])
+    others = np.array([[other.fx, 0, other.cx - 0.5], [0, other.fy, other.cy - 0.5], [0, 0, 1]])
+    return np.asarray(others @ matrix @ np.linalg.inv(own), np.float64)
+
+
+def plane_depth(view: View, ground: Ground) -> NDArray[np.float64]:
+    """Depth at which each pixel's ray meets the ground, infinite where it does not, [H, W]."""
+    x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
+    y = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    normal = view.rotation @ ground.normal
+    slope = normal[0] * x[None, :] + normal[1] * y[:, None] + normal[2]
+    above = float(ground.height(view.centre[None])[0])
+    depth = np.full(slope.shape, np.inf)
+    np.divide(-above, slope, out=depth, where=slope * np.sign(above) < -1e-9)
+    return depth
+
+
+def _mean_of_first(ranked: NDArray[np.float32], count: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Mean of the first ``count`` [h, w] of the ranked values [n, h, w]."""
+    sums = np.cumsum(ranked, axis=0)
+    at = np.minimum(count, len(ranked)) - 1
+    return np.asarray(np.take_along_axis(sums, at[None], 0)[0] / (at + 1), np.float32)
+
+
+def _box_of(mask: NDArray[np.bool_]) -> _Box | None:
+    if not mask.any():
+        return None
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    return _Box(int(rows[0]), int(columns[0]), int(rows[-1] - rows[0] + 1), int(columns[-1] - columns[0] + 1))
+
+
+def _lightness(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """0..100."""
+    return lab[..., 0].astype(np.float32) * np.float32(100 / 255)
+
+
+def _smooth(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """CIELAB, means of 3 x 3 pixels."""
+    return np.asarray(cv2.blur(lab, (3, 3)).astype(np.float32) * np.array([100 / 255, 1, 1], np.float32), np.float32)
+
+
+def _box(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(cv2.blur(image, (PATCH, PATCH)), np.float32)
+
+
+def _without_specks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    large = stats[:, cv2.CC_STAT_AREA] >= SMALLEST
+    large[0] = False
+    return np.asarray(large[pieces], bool)
