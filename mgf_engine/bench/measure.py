@@ -18,12 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.bench.job_scores import held_out_scores, mean_mask_iou
 from mgf_engine.bench.shelf import Stages, keep, lend, saved, shelf_of, stages_of
 from mgf_engine.bench.suites import Run
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.geometry import cameras_of, evaluate_mesh, mask_iou
+from mgf_engine.evaluate.geometry import cameras_of, evaluate_mesh
 from mgf_engine.evaluate.surfaces import Points, SeeingCamera
-from mgf_engine.masks.model import BACKGROUND, UNKNOWN
+from mgf_engine.masks.model import UNKNOWN
 from mgf_engine.mesh.export import read_ply, write_ply
 
 #: Thresholds in metres always reported; one ground pixel and its double are added.
@@ -135,6 +136,8 @@ def measure(
     if not run.command:
         row.update(job_figures(job))
         row["mask_iou"] = mean_mask_iou(job, scene.folder)
+        pictures = held_out_scores(job, scene.folder)
+        row.update(psnr=pictures.psnr, ssim=pictures.ssim, psnr_frame=pictures.psnr_frame)
     if not keep_job:
         _slim(job)
     return row
@@ -162,31 +165,15 @@ def above_ground(crop: Points) -> Points:
 
 
 def job_figures(job: Path) -> dict[str, Any]:
-    """What the job itself recorded: seconds and peak memory per stage, PSNR and SSIM, number of Gaussians."""
+    """What the job itself recorded: seconds and peak memory per stage, number of Gaussians, warnings."""
     stages = stages_of(job)
     figures: dict[str, Any] = {"stages": {name: entry["seconds"] for name, entry in stages.items()}}
     merged = {k: v for entry in stages.values() for k, v in entry["figures"].items()}
-    for name in ("psnr", "ssim", "lpips", "gaussians", "iterations"):
+    for name in ("lpips", "gaussians", "iterations"):
         figures[name] = merged.get(name)
     figures["figures"] = merged
     figures["warnings"] = [text for entry in stages.values() for text in entry["warnings"]]
     return figures
-
-
-def mean_mask_iou(job: Path, scene: Path) -> float | None:
-    """Mean IoU in percent of the job's level-one masks with the true ones, where they are not unknown."""
-    values = []
-    for path in sorted((scene / "masks").glob("*.png")):
-        found = next((p for p in (job / "masks").rglob(f"{path.stem}*.png")), None)
-        if found is None:
-            continue
-        labels, truth = cv2.imread(str(found), cv2.IMREAD_UNCHANGED), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if labels is None or truth is None or labels.ndim != 2:
-            continue
-        truth = cv2.resize(truth, labels.shape[::-1], interpolation=cv2.INTER_NEAREST)
-        mine = (labels != BACKGROUND) & (labels != UNKNOWN)
-        values.append(mask_iou(mine, truth != BACKGROUND, truth != UNKNOWN))
-    return float(np.mean(values)) if values else None
 
 
 def _source(folder: Path, poses: str, job: Path) -> Path:

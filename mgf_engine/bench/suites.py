@@ -16,7 +16,7 @@ from mgf_engine.errors import BadInput
 Options = dict[str, Any]
 
 #: Raise when the way runs are scored changes, so that earlier results are not mixed with new ones.
-SCORING_VERSION = 3
+SCORING_VERSION = 4
 
 
 @dataclass(frozen=True)

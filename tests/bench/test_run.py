@@ -15,7 +15,8 @@ import trimesh
 
 from mgf_engine.bench.charts import summary_tables, write_page
 from mgf_engine.bench.flight import Ring, plan
-from mgf_engine.bench.measure import _source, mean_mask_iou, prepare_scene
+from mgf_engine.bench.job_scores import held_out_scores, mean_mask_iou
+from mgf_engine.bench.measure import _source, prepare_scene
 from mgf_engine.bench.run import bench_main
 from mgf_engine.bench.suites import ABLATION, PEERS, SUITES, SWITCHES, suite_runs
 from mgf_engine.config import make_config
@@ -182,6 +183,32 @@ def test_mask_iou_of_a_job_ignores_unknown_pixels(scene: Path, tmp_path: Path) -
     value = mean_mask_iou(job, scene)
     assert value == pytest.approx(50.0)
     assert prepare_scene(str(scene)).crop[0, 2] == pytest.approx(0.1)
+
+
+def test_held_out_renders_are_scored_inside_the_true_masks(scene: Path, tmp_path: Path) -> None:
+    """A grey wall whose render is 10 levels off where the true mask is; elsewhere all is wrong and does not count."""
+    job = tmp_path / "job"
+    (job / "renders").mkdir(parents=True)
+    (job / "scene" / "images").mkdir(parents=True)
+    names = sorted(path.stem for path in (scene / "masks").glob("*.png"))[:2]
+    views = []
+    for name in names:
+        truth = np.zeros((64, 96), np.uint8)
+        truth[:, :48], truth[:, 80:] = 2, 255
+        cv2.imwrite(str(scene / "masks" / f"{name}.png"), truth)
+        cv2.imwrite(str(job / "scene" / "images" / f"{name}.png"), np.full((32, 48, 3), 110, np.uint8))
+        render = np.zeros((32, 48, 4), np.uint8)
+        render[:, :24] = (200, 200, 200, 128)  # half transparent: 100 over black
+        cv2.imwrite(str(job / "renders" / f"{name}.png"), render)
+        views.append({"name": f"{name}.jpg", "file": f"scene/images/{name}.png", "render": f"renders/{name}.png",
+                      "held_out": True})  # fmt: skip
+    views.append({"name": "other.jpg", "file": "", "render": None, "held_out": False})
+    (job / "deliver.json").write_text(json.dumps({"views": views}))
+    scores = held_out_scores(job, scene)
+    assert scores.psnr == pytest.approx(-20 * np.log10(10 / 255))
+    assert scores.psnr_frame == pytest.approx(scores.psnr + 10 * np.log10(2))
+    (job / "deliver.json").write_text(json.dumps({"views": views[2:]}))
+    assert held_out_scores(job, scene).psnr is None
 
 
 def test_tables_average_over_seeds(tmp_path: Path) -> None:
