@@ -19,6 +19,7 @@ from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.loss import PhotoSide, photo_side
 from mgf_engine.scene.model import View
 
+_OPEN = 8  # rims that a gap in the mask must be wide to have a rim inside it
 _RING = 24  # px of certain background around the building that is kept empty
 _GRADIENT_LIMITS = (0.25, 4.0)
 
@@ -135,12 +136,24 @@ def with_rim(labels: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
 
     Masks of neighbouring photos disagree by some pixels at their outlines. A field that is emptied right outside one
     of them misses there in the next; with a rim the outline is trained on both of its sides, and the mesh is cut by
-    the votes of all masks in the end.
+    the votes of all masks in the end. Bars thinner than two rims have none, and neither have gaps narrower than
+    :data:`_OPEN` rims: there more would be trained of what is behind than of the building, and stay as fog.
     """
-    distance = cv2.distanceTransform((~building(labels)).astype(np.uint8), cv2.DIST_L2, 3)
-    rim = (labels == BACKGROUND) & (distance <= width)
+    inside = building(labels)
+    near = _distance(_thick(inside, width)) <= width
+    rim = (labels == BACKGROUND) & near & _thick(~inside, _OPEN / 2 * width)
     free = np.flatnonzero(np.bincount(labels.ravel(), minlength=UNKNOWN)[:UNKNOWN] == 0)
     return np.where(rim, free[-1] if len(free) else UNKNOWN - 1, labels).astype(np.uint8)
+
+
+def _thick(mask: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
+    """The mask without what is narrower than twice the radius; its corners stay."""
+    return mask & (_distance(_distance(~mask) > radius) <= 1.5 * radius)
+
+
+def _distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Distance of every pixel to the mask, px; large where there is none."""
+    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
 
 
 def _ring(inside: NDArray[np.bool_], labels: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:

@@ -26,6 +26,17 @@ def test_the_rim_is_an_element_of_its_own_around_the_building() -> None:
     assert np.array_equal(found[~rim], labels()[~rim])  # what hides the building stays unknown
 
 
+def test_bars_and_gaps_have_no_rim() -> None:
+    """Between the bars of a frame everything would be rim, and be trained on what is behind."""
+    frame = np.full((120, 200), BACKGROUND, np.uint8)
+    frame[20:100, 20:80] = BUILDING
+    frame[40:50, 40:50] = BACKGROUND  # a gap in a wall
+    frame[20:100, 120:124] = frame[20:100, 150:154] = frame[60:64, 120:154] = BUILDING
+    rim = with_rim(frame, 3.0) != frame
+    assert rim[30:90, 80:83].all()  # beside the wall
+    assert not rim[40:50, 40:50].any() and not rim[:, 110:].any()
+
+
 @pytest.mark.parametrize("width", [0.0, 0.5])
 def test_no_width_no_rim(width) -> None:
     assert np.array_equal(with_rim(labels(), width), labels())
