@@ -28,6 +28,8 @@ from mgf_engine.scene.model import Scene, View
 
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
+#: Samples of the building are so many map pixels apart at least, in the photos taken from closest by.
+FINE, CLOSE_BY = 1.5, 10
 CORE = 1.5  # spacings of the points
 SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
 STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
@@ -66,10 +68,11 @@ class Extent:
         keep = keep & _supported(shape, keep)
         self.scene, self.keep, self.ground = scene, keep, ground
         self.sight = sight
-        self.posts = make_surface(scene, shape, keep, ground, discs=False, columns=True)
-        self.body = make_surface(scene, shape, keep, ground, discs=True, columns=True)
+        fine = FINE * _map_pixel(scene, keep)
+        self.posts = make_surface(scene, shape, keep, ground, discs=False, columns=True, coarse=fine)
+        self.body = make_surface(scene, shape, keep, ground, discs=True, columns=True, coarse=fine)
         others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)
-        self.others = make_surface(scene, shape, others, None, discs=True, columns=False)
+        self.others = make_surface(scene, shape, others, None, discs=True, columns=False, coarse=fine)
         self.floor = ground or _lowest(scene, shape, keep)
 
     def place(self, index: int) -> Place:
@@ -86,7 +89,7 @@ class Extent:
         reach = core | np.isfinite(near)
         outside = (~_fill_holes(reach)).astype(np.uint8)
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
-        behind = self.others.depth(view, h, w) + self.body.cell < near
+        behind = self.others.depth(view, h, w) + self.body.tolerance < near
         first, hidden = self._ground_first(view, near, h, w), self._hidden(index, h, w)
         return Place(core, reach, away, first, hidden, behind, near)
 
@@ -100,7 +103,7 @@ class Extent:
         x, y = np.floor(self.scene.track_uv[here] * (w / view.width, h / view.height)).astype(np.int64).T
         x, y = np.clip(x, 0, w - 1), np.clip(y, 0, h - 1)
         depth = view.project(self.scene.points[self.sight.owner[here]])[1]
-        return (place.core & ~place.ground_first)[y, x] & (depth > place.near[y, x] - self.body.cell)
+        return (place.core & ~place.ground_first)[y, x] & (depth > place.near[y, x] - self.body.tolerance)
 
     def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> Map:
         if self.floor is None:
@@ -116,20 +119,21 @@ class Extent:
         view, points = self.scene.views[index], self.scene.points
         observed = self.sight.observed(index)
         expected = self.sight.expected(index) & self.keep
-        uv, depth = view.project(points)
+        rows = np.flatnonzero(expected)
+        uv, depth = view.project(points[rows])
         uv = uv * (w / view.width, h / view.height)
-        here = expected & (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
+        here = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
         if not here.any():
             return np.zeros((h, w), bool)
-        counts = np.zeros((2, h, w), np.float32)
         x, y = np.floor(uv[here]).astype(np.int64).T
-        np.add.at(counts[0], (y, x), 1)
-        np.add.at(counts[1], (y, x), observed[here])
+        seen = observed[rows[here]]
+        counts = np.stack([np.bincount(y * w + x, weight, h * w).reshape(h, w) for weight in (None, seen)])
+        counts = counts.astype(np.float32)
         # As wide a window as it takes to expect enough points; 4 pi sigma^2 is the area it weighs like a disc.
         covered = float((cv2.dilate(counts[0], np.ones((15, 15), np.uint8)) > 0).sum())
-        sigma = float(np.clip(np.sqrt(EXPECTED * covered / (4 * np.pi * here.sum())), *HIDDEN_BLUR))
+        sigma = float(np.clip(np.sqrt(EXPECTED * covered / (4 * np.pi * len(x))), *HIDDEN_BLUR))
         local = [cv2.GaussianBlur(c, (0, 0), sigma) * (4 * np.pi * sigma**2) for c in counts]
-        usual = float(observed[here].mean())
+        usual = float(seen.mean())
         return (local[0] > 0.6 * EXPECTED) & (local[1] < 0.2 * usual * local[0])
 
 
@@ -162,6 +166,15 @@ class Sight:
             result[self.owner[alike]] = True
             self._expected[index] = (result & facing) | self.observed(index)
         return self._expected[index]
+
+
+def _map_pixel(scene: Scene, keep: Map) -> float:
+    """Side of a map pixel at the kept points, in the photos taken from closest by; normalised units."""
+    if not keep.any():
+        return 0.0
+    middle = np.median(scene.points[keep], axis=0)
+    sides = [np.linalg.norm(v.centre - middle) * v.width / (v.fx * map_size(v)[1]) for v in scene.views]
+    return float(np.percentile(sides, CLOSE_BY))
 
 
 def map_size(view: View) -> tuple[int, int]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from mgf_engine.masks.appearance import lab_of
+from mgf_engine.masks.around import enlarge, length, mean_around
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.silhouette import OVER_HORIZON, outline, over_horizon
 from mgf_engine.scene.model import View
@@ -83,9 +84,7 @@ def _contrasts(
     lab: NDArray[np.float32], gaps: NDArray[np.bool_], body: NDArray[np.bool_], pieces: NDArray[Any], count: int
 ) -> NDArray[np.float64]:
     """CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
-    sigma = AROUND * max(body.shape)
-    weight = cv2.GaussianBlur(body.astype(np.float32), (0, 0), sigma)
-    colour = cv2.GaussianBlur(lab * body[..., None], (0, 0), sigma) / np.maximum(weight, 1e-4)[..., None]
-    away = np.where(weight > 1e-3, np.linalg.norm(lab - colour, axis=2), 0.0)
+    around = mean_around(lab, body, AROUND * max(body.shape))
+    away = length(lab - enlarge(around.colour, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
     sums = np.bincount(pieces[gaps], away[gaps], minlength=count)
     return np.asarray(sums / np.maximum(np.bincount(pieces[gaps], minlength=count), 1), np.float64)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.around import grow, shrink
 from mgf_engine.masks.model import BACKGROUND
 
 GAPS = 0.012  # share of the longer side: twigs and gaps up to this wide belong to the leaves around them
@@ -31,7 +32,6 @@ def leaves_before(labels: NDArray[np.uint8], leafy: NDArray[np.floating]) -> NDA
         return np.zeros_like(outside)
     hull = np.zeros(labels.shape, np.uint8)
     cv2.fillConvexPoly(hull, cv2.convexHull(corners), 1)
-    size = 2 * max(1, round(GAPS * max(labels.shape))) + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    leaves = cv2.morphologyEx((leafy > LEAFY).astype(np.uint8), cv2.MORPH_CLOSE, disc)
-    return np.asarray((hull > 0) & (leaves > 0) & outside, bool)
+    reach = max(1, round(GAPS * max(labels.shape)))
+    leaves = shrink(grow(leafy > LEAFY, reach), reach)
+    return np.asarray((hull > 0) & leaves & outside, bool)

@@ -17,6 +17,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.masks.appearance import lab_of
+from mgf_engine.masks.around import length
 from mgf_engine.scene.model import View
 
 #: CIELAB distance to the sky around below which a pixel is sky; where the sky itself is uneven, so many times what
@@ -24,7 +25,8 @@ from mgf_engine.scene.model import View
 SKY_STEP, SKY_SPREAD = 5.0, 1.5
 #: The sky's colour around a pixel is a mean of this width, and of the second where the first finds none; of the side.
 WIDTHS = (0.03, 0.1)
-SHRINK = 4
+#: The photo is reduced by so much at least, and at most to this longer side, for such means.
+SHRINK, SMALL = 4, 190
 #: Degrees over the horizon from which nothing can be ground.
 OVER_HORIZON = 1.5
 #: A cell is something when so many photos, and such a share of those that show anything against the sky, see it before
@@ -61,7 +63,7 @@ def outline(
         return Outline(np.zeros_like(sky), np.zeros_like(sky))
     lab = lab_of(photo)
     around, known = _sky_around(lab, sure, widths)
-    away = np.linalg.norm(lab - around, axis=2)
+    away = length(lab - around)
     most = max(SKY_STEP, SKY_SPREAD * float(np.percentile(away[sure], 95)))
     return Outline(over & known & (away < most), over & known & (away > 2 * most))
 
@@ -81,7 +83,8 @@ def _sky_around(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Colour of the sky around each pixel [H, W, 3], and where there is any, [H, W]."""
     height, width = sure.shape
-    size = (max(1, width // SHRINK), max(1, height // SHRINK))
+    factor = max(SHRINK, max(height, width) // SMALL)
+    size = (max(1, width // factor), max(1, height // factor))
     weight = cv2.resize(sure.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     colour = cv2.resize(lab * sure[..., None], size, interpolation=cv2.INTER_AREA)
     mean, total = np.zeros_like(colour), np.zeros_like(weight)

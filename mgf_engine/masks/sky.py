@@ -14,6 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.masks.appearance import lab_of
+from mgf_engine.masks.around import enlarge, grow, length, mean_around, shrink
 from mgf_engine.masks.regions import Regions
 
 #: CIELAB steps between regions that the sky may pass; the largest at which it stays free of points is taken.
@@ -30,6 +31,7 @@ FIELD_STEP, FIELD_SPREAD = 4.0, 5.0
 #: the sky between which it is drawn.
 SKYLINE_REACH = 0.016
 SKYLINE_STEPS = (4.0, 12.0)
+SEEN = 1e-3  # share of a mean's weight below which a colour is too far away to tell
 #: How often the skyline may go on downwards from where it was drawn, the contrast it takes and the largest step then.
 SKYLINE_ROUNDS, GAP_CONTRAST, GAP_STEP = 8, 20.0, 6.0
 TOP_SHARE = 0.02  # of the photo's width that a piece must touch at the top
@@ -96,31 +98,21 @@ def _like_sky(
         step: from the sky (CIELAB) up to which a pixel may be like it.
     """
     reach = _reach(mask)
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    sure = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1)
+    sure = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not sure.any():
         none = np.zeros_like(mask)
         return none, none, none
-    above, known = _spread(lab, sure.astype(np.float32), 2.0 * reach)
-    below, body = _spread(lab, cv2.erode(mask.astype(np.uint8), disc, borderValue=1).astype(np.float32), 2.0 * reach)
-    contrast = np.linalg.norm(above - below, axis=2)
-    most = np.where(body > 0, np.clip(0.4 * contrast, SKYLINE_STEPS[0], step), SKYLINE_STEPS[0])
-    like = np.linalg.norm(lab - above, axis=2) < most
-    near = (cv2.dilate(sky.astype(np.uint8), disc) > 0) & (known > 0)
-    clear = near & like & _joined(like & (near | (sure > 0)), sure > 0)
+    above = mean_around(lab, sure, 2.0 * reach)
+    below = mean_around(lab, shrink(mask, reach), 2.0 * reach)
+    told = below.weight > SEEN
+    contrast = length(above.colour - below.colour)
+    most = np.where(told, np.clip(0.4 * contrast, SKYLINE_STEPS[0], step), np.float32(SKYLINE_STEPS[0]))
+    like = length(lab - enlarge(above.colour, mask.shape)) < enlarge(most, mask.shape)
+    near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > SEEN)
+    clear = near & like & _joined(like & (near | sure), sure)
     # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
-    clear &= (contrast > least) | (body <= 0)
+    clear &= enlarge(((contrast > least) | ~told).astype(np.float32), mask.shape) > 0.5
     return near, like, clear
-
-
-def _spread(
-    lab: NDArray[np.float32], weight: NDArray[np.float32], sigma: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Mean colour [H, W, 3] of the weighted pixels around each pixel, and whether there are any (> 0), [H, W]."""
-    total = np.asarray(cv2.GaussianBlur(weight, (0, 0), sigma), np.float32)
-    mean = np.asarray(cv2.GaussianBlur(lab * weight[..., None], (0, 0), sigma), np.float32)
-    mean /= np.maximum(total, np.float32(1e-6))[..., None]
-    return mean, np.asarray(np.where(total > 1e-3, total, 0), np.float32)
 
 
 def _joined(mask: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:

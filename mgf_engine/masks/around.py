@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is around a pixel, at a cost that does not grow with how far around is: mean colours and discs.
+
+A blur by a share of the photo and a disc of a share of the photo cost the fourth power of its side when they are done
+pixel by pixel. The mean is as smooth as it is wide, so it is taken on a reduced photo; a disc is a distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+#: The standard deviation of a blur on the reduced photo, in its pixels.
+SMALL_SIGMA = 6.0
+#: A disc holds the pixels this much farther from its centre than its radius: half pixels at the rim count.
+RIM = 0.3
+
+
+@dataclass(frozen=True)
+class Around:
+    """Mean colours around each pixel of a reduced photo, and how much weight they stand on.
+
+    Attributes:
+        colour: float32 [h, w, 3]; means little where ``weight`` is nearly 0.
+        weight: float32 [h, w], 0..1, blurred weight.
+    """
+
+    colour: NDArray[np.float32]
+    weight: NDArray[np.float32]
+
+
+def mean_around(colours: NDArray[np.float32], where: NDArray[np.bool_], sigma: float) -> Around:
+    """Gaussian mean of the colours of some pixels around every pixel.
+
+    Args:
+        colours: float32 [H, W, 3].
+        where: [H, W], the pixels that count.
+        sigma: standard deviation in pixels.
+    """
+    factor = max(1, int(sigma / SMALL_SIGMA))
+    height, width = where.shape
+    size = (-(-width // factor), -(-height // factor))
+    marked = where.astype(np.uint8)
+    colour = _blurred(cv2.copyTo(colours, marked), size, sigma)
+    weight = _blurred(marked.astype(np.float32), size, sigma)
+    mean = colour / np.maximum(weight, np.float32(1e-6))[..., None]
+    return Around(np.asarray(mean, np.float32), weight)
+
+
+def _blurred(values: NDArray[Any], size: tuple[int, int], sigma: float) -> NDArray[np.float32]:
+    """Values of all pixels, blurred, on a photo reduced to another width and height; ``sigma`` is in whole pixels."""
+    height, width = values.shape[:2]
+    small = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+    # Mirrored at the frame itself, which is where the whole photo is mirrored but for half a pixel.
+    sigmas = (sigma * size[0] / width, sigma * size[1] / height)
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), *sigmas, borderType=cv2.BORDER_REFLECT), np.float32)
+
+
+def enlarge(values: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Values of a reduced photo at every pixel of the whole one, [H, W] or [H, W, C]."""
+    return np.asarray(cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def length(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Euclidean length of each pixel's three values; float32 [H, W, 3] -> [H, W]."""
+    return np.asarray(np.sqrt(cv2.transform(cv2.multiply(vectors, vectors), np.ones((1, 3), np.float32))), np.float32)
+
+
+def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+    """Pixels within a radius of the mask, [H, W]: dilation with a disc."""
+    if not mask.any():
+        return np.zeros_like(mask)
+    return np.asarray(_distance(~mask) <= radius + RIM, bool)
+
+
+def shrink(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+    """Pixels of the mask farther than a radius from all others, [H, W]: erosion with a disc; the frame is no edge."""
+    if mask.all():
+        return np.ones_like(mask)
+    return np.asarray(_distance(mask) > radius + RIM, bool)
+
+
+def _distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Distance of the mask's pixels to the nearest other pixel."""
+    return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
