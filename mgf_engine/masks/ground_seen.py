@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from mgf_engine.masks.ground import Ground
 from mgf_engine.scene.model import Scene, View
 
-PHOTOS, FEWEST = 12, 4  # compared with at most, and at least
+PHOTOS, FEWEST = 10, 4  # compared with at most, and at least
 #: Degrees between the directions in which two photos see the ground: nearer ones see the building in the same place
 #: too, farther ones see another texture. And how much farther away one of them may be.
 ANGLES, SCALES = (6.0, 45.0), (0.5, 2.0)
 PATCH = 5  # px
 #: Share of the photos that must agree, as a mean over the best: bars stand before the ground in the others.
-BEST = 0.4
+BEST = 0.3
 ALIKE = 0.5  # mean normalised cross-correlation of the lightness from which a patch is the same
 COLOUR = 12.0  # CIELAB distance, from which it is not
 TEXTURE = 0.5  # variance of the lightness below which a patch cannot be compared
@@ -92,17 +92,28 @@ class GroundSeen:
     def within(self, index: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Pixels of a mask [H, W] in which other photos confirm the ground, [H, W]."""
         result = np.zeros_like(mask)
-        view = self.scene.views[index]
-        depth = plane_depth(view, self.ground)
+        depth = plane_depth(self.scene.views[index], self.ground)
         box = _box_of(mask & np.isfinite(depth))
         others = self._others(index, mask, depth) if box is not None else []
         if box is None or len(others) < FEWEST:
             return result
-        alike, away = self._compare(index, others, box, self.ground)
-        sure = (alike > ALIKE) & np.isfinite(depth[box.part])
-        sure &= ~self._stands(index, others[-ASIDE:], box, float(np.median(depth[box.part][sure])) if sure.any() else 1)
+        patches = _Patches(self._lab(index)[box.part])
+        fits, colours = _Best(len(others), -1), _Best(len(others), -255)
+        level = _Best(ASIDE, -1)
+        for row, other in enumerate(others):
+            warped, seen = self._through(index, other, box, self.ground)
+            correlation, away = np.where(seen, patches.correlate(warped), -1), patches.away(warped)
+            fits.add(np.where(away < COLOUR, correlation, np.minimum(correlation, 0)))
+            colours.add(np.where(seen, -away, -255))
+            if row >= len(others) - ASIDE:
+                level.add(correlation)
+        sure = np.isfinite(depth[box.part]) & (fits.mean() > ALIKE)
+        if not sure.any():
+            return result
+        middle = float(np.median(depth[box.part][sure]))
+        sure &= self._raised(index, others[-ASIDE:], box, patches, middle) <= level.mean() + BETTER
         dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), SPREAD) > DENSE
-        result[box.part] = mask[box.part] & dense & (away < COLOUR)
+        result[box.part] = mask[box.part] & dense & (colours.mean() > -COLOUR)
         return _without_specks(result)
 
     def _read(self, index: int) -> NDArray[np.uint8]:
@@ -123,41 +134,32 @@ class GroundSeen:
         good = (angle > ANGLES[0]) & (angle < ANGLES[1]) & (scale > SCALES[0]) & (scale < SCALES[1])
         return [int(i) for i in np.argsort(angle, kind="stable") if good[i]][:PHOTOS]
 
-    def _stands(self, index: int, others: list[int], box: _Box, depth: float) -> NDArray[np.bool_]:
-        """What fits better a little over the ground than on it, [h, w]: the feet of walls and posts."""
+    def _raised(self, index: int, others: list[int], box: _Box, patches: _Patches, depth: float) -> NDArray[np.float32]:
+        """How well planes a little over the ground fit at best, -1..1, [h, w]: the feet of walls lie on one of them."""
         view = self.scene.views[index]
-        result = np.zeros((box.height, box.width), bool)
-        level, _ = self._compare(index, others, box, self.ground)
         aside = np.median([np.linalg.norm(self.scene.views[i].centre - view.centre) for i in others])
         over = float(self.ground.height(view.centre[None])[0])
+        result = np.full((box.height, box.width), -1, np.float32)
         for pixels in RAISED:
             # Raised by h, the plane comes nearer by h / over of the depth; seen from aside that is a parallax.
             raised = pixels * over * depth / (view.fx * float(aside))
             plane = Ground(self.ground.normal, self.ground.level + raised, self.ground.thickness)
-            result |= self._compare(index, others, box, plane)[0] > level + BETTER
+            fits = _Best(len(others), -1)
+            for other in others:
+                warped, seen = self._through(index, other, box, plane)
+                fits.add(np.where(seen, patches.correlate(warped), -1))
+            np.maximum(result, fits.mean(), out=result)
         return result
 
-    def _compare(
-        self, index: int, others: list[int], box: _Box, ground: Ground
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """How alike the best photos are through the plane, -1..1, and their distance in colour; [h, w] of the box."""
-        own = self._lab(index)[box.part]
-        patch = _Patches(own)
-        alike = np.full((len(others), box.height, box.width), -1, np.float32)
-        away = np.full_like(alike, 255)
-        count = np.zeros((box.height, box.width), np.int32)
-        for row, other in enumerate(others):
-            matrix = homography(self.scene.views[index], self.scene.views[other], ground)
-            matrix = matrix @ np.array([[1, 0, box.left], [0, 1, box.top], [0, 0, 1.0]])
-            flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-            warped = cv2.warpPerspective(self._lab(other), matrix, (box.width, box.height), flags=flags)
-            seen = self._inside(self.scene.views[other], matrix, box)
-            correlation, colour = patch.compare(np.asarray(warped, np.uint8))
-            alike[row] = np.where(seen, np.where(colour < COLOUR, correlation, np.minimum(correlation, 0)), -1)
-            away[row][seen] = colour[seen]
-            count += seen
-        best = np.maximum(FEWEST - 1, np.ceil(BEST * count).astype(np.int64))
-        return _mean_of_first(-np.sort(-alike, axis=0), best), _mean_of_first(np.sort(away, axis=0), best)
+    def _through(
+        self, index: int, other: int, box: _Box, ground: Ground
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """Another photo as the plane puts it into the box, uint8 CIELAB [h, w, 3], and where it shows anything."""
+        matrix = homography(self.scene.views[index], self.scene.views[other], ground)
+        matrix = matrix @ np.array([[1, 0, box.left], [0, 1, box.top], [0, 0, 1.0]])
+        size, flags = (box.width, box.height), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        warped = np.asarray(cv2.warpPerspective(self._lab(other), matrix, size, flags=flags), np.uint8)
+        return warped, self._inside(self.scene.views[other], matrix, box)
 
     @staticmethod
     def _inside(view: View, matrix: NDArray[np.float64], box: _Box) -> NDArray[np.bool_]:
@@ -169,24 +171,55 @@ class GroundSeen:
         )
 
 
+class _Best:
+    """The mean of the best of some maps, kept while they come.
+
+    Args:
+        count: of the maps; the best :data:`BEST` of them count. worst: the value of a map that says nothing.
+    """
+
+    def __init__(self, count: int, worst: float) -> None:
+        self._wanted = max(FEWEST - 1, round(BEST * count))
+        self._worst = np.float32(worst)
+        self._ranked: list[NDArray[np.float32]] = []
+
+    def add(self, values: NDArray[np.floating]) -> None:
+        """One more map [h, w]."""
+        new = values.astype(np.float32)
+        for slot in self._ranked:
+            lower = np.minimum(slot, new)
+            np.maximum(slot, new, out=slot)
+            new = lower
+        if len(self._ranked) < self._wanted:
+            self._ranked.append(new)
+
+    def mean(self) -> NDArray[np.float32]:
+        """Of the best, [h, w]."""
+        missing = (self._wanted - len(self._ranked)) * self._worst
+        return np.asarray((np.sum(self._ranked, axis=0) + missing) / self._wanted, np.float32)
+
+
 class _Patches:
     """A photo's patches, ready to be compared with others: uint8 CIELAB [h, w, 3]."""
 
     def __init__(self, lab: NDArray[np.uint8]) -> None:
         self.lightness, self.colour = _lightness(lab), _smooth(lab)
-        self.mean = _box(self.lightness)
-        self.variance = _box(self.lightness**2) - self.mean**2
+        self.average = _mean(self.lightness)
+        self.variance = _mean(self.lightness**2) - self.average**2
 
-    def compare(self, lab: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Normalised cross-correlation of the lightness, 0 where there is no texture, and distance in colour."""
+    def correlate(self, lab: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Normalised cross-correlation of the lightness, -1..1, 0 where there is no texture, [h, w]."""
         other = _lightness(lab)
-        mean = _box(other)
-        variance = _box(other**2) - mean**2
-        shared = _box(self.lightness * other) - self.mean * mean
+        average = _mean(other)
+        variance = _mean(other**2) - average**2
+        shared = _mean(self.lightness * other) - self.average * average
         enough = (self.variance > TEXTURE) & (variance > TEXTURE)
-        correlation = np.where(enough, shared / np.sqrt(np.maximum(self.variance * variance, 1e-6)), 0)
-        away = self.colour - _smooth(lab)
-        return correlation.astype(np.float32), np.sqrt((away**2).sum(2))
+        return np.where(enough, shared / np.sqrt(np.maximum(self.variance * variance, TEXTURE**2)), 0)
+
+    def away(self, lab: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """CIELAB distance, [h, w]."""
+        apart = self.colour - _smooth(lab)
+        return np.asarray(np.sqrt(np.einsum("hwc,hwc->hw", apart, apart)), np.float32)
 
 
 def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -225,13 +258,6 @@ def plane_depth(view: View, ground: Ground) -> NDArray[np.float64]:
     return depth
 
 
-def _mean_of_first(ranked: NDArray[np.float32], count: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Mean of the first ``count`` [h, w] of the ranked values [n, h, w]."""
-    sums = np.cumsum(ranked, axis=0)
-    at = np.minimum(count, len(ranked)) - 1
-    return np.asarray(np.take_along_axis(sums, at[None], 0)[0] / (at + 1), np.float32)
-
-
 def _box_of(mask: NDArray[np.bool_]) -> _Box | None:
     if not mask.any():
         return None
@@ -249,7 +275,8 @@ def _smooth(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(cv2.blur(lab, (3, 3)).astype(np.float32) * np.array([100 / 255, 1, 1], np.float32), np.float32)
 
 
-def _box(image: NDArray[np.float32]) -> NDArray[np.float32]:
+def _mean(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Over the patch around each pixel."""
     return np.asarray(cv2.blur(image, (PATCH, PATCH)), np.float32)
 
 
