@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 #: Expected scatter of each feature within one material; keeps components from collapsing onto few samples.
 FEATURE_SCALE = np.array([6.0, 2.5, 2.5, 0.25, 0.25, 0.3])
 MAX_SAMPLES = 5_000
+ROWS = 16_384  # samples looked at together: what fits the cache
 
 
 def lab_of(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -34,15 +35,23 @@ class Mixture:
 
     def log_density(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """log p(x) for scaled features [N, F] -> [N]."""
-        return np.logaddexp.reduce(self.terms(x), axis=1)
+        return _log_sum(self.terms(x))
 
     def terms(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """log(weight_k p_k(x)), [N, K]."""
+        # Written out as a polynomial of second degree in x, all components are one product of matrices.
+        precision = np.einsum("kji,kjl->kil", self.roots, self.roots)
+        first, second = np.triu_indices(x.shape[1])
+        square = -np.where(first == second, 0.5, 1.0) * precision[:, first, second]
+        linear = np.einsum("kij,kj->ki", precision, self.means)
+        constant = self.log_weights + self.log_norms - 0.5 * np.einsum("ki,ki->k", linear, self.means)
+        factors = np.concatenate([square, linear], axis=1).T
         result = np.empty((len(x), len(self.means)))
-        for k, mean in enumerate(self.means):
-            z = (x - mean) @ self.roots[k].T
-            result[:, k] = self.log_weights[k] + self.log_norms[k] - 0.5 * (z * z).sum(1)
-        return result
+        for start in range(0, len(x), ROWS):
+            part = x[start : start + ROWS]
+            powers = np.concatenate([part[:, first] * part[:, second], part], axis=1)
+            np.matmul(powers, factors, out=result[start : start + ROWS])
+        return result + constant
 
 
 def fit_mixture(
@@ -81,9 +90,15 @@ def fit_mixture(
     mixture = _maximise(x, share * weight[:, None])
     for _ in range(8):
         terms = mixture.terms(x)
-        share = np.exp(terms - np.logaddexp.reduce(terms, axis=1)[:, None])
+        share = np.exp(terms - _log_sum(terms)[:, None])
         mixture = _maximise(x, share * weight[:, None])
     return mixture
+
+
+def _log_sum(terms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """log of the sum of exp(terms) along the second axis, [N]."""
+    most = terms.max(axis=1)
+    return most + np.log(np.exp(terms - most[:, None]).sum(axis=1))
 
 
 def _maximise(x: NDArray[np.float64], share: NDArray[np.float64]) -> Mixture:

@@ -29,6 +29,7 @@ from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.regions import Regions
 from mgf_engine.masks.shape import Shape, clicked_groups
 from mgf_engine.masks.sky import find_sky
+from mgf_engine.masks.threads import in_order
 from mgf_engine.scene.model import Scene, View
 
 Array = NDArray[np.float64]
@@ -77,8 +78,9 @@ class Belief:
 class SceneGraph:
     """The graph of a scene and the solver on it; built once, asked with different clicks."""
 
-    def __init__(self, scene: Scene, regions: Sequence[Regions], shape: Shape) -> None:
+    def __init__(self, scene: Scene, regions: Sequence[Regions], shape: Shape, threads: int = 1) -> None:
         self.scene, self.regions, self.shape = scene, regions, shape
+        self.threads = threads
         self.ground: Ground | None = None
         self.sight = Sight(scene, shape)
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
@@ -144,14 +146,23 @@ class SceneGraph:
         others = apart | (away & self._far_from(keep))
         extent = Extent(self.scene, self.shape, keep, self.ground, self.sight, others)
         within = np.zeros(self.point_count)
-        for index, regions in enumerate(self.regions):
-            part, place = slice(self.start[index], self.start[index + 1]), extent.place(index)
-            odds[part], first = self._region_odds(place, regions, self.scene.views[index])
+        for index, (region_odds, first, inside) in in_order(
+            lambda i: self._geometry(extent, i), range(len(self.regions)), self.threads
+        ):
+            part = slice(self.start[index], self.start[index + 1])
+            odds[part] = region_odds
             ground[part] = first & (self.ground is not None)
-            np.add.at(within, self.sight.owner[self.scene.track_view == index], extent.within(index, place))
+            within += inside
         share = within / np.maximum(np.diff(self.scene.track_start), 1)
         odds[self.region_count :] += WITHIN_ODDS * share * ~ground[self.region_count :]
         return odds, ground, over
+
+    def _geometry(self, extent: Extent, index: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+        """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
+        place = extent.place(index)
+        odds, first = self._region_odds(place, self.regions[index], self.scene.views[index])
+        seen = self.sight.owner[self.scene.track_view == index][extent.within(index, place)]
+        return odds, first, np.bincount(seen, minlength=self.point_count)
 
     def _sky(self) -> NDArray[np.int64]:
         """Piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""

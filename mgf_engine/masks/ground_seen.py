@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mgf_engine.masks.ground import Ground
 from mgf_engine.scene.model import Scene, View
 
-PHOTOS, FEWEST = 10, 4  # compared with at most, and at least
+PHOTOS, FEWEST = 12, 4  # compared with at most, and at least
 #: Degrees between the directions in which two photos see the ground: nearer ones see the building in the same place
 #: too, farther ones see another texture. And how much farther away one of them may be.
 ANGLES, SCALES = (6.0, 45.0), (0.5, 2.0)

@@ -8,7 +8,6 @@ points -> a second vote by all photos, which corrects or flags the masks that co
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -31,6 +30,7 @@ from mgf_engine.masks.regions import Regions, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.shape import measure_shape
 from mgf_engine.masks.sky import draw_skyline
+from mgf_engine.masks.threads import in_order
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
@@ -89,7 +89,7 @@ class _Work:
             self.regions.append(regions)
             self.reporter.progress(0.35 * (index + 1) / len(self.views))
         self.shape = measure_shape(self.scene)
-        self.graph = SceneGraph(self.scene, self.regions, self.shape)
+        self.graph = SceneGraph(self.scene, self.regions, self.shape, self.threads)
         doubts = self._drop_doubtful()
         self.belief = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
@@ -277,10 +277,7 @@ class _Work:
         return np.asarray(wide, np.float32)
 
     def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
-        """(index, result) in order, on a few threads; OpenCV and NumPy release the interpreter."""
-        with ThreadPoolExecutor(max(1, self.threads)) as pool:
-            indices = list(indices)
-            yield from zip(indices, pool.map(task, indices), strict=True)
+        return in_order(task, indices, self.threads)
 
 
 def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
