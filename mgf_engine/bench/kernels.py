@@ -21,8 +21,9 @@ import numpy as np
 import torch
 
 from mgf_engine.config import Config
+from mgf_engine.field import reference_losses
 from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.field.losses import total_loss
+from mgf_engine.field.losses import LossTerms, total_loss
 from mgf_engine.field.optimiser import TRAINED
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.raster import cpu, library
@@ -133,10 +134,7 @@ class Iteration:
 
     def _losses(self, image: torch.Tensor) -> None:
         planes = image[:, : self.camera.height, : self.camera.width]
-        median, normal, distortion = (planes[5], planes[6:9], planes[9]) if self.geometry else (None, None, None)
-        color, visible = planes[0:3].detach().requires_grad_(), torch.ones(1, dtype=torch.bool)
-        shown = Rendering(color, planes[3], planes[4], median, normal, distortion, visible)
-        total_loss(shown, self.target, Config(), torch.zeros(3), self.geometry).total.backward()
+        losses_and_gradients(total_loss, planes, self.target, self.geometry)
 
     def _adam(self, gradients: tuple[torch.Tensor, ...], visible: torch.Tensor) -> None:
         active = 3 * (self.degree + 1) ** 2
@@ -172,6 +170,24 @@ def ratio_to_twin(n: int, width: int, height: int) -> float:
     return used["reference"] / used["cpu"]
 
 
+def losses_and_gradients(loss: Callable[..., LossTerms], planes: torch.Tensor, target: Target, geometry: bool) -> None:
+    """One evaluation of a loss on rendered planes [10, H, W], and its gradient in the colours."""
+    median, normal, distortion = (planes[5], planes[6:9], planes[9]) if geometry else (None, None, None)
+    color, visible = planes[0:3].detach().requires_grad_(), torch.ones(1, dtype=torch.bool)
+    shown = Rendering(color, planes[3], planes[4], median, normal, distortion, visible)
+    loss(shown, target, Config(), torch.zeros(3), geometry).total.backward()
+
+
+def losses_ratio_to_twin(width: int, height: int) -> float:
+    """How many times longer the losses take in plain torch (float32, SSIM above all), forward and backward."""
+    planes = torch.rand(10, height, width, generator=torch.Generator().manual_seed(0))
+    target, clock = noise_target(corner_view(width, height)), Clock()
+    for _ in range(5):
+        clock.time("kernels", lambda: losses_and_gradients(total_loss, planes, target, geometry=False))
+        clock.time("twin", lambda: losses_and_gradients(reference_losses.total_loss, planes, target, geometry=False))
+    return clock.cpu["twin"] / clock.cpu["kernels"]
+
+
 def _forward_and_backward(gaussians: Gaussians, camera: Camera, backend: str) -> None:
     seen = render(gaussians, camera, sh_degree=3, backend=backend)
     assert seen.normal is not None and seen.distortion is not None
@@ -198,12 +214,13 @@ def main(arguments: list[str] | None = None) -> int:
                 results.append({"gaussians": n, "size": size, "heads": heads, "variants": clocks})
                 if not given.json:
                     _print_table(f"{n} Gaussians, {size}, {heads} heads, {library.threads()} threads", clocks)
-    ratio = ratio_to_twin(300, 96, 64)
+    ratio, losses = ratio_to_twin(300, 96, 64), losses_ratio_to_twin(750, 500)
     if given.json:
         plain = [{**r, "variants": {k: vars(v) for k, v in r["variants"].items()}} for r in results]
-        print(json.dumps({"scenes": plain, "ratio_to_twin": ratio}, indent=1))
+        print(json.dumps({"scenes": plain, "ratio_to_twin": ratio, "losses_ratio_to_twin": losses}, indent=1))
     else:
         print(f"\nThe torch twin takes {ratio:.0f} times the CPU time (300 Gaussians, 96x64, forward and backward).")
+        print(f"The losses take {losses:.0f} times the CPU time in plain torch (750x500, forward and backward).")
     return 0
 
 
