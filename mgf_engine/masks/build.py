@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
@@ -27,6 +28,7 @@ from mgf_engine.masks.segmenters.efficientsam import EfficientSam
 from mgf_engine.masks.segmenters.grabcut import GrabCut
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.supplied import read_supplied
+from mgf_engine.masks.threads import in_order, plain_opencv
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
@@ -38,7 +40,7 @@ _NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --mas
 def build_masks(
     scene: Scene, prompts: Path | None, masks_folder: Path | None, folder: Path, config: Config, reporter: Reporter
 ) -> MaskSet:
-    """Make the masks of a scene and write them to ``folder``.
+    """Make the masks of a scene and write them to ``folder``; the photos share the cores, one thread each.
 
     Args:
         prompts: the user's clicks; needed unless masks are given or switched off.
@@ -48,7 +50,14 @@ def build_masks(
     Raises:
         BadInput: no clicks, bad clicks or masks, or nothing left of the building.
     """
-    started = time.perf_counter()
+    with plain_opencv():
+        return _build_masks(scene, prompts, masks_folder, folder, config, reporter)
+
+
+def _build_masks(
+    scene: Scene, prompts: Path | None, masks_folder: Path | None, folder: Path, config: Config, reporter: Reporter
+) -> MaskSet:
+    started, threads = time.perf_counter(), config.threads or cores()
     clicks: Prompts = {}
     segmenter: Segmenter | None = None
     if not config.use_masks:
@@ -64,16 +73,16 @@ def build_masks(
     _check(result)
     masks, parts = result.masks, list[Part]()
     if segmenter is not None and config.second_level:
-        masks, parts = _second_level(scene, masks, clicks, segmenter, reporter)
+        masks, parts = _second_level(scene, masks, clicks, segmenter, threads, reporter)
     figures: dict[str, Any] = {
         "segmenter": segmenter.name if segmenter else "none",
         "seconds_per_photo": round((time.perf_counter() - started) / len(scene.views), 3),
         "consistency": round(result.consistency, 4),
         "warnings": result.warnings,
     }
-    save_masks(masks, scene, folder, result.reasons, figures, parts)
+    save_masks(masks, scene, folder, result.reasons, figures, parts, threads)
     sheet = folder / "contact_sheet.jpg"
-    write_contact_sheet(scene, masks, result.reasons, set(clicks), sheet)
+    write_contact_sheet(scene, masks, result.reasons, set(clicks), sheet, threads)
     reporter.preview(str(sheet), "Masks")
     _warn(result, scene, reporter)
     _check_clicks(clicks, masks)
@@ -129,13 +138,16 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
 
 
 def _second_level(
-    scene: Scene, masks: MaskSet, clicks: Prompts, segmenter: Segmenter, reporter: Reporter
+    scene: Scene, masks: MaskSet, clicks: Prompts, segmenter: Segmenter, threads: int, reporter: Reporter
 ) -> tuple[MaskSet, list[Part]]:
     sam = segmenter if isinstance(segmenter, EfficientSam) else None
     labels, names = [], []
-    for index, level_one in enumerate(masks.labels):
+
+    def elements(index: int) -> tuple[NDArray[np.uint8], dict[int, str]]:
         parts = clicks[index].parts if index in clicks else {}
-        with_elements, named = add_elements(level_one, scene.photo(index), parts, sam)
+        return add_elements(masks.labels[index], scene.photo(index), parts, sam)
+
+    for _, (with_elements, named) in in_order(elements, range(len(masks.labels)), threads):
         labels.append(with_elements)
         names.append(named)
         reporter.check()

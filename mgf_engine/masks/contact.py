@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.model import UNKNOWN, MaskSet, building
 from mgf_engine.masks.store import write_png
+from mgf_engine.masks.threads import in_order
 from mgf_engine.scene.model import Scene
 
 TILE = 320  # px, width of one photo on the sheet
@@ -19,13 +20,17 @@ OUTSIDE, OCCLUDER, OUTLINE = (110, 30, 110), (30, 130, 200), (0, 255, 255)  # BG
 GOOD, BAD = (210, 255, 210), (80, 80, 255)
 
 
-def write_contact_sheet(scene: Scene, masks: MaskSet, reasons: list[str], clicked: set[int], path: Path) -> None:
+def write_contact_sheet(
+    scene: Scene, masks: MaskSet, reasons: list[str], clicked: set[int], path: Path, threads: int = 1
+) -> None:
     """Write the sheet as an image; photos with clicks carry a star."""
-    tiles = []
-    for index, view in enumerate(scene.views):
-        title = f"{'* ' if index in clicked else ''}{view.name}"
+
+    def tile(index: int) -> NDArray[np.uint8]:
+        title = f"{'* ' if index in clicked else ''}{scene.views[index].name}"
         note = reasons[index] or f"score {masks.scores[index]:.2f}"
-        tiles.append(_tile(scene.photo(index), masks.labels[index], title, note, bool(masks.used[index])))
+        return _tile(scene.photo(index), masks.labels[index], title, note, bool(masks.used[index]))
+
+    tiles = [drawn for _, drawn in in_order(tile, range(len(scene.views)), threads)]
     columns = min(len(tiles), max(1, round((len(tiles) * 1.2) ** 0.5)))
     height = max(t.shape[0] for t in tiles)
     tiles = [np.pad(t, ((0, height - t.shape[0]), (0, 0), (0, 0))) for t in tiles]
@@ -35,7 +40,12 @@ def write_contact_sheet(scene: Scene, masks: MaskSet, reasons: list[str], clicke
 
 
 def _tile(photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note: str, used: bool) -> NDArray[np.uint8]:
-    picture = cv2.resize(overlay(photo, labels), (TILE, max(1, round(TILE * photo.shape[0] / photo.shape[1]))))
+    height, width = labels.shape
+    # Twice as large as it is shown: the outline is drawn there, and most of a large photo is never painted.
+    drawn = min(width, 2 * TILE), min(height, max(1, round(2 * TILE * height / width)))
+    small = np.asarray(cv2.resize(photo, drawn, interpolation=cv2.INTER_AREA), np.uint8)
+    shown = np.asarray(cv2.resize(labels, drawn, interpolation=cv2.INTER_NEAREST), np.uint8)
+    picture = cv2.resize(overlay(small, shown), (TILE, max(1, round(TILE * height / width))))
     caption = np.zeros((CAPTION, TILE, 3), np.uint8)
     for line, text in enumerate((title, note)):
         # The built-in font has no letters beyond ASCII; the names in scores.json are whole.

@@ -13,8 +13,10 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import find_objects
 
 from mgf_engine.masks.appearance import lab_of
+from mgf_engine.masks.around import grow
 from mgf_engine.masks.model import BUILDING, FIRST_ELEMENT, UNKNOWN, building
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Points
@@ -26,7 +28,16 @@ SMALLEST, LARGEST = 0.001, 0.5  # share of the building
 GRID = 12  # prompts across the longer side of the building
 MIN_QUALITY, MIN_STABILITY, MAX_OVERLAP = 0.8, 0.9, 0.6
 MIN_CONTRAST = 4.0  # CIELAB units around an element found by colour
+MARGIN = 8  # px around the building that are looked at, too: a field ends where the next begins
 MIN_SHARED, MIN_COMMON = 3, 0.5  # points two elements share, and their share of what both photos saw
+
+
+@dataclass(frozen=True)
+class Element:
+    """Pixels of one photo: a box of it, and which of the box's pixels, bool [h, w]."""
+
+    box: tuple[slice, slice]
+    mask: NDArray[np.bool_]
 
 
 @dataclass
@@ -60,12 +71,16 @@ def add_elements(
         return labels, {}
     fields = colour_fields(photo, inside)
     named = [(name, _clicked(points, fields, inside, photo, sam)) for name, points in sorted(clicks.items())]
-    found = sam_elements(photo, inside, sam) if sam is not None else good_fields(photo, inside, fields)
+    if sam is not None:
+        found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam)]
+    else:
+        found = good_fields(photo, inside, fields)
     result = np.where(inside, BUILDING, labels).astype(np.uint8)
     number = FIRST_ELEMENT
     # Small ones are drawn over the large ones they lie on; named ones over all.
-    for mask in sorted(found, key=lambda m: -int(m.sum()))[: LAST_ELEMENT - FIRST_ELEMENT + 1 - len(named)]:
-        result[mask & inside] = number
+    largest = sorted(found, key=lambda e: -int(e.mask.sum()))
+    for element in largest[: LAST_ELEMENT - FIRST_ELEMENT + 1 - len(named)]:
+        result[element.box][element.mask & inside[element.box]] = number
         number += 1
     names: dict[int, str] = {}
     for name, mask in named:
@@ -78,41 +93,51 @@ def add_elements(
 
 def colour_fields(photo: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Fields of even colour inside the building, int32 [H, W], from 0; -1 outside."""
-    lab = cv2.cvtColor(cv2.bilateralFilter(photo, 7, 30, 5), cv2.COLOR_RGB2LAB)
+    count, result = 0, np.full(inside.shape, -1, np.int32)
+    around = _around(inside)
+    held, building_here = np.ascontiguousarray(photo[around]), inside[around]
+    lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, 7, 30, 5), cv2.COLOR_RGB2LAB))
+    lab[~grow(building_here, MARGIN)] = 0  # one field, quickly found
     smallest = max(12, round(SMALLEST * int(inside.sum())))
     graph = cv2.ximgproc.segmentation.createGraphSegmentation(0.6, 250.0, smallest)
     fields = graph.processImage(lab).astype(np.int32)
-    fields[~inside] = -1
+    fields[~building_here] = -1
     # A field cut in two by the outline or an occluder is two fields.
-    count, result = 0, np.full(fields.shape, -1, np.int32)
-    boxes = _boxes(fields)
-    for value, (y0, y1, x0, x1) in boxes.items():
-        pieces, here = cv2.connectedComponents((fields[y0:y1, x0:x1] == value).astype(np.uint8), connectivity=4)
+    for value, box in _boxes(fields).items():
+        pieces, here = cv2.connectedComponents((fields[box] == value).astype(np.uint8), connectivity=4)
         where = here > 0
-        result[y0:y1, x0:x1][where] = here[where] - 1 + count
+        result[around][box][where] = here[where] - 1 + count
         count += pieces - 1
     return result
 
 
-def good_fields(
-    photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32]
-) -> list[NDArray[np.bool_]]:
+def good_fields(photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32]) -> list[Element]:
     """Fields of a sensible size that stand out from what is around them."""
-    lab = lab_of(photo)
-    total, result = int(inside.sum()), []
-    for value, (y0, y1, x0, x1) in _boxes(fields).items():
-        y0, y1, x0, x1 = max(0, y0 - 4), y1 + 4, max(0, x0 - 4), x1 + 4
-        mask = fields[y0:y1, x0:x1] == value
-        if not SMALLEST * total <= mask.sum() <= LARGEST * total:
+    around = _around(inside)
+    lab = lab_of(photo[around])
+    total, sizes = int(inside.sum()), np.bincount(fields[fields >= 0])
+    result = []
+    for value, (rows, columns) in _boxes(fields).items():
+        if not SMALLEST * total <= sizes[value] <= LARGEST * total:
             continue
+        box = slice(max(0, rows.start - 4), rows.stop + 4), slice(max(0, columns.start - 4), columns.stop + 4)
+        mask = fields[box] == value
         ring = cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool) & ~mask
-        patch = lab[y0:y1, x0:x1]
+        top, left = around[0].start, around[1].start
+        patch = lab[box[0].start - top : box[0].stop - top, box[1].start - left : box[1].stop - left]
         if ring.any() and np.linalg.norm(patch[mask].mean(0) - patch[ring].mean(0)) < MIN_CONTRAST:
             continue
-        full = np.zeros(fields.shape, bool)
-        full[y0:y1, x0:x1] = mask
-        result.append(full)
+        result.append(Element(box, mask))
     return result
+
+
+def _around(inside: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """The box that holds the building and a margin."""
+    rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+    return (
+        slice(max(0, int(rows[0]) - MARGIN), int(rows[-1]) + 1 + MARGIN),
+        slice(max(0, int(columns[0]) - MARGIN), int(columns[-1]) + 1 + MARGIN),
+    )
 
 
 def sam_elements(photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam) -> list[NDArray[np.bool_]]:
@@ -242,26 +267,15 @@ def _clicked(
     return best
 
 
-def _boxes(fields: NDArray[np.int32]) -> dict[int, tuple[int, int, int, int]]:
-    """Bounding boxes (y0, y1, x0, x1) of the values from 0 up."""
-    y, x = np.nonzero(fields >= 0)
-    values = fields[y, x]
-    count = int(values.max(initial=-1)) + 1
-    low, high = np.full((count, 2), np.iinfo(np.int32).max), np.full((count, 2), -1)
-    for axis, coordinate in enumerate((y, x)):
-        np.minimum.at(low[:, axis], values, coordinate)
-        np.maximum.at(high[:, axis], values, coordinate)
-    return {
-        k: (int(low[k, 0]), int(high[k, 0]) + 1, int(low[k, 1]), int(high[k, 1]) + 1)
-        for k in range(count)
-        if high[k, 0] >= 0
-    }
+def _boxes(fields: NDArray[np.int32]) -> dict[int, tuple[slice, slice]]:
+    """Bounding boxes of the values from 0 up."""
+    return {value: box for value, box in enumerate(find_objects(fields + 1)) if box is not None}
 
 
 def _renumber(labels: NDArray[np.uint8], names: dict[int, str]) -> tuple[NDArray[np.uint8], dict[int, str]]:
     """Consecutive element ids after drawing over each other."""
     table = np.arange(256, dtype=np.uint8)
-    used = [int(v) for v in np.unique(labels) if FIRST_ELEMENT <= v <= LAST_ELEMENT]
+    used = [int(v) for v in np.flatnonzero(np.bincount(labels.ravel())) if FIRST_ELEMENT <= v <= LAST_ELEMENT]
     for new, old in enumerate(used, FIRST_ELEMENT):
         table[old] = new
     return table[labels], {int(table[old]): name for old, name in names.items() if old in used}

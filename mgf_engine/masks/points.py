@@ -54,15 +54,18 @@ def vote(
         bool [N].
     """
     labels = masks.labels if isinstance(masks, MaskSet) else masks
-    cast = project_votes(points, scene, labels, views, config.vote_dilation)
     if config.strict_vote:
+        cast = project_votes(points, scene, labels, views, config.vote_dilation)
         return (cast.inside == len(views)) & (cast.outside == 0)
-    if tracks is not None:
-        seen = track_votes(scene, labels, views, config.vote_dilation)
-        inside, outside = seen.inside[tracks], seen.outside[tracks]
-        certain = inside + outside > 0
-        cast = Votes(np.where(certain, inside, cast.inside), np.where(certain, outside, cast.outside))
-    return decide(cast, config.vote_tolerance)
+    if tracks is None:
+        return decide(project_votes(points, scene, labels, views, config.vote_dilation), config.vote_tolerance)
+    seen = track_votes(scene, labels, views, config.vote_dilation)
+    inside, outside = seen.inside[tracks], seen.outside[tracks]
+    silent = np.flatnonzero(inside + outside == 0)
+    if len(silent):
+        cast = project_votes(points[silent], scene, labels, views, config.vote_dilation)
+        inside[silent], outside[silent] = cast.inside, cast.outside
+    return decide(Votes(inside, outside), config.vote_tolerance)
 
 
 def decide(votes: Votes, tolerance: float) -> NDArray[np.bool_]:

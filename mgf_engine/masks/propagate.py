@@ -166,18 +166,24 @@ class _Work:
         """
         result = np.zeros(len(self.views))
         votes = track_votes(self.scene, self.labels, list(self.views), self.config.vote_dilation)
-        for index in self.views:
-            result[index], accepted = self._disagreement(index, votes)
-            if result[index] <= DISAGREE_ABOVE:
-                continue
-            hints = self._hints(index, accepted)
-            before = agreement(building(self.labels[index]), hints)
-            again = self.segmenter.segment(index, self.scene.photo(index), hints, attempt=1)
-            if again.score > max(before, self.scores[index] - 0.02):
-                self.labels[index] = again.mask.astype(np.uint8)
-                self.scores[index] = again.score
-                result[index], _ = self._disagreement(index, votes)
+        for index, disagreement in self._parallel(lambda i: self._made_again(i, votes), self.views):
+            result[index] = disagreement
+            self.reporter.check()
         return result
+
+    def _made_again(self, index: int, votes: Votes) -> float:
+        """Make a mask again where all others contradict it; what they still contradict."""
+        result, accepted = self._disagreement(index, votes)
+        if result <= DISAGREE_ABOVE:
+            return result
+        hints = self._hints(index, accepted)
+        before = agreement(building(self.labels[index]), hints)
+        again = self.segmenter.segment(index, self.scene.photo(index), hints, attempt=1)
+        if again.score <= max(before, self.scores[index] - 0.02):
+            return result
+        self.labels[index] = again.mask.astype(np.uint8)
+        self.scores[index] = again.score
+        return self._disagreement(index, votes)[0]
 
     def _disagreement(self, index: int, votes: Votes) -> tuple[float, NDArray[np.bool_]]:
         """Share of this photo's points on which two others or more say otherwise, and what the others accept."""
@@ -202,20 +208,7 @@ class _Work:
         rows = np.arange(len(self.scene.points))
         point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
         extent = Extent(self.scene, self.shape, point_mask, self.graph.ground, self.graph.sight)
-        for index, view in enumerate(self.scene.views):
-            place = extent.place(index)
-            size = (view.width, view.height)
-            core = cv2.resize(place.core.astype(np.uint8), size) > 0
-            seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
-            labels, sky = self.labels[index], self._sky(index)
-            photo = self.scene.photo(index)
-            drawn = draw_skyline(photo, building(labels), sky)
-            drawn &= ~sky_through(photo, drawn, sky, view, self.shape.up, self._observed(index))
-            labels[:] = drawn
-            labels[self._strays(index, core, point_mask)] = BACKGROUND
-            labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
-            ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
-            labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN
+        for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         self._cut_ground(voters)
         openwork = self._add_openwork(point_mask)
@@ -226,6 +219,22 @@ class _Work:
         return Propagation(
             masks, reasons, self._doubt_texts(doubts), consistency(self.scene, masks, self.config.vote_dilation)
         )
+
+    def _finish_view(self, index: int, extent: Extent, accepted: NDArray[np.bool_]) -> None:
+        """The edge of one mask against the sky, what is stray in it, and what stands before it; in place."""
+        view, place = self.scene.views[index], extent.place(index)
+        size = (view.width, view.height)
+        core = cv2.resize(place.core.astype(np.uint8), size) > 0
+        seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
+        labels, sky = self.labels[index], self._sky(index)
+        photo = self.scene.photo(index)
+        drawn = draw_skyline(photo, building(labels), sky)
+        drawn &= ~sky_through(photo, drawn, sky, view, self.shape.up, self._observed(index))
+        labels[:] = drawn
+        labels[self._strays(index, core, accepted)] = BACKGROUND
+        labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
+        ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
+        labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN
 
     def _add_openwork(self, accepted: NDArray[np.bool_]) -> Openwork | None:
         """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.levels import Part
 from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.masks.threads import in_order
 from mgf_engine.scene.images import png_size
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import atomic_path, write_json
@@ -42,6 +43,7 @@ def save_masks(
     reasons: list[str],
     figures: dict[str, Any] | None = None,
     parts: Sequence[Part] = (),
+    threads: int = 1,
 ) -> None:
     """Write a mask set.
 
@@ -55,8 +57,8 @@ def save_masks(
     for path in (folder / "labels").glob("*.png"):
         if f"labels/{path.name}" not in files:
             path.unlink()
-    for labels, file in zip(masks.labels, files, strict=True):
-        write_png(folder / file, labels)
+    for _ in in_order(lambda i: write_png(folder / files[i], masks.labels[i]), range(len(files)), threads):
+        pass
     with atomic_path(folder / "points.bin") as temporary:
         temporary.write_bytes(masks.point_mask.astype(np.uint8).tobytes())
     listed = [
