@@ -65,9 +65,11 @@ def enlarge(values: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.f
     return np.asarray(cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def length(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Euclidean length of each pixel's three values; float32 [H, W, 3] -> [H, W]."""
-    return np.asarray(np.sqrt(cv2.transform(cv2.multiply(vectors, vectors), np.ones((1, 3), np.float32))), np.float32)
+def distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Euclidean distance of the colours of two pictures, pixel by pixel; float32 [H, W, 3] each -> [H, W]."""
+    away = cv2.subtract(first, second)
+    squares = cv2.transform(cv2.multiply(away, away), np.ones((1, 3), np.float32))
+    return np.asarray(cv2.sqrt(squares), np.float32)
 
 
 def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:

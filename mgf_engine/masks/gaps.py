@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from mgf_engine.masks.appearance import lab_of
-from mgf_engine.masks.around import enlarge, length, mean_around
+from mgf_engine.masks.around import distance, enlarge, mean_around
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.silhouette import OVER_HORIZON, outline, over_horizon
 from mgf_engine.scene.model import View
 
 #: CIELAB distance between the sky and the building around a gap; a wall as pale as the sky is no gap.
 CONTRAST = 20.0
+#: Degrees over the horizon down to which sky is looked for.
+HORIZON = 0.0
 SMALLEST = 6  # px
 #: Share of the building below the horizon, where no sky is, that may have its colour: beyond, colour proves nothing.
 PALE = 0.03
@@ -39,10 +41,10 @@ def sky_through(
     up: NDArray[np.float64],
     points: NDArray[np.floating],
 ) -> NDArray[np.bool_]:
-    """Pixels of a mask that are sky behind the building, [H, W].
+    """Pixels that are sky behind the building, [H, W].
 
     Args:
-        photo: RGB uint8 [H, W, 3]; mask: [H, W], the building; sky: [H, W], regions that are sky.
+        photo: RGB uint8 [H, W, 3]; mask: [H, W], where the building is or may be; sky: [H, W], regions that are sky.
         up: [3], normalised frame.
         points: [N, 2], pixels in which this photo observed sparse points: a window that mirrors the sky has as many as
             the wall around it.
@@ -50,7 +52,7 @@ def sky_through(
     none = np.zeros_like(mask)
     if not sky.any():
         return none
-    seen = outline(photo, sky, view, up)
+    seen = outline(photo, sky, view, up, degrees=HORIZON)
     gaps = seen.empty & mask
     if not gaps.any():
         return none
@@ -85,6 +87,6 @@ def _contrasts(
 ) -> NDArray[np.float64]:
     """CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
     around = mean_around(lab, body, AROUND * max(body.shape))
-    away = length(lab - enlarge(around.colour, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
+    away = distance(lab, enlarge(around.colour, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
     sums = np.bincount(pieces[gaps], away[gaps], minlength=count)
     return np.asarray(sums / np.maximum(np.bincount(pieces[gaps], minlength=count), 1), np.float64)

@@ -27,11 +27,17 @@ def leaves_before(labels: NDArray[np.uint8], leafy: NDArray[np.floating]) -> NDA
         leafy: [H, W], how much each pixel looks like leaves, 0..1.
     """
     outside = labels == BACKGROUND
-    corners = cv2.findNonZero((~outside).astype(np.uint8))
-    if corners is None:
+    if outside.all():
         return np.zeros_like(outside)
     hull = np.zeros(labels.shape, np.uint8)
-    cv2.fillConvexPoly(hull, cv2.convexHull(corners), 1)
+    cv2.fillConvexPoly(hull, cv2.convexHull(_ends(~outside)), 1)
     reach = max(1, round(GAPS * max(labels.shape)))
     leaves = shrink(grow(leafy > LEAFY, reach), reach)
     return np.asarray((hull > 0) & leaves & outside, bool)
+
+
+def _ends(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """The first and last pixel (x, y) of the mask in every row that has any: all that a hull needs, [N, 2]."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    first, last = mask[rows].argmax(axis=1), mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)
+    return np.stack([np.concatenate([first, last]), np.concatenate([rows, rows])], axis=1).astype(np.int32)

@@ -229,8 +229,8 @@ class _Work:
         labels, sky = self.labels[index], self._sky(index)
         photo = self.scene.photo(index)
         drawn = draw_skyline(photo, building(labels), sky)
-        drawn &= ~sky_through(photo, drawn, sky, view, self.shape.up, self._observed(index))
-        labels[:] = drawn
+        through = sky_through(photo, drawn | seen, sky, view, self.shape.up, self._observed(index))
+        labels[:], sky = drawn & ~through, sky | through
         labels[self._strays(index, core, accepted)] = BACKGROUND
         labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
         ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
@@ -251,7 +251,7 @@ class _Work:
         seen = GroundSeen(self.scene, self.graph.ground)
         if not seen.shows_through(voters, lambda i: building(self.labels[i])):
             return
-        for index, through in self._parallel(lambda i: seen.through(i, building(self.labels[i])), self.views):
+        for index, through in self._parallel(lambda i: seen.through(i, self.labels[i] != BACKGROUND), self.views):
             self.labels[index][through.certain] = BACKGROUND
             self.labels[index][through.possible] = UNKNOWN
 

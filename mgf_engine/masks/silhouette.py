@@ -17,7 +17,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.masks.appearance import lab_of
-from mgf_engine.masks.around import length
+from mgf_engine.masks.around import distance
 from mgf_engine.scene.model import View
 
 #: CIELAB distance to the sky around below which a pixel is sky; where the sky itself is uneven, so many times what
@@ -50,20 +50,22 @@ def outline(
     view: View,
     up: NDArray[np.float64],
     widths: Sequence[float] = WIDTHS,
+    degrees: float = OVER_HORIZON,
 ) -> Outline:
     """Tell sky from what stands before it, over the horizon of the photo.
 
     Args:
         photo: RGB uint8 [H, W, 3]; sky: [H, W], regions that are sky; up: [3], normalised frame.
         widths: how far around a pixel sky may be to know its colour, see :data:`WIDTHS`.
+        degrees: over the horizon from which anything is told.
     """
-    over = over_horizon(view, up)
+    over = over_horizon(view, up, degrees)
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not (sure & over).any():
         return Outline(np.zeros_like(sky), np.zeros_like(sky))
     lab = lab_of(photo)
     around, known = _sky_around(lab, sure, widths)
-    away = length(lab - around)
+    away = distance(lab, around)
     most = max(SKY_STEP, SKY_SPREAD * float(np.percentile(away[sure], 95)))
     return Outline(over & known & (away < most), over & known & (away > 2 * most))
 

@@ -14,7 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.masks.appearance import lab_of
-from mgf_engine.masks.around import enlarge, grow, length, mean_around, shrink
+from mgf_engine.masks.around import distance, enlarge, grow, mean_around, shrink
 from mgf_engine.masks.regions import Regions
 
 #: CIELAB steps between regions that the sky may pass; the largest at which it stays free of points is taken.
@@ -105,9 +105,9 @@ def _like_sky(
     above = mean_around(lab, sure, 2.0 * reach)
     below = mean_around(lab, shrink(mask, reach), 2.0 * reach)
     told = below.weight > SEEN
-    contrast = length(above.colour - below.colour)
+    contrast = distance(above.colour, below.colour)
     most = np.where(told, np.clip(0.4 * contrast, SKYLINE_STEPS[0], step), np.float32(SKYLINE_STEPS[0]))
-    like = length(lab - enlarge(above.colour, mask.shape)) < enlarge(most, mask.shape)
+    like = distance(lab, enlarge(above.colour, mask.shape)) < enlarge(most, mask.shape)
     near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > SEEN)
     clear = near & like & _joined(like & (near | sure), sure)
     # A wall as bright as the sky behind it cannot be told from it: there the regions know better.

@@ -3,7 +3,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mgf_engine.masks.around import enlarge, grow, length, mean_around, shrink
+from mgf_engine.masks.around import distance, enlarge, grow, mean_around, shrink
 
 
 def picture(height: int = 150, width: int = 230) -> tuple[np.ndarray, np.ndarray]:
@@ -34,9 +34,10 @@ def test_mean_of_nothing_has_no_weight() -> None:
     assert not found.weight.any() and np.isfinite(found.colour).all()
 
 
-def test_length_is_the_norm() -> None:
+def test_distance_is_the_norm_of_the_difference() -> None:
     colours, _ = picture()
-    assert np.allclose(length(colours), np.linalg.norm(colours, axis=2), rtol=1e-5)
+    other = colours[::-1].copy()
+    assert np.allclose(distance(colours, other), np.linalg.norm(colours - other, axis=2), rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("radius", [3, 9, 24])

@@ -3,12 +3,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
-from mast import HEIGHT, SKY, UP, WIDTH, look, photograph
+from mast import HEIGHT, SKY, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
-from mgf_engine.masks.gaps import sky_through
+from mgf_engine.masks.gaps import HORIZON, sky_through
+from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN
+from mgf_engine.masks.propagate import _Work
 from mgf_engine.masks.silhouette import over_horizon
 
 VIEW = look(0.9, 0.3)
@@ -31,7 +36,7 @@ def test_the_sky_between_bars_is_no_building() -> None:
     photo, hut, mast = photograph(VIEW)
     mask = around(mast) | hut
     found = sky_through(photo, mask, large_sky(mask), VIEW, UP, NO_POINTS)
-    air = mask & OVER & ~mast & ~hut
+    air = mask & over_horizon(VIEW, UP, HORIZON) & ~mast & ~hut
     assert air.sum() > 200
     assert (found & ~air).sum() == 0
     assert (found & air).sum() > 0.9 * air.sum()
@@ -80,3 +85,29 @@ def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
 def test_without_sky_nothing_is_cut() -> None:
     photo, hut, mast = photograph(VIEW)
     assert not sky_through(photo, hut | mast, np.zeros_like(hut), VIEW, UP, NO_POINTS).any()
+
+
+class _Everywhere:
+    """An extent that expects the building all over the photo, as it does between the bars of a frame."""
+
+    def place(self, index: int) -> SimpleNamespace:
+        shape = (HEIGHT // 2, WIDTH // 2)
+        return SimpleNamespace(core=np.ones(shape, bool), ground_first=np.zeros(shape, bool))
+
+
+def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
+    """Unknown pixels do not vote: nothing would say that the air between the bars is empty."""
+    _, hut, mast = photograph(VIEW)
+    work = object.__new__(_Work)
+    work.scene, work.prompts = make_scene(tmp_path, [VIEW]), {}
+    work.owner, work.shape = work.scene.track_point, SimpleNamespace(up=UP)
+    mask = around(mast) | hut
+    work.labels = [mask.astype(np.uint8)]
+    sky = large_sky(mask)
+    work.regions = [SimpleNamespace(labels=sky.astype(np.int64))]
+    work.graph = SimpleNamespace(start=[0, 2], sky=np.array([0, 1]), plants=np.zeros(2))
+    work._finish_view(0, _Everywhere(), np.ones(len(work.scene.points), bool))
+    air = mask & OVER & ~mast & ~hut
+    assert (work.labels[0][air] == BACKGROUND).mean() > 0.9
+    assert (work.labels[0][mast & OVER] == BUILDING).mean() > 0.9
+    assert (work.labels[0][~mask & ~OVER] == UNKNOWN).any()  # where the building is expected and something else is seen

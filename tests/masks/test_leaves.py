@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from mgf_engine.masks.leaves import leaves_before
@@ -43,3 +44,13 @@ def test_a_building_that_is_unknown_at_one_end_reaches_that_far():
     labels, leafy = scene()
     labels[30:90, 110:160] = UNKNOWN
     assert leaves_before(labels, leafy)[30:90, 90:110].all()
+
+
+def test_the_hull_of_a_ragged_building_is_that_of_all_its_pixels():
+    rng = np.random.default_rng(1)
+    labels = np.where(rng.random((60, 90)) > 0.995, BUILDING, BACKGROUND).astype(np.uint8)
+    corners = cv2.findNonZero(labels)
+    hull = np.zeros(labels.shape, np.uint8)
+    cv2.fillConvexPoly(hull, cv2.convexHull(corners), 1)
+    found = leaves_before(labels, np.ones(labels.shape))
+    assert (found == ((hull > 0) & (labels == BACKGROUND))).all()
