@@ -40,8 +40,9 @@ class Openwork:
     def draw(self, scene: Scene, labels: Sequence[NDArray[np.uint8]]) -> None:
         """Add the parts to every photo's label map, in place."""
         for view, seen, shown in zip(scene.views, self.outlines, labels, strict=True):
-            covered = self.hull.cover(view) & (shown == BACKGROUND)
-            shown[covered & ~seen.empty] = UNKNOWN
+            covered = self.hull.cover(view) & ~building(shown)
+            shown[covered] = UNKNOWN
+            shown[covered & seen.empty] = BACKGROUND
             shown[covered & seen.solid] = BUILDING
 
 

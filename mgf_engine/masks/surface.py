@@ -63,7 +63,10 @@ class Surface:
     def depth(self, view: View, h: int, w: int) -> NDArray[np.float32]:
         """Depth at which each map pixel meets the surface first, infinite where it does not, [h, w]."""
         pixels, depth, _ = self.project(view, h, w)
-        return _splat(pixels, depth, SPLAT * self.cell * view.fx / depth * w / view.width, h, w)
+        near = _splat(pixels, depth, SPLAT * self.cell * view.fx / depth * w / view.width, h, w)
+        if self.cell > self.tolerance:  # few samples: where they lie unevenly, a pixel between them is missed
+            near = np.asarray(cv2.morphologyEx(near, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.float32)
+        return near
 
 
 def make_surface(

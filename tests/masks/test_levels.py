@@ -95,3 +95,17 @@ def test_one_name_is_one_part_even_without_points():
     maps = [np.full((10, 20), 2, np.uint8)] * 2
     parts = tie_parts(scene, maps, [{2: "door"}, {2: "door"}])
     assert [(p.name, sorted(p.elements)) for p in parts] == [("door", [(0, 2), (1, 2)])]
+
+
+def test_what_is_far_from_the_building_changes_no_element(facade: tuple[np.ndarray, np.ndarray]):
+    photo, labels = facade
+    large = np.zeros((300, 500, 3), np.uint8)
+    large[80:220, 150:350] = photo
+    around = np.zeros((300, 500), np.uint8)
+    around[80:220, 150:350] = labels
+    other = large.copy()
+    far = np.ones((300, 500), bool)
+    far[60:240, 130:370] = False
+    other[far] = np.random.default_rng(1).integers(0, 255, (int(far.sum()), 3))
+    first, second = (add_elements(around, picture, {}, None)[0] for picture in (large, other))
+    assert (first == second).all() and first.max() >= FIRST_ELEMENT
