@@ -29,7 +29,7 @@ from mgf_engine.scene.model import Scene, View
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
 #: Samples of the building are so many map pixels apart at least, in the photos taken from closest by.
-FINE, CLOSE_BY = 1.5, 10
+FINE, CLOSE_BY = 1.25, 10
 CORE = 1.5  # spacings of the points
 SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
 STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
