@@ -21,15 +21,17 @@ from mgf_engine.scene.model import View
 
 #: CIELAB distance between the sky and the building around a gap; a wall as pale as the sky is no gap.
 CONTRAST = 20.0
-#: Degrees over the horizon down to which sky is looked for.
-HORIZON = 0.0
+#: Degrees over the horizon down to which sky is looked for, and the share of a piece that may lie below it all the
+#: same: a pale column reaches down to its foot.
+HORIZON, FOOT = 0.0, 0.05
 SMALLEST = 6  # px
 #: Share of the building below the horizon, where no sky is, that may have its colour: beyond, colour proves nothing.
 PALE = 0.03
 BIN = 4.0  # CIELAB; colours of the sky are counted in bins of this side
 #: Points that a gap may hold all the same (features between bars), or such a share of what as much building holds.
 FEW_POINTS, CROWDED = 1, 0.5
-RIM = 3  # px: a point so near to the edge of a gap is a corner of what is around it
+#: px: a point so near to the edge of a gap is a corner of what is around it, if the gap has so many pixels farther in.
+RIM, DEEP = 3, 30
 AROUND = 0.03  # share of the longer side: the building around a gap
 
 
@@ -52,24 +54,33 @@ def sky_through(
     none = np.zeros_like(mask)
     if not sky.any():
         return none
-    seen = outline(photo, sky, view, up, degrees=HORIZON)
+    seen = outline(photo, sky, view, up, degrees=-90)
+    over, under = over_horizon(view, up, HORIZON), ~over_horizon(view, up, -OVER_HORIZON)
     gaps = seen.empty & mask
-    if not gaps.any():
+    if not (gaps & over).any():
         return none
     lab = lab_of(photo)
     clear = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((9, 9), np.uint8), borderValue=1) > 0
-    if _pale(lab, mask & ~over_horizon(view, up, -OVER_HORIZON), clear & over_horizon(view, up)) > PALE:
+    if _pale(lab, mask & under, clear & over_horizon(view, up)) > PALE:
         return none
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(gaps.astype(np.uint8), connectivity=4)
     good = stats[:, cv2.CC_STAT_AREA] >= SMALLEST
+    good &= np.bincount(pieces[gaps & under], minlength=count) <= FOOT * stats[:, cv2.CC_STAT_AREA]
     y, x = pixel_at(mask.shape, points)
-    deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * RIM + 1,) * 2, np.uint8), borderValue=1) > 0
-    inside = np.bincount(pieces[y, x][deep[y, x]], minlength=count)
+    counting = _counting(gaps, pieces, count)
+    inside = np.bincount(pieces[y, x][counting[y, x]], minlength=count)
     usual = mask[y, x].sum() / max(int(mask.sum()), 1)
-    good &= inside <= np.maximum(FEW_POINTS, CROWDED * usual * np.bincount(pieces[deep], minlength=count))
+    good &= inside <= np.maximum(FEW_POINTS, CROWDED * usual * np.bincount(pieces[counting], minlength=count))
     good &= _contrasts(lab, gaps, mask & seen.solid, pieces, count) > CONTRAST
     good[0] = False
-    return np.asarray(good[pieces], bool)
+    return np.asarray(good[pieces] & over, bool)
+
+
+def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int) -> NDArray[np.bool_]:
+    """Where points lie in a piece and not on its edge, [H, W]; all of it where hardly anything is farther in."""
+    deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * RIM + 1,) * 2, np.uint8), borderValue=1) > 0
+    large = np.bincount(pieces[deep], minlength=count) >= DEEP
+    return np.asarray(gaps & (deep | ~large[pieces]), bool)
 
 
 def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_]) -> float:

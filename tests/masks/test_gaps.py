@@ -66,6 +66,19 @@ def test_a_white_wall_under_a_dark_cornice_stays() -> None:
     assert sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
 
 
+def test_a_pale_column_before_bricks_stays() -> None:
+    """It has the colour of the sky above the horizon and below, and bricks beside it to stand out against."""
+    photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
+    photo[:] = SKY
+    photo[round(VIEW.cy) :] = (110, 120, 70)
+    wall = np.zeros((HEIGHT, WIDTH), bool)
+    wall[50:150, 20:220] = True
+    photo[wall], photo[50:150, 118:122] = (150, 70, 55), SKY
+    assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    photo[75:150, 118:122] = (150, 70, 55)
+    assert sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()  # a gap that ends over the horizon
+
+
 def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
     photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
     photo[:] = SKY
