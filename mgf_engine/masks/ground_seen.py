@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.threads import in_order
 from mgf_engine.scene.model import Scene, View
 
 PHOTOS, FEWEST = 12, 4  # compared with at most, and at least
@@ -74,15 +75,19 @@ class GroundSeen:
         self.scene, self.ground = scene, ground
         self._lab: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * PHOTOS)(self._read)
 
-    def shows_through(self, views: Sequence[int], mask_of: Callable[[int], NDArray[np.bool_]]) -> bool:
+    def shows_through(
+        self, views: Sequence[int], mask_of: Callable[[int], NDArray[np.bool_]], threads: int = 1
+    ) -> bool:
         """Whether the building is an open one, from some of the views and their masks [H, W]."""
-        tried = list(views)[:: max(1, len(views) // TRIED)]
-        ground = total = 0
-        for index in tried:
+
+        def share(index: int) -> tuple[int, int]:
             mask = mask_of(index)
             inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * RIM + 1,) * 2, np.uint8)) > 0
-            ground, total = ground + int((self.within(index, mask) & inside).sum()), total + int(inside.sum())
-        return ground > OPEN * total
+            return int((self.within(index, mask) & inside).sum()), int(inside.sum())
+
+        tried = list(views)[:: max(1, len(views) // TRIED)]
+        found = [counts for _, counts in in_order(share, tried, threads)]
+        return sum(ground for ground, _ in found) > OPEN * sum(total for _, total in found)
 
     def through(self, index: int, mask: NDArray[np.bool_]) -> Through:
         """The ground in a mask [H, W], and what is near to it and has its colour."""

@@ -249,7 +249,7 @@ class _Work:
         if self.graph.ground is None:
             return
         seen = GroundSeen(self.scene, self.graph.ground)
-        if not seen.shows_through(voters, lambda i: building(self.labels[i])):
+        if not seen.shows_through(voters, lambda i: building(self.labels[i]), self.threads):
             return
         for index, through in self._parallel(lambda i: seen.through(i, self.labels[i] != BACKGROUND), self.views):
             self.labels[index][through.certain] = BACKGROUND
