@@ -16,6 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.around import distance, enlarge, mean_around
+from mgf_engine.masks.extent import ground_depth
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.threads import in_order
 from mgf_engine.scene.model import Scene, View
@@ -97,7 +99,8 @@ class GroundSeen:
     def within(self, index: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Pixels of a mask [H, W] in which other photos confirm the ground, [H, W]."""
         result = np.zeros_like(mask)
-        depth = plane_depth(self.scene.views[index], self.ground)
+        view = self.scene.views[index]
+        depth = ground_depth(view, self.ground, view.height, view.width)
         box = _box_of(mask & np.isfinite(depth))
         others = self._others(index, mask, depth) if box is not None else []
         if box is None or len(others) < FEWEST:
@@ -223,8 +226,7 @@ class _Patches:
 
     def away(self, lab: NDArray[np.uint8]) -> NDArray[np.float32]:
         """CIELAB distance, [h, w]."""
-        apart = self.colour - _smooth(lab)
-        return np.asarray(np.sqrt(np.einsum("hwc,hwc->hw", apart, apart)), np.float32)
+        return distance(self.colour, _smooth(lab))
 
 
 def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -232,9 +234,7 @@ def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[
     if not ground.any():
         return ground
     colour = _smooth(lab)
-    weight = cv2.GaussianBlur(ground.astype(np.float32), (0, 0), REACH)
-    mean = cv2.GaussianBlur(colour * ground[..., None], (0, 0), REACH) / np.maximum(weight, 1e-5)[..., None]
-    away = np.sqrt(((colour - mean) ** 2).sum(2))
+    away = distance(colour, enlarge(mean_around(colour, ground, REACH).colour, ground.shape))
     near = cv2.dilate(ground.astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0
     return np.asarray(near & (away < np.percentile(away[ground], USUAL)), bool)
 
@@ -249,18 +249,6 @@ def homography(view: View, other: View, ground: Ground) -> NDArray[np.float64]:
     own = np.array([[view.fx, 0, view.cx - 0.5], [0, view.fy, view.cy - 0.5], [0, 0, 1]])
     others = np.array([[other.fx, 0, other.cx - 0.5], [0, other.fy, other.cy - 0.5], [0, 0, 1]])
     return np.asarray(others @ matrix @ np.linalg.inv(own), np.float64)
-
-
-def plane_depth(view: View, ground: Ground) -> NDArray[np.float64]:
-    """Depth at which each pixel's ray meets the ground, infinite where it does not, [H, W]."""
-    x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
-    y = (np.arange(view.height) + 0.5 - view.cy) / view.fy
-    normal = view.rotation @ ground.normal
-    slope = normal[0] * x[None, :] + normal[1] * y[:, None] + normal[2]
-    above = float(ground.height(view.centre[None])[0])
-    depth = np.full(slope.shape, np.inf)
-    np.divide(-above, slope, out=depth, where=slope * np.sign(above) < -1e-9)
-    return depth
 
 
 def _box_of(mask: NDArray[np.bool_]) -> _Box | None:

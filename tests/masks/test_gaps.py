@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
-from mast import HEIGHT, SKY, UP, WIDTH, look, make_scene, photograph
+from mast import HEIGHT, LAND, SKY, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
 from mgf_engine.masks.gaps import HORIZON, sky_through
@@ -32,6 +32,13 @@ def large_sky(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return OVER & (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
 
 
+def land_under_sky() -> NDArray[np.uint8]:
+    photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
+    photo[:] = SKY
+    photo[round(VIEW.cy) :] = LAND
+    return photo
+
+
 def test_the_sky_between_bars_is_no_building() -> None:
     photo, hut, mast = photograph(VIEW)
     mask = around(mast) | hut
@@ -43,9 +50,7 @@ def test_the_sky_between_bars_is_no_building() -> None:
 
 
 def test_a_wall_as_pale_as_the_sky_stays() -> None:
-    photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
-    photo[:] = SKY
-    photo[round(VIEW.cy) :] = (110, 120, 70)
+    photo = land_under_sky()
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[30:78, 60:120] = True
     photo[wall] = (186, 206, 231)
@@ -55,9 +60,7 @@ def test_a_wall_as_pale_as_the_sky_stays() -> None:
 
 def test_a_white_wall_under_a_dark_cornice_stays() -> None:
     """What tells is its foot: no sky is seen below the horizon."""
-    photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
-    photo[:] = SKY
-    photo[round(VIEW.cy) :] = (110, 120, 70)
+    photo = land_under_sky()
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[30:130, 40:200] = True
     photo[wall], photo[30:36, 40:200] = SKY, 10
@@ -68,9 +71,7 @@ def test_a_white_wall_under_a_dark_cornice_stays() -> None:
 
 def test_a_pale_column_before_bricks_stays() -> None:
     """It has the colour of the sky above the horizon and below, and bricks beside it to stand out against."""
-    photo = np.empty((HEIGHT, WIDTH, 3), np.uint8)
-    photo[:] = SKY
-    photo[round(VIEW.cy) :] = (110, 120, 70)
+    photo = land_under_sky()
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[50:150, 20:220] = True
     photo[wall], photo[50:150, 118:122] = (150, 70, 55), SKY

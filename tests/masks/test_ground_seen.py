@@ -12,8 +12,9 @@ import pytest
 from mast import UP, make_scene
 from numpy.typing import NDArray
 
+from mgf_engine.masks.extent import ground_depth
 from mgf_engine.masks.ground import Ground
-from mgf_engine.masks.ground_seen import GroundSeen, homography, plane_depth
+from mgf_engine.masks.ground_seen import GroundSeen, homography
 from mgf_engine.scene.model import View
 
 WIDTH, HEIGHT, FOCAL = 300, 240, 500.0
@@ -58,7 +59,7 @@ def photograph(view: View, lattice: bool) -> tuple[NDArray[np.uint8], NDArray[np
     solid = (np.abs(wall[..., 1]) < HALF) & (wall[..., 2] > 0) & (wall[..., 2] < TOP)
     if lattice:
         solid &= (np.mod(wall[..., 1:] + BAR / 2, STEP) < BAR).any(-1)
-    ground = view.centre + rays * plane_depth(view, GROUND)[..., None]
+    ground = view.centre + rays * ground_depth(view, GROUND, HEIGHT, WIDTH)[..., None]
     return np.where(solid[..., None], texture(1, wall[..., 1:]), texture(0, ground[..., :2])), solid
 
 
@@ -96,10 +97,10 @@ def test_the_plane_leads_from_one_photo_to_the_other() -> None:
 def test_depth_of_the_ground_is_that_of_its_points() -> None:
     uv, wanted = VIEWS[0].project(np.array([[0.2, 0.5, 0.0]]))
     column, row = np.floor(uv[0]).astype(int)
-    assert abs(plane_depth(VIEWS[0], GROUND)[row, column] / wanted[0] - 1) < 0.01
+    assert abs(ground_depth(VIEWS[0], GROUND, HEIGHT, WIDTH)[row, column] / wanted[0] - 1) < 0.01
     level = replace(VIEWS[0], rotation=np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]]))
-    assert np.isinf(plane_depth(level, GROUND)[: HEIGHT // 2]).all()  # over the horizon
-    assert np.isfinite(plane_depth(level, GROUND)[HEIGHT // 2 :]).all()
+    assert np.isinf(ground_depth(level, GROUND, HEIGHT, WIDTH)[: HEIGHT // 2]).all()  # over the horizon
+    assert np.isfinite(ground_depth(level, GROUND, HEIGHT, WIDTH)[HEIGHT // 2 :]).all()
 
 
 def test_ground_between_bars_is_found_and_bars_are_not(frame: GroundSeen) -> None:
