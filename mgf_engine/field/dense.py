@@ -8,7 +8,6 @@ between neighbours gives depth in seconds, and only what several pairs say alike
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -20,6 +19,7 @@ from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
+from mgf_engine.threads import in_order
 
 _NEIGHBOURS = 3
 _TOLERANCE = 0.008  # relative difference of depth at which two views agree
@@ -38,24 +38,24 @@ def dense_points(
     Returns:
         points [N, 3] (normalised frame), colors uint8 [N, 3], and a camera centre that sees each, [N, 3].
     """
-    photos = {i: _photo(scene, masks, i) for i in views}
+    threads = threads or cores()
+    photos = dict(in_order(lambda i: _photo(scene, masks, i), views, threads))
     neighbours = matching_views(scene, masks, views, _NEIGHBOURS)
     pairs = [(i, j) for i in views for j in neighbours[i]]
     sets = point_sets(scene, masks)
 
-    def work(pair: tuple[int, int]) -> NDArray[np.float32] | None:
-        common = np.intersect1d(sets[pair[0]], sets[pair[1]])
-        return pair_depth(photos[pair[0]], photos[pair[1]], scene.points[common])
+    def matched(row: int) -> NDArray[np.float32] | None:
+        i, j = pairs[row]
+        return pair_depth(photos[i], photos[j], scene.points[np.intersect1d(sets[i], sets[j])])
 
     depths: dict[int, list[NDArray[np.float32]]] = {i: [] for i in views}
-    with ThreadPoolExecutor(threads or cores()) as pool:
-        for (i, _), depth in zip(pairs, pool.map(work, pairs), strict=True):
-            reporter.check()
-            if depth is not None:
-                depths[i].append(depth)
-    merged = {i: _merge(depths[i]) for i in views if depths[i]}
-    found = [_agreed(i, merged, photos, neighbours, scene) for i in merged]
-    found = [f for f in found if len(f[0])]
+    for row, depth in in_order(matched, range(len(pairs)), threads):
+        reporter.check()
+        if depth is not None:
+            depths[pairs[row][0]].append(depth)
+    merged = dict(in_order(lambda i: _merge(depths[i]), [i for i in views if depths[i]], threads))
+    agreed = in_order(lambda i: _agreed(i, merged, photos, neighbours, scene), merged, threads)
+    found = [f for _, f in agreed if len(f[0])]
     if not found:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros((0, 3))
     points, colors, towards = (np.concatenate(parts) for parts in zip(*found, strict=True))

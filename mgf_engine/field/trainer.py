@@ -35,6 +35,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.raster.device import choose_device, rendered_nothing
 from mgf_engine.scene.model import Scene
+from mgf_engine.system import cores
 
 log = logging.getLogger("mgf")
 CHECKPOINT = "training.npz"
@@ -78,7 +79,7 @@ class _Trainer:
             if self.checkpoint_path.exists():
                 reporter.warning("The checkpoint of the field is damaged; training starts over.")
             field = start_field(scene, masks, self.views, config, reporter)
-            update_filter(field, [scene.views[i] for i in self.views])
+            self._update_filter(field)
             figures = {"start_gaussians": len(field), "curve": [], "seconds": {}}
             found = Checkpoint(Optimiser(field), RenderStats.zeros(len(field)), 0, figures)
         self.optimiser, self.stats = found.optimiser.to(self.device), found.stats.to(self.device)
@@ -164,8 +165,11 @@ class _Trainer:
             refine(self.optimiser, self.stats, keep, budget, config, grow)
             if len(self.optimiser.field) == 0:
                 raise BadInput("The field has died out: no Gaussian explains the masks; check the masks and cameras.")
-            update_filter(self.optimiser.field, [self.scene.views[i] for i in self.views])
+            self._update_filter(self.optimiser.field)
             self.stats = RenderStats.zeros(len(self.optimiser.field), self.device)
+
+    def _update_filter(self, field: Gaussians) -> None:
+        update_filter(field, [self.scene.views[i] for i in self.views], self.config.threads or cores())
 
     def _mask_vote(self, field: Gaussians) -> torch.Tensor:
         points = field.positions.detach().double().cpu().numpy()

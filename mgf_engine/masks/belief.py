@@ -29,8 +29,8 @@ from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.regions import Regions
 from mgf_engine.masks.shape import Shape, clicked_groups
 from mgf_engine.masks.sky import find_sky
-from mgf_engine.masks.threads import in_order
 from mgf_engine.scene.model import Scene, View
+from mgf_engine.threads import in_order
 
 Array = NDArray[np.float64]
 

@@ -28,10 +28,10 @@ from mgf_engine.masks.segmenters.efficientsam import EfficientSam
 from mgf_engine.masks.segmenters.grabcut import GrabCut
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.supplied import read_supplied
-from mgf_engine.masks.threads import in_order, plain_opencv
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
+from mgf_engine.threads import in_order, plain_opencv
 
 SLIP = 10  # px that a click may lie beside the building
 _NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks."

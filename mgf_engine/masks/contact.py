@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.model import UNKNOWN, MaskSet, building
 from mgf_engine.masks.store import write_png
-from mgf_engine.masks.threads import in_order
 from mgf_engine.scene.model import Scene
+from mgf_engine.threads import in_order
 
 TILE = 320  # px, width of one photo on the sheet
 CAPTION = 34

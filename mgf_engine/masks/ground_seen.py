@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from mgf_engine.masks.around import distance, enlarge, mean_around
 from mgf_engine.masks.extent import ground_depth
 from mgf_engine.masks.ground import Ground
-from mgf_engine.masks.threads import in_order
 from mgf_engine.scene.model import Scene, View
+from mgf_engine.threads import in_order
 
 PHOTOS, FEWEST = 12, 4  # compared with at most, and at least
 #: Degrees between the directions in which two photos see the ground: nearer ones see the building in the same place

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.masks.model import UNKNOWN, MaskSet, building
 from mgf_engine.scene.model import Scene
+from mgf_engine.system import cores
+from mgf_engine.threads import in_order
 
 LabelMaps = Sequence[NDArray[np.uint8]]
 #: Few votes cannot speak with one voice: half of them may be wrong, up to this many.
@@ -54,16 +56,17 @@ def vote(
         bool [N].
     """
     labels = masks.labels if isinstance(masks, MaskSet) else masks
+    threads = config.threads or cores()
     if config.strict_vote:
-        cast = project_votes(points, scene, labels, views, config.vote_dilation)
+        cast = project_votes(points, scene, labels, views, config.vote_dilation, threads)
         return (cast.inside == len(views)) & (cast.outside == 0)
     if tracks is None:
-        return decide(project_votes(points, scene, labels, views, config.vote_dilation), config.vote_tolerance)
+        return decide(project_votes(points, scene, labels, views, config.vote_dilation, threads), config.vote_tolerance)
     seen = track_votes(scene, labels, views, config.vote_dilation)
     inside, outside = seen.inside[tracks], seen.outside[tracks]
     silent = np.flatnonzero(inside + outside == 0)
     if len(silent):
-        cast = project_votes(points[silent], scene, labels, views, config.vote_dilation)
+        cast = project_votes(points[silent], scene, labels, views, config.vote_dilation, threads)
         inside[silent], outside[silent] = cast.inside, cast.outside
     return decide(Votes(inside, outside), config.vote_tolerance)
 
@@ -76,17 +79,23 @@ def decide(votes: Votes, tolerance: float) -> NDArray[np.bool_]:
 
 
 def project_votes(
-    points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int
+    points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
 ) -> Votes:
     """Votes by projection (eq. 2): every view with the point in front of it and inside its frame."""
-    inside, outside = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
-    for index in views:
+
+    def cast(index: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         view = scene.views[index]
         uv, depth = view.project(points)
-        valid = (depth > 0) & np.isfinite(uv).all(1)
-        valid &= (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+        valid = depth > 0  # comparisons with a pixel that is not a number are false
+        for axis, size in enumerate((view.width, view.height)):
+            valid &= (uv[:, axis] >= 0) & (uv[:, axis] < size)
         rows = np.flatnonzero(valid)
-        _count(labels[index], uv[rows], rows, dilation, inside, outside)
+        return _cast(labels[index], uv[rows], rows, dilation)
+
+    inside, outside = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
+    for _, (hit, missed) in in_order(cast, views, threads):
+        inside[hit] += 1
+        outside[missed] += 1
     return Votes(inside, outside)
 
 
@@ -97,7 +106,9 @@ def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation:
     owner = scene.track_point
     for index in views:
         here = np.flatnonzero(scene.track_view == index)
-        _count(labels[index], scene.track_uv[here], owner[here], dilation, inside, outside)
+        hit, missed = _cast(labels[index], scene.track_uv[here], owner[here], dilation)
+        np.add.at(inside, hit, 1)  # a track may hold a photo twice
+        np.add.at(outside, missed, 1)
     return Votes(inside, outside)
 
 
@@ -108,22 +119,16 @@ def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[
     return y, x
 
 
-def _count(
-    labels: NDArray[np.uint8],
-    uv: NDArray[np.floating],
-    rows: NDArray[np.int64],
-    dilation: int,
-    inside: NDArray[np.int32],
-    outside: NDArray[np.int32],
-) -> None:
-    """Add one view's votes; unknown pixels abstain unless the grown mask covers them."""
+def _cast(
+    labels: NDArray[np.uint8], uv: NDArray[np.floating], rows: NDArray[np.int64], dilation: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of the rows seen at uv, those one view votes for and against; unknown pixels outside the grown mask abstain."""
     if not len(rows):
-        return
+        return rows, rows
     mask = building(labels)
     if dilation > 0:
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * dilation + 1, 2 * dilation + 1))
         mask = cv2.dilate(mask.astype(np.uint8), kernel).astype(bool)
     y, x = pixel_at(labels.shape, uv)
     hit = mask[y, x]
-    np.add.at(inside, rows[hit], 1)
-    np.add.at(outside, rows[~hit & (labels[y, x] != UNKNOWN)], 1)
+    return rows[hit], rows[~hit & (labels[y, x] != UNKNOWN)]

@@ -30,10 +30,10 @@ from mgf_engine.masks.regions import Regions, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.shape import measure_shape
 from mgf_engine.masks.sky import draw_skyline
-from mgf_engine.masks.threads import in_order
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
+from mgf_engine.threads import in_order
 
 T = TypeVar("T")
 

@@ -79,11 +79,14 @@ class View:
 
     def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Eq. 2 with its division by depth: points [N, 3] (normalised) -> pixels [N, 2], depth [N]."""
-        # Contiguous: numpy is several times slower with the transposed view.
-        local = points @ np.ascontiguousarray(self.rotation.T) + self.translation
-        depth = local[:, 2]
+        # Coordinates as rows: numpy needs half the time it takes for points as rows.
+        local = self.rotation @ points.T
+        local += self.translation[:, None]
+        depth = local[2]
         safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
-        uv = local[:, :2] / safe[:, None] * (self.fx, self.fy) + (self.cx, self.cy)
+        uv = np.empty((len(points), 2))
+        for axis, (focal, centre) in enumerate(((self.fx, self.cx), (self.fy, self.cy))):
+            uv[:, axis] = local[axis] / safe * focal + centre
         return uv, depth
 
     def from_original(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -69,6 +69,21 @@ def test_dilation_reaches_exactly_so_far(pair: Scene):
         assert project_votes(pair.points[1:2], pair, [left_half()], [0], dilation).inside[0] == hits
 
 
+def test_votes_are_the_same_on_every_number_of_threads():
+    random = np.random.default_rng(0)
+    views = [view(str(i), x) for i, x in enumerate(random.normal(size=7))]
+    scene = make_scene(views, random.normal(size=(900, 3)), [[] for _ in range(900)])
+    labels = [random.choice([0, BUILDING, UNKNOWN], (10, 20)).astype(np.uint8) for _ in views]
+    one, many = (project_votes(scene.points, scene, labels, range(7), 1, threads) for threads in (1, 3))
+    assert one.inside.max() > 1 and one.outside.max() > 1
+    assert (one.inside == many.inside).all() and (one.outside == many.outside).all()
+
+
+def test_a_photo_votes_as_often_as_a_track_holds_it(pair: Scene):
+    twice = make_scene(list(pair.views), pair.points[:1], [[(0, 10, 5), (0, 10, 5), (1, 10, 5)]])
+    assert track_votes(twice, [left_half(), left_half()], [0, 1], 0).inside.tolist() == [3]
+
+
 def test_strict_asks_every_view(pair: Scene):
     strict = make_config({"vote_dilation": 0, "strict_vote": True})
     full, half = np.ones((10, 20), np.uint8), left_half()

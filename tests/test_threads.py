@@ -4,7 +4,7 @@ import time
 import cv2
 import pytest
 
-from mgf_engine.masks.threads import in_order, plain_opencv
+from mgf_engine.threads import in_order, plain_opencv
 
 
 @pytest.mark.parametrize("threads", [0, 1, 3])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One photo per thread: the photos of a scene are many and alike, and NumPy and OpenCV release the interpreter."""
+"""One photo (or block of points) per thread: they are many and alike, and NumPy and OpenCV release the interpreter."""
 
 from __future__ import annotations
 
