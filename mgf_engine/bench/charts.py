@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from pathlib import Path
 from statistics import mean
@@ -22,16 +23,17 @@ Row = dict[str, Any]
 STAGE_COLORS = {"scene": "#4c78a8", "masks": "#f58518", "field": "#54a24b", "mesh": "#b279a2", "deliver": "#9d9da1"}
 
 
-def write_page(suite: str, rows: list[Row], out: Path) -> Path:
-    """Charts as PNG and SVG under ``out/charts`` and ``out/<suite>.html``; returns the page."""
+def write_page(suite: str, rows: list[Row], out: Path, before: list[Row] | None = None) -> Path:
+    """Charts as PNG and SVG under ``out/charts`` and ``out/<suite>.html``; returns the page.
+
+    Args:
+        before: rows of an earlier version; where they are of the same scene, one more chart shows what moved.
+    """
     charts = out / "charts"
     charts.mkdir(parents=True, exist_ok=True)
     done = [row for row in rows if "geometry" in row]
-    made = [
-        (title, f"charts/{name}.svg")
-        for name, title, figure in _figures(suite, done)
-        if _save(figure, charts, name) is not None
-    ]
+    figures = itertools.chain(_moved_figures(suite, done, before or []), _figures(suite, done))
+    made = [(title, f"charts/{name}.svg") for name, title, figure in figures if _save(figure, charts, name) is not None]
     failed = [row for row in rows if "geometry" not in row]
     tables = summary_tables(done)
     return write_html("page.html.j2", out / f"{suite}.html", suite=suite, charts=made, tables=tables, failed=failed)
@@ -113,6 +115,45 @@ def _figures(suite: str, rows: list[Row]) -> Iterable[tuple[str, str, Figure]]:
             yield f"{tag}-seconds", f"{scene}: where each second goes", _stage_bars(mine)
 
 
+def _moved_figures(suite: str, rows: list[Row], before: list[Row]) -> Iterable[tuple[str, str, Figure]]:
+    earlier = [row for row in before if "geometry" in row]
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        then = [row for row in earlier if Path(row["scene"]).name == Path(scene).name]
+        now = [row for row in rows if row["scene"] == scene]
+        if then:
+            yield f"{suite}-{Path(scene).name}-moved", f"{scene}: before and now", _moved(now, then)
+
+
+def _moved(now: list[Row], then: list[Row]) -> Figure:
+    """F1 against work, an earlier version hollow and dashed; an arrow leads from each variant to the same one now."""
+    figure, axes = plt.subplots(figsize=(7.5, 4.6), layout="constrained")
+    threshold = now[0]["geometry"]["thresholds"][0]
+    ends = [_work_and_f1(rows, threshold) for rows in (then, now)]
+    looks = {"before": {"linestyle": "--", "markerfacecolor": "none", "color": "#9d9da1"}, "now": {"linestyle": "-"}}
+    for (name, look), spots in zip(looks.items(), ends, strict=True):
+        ordered = sorted(spots.items(), key=lambda spot: spot[1])
+        axes.plot(*zip(*(place for _, place in ordered), strict=True), marker="o", label=name, **look)  # type: ignore[arg-type]
+        for variant, place in ordered:
+            axes.annotate(variant, place, xytext=(4, 4), textcoords="offset points", fontsize=7)
+    for variant in ends[0].keys() & ends[1].keys():
+        arrow = {"arrowstyle": "->", "color": "#9d9da1", "shrinkA": 5, "shrinkB": 5}
+        axes.annotate("", ends[1][variant], ends[0][variant], arrowprops=arrow)
+    _time_axis(axes, "CPU seconds, all cores together")
+    axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %")
+    _tidy(axes, legend=True)
+    return figure
+
+
+def _work_and_f1(rows: list[Row], threshold: float) -> dict[str, tuple[float, float]]:
+    """Variant -> CPU seconds and F1 at a threshold, means over its seeds."""
+
+    def f1(row: Row) -> float:
+        return float(row["geometry"]["f1"][row["geometry"]["thresholds"].index(threshold)])
+
+    same = {name: [row for row in rows if row["variant"] == name] for name in (row["variant"] for row in rows)}
+    return {name: (mean(r["cpu_seconds"] for r in mine), mean(map(f1, mine))) for name, mine in same.items()}
+
+
 def _overview(rows: list[Row]) -> Figure:
     """F1 and PSNR against the work done, side by side; unlike time, work is the same while other programs run."""
     figure, pair = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
@@ -145,12 +186,16 @@ def _curves(axes: Axes, rows: list[Row], x: tuple[str, str], y: str) -> None:
         axes.plot([s[0] for s in spots], [s[1] for s in spots], marker="o", linestyle=line, label=group)
         for spot in spots:
             axes.annotate(spot[2], spot[:2], xytext=(4, 4), textcoords="offset points", fontsize=7)
+    _time_axis(axes, x[1])
+    axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %" if y == "f1" else "PSNR inside the mask, held-out views, dB")
+    _tidy(axes, legend=len(points) > 1)
+
+
+def _time_axis(axes: Axes, label: str) -> None:
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(ScalarFormatter())
     axes.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
-    axes.set_xlabel(x[1])
-    axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %" if y == "f1" else "PSNR inside the mask, held-out views, dB")
-    _tidy(axes, legend=len(points) > 1)
+    axes.set_xlabel(label)
 
 
 def _stage_bars(rows: list[Row]) -> Figure:

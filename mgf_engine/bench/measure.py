@@ -62,12 +62,20 @@ def prepare_scene(name: str, photos: int | None = None, width: int | None = None
     """
     from mgf_engine.bench.catalogue import scene_spec
     from mgf_engine.bench.scenes import make_scene
-    from mgf_engine.evaluate.surfaces import read_surface
 
     if (Path(name) / "scene.json").exists():
-        folder = Path(name).resolve()
-    else:
-        folder = make_scene(name, scene_spec(name, photos=photos, width=width))
+        return prepare_folder(Path(name).resolve())
+    return prepare_folder(make_scene(name, scene_spec(name, photos=photos, width=width)))
+
+
+def prepare_folder(folder: Path) -> Prepared:
+    """What scoring needs of a rendered scene.
+
+    Raises:
+        BadInput: its record is damaged.
+    """
+    from mgf_engine.evaluate.surfaces import read_surface
+
     ground_pixel = _ground_pixel(folder / "scene.json")
     truth = read_surface(folder / "truth.ply").vertices
     low, high = truth.min(0) - CROP_MARGIN, truth.max(0) + CROP_MARGIN

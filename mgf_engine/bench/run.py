@@ -73,6 +73,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--samples", type=count, default=300_000, help="points sampled on each mesh")
     parser.add_argument("--label", default="", help="part of every run's key: measure the same again under a new label")
     parser.add_argument("--keep-jobs", action="store_true", help="keep the whole job folders, not only mesh and report")
+    parser.add_argument("--before", type=Path, metavar="JSON",
+                        help="table of an earlier version (OUT/<suite>.json): a chart shows what moved")  # fmt: skip
     parser.add_argument("--page-only", action="store_true", help="draw the page from the results that are there")
     return parser
 
@@ -82,6 +84,7 @@ def _run_suite(args: argparse.Namespace) -> int:
 
     options, tools = engine_options(args.set), named_values("--external", args.external)
     runs = suite_runs(args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only)
+    before = None if args.before is None else _read_table(args.before)
     results_folder(args.out)
     scenes: dict[str, Prepared] = {}
     rows: list[dict[str, Any]] = []
@@ -106,9 +109,24 @@ def _run_suite(args: argparse.Namespace) -> int:
             rows.append(row)
             print(f"    {_headline(row)}", flush=True)
     write_json(args.out / f"{args.suite}.json", rows)
-    page = write_page(args.suite, rows, args.out)
+    page = write_page(args.suite, rows, args.out, before)
     print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
     return EXIT_FAULT if failed else EXIT_DONE
+
+
+def _read_table(path: Path) -> list[dict[str, Any]]:
+    """The rows of a suite that was measured before.
+
+    Raises:
+        BadInput: the file cannot be read or is no such table.
+    """
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadInput(f"Cannot read the earlier table '{path}' ({error}); give a suite's OUT/<suite>.json.") from error
+    if not isinstance(rows, list) or not all(isinstance(r, dict) and {"variant", "scene"} <= r.keys() for r in rows):
+        raise BadInput(f"'{path}' is no table of runs; give a suite's OUT/<suite>.json.")
+    return rows
 
 
 def _label(args: argparse.Namespace) -> str:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``mgf bench stability``: the failure map. One thing at a time gets worse; F1 and PSNR follow, with masks and without.
 
+Most rows make a copy of one scene worse; some need scenes of their own, which are rendered when they are asked for.
+
 Every run is a process of its own. Results are kept as ``OUT/results/<key>.json`` and not made again, so the map may be
 made in pieces (``--only``) and is drawn from whatever is there.
 """
@@ -18,14 +20,19 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.bench.arguments import count, engine_options, results_folder
-from mgf_engine.bench.measure import Prepared, measure, prepare_scene
+from mgf_engine.bench.catalogue import SCENES, SceneSpec, spec_dict
+from mgf_engine.bench.measure import Prepared, measure, prepare_folder, prepare_scene
 from mgf_engine.bench.perturb import PERTURBATIONS, RECORD, Perturbation, perturb
+from mgf_engine.bench.scenes import make_scene
+from mgf_engine.bench.series import SERIES, Series
 from mgf_engine.bench.suites import Options, Run
 from mgf_engine.config import option_pairs
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.system import write_json
 
 Row = dict[str, Any]
+#: Every row of the map by name.
+ROWS: dict[str, Perturbation | Series] = {**PERTURBATIONS, **SERIES}
 #: Small enough that a run takes less than a minute of one core.
 SMALL: Options = {
     "preset": "draft", "resolution": 240, "iterations": 300, "max_gaussians": 8_000, "second_level": False,
@@ -65,7 +72,7 @@ def stability_main(argv: Sequence[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     names = "\n".join(f"  {name:<16} {p.title}: {', '.join(f'{v:g}' for v in p.levels)} {p.unit}"
-                      for name, p in PERTURBATIONS.items())  # fmt: skip
+                      for name, p in ROWS.items())  # fmt: skip
     parser = argparse.ArgumentParser(
         prog="mgf bench stability", formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Where the method breaks: F1 and PSNR as one thing gets worse.", epilog=f"perturbations:\n{names}",
@@ -85,10 +92,10 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _chosen(only: Sequence[str]) -> list[str]:
-    unknown = [name for name in only if name not in PERTURBATIONS]
+    unknown = [name for name in only if name not in ROWS]
     if unknown:
-        raise BadInput(f"There is no perturbation '{unknown[0]}'; take some of {', '.join(PERTURBATIONS)}.")
-    return list(only) or list(PERTURBATIONS)
+        raise BadInput(f"There is no perturbation '{unknown[0]}'; take some of {', '.join(ROWS)}.")
+    return list(only) or list(ROWS)
 
 
 def _runs(
@@ -96,7 +103,7 @@ def _runs(
 ) -> Iterator[tuple[str, float, str, int]]:
     """What is measured, in order; masks that are given wrong mean nothing to runs without masks."""
     for name in names:
-        entry = PERTURBATIONS[name]
+        entry = ROWS[name]
         for level in entry.levels:
             for mode in modes:
                 if (levels and level not in levels) or (mode == "no masks" and name.startswith("masks_")):
@@ -107,27 +114,61 @@ def _runs(
 
 def _row(args: argparse.Namespace, source: Prepared, name: str, level: float, mode: str, seed: int) -> Row | None:
     """The result of one run: an earlier one, or made now; None when it is missing and nothing is to be made."""
-    entry = PERTURBATIONS[name]
+    entry = ROWS[name]
     options = {**SMALL, **option_pairs(args.set), **({"use_masks": False} if mode == "no masks" else {})}
+    place = {"name": name, "level": level, "mode": mode}
+    if isinstance(entry, Series):
+        row = _series_row(args, entry, options, name, level, mode, seed)
+        return None if row is None else {**row, **place}
     undisturbed = level == entry.levels[0]
     what = "undisturbed" if undisturbed else f"{name} {level:g}"  # one run serves all perturbations
     kind = "true" if entry.masks == "given" and mode == "masks" else "prompts"
     run = Run(f"{what}, {mode}", source.folder.name, options, seed, kind)
     other = args.other.name if args.other and name == "foreign" and not undisturbed else ""
-    label = json.dumps([args.label, what, args.samples, other])
-    path = args.out / "results" / f"{run.key(label)}.json"
+    path = _result(args, run, [args.label, what, args.samples, other])
     if not path.exists():
         if args.page_only:
             return None
         folder = args.out / "scenes" / path.stem
         perturb(source.folder, folder, name, level, seed, args.other)
-        row = measure(run, _of_copy(source, folder), args.out / "jobs" / path.stem, args.samples, keep_job=False)
+        row = _measured(args, run, _of_copy(source, folder), path)
         shutil.rmtree(folder)
-        if outcome(row) == "fault":  # to be mended and tried again
-            return {**row, "name": name, "level": level, "mode": mode}
+        return {**row, **place}
+    return {**json.loads(path.read_text(encoding="utf-8")), **place}
+
+
+def _series_row(
+    args: argparse.Namespace, entry: Series, options: Options, name: str, level: float, mode: str, seed: int
+) -> Row | None:
+    """:func:`_row` for a scene of its own."""
+    scene = entry.scenes[level]
+    run = Run(f"{name} {level:g}, {mode}", name, {**options, **scene.options}, seed, entry.masks)
+    path = _result(args, run, [args.label, spec_dict(scene.spec), args.samples])
+    if path.exists():
+        row = json.loads(path.read_text(encoding="utf-8"))
+    elif args.page_only:
+        return None
+    else:
+        row = _measured(args, run, prepare_folder(make_scene(_scene_name(scene.spec, name), scene.spec)), path)
+    return {**row, "threshold": round(2 * row["ground_pixel"], 4)} if entry.by_pixel and "geometry" in row else row
+
+
+def _scene_name(spec: SceneSpec, series: str) -> str:
+    """A name for the cache; a scene of the catalogue is not rendered twice."""
+    return next((name for name, known in SCENES.items() if known == spec), f"stability_{series}")
+
+
+def _result(args: argparse.Namespace, run: Run, what: list[Any]) -> Path:
+    return Path(args.out / "results" / f"{run.key(json.dumps(what))}.json")
+
+
+def _measured(args: argparse.Namespace, run: Run, scene: Prepared, path: Path) -> Row:
+    """Measure and keep the result; faults are not kept: they are to be mended and tried again."""
+    row = measure(run, scene, args.out / "jobs" / path.stem, args.samples, keep_job=False)
+    if outcome(row) != "fault":
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, row)
-    return {**json.loads(path.read_text(encoding="utf-8")), "name": name, "level": level, "mode": mode}
+    return row
 
 
 def _of_copy(source: Prepared, folder: Path) -> Prepared:
@@ -137,11 +178,11 @@ def _of_copy(source: Prepared, folder: Path) -> Prepared:
 
 
 def f1_of(row: Row) -> float:
-    """F1 in percent at :data:`DISTANCE`; 0 for a run that was refused or failed."""
+    """F1 in percent at :data:`DISTANCE` (or the row's own); 0 for a run that was refused or failed."""
     if "geometry" not in row:
         return 0.0
     scores = row["geometry"]
-    return float(scores["f1"][scores["thresholds"].index(DISTANCE)])
+    return float(scores["f1"][scores["thresholds"].index(row.get("threshold", DISTANCE))])
 
 
 def outcome(row: Row) -> str:
@@ -184,13 +225,13 @@ def summarise(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Per perturbation: the curves (means over seeds) and at which level each becomes useless.
 
     Returns:
-        dicts with ``name``, ``entry`` (:class:`Perturbation`), ``curves``: mode -> list of points (``level``, ``f1``,
+        dicts with ``name``, ``entry`` (of :data:`ROWS`), ``curves``: mode -> list of points (``level``, ``f1``,
         ``share`` of the undisturbed F1, ``psnr``, ``outcome``, ``text``), ``useless`` and ``kept``: mode -> level (None
         where the curve stays above).
     """
     result = []
     for name in dict.fromkeys(row["name"] for row in rows):
-        entry = PERTURBATIONS[name]
+        entry = ROWS[name]
         curves = {mode: _curve([r for r in rows if r["name"] == name and r["mode"] == mode], entry) for mode in MODES}
         curves = {mode: curve for mode, curve in curves.items() if curve}
         result.append({
@@ -201,7 +242,7 @@ def summarise(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return result
 
 
-def _curve(rows: Sequence[Row], entry: Perturbation) -> list[dict[str, Any]]:
+def _curve(rows: Sequence[Row], entry: Perturbation | Series) -> list[dict[str, Any]]:
     points: list[dict[str, Any]] = []
     for level in entry.levels:
         mine = [row for row in rows if row["level"] == level]

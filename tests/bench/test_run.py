@@ -233,3 +233,17 @@ def test_tables_average_over_seeds(tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "out of &lt;memory&gt;" in text and "92.0 ±2.0" in text
     assert len(list((tmp_path / "charts").glob("*.svg"))) == 6
+    earlier = [{**row, "scene": "elsewhere/s", "cpu_seconds": 60.0} for row in rows]
+    write_page("pareto", rows, tmp_path / "two", earlier)
+    assert (tmp_path / "two/charts/pareto-s-moved.svg").exists()
+    assert len(list((tmp_path / "two/charts").glob("*.svg"))) == 7
+
+
+@pytest.mark.parametrize("text", [None, "{", "{}", '[{"variant": "full"}]'])
+def test_an_earlier_table_that_is_none_is_refused_before_anything_runs(text, tmp_path: Path, capsys) -> None:
+    path = tmp_path / "earlier.json"
+    if text is not None:
+        path.write_text(text)
+    assert bench_main(["pareto", "--before", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "give a suite's OUT/<suite>.json" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

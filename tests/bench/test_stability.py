@@ -14,6 +14,7 @@ from mgf_engine.bench import stability
 from mgf_engine.bench.measure import Prepared
 from mgf_engine.bench.perturb import PERTURBATIONS, RECORD
 from mgf_engine.bench.run import bench_main
+from mgf_engine.bench.series import SERIES
 from mgf_engine.bench.stability import crossing, outcome, spreads, stability_main, summarise
 from mgf_engine.bench.stability_charts import markdown
 from mgf_engine.config import make_config
@@ -121,6 +122,36 @@ def test_a_pass_keeps_results_and_draws_the_page(scene: Path, tmp_path: Path) ->
     page = (tmp_path / "out/stability.html").read_text()
     assert PERTURBATIONS["pose"].title in page
     assert (tmp_path / "out/charts/stability-f1.png").stat().st_size > 1000
+
+
+def test_rows_with_scenes_of_their_own(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr(stability, "make_scene", lambda name, spec: asked.append((name, spec)) or scene)
+    monkeypatch.setattr(stability, "prepare_folder", lambda folder: Prepared(folder, [], 0.06, np.zeros((2, 3))))
+
+    def fake_measure(run: Any, prepared: Prepared, job: Path, samples: int, keep_job: bool) -> dict[str, Any]:
+        scores = {"thresholds": [0.1, 0.12], "f1": [40.0, 70.0 if run.options["resolution"] == 240 else 60.0]}
+        return {**row("x", 0), "geometry": scores, "ground_pixel": 0.06}
+
+    monkeypatch.setattr(stability, "measure", fake_measure)
+    args = arguments(scene, tmp_path, "--only", "far", "bars", "--levels", "1", "2.3", "2.1", "--modes", "masks")
+    assert stability_main(args) == 0
+    assert stability_main(args) == 0  # nothing is rendered or run twice
+    assert [name for name, _ in asked] == ["demo", "stability_far", "dortmund40"]
+    assert asked[1][1].rings[0].distance == pytest.approx(2.3 * asked[0][1].rings[0].distance)
+    rows = json.loads((tmp_path / "out/stability.json").read_text())
+    # From afar a pixel is larger, so two of them are the measure; bars are measured at 10 cm.
+    assert [(r["name"], r["level"], stability.f1_of(r)) for r in rows] == [
+        ("far", 1, 70.0), ("far", 2.3, 70.0), ("bars", 2.1, 40.0),
+    ]  # fmt: skip
+
+
+def test_levels_of_every_series_are_ordered_from_harmless_to_hopeless() -> None:
+    for entry in SERIES.values():
+        assert list(entry.levels) in (sorted(entry.levels), sorted(entry.levels, reverse=True))
+        for level in entry.scenes.values():
+            make_config(level.options)
+            assert level.spec.photos >= 24
 
 
 def test_a_fault_is_reported_and_tried_again(scene: Path, tmp_path: Path) -> None:
