@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ import torch
 from rendered import OUTPUTS, Result, assert_agrees, camera, gaussians, leaves, random_weights, run
 from test_projection import check_lists
 
+from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster import reference
 from mgf_engine.raster.api import RenderStats, render
 from mgf_engine.raster.cpu import Parameters
@@ -112,6 +114,21 @@ def test_lost_rendering_has_no_gradients_and_no_statistics(monkeypatch: pytest.M
     (seen.color.sum() + seen.alpha.sum()).backward()
     assert not seen.visible.any() and stats.count.sum() == 0
     assert all(getattr(field, name).grad.abs().max() == 0 for name in ("positions", "sh"))
+
+
+def test_renderings_side_by_side_are_those_one_by_one() -> None:
+    """The mesh stage draws several views at once, from threads of its own."""
+    view = camera(70, 50, focal=60.0)
+    fields = [gaussians(300, seed=seed, log_scale=-2.2) for seed in range(4)]
+
+    def draw(field: Gaussians) -> torch.Tensor:
+        return render(field, view, sh_degree=1, backend=SOURCE).color
+
+    alone = [draw(field) for field in fields]
+    with ThreadPoolExecutor(4) as pool:
+        for _ in range(5):
+            for one, other in zip(alone, pool.map(draw, fields), strict=True):
+                assert torch.equal(one, other)
 
 
 def test_room_is_not_known_for_a_new_size_of_frame() -> None:

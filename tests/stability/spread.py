@@ -2,7 +2,8 @@
 """How much the result depends on what should not matter: ``PYTHONPATH=tests python -m stability.spread --seeds 10``.
 
 The painted house is reconstructed with several seeds, with one thread and two, with each kernel variant that this
-processor runs, and twice the same way; F1 and PSNR of each, and whether two equal runs are equal to the bit.
+processor runs, with the CUDA sources built for the CPU, and twice the same way; F1 and PSNR of each, and whether two
+equal runs are equal to the bit.
 """
 
 from __future__ import annotations
@@ -22,16 +23,22 @@ import trimesh
 from house import House, build_house
 
 OPTIONS = ["--iterations", "250", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
+CUDA_SOURCE = "cuda-source-on-cpu"
+_WITH_CUDA_SOURCE = (
+    f"import sys; from mgf_engine.raster import device; device.CPU_BACKEND = {CUDA_SOURCE!r}; "
+    "from mgf_engine.cli import main; sys.exit(main())"
+)
 DISTANCE = 0.05  # metres; the house is 4 m long, a pixel on the ground about 3 cm
 
 
 def reconstruct(house: House, job: Path, seed: int, threads: int, variant: str) -> dict[str, object]:
     """One run; its F1 in percent, PSNR, and the hash of its mesh."""
-    arguments = [sys.executable, "-m", "mgf_engine", "reconstruct", house.folder, "--prompts", house.prompts, "--out",
+    engine = ["-c", _WITH_CUDA_SOURCE] if variant == CUDA_SOURCE else ["-m", "mgf_engine"]
+    arguments = [sys.executable, *engine, "reconstruct", house.folder, "--prompts", house.prompts, "--out",
                  job, *OPTIONS, "--seed", seed, "--threads", threads, "--progress", "none"]  # fmt: skip
-    environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE", "MGF_KERNEL_VARIANT": variant}
-    if not variant:
-        del environment["MGF_KERNEL_VARIANT"]
+    environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
+    if variant not in ("", CUDA_SOURCE):
+        environment["MGF_KERNEL_VARIANT"] = variant
     subprocess.run([str(a) for a in arguments], check=True, env=environment)
     figures = json.loads((job / "job.json").read_text())["stages"]["deliver"]["figures"]
     digest = hashlib.sha256((job / "mesh.ply").read_bytes()).hexdigest()[:12]
@@ -58,7 +65,7 @@ def runs(seeds: int, variants: list[str]) -> list[tuple[str, int, int, str]]:
         ("the same again", 0, 2, ""),
         ("one thread", 0, 1, ""),
         ("one thread again", 0, 1, ""),
-        *((f"kernels {variant}", 0, 2, variant) for variant in variants),
+        *((f"kernels {variant}", 0, 2, variant) for variant in (*variants, CUDA_SOURCE)),
     ]
 
 

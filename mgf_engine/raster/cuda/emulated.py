@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The CUDA sources built as C++ and run on the CPU, for tests on machines without a card.
 
-One processor thread plays the threads of a block one after the other (``kernels/cuda/block.cuh``). It shows that the
-sources compute the right numbers, and, run backwards (``reverse``), that no thread depends on another of its phase. It
-says nothing about speed.
+One processor thread plays the threads of a block one after the other (``kernels/cuda/block.cuh``), and one launch runs
+at a time, as on a stream. It shows that the sources compute the right numbers, and, run backwards (``reverse``), that
+no thread depends on another of its phase. It says nothing about speed.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -45,6 +46,7 @@ class SourceOnCpu:
         self.reverse = False
         self.device = torch.device("cpu")
         self._library = ctypes.CDLL(str(build()))
+        self._stream = threading.Lock()  # the build knows one running thread only
 
     def launch(self, name: str, grid: Grid, *arguments: Any) -> None:
         x, y = grid if isinstance(grid, tuple) else (grid, 1)
@@ -53,7 +55,8 @@ class SourceOnCpu:
         addresses, alive = pack(arguments, self.device)
         function = getattr(self._library, name)
         function.restype = None
-        function(ctypes.c_int(x), ctypes.c_int(y), ctypes.c_int(self.reverse), addresses)
+        with self._stream:
+            function(ctypes.c_int(x), ctypes.c_int(y), ctypes.c_int(self.reverse), addresses)
         del alive
 
     def read_later(self, tensor: Tensor) -> Callable[[], list[int] | None]:

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What talks to the driver, with a driver made of Python that runs the CUDA sources on the CPU."""
+
+from __future__ import annotations
+
+import ctypes
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+from rendered import OUTPUTS, camera, gaussians, random_weights, run
+
+from mgf_engine.raster.api import render
+from mgf_engine.raster.cuda import blending, card, launcher_on
+from mgf_engine.raster.cuda.card import Card, Found
+from mgf_engine.raster.cuda.driver import Driver
+from mgf_engine.raster.cuda.emulated import SourceOnCpu
+from mgf_engine.raster.cuda.launching import THREADS
+
+CONTEXT, STREAM = 77, 4242
+
+
+class EmulatedDriver:
+    """The calls of libcuda that the engine makes; a kernel that is started runs at once, on the host's memory.
+
+    Attributes:
+        current: context of the calling thread.
+        modules: cubins that were loaded.
+        started: names of the kernels that ran.
+    """
+
+    def __init__(self) -> None:
+        source = launcher_on("cuda-source-on-cpu")
+        assert isinstance(source, SourceOnCpu)
+        self._kernels = source._library
+        self.current: int | None = CONTEXT
+        self.modules: list[bytes] = []
+        self._names: list[str] = []
+        self.started: list[str] = []
+
+    def cuInit(self, flags: int) -> int:
+        return 0
+
+    def cuCtxGetCurrent(self, out: Any) -> int:
+        out._obj.value = self.current
+        return 0
+
+    def cuCtxSetCurrent(self, context: ctypes.c_void_p) -> int:
+        self.current = context.value
+        return 0
+
+    def cuModuleLoadData(self, out: Any, cubin: bytes) -> int:
+        self.modules.append(cubin)
+        out._obj.value = len(self.modules)
+        return 0
+
+    def cuModuleGetFunction(self, out: Any, module: ctypes.c_void_p, name: bytes) -> int:
+        assert module.value in range(1, len(self.modules) + 1)
+        self._names.append(name.decode())
+        out._obj.value = len(self._names)
+        return 0
+
+    def cuLaunchKernel(self, function: ctypes.c_void_p, *numbers: Any) -> int:
+        x, y, z, threads, one, also_one, shared, stream, arguments, extra = numbers
+        assert self.current == CONTEXT and stream.value == STREAM
+        assert (z, threads, one, also_one, shared, extra) == (1, THREADS, 1, 1, 0, None)
+        name = self._names[function.value - 1]
+        kernel = getattr(self._kernels, name)
+        kernel.restype = None
+        kernel(ctypes.c_int(x), ctypes.c_int(y), ctypes.c_int(False), arguments)
+        self.started.append(name)
+        return 0
+
+
+@pytest.fixture
+def emulated(monkeypatch: pytest.MonkeyPatch) -> EmulatedDriver:
+    """A card whose memory is the host's, put in the place of the CUDA sources' own launcher."""
+    library = EmulatedDriver()
+    monkeypatch.setattr(card, "find_card", lambda: Found("Card of paper", 90, 2**30))
+    monkeypatch.setattr(card, "driver", lambda: Driver(library))
+    monkeypatch.setattr(card, "cubin", lambda program, architecture: f"{program} {architecture}".encode())
+    cpu = torch.device("cpu")
+    monkeypatch.setattr(card, "torch", SimpleNamespace(
+        device=lambda *place: cpu, zeros=torch.zeros, empty=torch.empty,
+        cuda=SimpleNamespace(current_stream=lambda device: SimpleNamespace(cuda_stream=STREAM)),
+    ))  # fmt: skip
+    rasterizer = blending.Rasterizer(Card())
+    monkeypatch.setattr("mgf_engine.raster.cuda.rasterizer_on", lambda backend: rasterizer)
+    return library
+
+
+def test_a_rendering_through_the_driver_is_that_of_the_sources(emulated: EmulatedDriver) -> None:
+    field, view = gaussians(120, seed=5), camera(48, 40)
+    weights = random_weights(view, OUTPUTS, 0, torch.ones(40, 48))
+    through = run(field, view, "cuda-source-on-cpu", weights, torch.ones(40, 48), sh_degree=1)
+    started = list(emulated.started)
+    assert {"project", "radix_scatter", "list_fill", "blend_all", "project_backward"} <= set(started)
+    # Every program is compiled and loaded once, for the card's own architecture, whichever of its kernels is wanted.
+    assert len(emulated.modules) == len(set(emulated.modules)) and all(m.endswith(b" 90") for m in emulated.modules)
+    again = run(field, view, "cuda-source-on-cpu", weights, torch.ones(40, 48), sh_degree=1)
+    assert emulated.started[len(started) :] == started and len(emulated.modules) == len(set(emulated.modules))
+    for name in OUTPUTS:
+        assert torch.equal(getattr(through.rendering, name), getattr(again.rendering, name)), name
+
+
+def test_it_draws_what_the_c_kernels_draw(emulated: EmulatedDriver) -> None:
+    field, view = gaussians(120, seed=5), camera(48, 40)
+    there, here = (render(field, view, sh_degree=1, backend=name) for name in ("cuda-source-on-cpu", "cpu"))
+    assert emulated.started
+    assert (there.color - here.color).abs().max() < 1e-4 and float(here.alpha.max()) > 0.5
+
+
+def test_a_thread_without_a_context_gets_that_of_torch(emulated: EmulatedDriver) -> None:
+    emulated.current = None  # as on the threads that run backward passes
+    render(gaussians(20), camera(), sh_degree=0, backend="cuda-source-on-cpu")
+    assert emulated.current == CONTEXT and emulated.started
