@@ -9,11 +9,13 @@ of the top-left pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mgf_engine.scene.photo_cache import PhotoCache
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,7 @@ class Scene:
     held_out: tuple[int, ...]
     folder: Path
     left_out: tuple[str, ...] = ()
+    _photos: PhotoCache = field(default_factory=PhotoCache, repr=False, compare=False)
 
     @property
     def track_point(self) -> NDArray[np.int64]:
@@ -149,7 +152,7 @@ class Scene:
         return np.repeat(np.arange(len(self.points)), np.diff(self.track_start))
 
     def photo(self, index: int) -> NDArray[np.uint8]:
-        """The working photo of a view, RGB uint8 [height, width, 3]."""
+        """The working photo of a view, RGB uint8 [height, width, 3]; it may not be written to."""
         from mgf_engine.scene.images import read_rgb
 
-        return read_rgb(self.folder / self.views[index].file)
+        return self._photos.get(self.folder / self.views[index].file, read_rgb)

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.scene.photo_cache import PhotoCache
+
+
+class Disk:
+    """Photos of 300 bytes that count how often they are read."""
+
+    def __init__(self) -> None:
+        self.read_paths: list[str] = []
+
+    def read(self, path: Path) -> np.ndarray:
+        self.read_paths.append(path.name)
+        return np.full((10, 10, 3), int(path.name), np.uint8)
+
+
+def test_what_was_used_last_is_kept_and_the_oldest_goes() -> None:
+    disk, cache = Disk(), PhotoCache(room=900)
+    for name in ("1", "2", "3", "1", "4", "1", "2"):
+        assert cache.get(Path(name), disk.read)[0, 0, 0] == int(name)
+    assert disk.read_paths == ["1", "2", "3", "4", "2"]  # 2 had to go for 4, because 1 was used again
+
+
+def test_a_photo_larger_than_the_room_is_read_every_time() -> None:
+    disk, cache = Disk(), PhotoCache(room=100)
+    for _ in range(2):
+        cache.get(Path("7"), disk.read)
+    assert disk.read_paths == ["7", "7"]
+
+
+def test_nobody_can_change_what_others_will_see() -> None:
+    photo = PhotoCache().get(Path("5"), Disk().read)
+    with pytest.raises(ValueError, match="read-only"):
+        photo[0] = 1
+
+
+def test_a_failure_is_not_kept() -> None:
+    cache = PhotoCache()
+
+    def broken(path: Path) -> np.ndarray:
+        raise OSError("gone")
+
+    with pytest.raises(OSError, match="gone"):
+        cache.get(Path("1"), broken)
+    assert cache.get(Path("1"), Disk().read)[0, 0, 0] == 1
+
+
+def test_many_threads_stay_within_the_room() -> None:
+    disk, cache = Disk(), PhotoCache(room=1500)
+    with ThreadPoolExecutor(4) as pool:
+        for name, photo in zip(
+            range(200), pool.map(lambda n: cache.get(Path(str(n % 9)), disk.read), range(200)), strict=True
+        ):
+            assert photo[0, 0, 0] == name % 9
+    assert cache._bytes == sum(p.nbytes for p in cache._held.values()) <= 1500
