@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
+from mgf_engine.bench import torch_tiles
 from mgf_engine.config import Config
 from mgf_engine.field import reference_losses
 from mgf_engine.field.gaussians import Gaussians
@@ -170,6 +171,27 @@ def ratio_to_twin(n: int, width: int, height: int) -> float:
     return used["reference"] / used["cpu"]
 
 
+def ratio_to_torch_tiles(n: int, width: int, height: int) -> float:
+    """How many times longer blending takes in torch, tile by tile with autograd, forward and backward."""
+    raw, camera = cpu.Parameters.of_field(building(n)), corner_view(width, height)
+    lists, clock = cpu.list_tiles(raw, camera, 3, None), Clock()
+    ones = torch.ones(height, width)
+    heads = cpu.HeadGradients(torch.ones(3, height, width), ones, ones, None, torch.ones(3, height, width), ones)
+
+    def kernels() -> None:
+        image, hits = cpu.blend(lists, geometry=True)
+        cpu.blend_backward(lists, image, hits, heads, None, False)
+
+    def tiles() -> None:
+        records = lists.records.clone().requires_grad_()
+        torch_tiles.blend(lists, records, camera.near, camera.far).sum().backward()
+
+    for _ in range(5):
+        clock.time("kernels", kernels)
+    clock.time("torch", tiles)
+    return clock.cpu["torch"] / clock.cpu["kernels"]
+
+
 def losses_and_gradients(loss: Callable[..., LossTerms], planes: torch.Tensor, target: Target, geometry: bool) -> None:
     """One evaluation of a loss on rendered planes [10, H, W], and its gradient in the colours."""
     median, normal, distortion = (planes[5], planes[6:9], planes[9]) if geometry else (None, None, None)
@@ -215,11 +237,15 @@ def main(arguments: list[str] | None = None) -> int:
                 if not given.json:
                     _print_table(f"{n} Gaussians, {size}, {heads} heads, {library.threads()} threads", clocks)
     ratio, losses = ratio_to_twin(300, 96, 64), losses_ratio_to_twin(750, 500)
+    n, (width, height) = given.gaussians[0], map(int, given.sizes[0].split("x"))
+    tiles = ratio_to_torch_tiles(n, width, height)
     if given.json:
         plain = [{**r, "variants": {k: vars(v) for k, v in r["variants"].items()}} for r in results]
-        print(json.dumps({"scenes": plain, "ratio_to_twin": ratio, "losses_ratio_to_twin": losses}, indent=1))
+        ratios = {"ratio_to_twin": ratio, "ratio_to_torch_tiles": tiles, "losses_ratio_to_twin": losses}
+        print(json.dumps({"scenes": plain, **ratios}, indent=1))
     else:
         print(f"\nThe torch twin takes {ratio:.0f} times the CPU time (300 Gaussians, 96x64, forward and backward).")
+        print(f"Blending in torch, tile by tile, takes {tiles:.0f} times ({n} Gaussians, {width}x{height}, both ways).")
         print(f"The losses take {losses:.0f} times the CPU time in plain torch (750x500, forward and backward).")
     return 0
 
