@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
@@ -25,7 +26,7 @@ from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_su
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.library import parallel, side_by_side
-from mgf_engine.raster.points import NEAR
+from mgf_engine.raster.points import INSIDE, NEAR
 from mgf_engine.scene.model import View
 
 BAND_PIXELS = 2.0  # half width of the band, in pixels at the depth of the surface
@@ -51,7 +52,7 @@ _BELIEF = [
     *((name, "<i4") for name in ("covered", "outside", "seen", "near", "judging", "behind")),
 ]
 _JUDGE = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
-    (name, kind) for names, kind in (("labels map height width", "<i8"), ("band", "<f8")) for name in names.split()
+    (name, kind) for names, kind in (("labels map rows height width", "<i8"), ("band", "<f8")) for name in names.split()
 ]
 
 
@@ -70,10 +71,17 @@ class Photos:
 
 @dataclass(frozen=True)
 class DepthMap:
-    """A view's surface: [H, W, 4] depth, slope (distance along the normal per unit of depth), weight, likeness."""
+    """A view's surface where its mask says INSIDE, and one pixel around: a building fills less than half of its photos.
+
+    Attributes:
+        mask: uint8 [H, W].
+        rows: int64 [H]; pixel (x, y) is ``pixels[rows[y] + x]``.
+        pixels: [P, 4] depth, slope (distance along the normal per unit of depth), weight, likeness.
+    """
 
     view: View
     mask: NDArray[np.uint8]
+    rows: NDArray[np.int64]
     pixels: NDArray[np.float32]
 
 
@@ -214,7 +222,7 @@ class FusedField:
 
     def _judge(self, m: DepthMap) -> tuple[Any, ...]:
         """A depth map as ``raster/kernels/fuse.c`` takes it (struct Judge)."""
-        arrays = m.mask.ctypes.data, m.pixels.ctypes.data
+        arrays = m.mask.ctypes.data, m.pixels.ctypes.data, m.rows.ctypes.data
         return (*pose_and_intrinsics(m.view), *arrays, m.view.height, m.view.width, self.band / m.view.fx)
 
 
@@ -274,8 +282,28 @@ def depth_map(surface: Surface, mask: NDArray[np.uint8], matched: Matched) -> De
     if shown.any():  # where the view looks past everything, all along the ray is free
         weight[surface.through] = THROUGH_WEIGHT * np.median(weight[shown])
     depth, slope = np.where(surface.through, FAR, depth), np.where(surface.through, 1.0, slope)
-    pixels = np.stack([depth, slope, weight, matched.likeness], -1).astype(np.float32)
-    return DepthMap(view, mask, np.ascontiguousarray(pixels))
+    rows, kept = _spans(mask == INSIDE)
+    return DepthMap(
+        view, mask, rows, np.stack([a[kept] for a in (depth, slope, weight, matched.likeness)], -1, dtype=np.float32)
+    )
+
+
+def _spans(inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """In each row the pixels from the first to the last that is inside or beside one that is.
+
+    Returns:
+        Where pixel 0 of each row would lie in a list of those pixels, int64 [H]; and which they are, bool [H, W].
+    """
+    width = inside.shape[1]
+    full = inside.any(1)
+    first = np.where(full, inside.argmax(1) - 1, width)
+    last = np.where(full, width - inside[:, ::-1].argmax(1), -1)
+    first = np.maximum(minimum_filter1d(first, 3, mode="nearest"), 0)
+    last = np.minimum(maximum_filter1d(last, 3, mode="nearest"), width - 1)
+    length = np.maximum(last - first + 1, 0)
+    columns = np.arange(width)
+    kept = (columns >= first[:, None]) & (columns <= last[:, None])
+    return (np.cumsum(length) - length - first).astype(np.int64), kept
 
 
 def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
+from mgf_engine.mesh import fusion
 from mgf_engine.mesh.fusion import FusedField
 from mgf_engine.mesh.isosurface import FREE, SOLID
 from mgf_engine.mesh.photometric import Surface
+from mgf_engine.raster.points import INSIDE
 from mgf_engine.scene.model import View
 
 from .analytic import HEIGHT, WIDTH, camera
@@ -22,7 +25,7 @@ def wall_views() -> list[View]:
     return [camera((0.1 * (i - COUNT / 2), -4.0, 0.3), target=(0.1 * (i - COUNT / 2), 0.0, 0.3)) for i in range(COUNT)]
 
 
-def wall_field(deeper: int) -> FusedField:
+def wall_field(deeper: int, masks: list[np.ndarray] | None = None) -> FusedField:
     """A wall in which ``deeper`` of the views see a hole of some pixels around the origin."""
     views = wall_views()
 
@@ -37,7 +40,7 @@ def wall_field(deeper: int) -> FusedField:
         normal[..., 2] = -1
         return Surface(view, np.zeros(depth.shape, np.uint8), depth, normal, np.zeros(depth.shape, bool))
 
-    return FusedField(show, [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT)
+    return FusedField(show, masks or [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT)
 
 
 def behind(pixels: float) -> np.ndarray:
@@ -62,3 +65,42 @@ def test_far_behind_a_surface_it_has_no_say():
     field = wall_field(1)
     field.maps[0].pixels[..., 0] = 8.0
     assert field.classify(np.array([[0.0, 2.0, 0.0]]))[0] == FREE
+
+
+def blobs(seed: int) -> np.ndarray:
+    """A mask in several pieces, at the frame's edge too, with rows that are empty."""
+    random = np.random.default_rng(seed)
+    mask = random.choice([0, 2], (HEIGHT, WIDTH)).astype(np.uint8)
+    for _ in range(5):
+        y, x = random.integers(-5, HEIGHT), random.integers(-5, WIDTH)
+        mask[max(y, 0) : y + random.integers(1, 14), max(x, 0) : x + random.integers(1, 14)] = INSIDE
+    return mask
+
+
+def test_maps_cut_to_their_masks_answer_as_whole_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    masks = [blobs(seed) for seed in range(COUNT)]
+    points = np.random.default_rng(0).uniform((-1.5, -0.1, -0.7), (1.5, 0.1, 1.3), (4000, 3))
+    cut = wall_field(5, masks)
+    with monkeypatch.context() as patch:
+        whole_rows = np.arange(HEIGHT) * WIDTH
+        patch.setattr(fusion, "_spans", lambda inside: (whole_rows, np.ones_like(inside)))
+        whole = wall_field(5, masks)
+    assert sum(m.pixels.nbytes for m in cut.maps) < 0.8 * sum(m.pixels.nbytes for m in whole.maps)
+    np.testing.assert_array_equal(cut.distance(points), whole.distance(points))
+    np.testing.assert_array_equal(cut.classify(points), whole.classify(points))
+    for a, b in zip(cut.confidence(points).values(), whole.confidence(points).values(), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert np.isfinite(cut.distance(points)).sum() > 500
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_spans_hold_what_is_inside_and_its_neighbours(seed: int) -> None:
+    inside = blobs(seed) == INSIDE
+    rows, kept = fusion._spans(inside)
+    assert (kept | ~cv2.dilate(inside.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)).all()
+    y, x = np.nonzero(kept)
+    assert (rows[y] + x == np.arange(len(y))).all()
+
+
+def test_a_mask_without_an_inside_needs_no_map() -> None:
+    assert not fusion._spans(np.zeros((4, 5), bool))[1].any()

@@ -23,14 +23,25 @@ typedef struct {
     int32_t judging, behind;               // that say how far off it is, that cover the point closely
 } Belief;
 
+// A camera that judges, with what it shows: labels [height][width]; pixel (x, y) of its map is map[rows[y] + x], there for
+// all pixels labelled INSIDE and those around them; pose, intrinsics as in view.h.
+typedef struct {
+    double pose[12], intrinsics[4];
+    const uint8_t *labels;
+    const Pixel *map;
+    const int64_t *rows;
+    int64_t height, width;
+    double band;  // per unit of depth
+} Judge;
+
 // Between four pixels of one surface; the nearest pixel where they belong to several.
-static inline Pixel sample(const Pixel *map, int64_t height, int64_t width, double u, double v, float jump) {
+static inline Pixel sample(const Judge *j, double u, double v, float jump) {
     const int64_t nx = (int64_t)u, ny = (int64_t)v;
-    const Pixel nearest = map[ny * width + nx];
+    const Pixel nearest = j->map[j->rows[ny] + nx];
     const double fx = u - 0.5, fy = v - 0.5;
     const int64_t x = (int64_t)__builtin_floor(fx), y = (int64_t)__builtin_floor(fy);
-    if (x < 0 || y < 0 || x + 1 >= width || y + 1 >= height || !(nearest.weight > 0)) return nearest;
-    const Pixel *p = map + y * width + x, *q = p + width;
+    if (x < 0 || y < 0 || x + 1 >= j->width || y + 1 >= j->height || !(nearest.weight > 0)) return nearest;
+    const Pixel *p = j->map + j->rows[y] + x, *q = j->map + j->rows[y + 1] + x;
     const float a = (float)(fx - x), b = (float)(fy - y), limit = jump * nearest.depth;
     const Pixel four[4] = {p[0], p[1], q[0], q[1]};
     for (int k = 0; k < 4; k++)
@@ -42,15 +53,6 @@ static inline Pixel sample(const Pixel *map, int64_t height, int64_t width, doub
     return r;
 }
 
-// A camera that judges, with what it shows: labels, map [height][width]; pose, intrinsics as in view.h.
-typedef struct {
-    double pose[12], intrinsics[4];
-    const uint8_t *labels;
-    const Pixel *map;
-    int64_t height, width;
-    double band;  // per unit of depth
-} Judge;
-
 static void ask(const Judge *j, const float *p, float near, float jump, Belief *belief) {
     double c[3], u, v;
     to_camera(j->pose, p[0], p[1], p[2], c);
@@ -59,7 +61,7 @@ static void ask(const Judge *j, const float *p, float near, float jump, Belief *
     if (label == OUTSIDE) belief->outside++;
     if (label != INSIDE) return;
     belief->seen++;
-    const Pixel here = sample(j->map, j->height, j->width, u, v, jump);
+    const Pixel here = sample(j, u, v, jump);
     if (!(here.weight > 0)) return;
     const float limit = (float)j->band * here.depth;
     const float s = (float)(here.depth - c[2]) * here.slope;
