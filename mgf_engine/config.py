@@ -55,6 +55,7 @@ class Config:
     # scene
     resolution: int = option(750, "scene", "Longest side of the photos while working", low=64, high=8192, unit="px", advanced=False)
     holdout_every: int = option(8, "scene", "Every n-th photo is kept out of training to measure the result; 0 trains on all", low=0, high=1000)
+    max_photos: int = option(0, "scene", "Use at most so many photos: those with clicks, and what is spread out best beside them; 0 uses all", low=0, high=100_000)
     even_exposure: bool = option(True, "scene", "Bring all photos to one exposure and white balance by the points they share")
     matching: str = option("auto", "scene", "How photos without a COLMAP model are matched", choices=("auto", "exhaustive", "sequential"))
 
@@ -117,7 +118,14 @@ class Config:
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
-    "draft": {"iterations": 1000, "max_gaussians": 50_000, "resolution": 500, "sh_degree": 1, "refine_rounds": 0},
+    "draft": {
+        "iterations": 1000,
+        "max_gaussians": 50_000,
+        "resolution": 500,
+        "max_photos": 60,
+        "sh_degree": 1,
+        "refine_rounds": 0,
+    },
     "standard": {},
     "fine": {"iterations": 10_000, "max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
 }
@@ -143,6 +151,8 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
     config = replace(Config(), **{**PRESETS[preset], **values})
     if config.densify_from > config.densify_until:
         raise BadInput("densify_from must not be larger than densify_until; swap the two shares.")
+    if 0 < config.max_photos < 3:
+        raise BadInput("max_photos must be at least 3, or 0 to use all photos.")
     return config
 
 

@@ -20,6 +20,7 @@ from filelock import FileLock, Timeout
 from mgf_engine import __version__
 from mgf_engine.config import Config, as_dict, make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.masks.prompts import clicked_names
 from mgf_engine.messages import STAGES
 from mgf_engine.scene.colmap import PHOTO_KINDS
 from mgf_engine.system import sweep, write_json
@@ -214,7 +215,9 @@ class Job:
 
     def _inputs_of(self, stage: str) -> Any:
         if stage == "scene":
-            return _fingerprint(self.source, self.folder)
+            source = _fingerprint(self.source, self.folder)
+            # Photos with clicks are used also where others are left out.
+            return [source, clicked_names(self.prompts)] if self.config.max_photos else source
         if stage == "masks":
             return [p and _fingerprint(p, self.folder) for p in (self.prompts, self.masks)]
         return None

@@ -149,9 +149,10 @@ def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
 
 
 def _run_scene(job: Job, reporter: Reporter) -> Figures:
+    from mgf_engine.masks.prompts import clicked_names
     from mgf_engine.scene.load import load_scene
 
-    scene = load_scene(job.source, job.path("scene"), job.config, reporter)
+    scene = load_scene(job.source, job.path("scene"), job.config, reporter, clicked_names(job.prompts))
     return {"photos": len(scene.views), "points": len(scene.points)}
 
 

@@ -35,6 +35,7 @@ def test_presets_are_valid_and_options_win_over_them(preset: str) -> None:
         ({"preset": "fast"}, "one of draft, standard, fine"),
         ({"weights": 3}, "text"),
         ({"densify_from": 0.9, "densify_until": 0.1}, "densify_from"),
+        ({"max_photos": 2}, "at least 3"),
         ({"iterations": "9" * 5000}, "iterations"),
     ],
 )

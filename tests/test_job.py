@@ -56,6 +56,20 @@ def test_options_given_once_stay_for_the_resumed_job(tmp_path: Path, source: Pat
         assert (job.config.iterations, job.config.seed) == (11, 2)
 
 
+def test_which_photos_are_clicked_decides_the_scene_only_where_photos_are_left_out(tmp_path, source) -> None:
+    prompts = tmp_path / "prompts.json"
+    keys = {}
+    for limit in (0, 5):
+        for text in ('{"a": {"positive": [[1, 2]]}}', '{"a": {"positive": [[3, 4]]}}', '{"b": {"positive": [[3, 4]]}}'):
+            prompts.write_text(text)
+            given = {"max_photos": limit}
+            with Job.start(tmp_path / "job", source, prompts, given=given, resume=True) as job:
+                keys[limit, text] = job.keys()["scene"]
+    all_photos, few_photos = list(keys.values())[:3], list(keys.values())[3:]
+    assert len(set(all_photos)) == 1
+    assert few_photos[0] == few_photos[1] != few_photos[2]
+
+
 @pytest.mark.parametrize("name", ["cameras.bin", *(f"images/b{kind}" for kind in sorted(PHOTO_KINDS))])
 def test_changed_photos_and_models_redo_the_scene(tmp_path: Path, source: Path, name: str) -> None:
     with Job.start(tmp_path / "job", source) as job:

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,18 +18,11 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.model import Scene, View
+from mgf_engine.scene.names import named_like
 
 Points = NDArray[np.float64]
 _SHAPE = '{"photo": {"positive": [[u, v], ...], "negative": [[u, v], ...], "parts": {"window": [[u, v], ...]}}}'
 _LARGEST_FILE = 32 << 20  # bytes; a thousand clicks on each of a thousand photos take less
-#: How a photo's name is compared, strictest first.
-_NAME_KEYS: tuple[Callable[[str], str], ...] = (
-    lambda n: n,
-    lambda n: PurePosixPath(n).name,
-    lambda n: n.casefold(),
-    lambda n: PurePosixPath(n).name.casefold(),
-    lambda n: PurePosixPath(n).stem.casefold(),
-)
 
 
 def _none() -> Points:
@@ -70,6 +62,19 @@ def read_prompts(path: Path, scene: Scene) -> Prompts:
     return prompts
 
 
+def clicked_names(path: Path | None) -> list[str]:
+    """The photos that a prompts file has clicks on, as it names them; none where it cannot be read.
+
+    What is wrong with a file is said by :func:`read_prompts`, when its clicks are needed.
+    """
+    if path is None:
+        return []
+    try:
+        return sorted(_read_json(path))
+    except BadInput:
+        return []
+
+
 def read_clicks_of(path: Path, view: View) -> Clicks:
     """The clicks on one photo; entries of other photos are not looked at.
 
@@ -77,10 +82,10 @@ def read_clicks_of(path: Path, view: View) -> Clicks:
         BadInput: the file cannot be read, has no entry for the photo, or the entry is malformed.
     """
     data = _read_json(path)
-    for key in _NAME_KEYS:
-        found = [name for name in data if key(name.replace("\\", "/")) == key(view.name)]
-        if len(found) == 1:
-            return _read_clicks(data[found[0]], view, path)
+    names = list(data)
+    found = named_like(view.name, names)
+    if len(found) == 1:
+        return _read_clicks(data[names[found[0]]], view, path)
     raise BadInput(f"'{path}' has no clicks on the photo '{view.name}'; click points on it first.")
 
 
@@ -115,14 +120,12 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _find_view(name: str, scene: Scene, path: Path) -> int:
     """A photo by its exact name, its file name, or either without regard to case or extension."""
-    wanted = name.replace("\\", "/")
-    for key in _NAME_KEYS:
-        found = [i for i, v in enumerate(scene.views) if key(v.name) == key(wanted)]
-        if len(found) == 1:
-            return found[0]
-        if len(found) > 1:
-            names = ", ".join(scene.views[i].name for i in found[:3])
-            raise BadInput(f"The photo '{name}' in '{path}' could be any of {names}; give its full name.")
+    found = named_like(name, [view.name for view in scene.views])
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = ", ".join(scene.views[i].name for i in found[:3])
+        raise BadInput(f"The photo '{name}' in '{path}' could be any of {names}; give its full name.")
     some = ", ".join(v.name for v in scene.views[:3])
     raise BadInput(f"'{path}' names the photo '{name}', which the scene does not have (it has {some}, ...).")
 

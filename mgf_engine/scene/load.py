@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,12 +18,13 @@ from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.adjust import agreeing
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
-from mgf_engine.scene.doubts import without_doubtful
+from mgf_engine.scene.doubts import drop_views, without_doubtful
 from mgf_engine.scene.exposure import even_exposure
 from mgf_engine.scene.model import Scene, View
+from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
-from mgf_engine.scene.roots import choose_held_out, choose_roots
+from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out
 from mgf_engine.scene.sfm import reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
@@ -32,7 +34,7 @@ log = logging.getLogger("mgf")
 _SFM_SHARE = 0.9
 
 
-def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter) -> Scene:
+def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter, clicked: Sequence[str] = ()) -> Scene:
     """Read the user's scene and write the job's ``scene`` folder.
 
     Args:
@@ -40,6 +42,7 @@ def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter) -
         folder: the job's ``scene`` folder; made if needed. It holds a readable scene only when this returns.
         config: options; those of the section ``scene`` and ``threads`` are used.
         reporter: for progress, warnings and the request to cancel.
+        clicked: photos as the user's clicks name them; they are used also where ``max_photos`` leaves others out.
 
     Raises:
         BadInput: anything about the model or the photos that cannot be used; nothing half-written stays.
@@ -54,7 +57,7 @@ def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter) -
         (folder / FILE).unlink(missing_ok=True)
         shutil.rmtree(working, ignore_errors=True)
         working.mkdir()
-        return _load(source, folder, working, config, reporter)
+        return _load(source, folder, working, config, reporter, clicked)
     except OSError as error:
         reason = error.strerror or str(error)
         raise BadInput(
@@ -66,7 +69,9 @@ def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter) -
             folder.rmdir()
 
 
-def _load(source: Path, folder: Path, working: Path, config: Config, reporter: Reporter) -> Scene:
+def _load(
+    source: Path, folder: Path, working: Path, config: Config, reporter: Reporter, clicked: Sequence[str]
+) -> Scene:
     job = folder.parent
     exclude = folder if source == job or job in source.parents else job
     reporter.progress(0.0)
@@ -89,11 +94,16 @@ def _load(source: Path, folder: Path, working: Path, config: Config, reporter: R
         paths = find_photos([image.name for image in model.images], model_folder, source, exclude)
     photos = plan_photos(model, paths, config.resolution, reporter)
 
-    def progress(fraction: float) -> None:
-        reporter.progress(start + (1.0 - start) * fraction, photos=len(photos))
-
-    make_photos(photos, working, config.threads, progress)
     scene = build_scene(model, photos, folder, config)
+    used = _used(scene, config.max_photos, clicked)
+
+    def progress(fraction: float) -> None:
+        reporter.progress(start + (1.0 - start) * fraction, photos=len(used))
+
+    make_photos([photos[i] for i in used], working, config.threads, progress)
+    if len(used) < len(photos):
+        log.info("scene: %d of %d photos are used", len(used), len(photos))
+        scene = drop_views(scene, sorted(set(range(len(photos))) - set(used)), config.holdout_every)
     scene = without_doubtful(scene, working, config.holdout_every, reporter)
     if unplaced:
         scene = replace(scene, left_out=(*scene.left_out, *unplaced))
@@ -103,6 +113,23 @@ def _load(source: Path, folder: Path, working: Path, config: Config, reporter: R
     _replace(working, folder / "images")
     save_scene(scene)
     return scene
+
+
+def _used(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:
+    """At most ``limit`` views (0: all), those with clicks and then what lies farthest from them."""
+    count = len(scene.views)
+    if limit == 0 or limit >= count:
+        return list(range(count))
+    names = [view.name for view in scene.views]
+    wanted = {index for name in clicked for index in named_like(name, names)}
+    return sorted(spread_out(*_standpoints(scene), limit, wanted))
+
+
+def _standpoints(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Centre [V, 3], viewing direction [V, 3] and number of observed points [V] of each view."""
+    centres = np.array([view.centre for view in scene.views])
+    directions = np.array([view.rotation[2] for view in scene.views])
+    return centres, directions, np.bincount(scene.track_view, minlength=len(scene.views))
 
 
 def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: Config) -> Scene:

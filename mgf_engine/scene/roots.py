@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which photos the user is asked to click on, and which are kept out of training to measure the result."""
+"""Which photos are used, which the user is asked to click on, and which are kept out of training as a measure."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,28 +18,43 @@ _FEWEST_TRAINED = 3
 def choose_roots(
     centres: NDArray[np.float64], directions: NDArray[np.float64], seen: NDArray[np.int64]
 ) -> tuple[int, ...]:
-    """A fifth of the views (at least 3, or all), spread by farthest-point sampling.
-
-    Two views are far apart when they stand apart or look in different directions. The first root is the view with
-    the most observed points, ties go to the lower index, so the choice depends on the scene alone.
-
-    Args:
-        centres: [V, 3] camera centres, normalised frame.
-        directions: [V, 3] unit viewing directions.
-        seen: [V] number of points observed by each view.
+    """A fifth of the views (at least 3, or all), see :func:`spread_out`.
 
     Returns:
         Sorted indices of the roots.
     """
     count = min(len(centres), max(_FEWEST_ROOTS, math.ceil(len(centres) / 5)))
+    return tuple(sorted(spread_out(centres, directions, seen, count)))
+
+
+def spread_out(
+    centres: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    seen: NDArray[np.int64],
+    count: int,
+    wanted: Collection[int] = (),
+) -> list[int]:
+    """So many views, spread by farthest-point sampling; fewer are among the first of more.
+
+    Two views are far apart when they stand apart or look in different directions. The first view is the one with the
+    most observed points, ties go to the lower index, so the choice depends on the scene alone.
+
+    Args:
+        centres: [V, 3] camera centres, normalised frame.
+        directions: [V, 3] unit viewing directions.
+        seen: [V] number of points observed by each view.
+        wanted: views that are taken in any case, however many.
+    """
     feature = np.concatenate([centres / CAMERA_DISTANCE, directions], 1)
-    chosen = [int(np.argmax(seen))]
+    chosen = sorted(wanted) or [int(np.argmax(seen))]
     distance = np.full(len(feature), np.inf)
-    for _ in range(count - 1):
+    for view in chosen[:-1]:
+        distance = np.minimum(distance, np.linalg.norm(feature - feature[view], axis=1))
+    while len(chosen) < min(count, len(feature)):
         distance = np.minimum(distance, np.linalg.norm(feature - feature[chosen[-1]], axis=1))
         distance[chosen] = -1.0
         chosen.append(int(np.argmax(distance)))
-    return tuple(sorted(chosen))
+    return chosen
 
 
 def choose_held_out(count: int, roots: tuple[int, ...], every: int) -> tuple[int, ...]:
