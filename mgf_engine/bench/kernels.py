@@ -30,6 +30,7 @@ from mgf_engine.field.targets import Target, make_target
 from mgf_engine.raster import cpu, library
 from mgf_engine.raster.adam import adam_step
 from mgf_engine.raster.api import Camera, Rendering, render
+from mgf_engine.raster.camera import TILE
 from mgf_engine.scene.model import View
 
 T = TypeVar("T")
@@ -76,12 +77,16 @@ def corner_view(width: int, height: int) -> Camera:
     return Camera(width, height, focal, focal, width / 2, height / 2, rotation, -rotation @ centre)
 
 
-def noise_target(camera: Camera) -> Target:
-    """A photo of noise that is building all over, with three labels: the most work the losses can have."""
+def noise_target(camera: Camera, share: float = 1.0) -> Target:
+    """A photo of noise with three labels, building all over, the most work there is, or in this share in its middle."""
     photo = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
     labels = np.ones((camera.height, camera.width), np.uint8)
     labels[:, camera.width // 2 :] = 2
     labels[camera.height // 3 : camera.height // 2, camera.width // 3 : camera.width // 2] = 3
+    y, x = (round(size * (1 - share**0.5) / 2) for size in labels.shape)
+    inside = np.zeros_like(labels)
+    inside[y : camera.height - y, x : camera.width - x] = 1
+    labels *= inside
     view = View(
         name="noise", file="noise.png", width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy,
         cx=camera.cx, cy=camera.cy, rotation=camera.rotation, translation=camera.translation,
@@ -109,9 +114,13 @@ class Clock:
 
 
 class Iteration:
-    """The kernels of one training iteration, run part by part."""
+    """The kernels of one training iteration, run part by part.
 
-    def __init__(self, n: int, width: int, height: int, heads: str, sh_degree: int) -> None:
+    Attributes:
+        pairs: of a listed Gaussian and a pixel of its tile, in the last run.
+    """
+
+    def __init__(self, n: int, width: int, height: int, heads: str, sh_degree: int, share: float = 1.0) -> None:
         self.field, self.camera, self.degree = building(n), corner_view(width, height), sh_degree
         self.geometry = heads == "all"
         self.raw = cpu.Parameters.of_field(self.field)
@@ -121,11 +130,14 @@ class Iteration:
         rest = (planes[5], planes[6:9], planes[9]) if self.geometry else (None, None, None)
         depth = planes[4] if self.geometry else None
         self.heads = cpu.HeadGradients(planes[0:3].contiguous(), planes[3], depth, *rest)
-        self.target = noise_target(self.camera)
+        self.target = noise_target(self.camera, share)
+        self.pairs = 0
 
     def run(self, clock: Clock) -> None:
-        seen = clock.time("project", lambda: cpu.project(self.raw, self.camera, self.degree, None))
+        mask = self.target.tile_mask
+        seen = clock.time("project", lambda: cpu.project(self.raw, self.camera, self.degree, mask))
         lists = clock.time("sort, bin", lambda: cpu.bin_tiles(seen))
+        self.pairs = lists.entries * TILE**2
         image, hits = clock.time("blend", lambda: cpu.blend(lists, self.geometry))
         clock.time("losses", lambda: self._losses(image))
         sums = clock.time("blend backward", lambda: cpu.blend_backward(lists, image, hits, self.heads, None, False))

@@ -13,6 +13,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -30,7 +31,26 @@ PHOTOS = (20, 60, 200, 600)
 PIXELS = (375, 750, 1500, 3000)
 GAUSSIANS = (10_000, 30_000, 100_000, 300_000, 1_000_000, 2_000_000)
 FEW = 14  # photos while pixels grow
-OPTIONS = ["--iterations", "200", "--max-gaussians", "10000", "--preset", "draft", "--progress", "none"]
+SHARES = (1.0, 0.5, 0.25, 0.12, 0.06)
+#: Of draft, but on all photos.
+OPTIONS = [
+    "--iterations",
+    "200",
+    "--max-gaussians",
+    "10000",
+    "--preset",
+    "draft",
+    "--max-photos",
+    "0",
+    "--progress",
+    "none",
+]
+
+
+LABELS = {
+    "photos": f"photos of {WIDTH} px", "pixels": f"px, {FEW} photos", "gaussians": "Gaussians",
+    "shares": "million pairs of Gaussian and pixel that masks leave",
+}  # fmt: skip
 
 
 def enlarged(folder: Path, target: Path, width: int) -> Path:
@@ -79,12 +99,22 @@ def iteration(count: int) -> dict[str, object]:
     return {"cpu": dict(clock.cpu)}
 
 
-def measure(out: Path, photos: tuple[int, ...], pixels: tuple[int, ...], gaussians: tuple[int, ...]) -> dict[str, dict]:
+def masked_iteration(share: float) -> dict[str, object]:
+    """The same with 100,000 Gaussians, of which a mask over this share of the picture leaves some to be drawn."""
+    work, clock = Iteration(100_000, 750, 500, "all", 2, share), Clock()
+    for _ in range(5):
+        work.run(clock)
+    return {"cpu": dict(clock.cpu), "pairs": work.pairs}
+
+
+def measure(
+    out: Path, photos: Sequence[int], pixels: Sequence[int], gaussians: Sequence[int], shares: Sequence[float]
+) -> dict[str, dict]:
     """Everything that ``scale.json`` does not have yet, kind -> size -> figures."""
     file = out / "scale.json"
-    found = json.loads(file.read_text()) if file.exists() else {"photos": {}, "pixels": {}, "gaussians": {}}
+    found = {kind: {} for kind in LABELS} | (json.loads(file.read_text()) if file.exists() else {})
 
-    def add(kind: str, size: int, figures: dict[str, object]) -> None:
+    def add(kind: str, size: float, figures: dict[str, object]) -> None:
         found[kind][str(size)] = figures
         write_json(file, found)
         print(kind, size, figures, flush=True)
@@ -103,28 +133,33 @@ def measure(out: Path, photos: tuple[int, ...], pixels: tuple[int, ...], gaussia
     for count in gaussians:
         if str(count) not in found["gaussians"]:
             add("gaussians", count, iteration(count))
+    for share in shares:
+        if str(share) not in found["shares"]:
+            add("shares", share, masked_iteration(share))
     return found
 
 
 def chart(found: dict[str, dict], path: Path) -> None:
     """A picture for each kind that was measured: against photos, pixels and Gaussians."""
-    labels = {"photos": f"photos of {WIDTH} px", "pixels": f"px, {FEW} photos", "gaussians": "Gaussians"}
-    kinds = [kind for kind in labels if found[kind]]
+    kinds = [kind for kind in LABELS if found.get(kind)]
     figure, panes = plt.subplots(1, len(kinds), figsize=(4.4 * len(kinds), 4.2), layout="constrained", squeeze=False)
     for axes, kind in zip(panes[0], kinds, strict=True):
-        sizes = sorted(map(int, found[kind]))
-        for part in found[kind][str(sizes[0])]["cpu"]:
-            axes.plot(sizes, [found[kind][str(n)]["cpu"][part] for n in sizes], marker="o", label=part)
-        whole = kind != "gaussians"
+        rows = sorted(found[kind].items(), key=lambda row: float(row[0]))
+        sizes = [row["pairs"] / 1e6 if kind == "shares" else int(size) for size, row in rows]
+        for part in rows[0][1]["cpu"]:
+            axes.plot(sizes, [row["cpu"][part] for _, row in rows], marker="o", label=part)
+        whole = kind in ("photos", "pixels")
         unit = "CPU seconds" if whole else "CPU ms of an iteration, 750 x 500"
-        axes.set(xlabel=labels[kind], ylabel=unit, xscale="log", yscale="log")
-        axes.set_xticks(sizes, [f"{n // 1000}k" if n >= 10_000 else str(n) for n in sizes])
+        axes.set(xlabel=LABELS[kind], ylabel=unit, xscale="log", yscale="log")
+        axes.set_xticks(
+            sizes, [f"{n / 1000:.0f}k" if n >= 10_000 else f"{n:.3g}" if n < 100 else str(n) for n in sizes]
+        )
         axes.minorticks_off()
         axes.legend(fontsize=8, frameon=False)
         axes.grid(True, alpha=0.3)
         if whole:
             memory = axes.twinx()
-            memory.plot(sizes, [found[kind][str(n)]["memory"] / 1e9 for n in sizes], "k:", marker=".")
+            memory.plot(sizes, [row["memory"] / 1e9 for _, row in rows], "k:", marker=".")
             memory.set(ylabel="peak memory, GB (dotted)", ylim=(0, None))
     figure.savefig(path, dpi=100)
     plt.close(figure)
@@ -136,9 +171,11 @@ def main() -> int:
     parser.add_argument("--photos", type=int, nargs="*", default=PHOTOS)
     parser.add_argument("--pixels", type=int, nargs="*", default=PIXELS)
     parser.add_argument("--gaussians", type=int, nargs="*", default=GAUSSIANS)
+    parser.add_argument("--shares", type=float, nargs="*", default=SHARES, help="of the picture that a mask leaves")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    chart(measure(args.out, args.photos, args.pixels, args.gaussians), args.out / "scale.png")
+    found = measure(args.out, args.photos, args.pixels, args.gaussians, args.shares)
+    chart(found, args.out / "scale.png")
     return 0
 
 

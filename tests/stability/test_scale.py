@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 from house import WIDTH, build_house
 
-from stability.scale import chart, enlarged
+from stability.scale import chart, enlarged, masked_iteration
 
 
 def test_larger_photos_show_the_same_scene(tmp_path: Path) -> None:
@@ -35,6 +35,13 @@ def test_larger_photos_show_the_same_scene(tmp_path: Path) -> None:
 def test_a_chart_shows_what_was_measured(tmp_path: Path) -> None:
     job = {"cpu": {"masks": 3.0, "field": 5.0}, "memory": 1e9}
     found = {"photos": {"20": job, "60": job}, "pixels": {}, "gaussians": {"1000": {"cpu": {"blend": 2.0}}}}
+    found["shares"] = {"0.25": {"cpu": {"blend": 2.0}, "pairs": 7e6}, "1.0": {"cpu": {"blend": 5.0}, "pairs": 3e7}}
     chart(found, tmp_path / "scale.png")
     picture = cv2.imread(str(tmp_path / "scale.png"))
-    assert picture.shape[1] == pytest.approx(880, abs=2)
+    assert picture.shape[1] == pytest.approx(1320, abs=2)
+
+
+def test_a_mask_takes_pairs_and_work_away() -> None:
+    whole, part = masked_iteration(1.0), masked_iteration(0.06)
+    assert part["pairs"] < 0.5 * whole["pairs"]
+    assert part["cpu"]["blend backward"] < 0.7 * whole["cpu"]["blend backward"]
