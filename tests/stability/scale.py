@@ -31,7 +31,7 @@ PHOTOS = (20, 60, 200, 600)
 PIXELS = (375, 750, 1500, 3000)
 GAUSSIANS = (10_000, 30_000, 100_000, 300_000, 1_000_000, 2_000_000)
 FEW = 14  # photos while pixels grow
-SHARES = (1.0, 0.5, 0.25, 0.12, 0.06)
+SHARES = (1.0, 0.25, 0.12, 0.06)
 #: Of draft, but on all photos.
 OPTIONS = [
     "--iterations",
@@ -49,7 +49,7 @@ OPTIONS = [
 
 LABELS = {
     "photos": f"photos of {WIDTH} px", "pixels": f"px, {FEW} photos", "gaussians": "Gaussians",
-    "shares": "million pairs of Gaussian and pixel that masks leave",
+    "shares": "million pairs that masks leave",
 }  # fmt: skip
 
 
@@ -151,9 +151,7 @@ def chart(found: dict[str, dict], path: Path) -> None:
         whole = kind in ("photos", "pixels")
         unit = "CPU seconds" if whole else "CPU ms of an iteration, 750 x 500"
         axes.set(xlabel=LABELS[kind], ylabel=unit, xscale="log", yscale="log")
-        axes.set_xticks(
-            sizes, [f"{n / 1000:.0f}k" if n >= 10_000 else f"{n:.3g}" if n < 100 else str(n) for n in sizes]
-        )
+        axes.set_xticks(sizes, [_short(n) for n in sizes])
         axes.minorticks_off()
         axes.legend(fontsize=8, frameon=False)
         axes.grid(True, alpha=0.3)
@@ -163,6 +161,13 @@ def chart(found: dict[str, dict], path: Path) -> None:
             memory.set(ylabel="peak memory, GB (dotted)", ylim=(0, None))
     figure.savefig(path, dpi=100)
     plt.close(figure)
+
+
+def _short(number: float) -> str:
+    """12000 as 12k, 2000000 as 2M."""
+    if number >= 1e6:
+        return f"{number / 1e6:g}M"
+    return f"{number / 1e3:g}k" if number >= 1e4 else f"{number:.0f}"
 
 
 def main() -> int:
