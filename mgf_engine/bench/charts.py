@@ -139,6 +139,7 @@ def _moved(now: list[Row], then: list[Row]) -> Figure:
         arrow = {"arrowstyle": "->", "color": "#9d9da1", "shrinkA": 5, "shrinkB": 5}
         axes.annotate("", ends[1][variant], ends[0][variant], arrowprops=arrow)
     _time_axis(axes, "CPU seconds, all cores together")
+    axes.margins(x=0.15)  # for the names at the points
     axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %")
     _tidy(axes, legend=True)
     return figure
