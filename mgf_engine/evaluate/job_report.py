@@ -101,7 +101,8 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
         given=job.given,
         views=views,
         counts={
-            "photos": len(scene.views), "photos with a usable mask": int(masks.used.sum()),
+            "photos": len(scene.views), "photos left out": len(scene.left_out),
+            "photos with a usable mask": int(masks.used.sum()),
             "sparse points": len(scene.points), "points on the building": int(masks.point_mask.sum()),
             "Gaussians at the start": trained["start_gaussians"], "Gaussians": trained["gaussians"],
             "vertices": len(mesh.vertices), "faces": len(mesh.faces), **_trust(job),
