@@ -22,7 +22,6 @@ from mgf_engine.config import SECTIONS, Config, option_pairs, options_schema, re
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT
 from mgf_engine.failures import explain
 from mgf_engine.messages import STAGES, Reporter
-from mgf_engine.scene.crop import read_crop_box
 from mgf_engine.terminal import drop_output, make_sink, prepare_streams
 
 _STAGE_HELP = {
@@ -34,9 +33,16 @@ _STAGE_HELP = {
 }
 
 
+#: For numpy and torch, which read it when they are loaded: the engine's own threads take every core, and threads of
+#: libraries that wait for work by spinning take them away again (half of the time of the masks).
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 1 fault, 2 bad input, 3 cancelled)."""
     args = sys.argv[1:] if argv is None else list(argv)
+    for name, value in ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
     prepare_streams()
     try:
         code = _run(args)
@@ -144,13 +150,13 @@ def _given_options(args: argparse.Namespace) -> dict[str, Any]:
     names = {f.name for f in fields(Config)}
     given.update({name: value for name, value in vars(args).items() if name in names})
     if isinstance(given.get("crop_box"), str):  # a file is read once, so that a resumed job keeps its box
+        from mgf_engine.scene.crop import read_crop_box
+
         given["crop_box"] = read_crop_box(given["crop_box"])
     return given
 
 
 def _job_command(args: argparse.Namespace) -> int:
-    # Must be set before torch is loaded: idle OpenMP threads would spin and take the cores from the kernels.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     reporter = Reporter(make_sink(args.progress))
     log_path: Path | None = None
     try:
