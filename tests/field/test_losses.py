@@ -24,7 +24,7 @@ MAPS = ("color", "alpha", "depth", "normal", "distortion")
 VALUE_TOLERANCE = 2e-6  # sums of float32 terms near 1
 # Moments in float32 carry errors of about 1e-7 that C2 = 9e-4 divides; differences of neighbouring depths cancel.
 GRADIENT_TOLERANCE = {"color": 5e-5, "alpha": 5e-5, "depth": 2e-4, "normal": 5e-5, "distortion": 1e-6}
-CONFIG = Config()
+CONFIG = replace(Config(), multilevel_loss=True, boundary_loss=True)  # every term there is
 
 
 @pytest.fixture(autouse=True, scope="module")
