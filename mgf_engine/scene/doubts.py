@@ -18,7 +18,7 @@ from mgf_engine.scene.adjust import far_points
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.model import Scene
 from mgf_engine.scene.quality import blurred_views, photo_quality, poor_photos
-from mgf_engine.scene.roots import choose_held_out, choose_roots
+from mgf_engine.scene.roots import choose_held_out, choose_roots, standpoints
 
 Array = NDArray[np.float64]
 #: A photo is foreign below the first correlation with the other photos at its points, where a quarter of the photos
@@ -199,9 +199,7 @@ def drop_views(scene: Scene, drop: list[int], every: int) -> Scene:
         left_out=(*scene.left_out, *(scene.views[i].name for i in drop)),
     )  # fmt: skip
     smaller = keep_points(smaller, np.diff(smaller.track_start) >= 2)
-    centres = np.array([view.centre for view in smaller.views])
-    seen = np.bincount(smaller.track_view, minlength=len(left))
-    roots = choose_roots(centres, np.array([view.rotation[2] for view in smaller.views]), seen)
+    roots = choose_roots(*standpoints(smaller.views, smaller.track_view))
     return replace(smaller, roots=roots, held_out=choose_held_out(len(left), roots, every))
 
 

@@ -24,7 +24,7 @@ from mgf_engine.scene.model import Scene, View
 from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
-from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out
+from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out, standpoints
 from mgf_engine.scene.sfm import reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
@@ -122,14 +122,7 @@ def _used(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:
         return list(range(count))
     names = [view.name for view in scene.views]
     wanted = {index for name in clicked for index in named_like(name, names)}
-    return sorted(spread_out(*_standpoints(scene), limit, wanted))
-
-
-def _standpoints(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Centre [V, 3], viewing direction [V, 3] and number of observed points [V] of each view."""
-    centres = np.array([view.centre for view in scene.views])
-    directions = np.array([view.rotation[2] for view in scene.views])
-    return centres, directions, np.bincount(scene.track_view, minlength=len(scene.views))
+    return sorted(spread_out(*standpoints(scene.views, scene.track_view), limit, wanted))
 
 
 def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: Config) -> Scene:
@@ -143,10 +136,7 @@ def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: C
         for image, photo, rotation in zip(model.images, photos, rotations, strict=True)
     )
     start, track_view, track_uv = _tracks(model, photos)
-    seen = np.bincount(track_view, minlength=len(views))
-    roots = choose_roots(
-        np.array([view.centre for view in views]), np.array([view.rotation[2] for view in views]), seen
-    )
+    roots = choose_roots(*standpoints(views, track_view))
     return Scene(
         views=views, points=to_normalised.apply(points.xyz), colors=points.rgb,
         errors=np.maximum(np.nan_to_num(points.errors, nan=0.0, posinf=0.0), 0.0).astype(np.float32),

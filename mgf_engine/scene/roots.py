@@ -4,15 +4,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.scene.model import View
 from mgf_engine.scene.normalise import CAMERA_DISTANCE
 
 _FEWEST_ROOTS = 3
 _FEWEST_TRAINED = 3
+
+
+def standpoints(
+    views: Sequence[View], track_view: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Centre [V, 3], viewing direction [V, 3] and number of observed points [V] of each view.
+
+    Args:
+        track_view: [T], the view of each observation.
+    """
+    centres = np.array([view.centre for view in views])
+    directions = np.array([view.rotation[2] for view in views])
+    return centres, directions, np.bincount(track_view, minlength=len(views))
 
 
 def choose_roots(
