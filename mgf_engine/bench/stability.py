@@ -14,8 +14,8 @@ import itertools
 import json
 import math
 import shutil
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,45 +112,63 @@ def _runs(
                     yield name, level, mode, seed
 
 
+@dataclass(frozen=True)
+class _Case:
+    """One run of the map: what it is, what its result depends on besides, and what makes its scene.
+
+    ``scene`` takes the folder to make it in; a scene that is rendered lies in the cache instead.
+    """
+
+    run: Run
+    depends: list[Any]
+    scene: Callable[[Path], Prepared]
+
+
 def _row(args: argparse.Namespace, source: Prepared, name: str, level: float, mode: str, seed: int) -> Row | None:
     """The result of one run: an earlier one, or made now; None when it is missing and nothing is to be made."""
     entry = ROWS[name]
     options = {**SMALL, **option_pairs(args.set), **({"use_masks": False} if mode == "no masks" else {})}
-    place = {"name": name, "level": level, "mode": mode}
     if isinstance(entry, Series):
-        row = _series_row(args, entry, options, name, level, mode, seed)
-        return None if row is None else {**row, **place}
-    undisturbed = level == entry.levels[0]
-    what = "undisturbed" if undisturbed else f"{name} {level:g}"  # one run serves all perturbations
-    kind = "true" if entry.masks == "given" and mode == "masks" else "prompts"
-    run = Run(f"{what}, {mode}", source.folder.name, options, seed, kind)
-    other = args.other.name if args.other and name == "foreign" and not undisturbed else ""
-    path = _result(args, run, [args.label, what, args.samples, other])
-    if not path.exists():
-        if args.page_only:
-            return None
-        folder = args.out / "scenes" / path.stem
-        perturb(source.folder, folder, name, level, seed, args.other)
-        row = _measured(args, run, _of_copy(source, folder), path)
-        shutil.rmtree(folder)
-        return {**row, **place}
-    return {**json.loads(path.read_text(encoding="utf-8")), **place}
-
-
-def _series_row(
-    args: argparse.Namespace, entry: Series, options: Options, name: str, level: float, mode: str, seed: int
-) -> Row | None:
-    """:func:`_row` for a scene of its own."""
-    scene = entry.scenes[level]
-    run = Run(f"{name} {level:g}, {mode}", name, {**options, **scene.options}, seed, entry.masks)
-    path = _result(args, run, [args.label, spec_dict(scene.spec), args.samples])
+        case = _rendered(entry, options, name, level, mode, seed)
+    else:
+        case = _copied(args.other, source, options, name, level, mode, seed)
+    key = case.run.key(json.dumps([args.label, args.samples, *case.depends]))
+    path = args.out / "results" / f"{key}.json"
     if path.exists():
         row = json.loads(path.read_text(encoding="utf-8"))
     elif args.page_only:
         return None
     else:
-        row = _measured(args, run, prepare_folder(make_scene(_scene_name(scene.spec, name), scene.spec)), path)
-    return {**row, "threshold": round(2 * row["ground_pixel"], 4)} if entry.by_pixel and "geometry" in row else row
+        row = _measured(args, case, path)
+    if isinstance(entry, Series) and entry.by_pixel and "geometry" in row:
+        row["threshold"] = round(2 * row["ground_pixel"], 4)
+    return {**row, "name": name, "level": level, "mode": mode}
+
+
+def _copied(
+    other: Path | None, source: Prepared, options: Options, name: str, level: float, mode: str, seed: int
+) -> _Case:
+    """A run on a copy of the scene that was made worse."""
+    entry = PERTURBATIONS[name]
+    undisturbed = level == entry.levels[0]
+    what = "undisturbed" if undisturbed else f"{name} {level:g}"  # one run serves all perturbations
+    kind = "true" if entry.masks == "given" and mode == "masks" else "prompts"
+    elsewhere = other.name if other and name == "foreign" and not undisturbed else ""
+
+    def scene(folder: Path) -> Prepared:
+        perturb(source.folder, folder, name, level, seed, other)
+        return _of_copy(source, folder)
+
+    return _Case(Run(f"{what}, {mode}", source.folder.name, options, seed, kind), [what, elsewhere], scene)
+
+
+def _rendered(entry: Series, options: Options, name: str, level: float, mode: str, seed: int) -> _Case:
+    """A run on a scene of its own."""
+    own = entry.scenes[level]
+    run = Run(f"{name} {level:g}, {mode}", name, {**options, **own.options}, seed, entry.masks)
+    return _Case(
+        run, [spec_dict(own.spec)], lambda _: prepare_folder(make_scene(_scene_name(own.spec, name), own.spec))
+    )
 
 
 def _scene_name(spec: SceneSpec, series: str) -> str:
@@ -158,13 +176,12 @@ def _scene_name(spec: SceneSpec, series: str) -> str:
     return next((name for name, known in SCENES.items() if known == spec), f"stability_{series}")
 
 
-def _result(args: argparse.Namespace, run: Run, what: list[Any]) -> Path:
-    return Path(args.out / "results" / f"{run.key(json.dumps(what))}.json")
-
-
-def _measured(args: argparse.Namespace, run: Run, scene: Prepared, path: Path) -> Row:
+def _measured(args: argparse.Namespace, case: _Case, path: Path) -> Row:
     """Measure and keep the result; faults are not kept: they are to be mended and tried again."""
-    row = measure(run, scene, args.out / "jobs" / path.stem, args.samples, keep_job=False)
+    folder = args.out / "scenes" / path.stem
+    row = measure(case.run, case.scene(folder), args.out / "jobs" / path.stem, args.samples, keep_job=False)
+    if folder.exists():
+        shutil.rmtree(folder)
     if outcome(row) != "fault":
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, row)
