@@ -44,8 +44,10 @@ def german(addon, monkeypatch):
         monkeypatch.setattr(text_module, "look_up", lambda text: known.get(("*", text), text))
 
 
-def fields(text: str) -> set[str]:
-    return {name for _, name, _, _ in string.Formatter().parse(text) if name}
+def fields(text: str) -> list[tuple[str, str | None, str | None]]:
+    """The placeholders of a text, each with how its value is written; their order may differ between languages."""
+    found = [(name, spec, kind) for _, name, spec, kind in string.Formatter().parse(text) if name is not None]
+    return sorted(found, key=repr)
 
 
 def test_no_text_with_values_bypasses_translation(tool):
@@ -71,6 +73,17 @@ def test_texts_are_complete_and_languages_fit(addon, tool):
         assert not missing and not outdated, f"run tools/extract_strings.py {path.stem}"
         for english, text in known.items():
             assert not text or fields(text) == fields(english), (path.stem, english)
+
+
+def test_placeholders_are_compared_with_their_formats():
+    assert fields("{a:.1f} of {b!r}") == fields("{b!r}: {a:.1f}") != fields("{b}: {a:.1f}")
+    assert fields("{a} and {a}") != fields("{a}") and fields("{a:.1f}") != fields("{a:.2f}")
+
+
+def test_german_has_every_text_with_its_placeholders():
+    known = json.loads((translations.FOLDER / "de_DE.json").read_text(encoding="utf-8"))
+    assert [english for english, text in known.items() if not text.strip()] == []
+    assert [english for english, text in known.items() if fields(text) != fields(english)] == []
 
 
 def test_german_reaches_labels_values_and_errors(german, house, engine):
