@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.ndimage import find_objects
 
 from mgf_engine.masks.appearance import lab_of
@@ -191,22 +192,24 @@ def tie_parts(scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[in
 
 
 def _links(scene: Scene, node: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Pairs of elements of two photos that share enough points."""
-    shared: Counter[tuple[int, int]] = Counter()
-    seen: Counter[tuple[int, int]] = Counter()
-    for start, stop in zip(scene.track_start[:-1], scene.track_start[1:], strict=True):
-        nodes = [(int(n), int(v)) for n, v in zip(node[start:stop], scene.track_view[start:stop], strict=True)]
-        for a, view_a in nodes:
-            for b, view_b in nodes:
-                if a >= 0 and view_a != view_b:
-                    seen[(a, view_b)] += 1
-                    if b >= 0 and view_a < view_b:
-                        shared[(a, b)] += 1
-    return [
-        (a, b)
-        for (a, b), count in shared.items()
-        if count >= MIN_SHARED and count >= MIN_COMMON * max(seen[(a, b // 256)], seen[(b, a // 256)])
-    ]
+    """Pairs of elements of two photos that share enough points.
+
+    ``shared`` counts the points two elements both hold, ``seen`` those of an element that another photo sees at all.
+    """
+    known = np.flatnonzero(node >= 0)
+    ids, column = np.unique(node[known], return_inverse=True)
+    point, view = scene.track_point, scene.track_view
+    ones = np.ones(len(node), np.int64)
+    holds = sparse.csr_matrix((ones[known], (point[known], column)), (len(scene.points), len(ids)))
+    sees = sparse.csr_matrix((ones, (point, view)), (len(scene.points), len(scene.views)))
+    shared, seen = (holds.T @ holds).tocoo(), (holds.T @ sees).tocsr()
+    enough = (ids[shared.row] // 256 < ids[shared.col] // 256) & (shared.data >= MIN_SHARED)
+    if not enough.any():
+        return []
+    a, b, count = shared.row[enough], shared.col[enough], shared.data[enough]
+    common = np.maximum(np.asarray(seen[a, ids[b] // 256]), np.asarray(seen[b, ids[a] // 256]))
+    good = count >= MIN_COMMON * common.ravel()
+    return list(zip(ids[a[good]].tolist(), ids[b[good]].tolist(), strict=True))
 
 
 def _same_name(names: list[dict[int, str]]) -> list[list[int]]:

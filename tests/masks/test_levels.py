@@ -90,6 +90,17 @@ def test_parts_are_tied_by_points():
     assert found["element-1" if "element-1" in found else "element-2"] == ([(0, 3), (1, 4)], [4, 5, 6, 7])
 
 
+@pytest.mark.parametrize(("shared", "tied"), [(4, True), (3, False), (0, False)])
+def test_elements_are_tied_that_share_most_points_the_other_photo_sees(shared: int, tied: bool):
+    """Eight points lie on element 2 of one photo, and the other photo sees them all, some of them on its element 2."""
+    maps = [np.full((10, 20), 2, np.uint8), np.ones((10, 20), np.uint8)]
+    maps[1][:, : 2 * shared] = 2
+    tracks = [[(0, x, 5.0), (1, x, 5.0)] for x in np.arange(8) * 2.0 + 1.0]
+    scene = make_scene([view("a", 0), view("b", 0)], np.zeros((8, 3)), tracks)
+    parts = tie_parts(scene, maps, [{2: "door"}, {}])
+    assert [sorted(p.elements) for p in parts] == ([[(0, 2), (1, 2)]] if tied else [[(0, 2)]])
+
+
 def test_one_name_is_one_part_even_without_points():
     scene = make_scene([view("a", 0), view("b", 0)], np.zeros((0, 3)), [])
     maps = [np.full((10, 20), 2, np.uint8)] * 2
