@@ -95,8 +95,15 @@ class SceneGraph:
         self.sky = self._sky()
         self.plants = np.concatenate([plants(self.features), plants(self.point_features)])
 
-    def solve(self, prompts: Prompts, seed: int = 0, rounds: int = ROUNDS) -> Belief:
-        """The belief that follows from the clicks."""
+    def solve(
+        self, prompts: Prompts, seed: int = 0, rounds: int = ROUNDS, views: Sequence[int] | None = None
+    ) -> Belief:
+        """The belief that follows from the clicks.
+
+        Args:
+            views: where the geometry is looked at; None for all. With some, the belief holds for these alone.
+        """
+        looked_at = range(len(self.regions)) if views is None else views
         pull, target = self.click_pull(prompts)
         sky = self._unclicked_sky(prompts)
         # Where nobody said what is not the building, the sky says it first.
@@ -108,7 +115,7 @@ class SceneGraph:
             looks = self._looks(belief, teach, seed)
             odds = looks + PLANT_ODDS * self.plants + SKY_ODDS * sky
             if round_ > 0:
-                place, grounded, over = self._place(belief, prompts, seed)
+                place, grounded, over = self._place(belief, prompts, seed, looked_at)
                 odds += place
                 weight = np.where(over, np.maximum(self.evidence_weight, OVER_TIES * self.degree), self.evidence_weight)
                 teach = np.where(grounded, EXPLAINED, 1.0)
@@ -119,8 +126,11 @@ class SceneGraph:
             belief = self._flow(pull + strength, pull * target + strength * wanted, belief)
         return self._split(belief, looks)
 
-    def _place(self, belief: Array, prompts: Prompts, seed: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Log-odds of what the geometry says, [N], what is ground, [N], and which points stand on the building, [N]."""
+    def _place(
+        self, belief: Array, prompts: Prompts, seed: int, views: Sequence[int]
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Log-odds of what the geometry says in these views, [N], what is ground, [N], which points stand on the
+        building, [N]."""
         points = belief[self.region_count :]
         odds, ground, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
         self.ground = find_ground(self.scene, self.shape, 1 - points, seed)
@@ -146,14 +156,13 @@ class SceneGraph:
         others = apart | (away & self._far_from(keep))
         extent = Extent(self.scene, self.shape, keep, self.ground, self.sight, others)
         within = np.zeros(self.point_count)
-        for index, (region_odds, first, inside) in in_order(
-            lambda i: self._geometry(extent, i), range(len(self.regions)), self.threads
-        ):
+        for index, (region_odds, first, inside) in in_order(lambda i: self._geometry(extent, i), views, self.threads):
             part = slice(self.start[index], self.start[index + 1])
             odds[part] = region_odds
             ground[part] = first & (self.ground is not None)
             within += inside
-        share = within / np.maximum(np.diff(self.scene.track_start), 1)
+        seen = np.bincount(self.sight.owner[np.isin(self.scene.track_view, views)], minlength=self.point_count)
+        share = within / np.maximum(seen, 1)
         odds[self.region_count :] += WITHIN_ODDS * share * ~ground[self.region_count :]
         return odds, ground, over
 

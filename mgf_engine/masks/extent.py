@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.shape import Shape
-from mgf_engine.masks.surface import Map, make_surface
+from mgf_engine.masks.surface import Map, fill_holes, make_surface
 from mgf_engine.scene.model import Scene, View
 
 #: Maps are drawn on a photo of about this longest side.
@@ -34,6 +34,7 @@ CORE = 1.5  # spacings of the points
 SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
 STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
 EXPECTED = 8.0  # points that should be seen within the window in which they are counted
+ASTRAY = 2.5  # times the spacing of its neighbours; a point farther from them is none of the surface
 PLAN_SIDE = 64  # cells along the longer side of the building's ground plan
 PLAN_CLOSE = 0.12  # of that side; gaps up to twice this between its points belong to the plan
 OVER_SHARE = 0.7  # of the building's height around, from which a point above its plan stands on it
@@ -87,7 +88,7 @@ class Extent:
         core = _close(pixels, CORE * radius, h, w)
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
         reach = core | np.isfinite(near)
-        outside = (~_fill_holes(reach)).astype(np.uint8)
+        outside = (~fill_holes(reach)).astype(np.uint8)
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
         behind = self.others.depth(view, h, w) + self.body.tolerance < near
         first, hidden = self._ground_first(view, near, h, w), self._hidden(index, h, w)
@@ -217,7 +218,7 @@ def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
     np.maximum.at(top, tuple(at[keep].T), height[keep])
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
-    area = _fill_holes(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
+    area = fill_holes(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
     floor = float(np.percentile(height[keep], 1))
     tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), kernel)
     tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells
@@ -226,12 +227,17 @@ def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
 
 
 def _supported(shape: Shape, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Kept points that are not alone: close enough to neighbours of which enough are kept."""
+    """Kept points that are not alone: close to neighbours of which enough are kept, and that are not far denser.
+
+    Far from points that lie close together means astray: matches slide along eaves and cornices.
+    """
     if not keep.any():
         return keep
     first, second = shape.pairs[:, 0], shape.pairs[:, 1]
-    share = np.bincount(first, keep[second], len(keep)) / np.maximum(np.bincount(first, minlength=len(keep)), 1)
-    return (share >= 0.5) & (shape.spacing < 4 * np.median(shape.spacing[keep]))
+    count = np.maximum(np.bincount(first, minlength=len(keep)), 1)
+    share = np.bincount(first, keep[second], len(keep)) / count
+    around = np.bincount(first, shape.spacing[second], len(keep)) / count
+    return (share >= 0.5) & (shape.spacing < np.minimum(ASTRAY * around, 4 * np.median(shape.spacing[keep])))
 
 
 def _lowest(scene: Scene, shape: Shape, keep: NDArray[np.bool_]) -> Ground | None:
@@ -253,10 +259,3 @@ def _close(pixels: NDArray[np.int64], radius: NDArray, h: int, w: int) -> Map:
     # A border as wide as the kernel: at the frame, too, nothing is filled beyond the samples.
     padded = cv2.copyMakeBorder(spots, size, size, size, size, cv2.BORDER_REPLICATE)
     return cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)[size : size + h, size : size + w].astype(bool)
-
-
-def _fill_holes(mask: Map) -> Map:
-    """The mask and what it encloses: a white wall between its edges is not away."""
-    _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
-    outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    return mask | ~np.isin(labels, outer)

@@ -22,6 +22,10 @@ DISC = 0.9  # spacings; the surface is known this far around a point
 FLAT = 0.6  # flatness from which a point has a surface
 SPLAT = 0.8  # cells; radius of a sample
 HALF = 0.5  # of the points' spacing: how far apart samples are, unless coarser ones are asked for
+WALL = 4.0  # spacings that points must stand above each other for a wall
+GAP_IN_WALLS = 0.12  # of the plan's size; half the widest gap between the points of a wall
+OVERHANG = 5.0  # spacings beyond the walls where nothing reaches the ground
+MAX_PLAN = 1000  # cells
 _RINGS = ((0.5, 6), (1.0, 12))  # share of the disc's radius, samples
 
 
@@ -91,6 +95,7 @@ def make_surface(
         samples, owner = _thin(*_discs(scene.points, spacing, shape, owner), cell)
     if columns:
         top = _highest(samples, shape.up, cell)
+        top = top[~_overhangs(scene.points[keep], samples[top], shape.up, usual)]
         height = np.maximum(ground.height(samples[top]), 0) if ground is not None else shape.height[owner[top]]
         step = np.maximum(cell, height / MAX_COLUMN)
         count = np.floor(height / step).astype(np.int64) + 1
@@ -116,6 +121,44 @@ def _discs(points: Points, spacing: Points, shape: Shape, rows: NDArray[np.int64
             samples.append(points[flat] + reach * (np.cos(angle) * first + np.sin(angle) * second))
             owner.append(flat)
     return np.concatenate(samples), np.concatenate(owner)
+
+
+def _overhangs(points: Points, samples: Points, up: Points, spacing: float) -> Map:
+    """Samples [K, 3] just outside the walls, [K]: eaves, cornices and stray points, which nothing holds up from below.
+
+    Walls are where points [P, 3] stand above each other; between them, and inside, everything reaches the ground. So
+    does what is far from any wall: a part of the building of which photos show the roof alone.
+    """
+    across = np.linalg.svd(up[None])[2][1:].T
+    plan, height = points @ across, (points @ up).astype(np.float32)
+    border = round(OVERHANG) + 1
+    low = plan.min(0) - border * spacing
+    size = np.minimum(np.ceil((plan.max(0) - low) / spacing).astype(int) + border, MAX_PLAN)
+    at = tuple(np.clip(np.floor((plan - low) / spacing).astype(np.int64), 0, size - 1).T)
+    top, bottom = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
+    np.maximum.at(top, at, height)
+    np.minimum.at(bottom, at, height)
+    around = np.ones((3, 3), np.uint8)
+    with np.errstate(over="ignore", invalid="ignore"):  # no point around: minus infinity less infinity
+        walls = (cv2.dilate(top, around) - cv2.erode(bottom, around) > WALL * spacing).astype(np.uint8)
+    reach = max(1, round(GAP_IN_WALLS * max(size)))
+    padded = cv2.copyMakeBorder(walls, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _disc(reach))[reach:-reach, reach:-reach]
+    inside = cv2.erode(fill_holes(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
+    near = cv2.dilate(inside, _disc(round(OVERHANG))) > 0
+    spot = tuple(np.clip(np.floor((samples @ across - low) / spacing).astype(np.int64), 0, size - 1).T)
+    return np.asarray((near & (inside == 0))[spot], bool)
+
+
+def fill_holes(mask: Map) -> Map:
+    """The mask and what it encloses: a white wall between its edges is not away."""
+    _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
+    outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    return mask | ~np.isin(labels, outer)
+
+
+def _disc(radius: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
 
 
 def _highest(samples: Points, up: Points, cell: float) -> NDArray[np.int64]:
