@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Up, ground, reach and occlusion on a wall of points that stands on a plane of points."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,17 @@ def test_core_reaches_down_to_the_ground_and_not_beyond_the_wall(scene: Scene, e
     assert at(place.core, view, [0, 0, 2]) and at(place.core, view, [0, 0, 0.3])  # no points below 0.8
     assert not at(place.core, view, [0, 0, 3.3]) and not at(place.core, view, [2.3, 0, 2])
     assert at(place.away, view, [0, 0, 2]) == 0 and at(place.away, view, [3.2, 0, 2]) > 3
+
+
+def test_a_point_astray_adds_nothing(scene: Scene):
+    """One point of the wall's top slid a few spacings along its line, into the air."""
+    astray = replace(scene, points=scene.points.copy())
+    first = int(np.argmax(scene.points[:WALL, 2] - np.abs(scene.points[:WALL, 0] - 1.8)))
+    astray.points[first] = [2.4, 0, 2.8]
+    shape = measure_shape(astray)
+    keep = np.repeat([True, False], [WALL, GROUND])
+    place = Extent(astray, shape, keep, None, Sight(astray, shape)).place(1)
+    assert not at(place.reach, scene.views[1], [2.4, 0, 2.8]) and at(place.reach, scene.views[1], [1.8, 0, 2.8])
 
 
 def test_ground_first(scene: Scene, extent: Extent):

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.shape import measure_shape
 from mgf_engine.masks.surface import Surface, make_surface
 from mgf_engine.scene.model import Scene, Similarity
@@ -62,3 +63,41 @@ def test_what_is_behind_the_camera_is_not_seen():
     behind = Surface(surface.samples - [0, 20, 0], surface.spacing, surface.cell, surface.tolerance)
     assert not len(behind.project(camera(0), *SIZE)[0])
     assert np.isinf(behind.depth(camera(0), *SIZE)).all()
+
+
+def house(rng: np.random.Generator) -> np.ndarray:
+    """2,000 points on four walls of 4 x 3 units around the origin, from the ground up."""
+    side, along, height = rng.integers(0, 4, 2000), rng.uniform(-2, 2, 2000), rng.uniform(0, 3, 2000)
+    edge = np.where(side % 2, 2.0, -2.0)
+    return np.stack([np.where(side < 2, along, edge), np.where(side < 2, edge, along), height], 1)
+
+
+def columns_below(points: np.ndarray) -> np.ndarray:
+    """Where the columns under these points are at half their height, [K, 2]."""
+    blank = _scene(points)
+    ground = Ground(np.array([0.0, 0, 1]), 0.0, 0.01)
+    shape, every = measure_shape(blank), np.ones(len(points), bool)
+    samples = make_surface(blank, shape, every, ground, discs=False, columns=True).samples
+    return samples[np.abs(samples[:, 2] - 1.5) < 0.3, :2]
+
+
+def test_eaves_reach_no_ground_but_walls_and_roofs_do():
+    rng = np.random.default_rng(4)
+    around = rng.uniform(-2.5, 2.5, (4000, 2))
+    eaves = around[(np.abs(around).max(1) > 2.35) & (np.abs(around).max(1) < 2.5)]
+    roof = rng.uniform(-1.9, 1.9, (300, 2))
+    pavilion = rng.uniform(-0.6, 0.6, (80, 2)) + np.array([6.0, 0])  # nobody saw its walls
+    tops = np.concatenate([eaves, roof, pavilion])
+    points = np.concatenate([house(rng), np.column_stack([tops, rng.uniform(2.95, 3.05, len(tops))])])
+    below = columns_below(points)
+    outside = np.abs(below).max(1)
+    assert ((outside > 1.9) & (outside < 2.1)).sum() > 50  # the walls
+    assert (outside < 1.7).sum() > 100  # the roof between them
+    assert not ((outside > 2.3) & (outside < 4)).any()  # the eaves
+    assert (below[:, 0] > 5).sum() > 20  # the pavilion
+
+
+def test_without_walls_every_roof_reaches_the_ground():
+    rng = np.random.default_rng(5)
+    points = np.column_stack([rng.uniform(-2, 2, (800, 2)), rng.uniform(2.95, 3.05, 800)])
+    assert len(columns_below(points)) > 100
