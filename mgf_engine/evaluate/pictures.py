@@ -105,8 +105,10 @@ def circle_views(
 
 
 def _ball(mesh: Mesh) -> tuple[NDArray[np.float64], float]:
-    """Centre [3] and radius of a ball around the mesh, without its outermost vertices."""
+    """Centre [3] and radius of a ball around the mesh, spires of few vertices in it, and what is far off not."""
     low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
+    slack = 0.3 * (high - low)
+    low, high = np.maximum(mesh.vertices.min(0), low - slack), np.minimum(mesh.vertices.max(0), high + slack)
     return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
 
 

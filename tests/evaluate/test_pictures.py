@@ -108,3 +108,14 @@ def test_the_whole_mesh_is_in_every_picture_upright(centres: np.ndarray) -> None
         assert top[1] < bottom[1]
     spots = np.array([view.centre for view in views])
     assert np.linalg.norm(spots - np.roll(spots, 1, 0), axis=1).min() > 0.5
+
+
+def test_a_spire_of_few_vertices_is_in_the_picture_and_a_splinter_far_off_is_not() -> None:
+    box = trimesh.creation.box((1.0, 2.0, 1.0)).subdivide().subdivide().subdivide()
+    tip, splinter = [[0.0, -1.5, 0.0]], [[0.0, 60.0, 0.0]]  # up is minus y
+    vertices = np.concatenate([np.asarray(box.vertices), tip, splinter])
+    mesh = Mesh(vertices, np.asarray(box.faces, np.int32), np.zeros((len(vertices), 3), np.uint8))
+    for view in turntable_views(mesh, scene_of(np.array([[0.0, 0, -5]])), 4, (160, 120)):
+        uv, _ = view.project(vertices)
+        assert (uv[:-1] >= 0).all() and (uv[:-1] <= (160, 120)).all()
+        assert np.ptp(uv[:-1], axis=0).max() > 40
