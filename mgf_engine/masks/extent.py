@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.overhang import fill_holes
 from mgf_engine.masks.shape import Shape
-from mgf_engine.masks.surface import Map, fill_holes, make_surface
+from mgf_engine.masks.surface import Map, make_surface
 from mgf_engine.scene.model import Scene, View
 
 #: Maps are drawn on a photo of about this longest side.
@@ -34,7 +35,6 @@ CORE = 1.5  # spacings of the points
 SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
 STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
 EXPECTED = 8.0  # points that should be seen within the window in which they are counted
-ASTRAY = 2.5  # times the spacing of its neighbours; a point farther from them is none of the surface
 PLAN_SIDE = 64  # cells along the longer side of the building's ground plan
 PLAN_CLOSE = 0.12  # of that side; gaps up to twice this between its points belong to the plan
 OVER_SHARE = 0.7  # of the building's height around, from which a point above its plan stands on it
@@ -227,17 +227,12 @@ def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
 
 
 def _supported(shape: Shape, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Kept points that are not alone: close to neighbours of which enough are kept, and that are not far denser.
-
-    Far from points that lie close together means astray: matches slide along eaves and cornices.
-    """
+    """Kept points that are not alone: close enough to neighbours of which enough are kept."""
     if not keep.any():
         return keep
     first, second = shape.pairs[:, 0], shape.pairs[:, 1]
-    count = np.maximum(np.bincount(first, minlength=len(keep)), 1)
-    share = np.bincount(first, keep[second], len(keep)) / count
-    around = np.bincount(first, shape.spacing[second], len(keep)) / count
-    return (share >= 0.5) & (shape.spacing < np.minimum(ASTRAY * around, 4 * np.median(shape.spacing[keep])))
+    share = np.bincount(first, keep[second], len(keep)) / np.maximum(np.bincount(first, minlength=len(keep)), 1)
+    return (share >= 0.5) & (shape.spacing < 4 * np.median(shape.spacing[keep]))
 
 
 def _lowest(scene: Scene, shape: Shape, keep: NDArray[np.bool_]) -> Ground | None:

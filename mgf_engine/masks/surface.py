@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.overhang import Overhangs, astray
 from mgf_engine.masks.shape import Shape
 from mgf_engine.scene.model import Scene, View
 
@@ -22,10 +23,6 @@ DISC = 0.9  # spacings; the surface is known this far around a point
 FLAT = 0.6  # flatness from which a point has a surface
 SPLAT = 0.8  # cells; radius of a sample
 HALF = 0.5  # of the points' spacing: how far apart samples are, unless coarser ones are asked for
-WALL = 4.0  # spacings that points must stand above each other for a wall
-GAP_IN_WALLS = 0.12  # of the plan's size; half the widest gap between the points of a wall
-OVERHANG = 5.0  # spacings beyond the walls where nothing reaches the ground
-MAX_PLAN = 1000  # cells
 _RINGS = ((0.5, 6), (1.0, 12))  # share of the disc's radius, samples
 
 
@@ -82,7 +79,8 @@ def make_surface(
         keep: [P].
         ground: where columns end; None: the lowest points around.
         discs: add a disc around each point whose neighbours are flat.
-        columns: add what is below, down to the ground.
+        columns: add what is below, down to the ground, but for what hangs over; that gets discs, and what is astray
+            out there is left out.
         coarse: side of the cells, where that is more than half the spacing of the points; finer ones are not seen.
     """
     if not keep.any():
@@ -90,17 +88,20 @@ def make_surface(
     usual = float(np.median(shape.spacing[keep]))
     spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
     cell = max(HALF * usual, coarse)
-    samples, owner = scene.points[keep], np.flatnonzero(keep)
-    if discs:
-        samples, owner = _thin(*_discs(scene.points, spacing, shape, owner), cell)
+    owner = np.flatnonzero(keep)
+    if columns:
+        overhangs = Overhangs(scene.points[owner], shape.up, usual)
+        owner = owner[~(overhangs(scene.points[owner]) & astray(scene.points, shape)[owner])]
+    samples = scene.points[owner]
+    flat = owner if discs else owner[overhangs(samples)] if columns else owner[:0]
+    if len(flat):
+        wide, around = _discs(scene.points, spacing, shape, flat)
+        samples, owner = _thin(np.concatenate([samples, wide]), np.concatenate([owner, around]), cell)
     if columns:
         top = _highest(samples, shape.up, cell)
-        top = top[~_overhangs(scene.points[keep], samples[top], shape.up, usual)]
+        top = top[~overhangs(samples[top])]
         height = np.maximum(ground.height(samples[top]), 0) if ground is not None else shape.height[owner[top]]
-        step = np.maximum(cell, height / MAX_COLUMN)
-        count = np.floor(height / step).astype(np.int64) + 1
-        rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        below = np.repeat(samples[top], count, axis=0) - (rank * np.repeat(step, count))[:, None] * shape.up
+        below, count = _columns(samples[top], height, shape.up, cell)
         samples = np.concatenate([samples, below])
         samples, owner = _thin(samples, np.concatenate([owner, np.repeat(owner[top], count)]), cell)
     return Surface(samples, spacing[owner], cell, HALF * usual)
@@ -123,44 +124,6 @@ def _discs(points: Points, spacing: Points, shape: Shape, rows: NDArray[np.int64
     return np.concatenate(samples), np.concatenate(owner)
 
 
-def _overhangs(points: Points, samples: Points, up: Points, spacing: float) -> Map:
-    """Samples [K, 3] just outside the walls, [K]: eaves, cornices and stray points, which nothing holds up from below.
-
-    Walls are where points [P, 3] stand above each other; between them, and inside, everything reaches the ground. So
-    does what is far from any wall: a part of the building of which photos show the roof alone.
-    """
-    across = np.linalg.svd(up[None])[2][1:].T
-    plan, height = points @ across, (points @ up).astype(np.float32)
-    border = round(OVERHANG) + 1
-    low = plan.min(0) - border * spacing
-    size = np.minimum(np.ceil((plan.max(0) - low) / spacing).astype(int) + border, MAX_PLAN)
-    at = tuple(np.clip(np.floor((plan - low) / spacing).astype(np.int64), 0, size - 1).T)
-    top, bottom = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
-    np.maximum.at(top, at, height)
-    np.minimum.at(bottom, at, height)
-    around = np.ones((3, 3), np.uint8)
-    with np.errstate(over="ignore", invalid="ignore"):  # no point around: minus infinity less infinity
-        walls = (cv2.dilate(top, around) - cv2.erode(bottom, around) > WALL * spacing).astype(np.uint8)
-    reach = max(1, round(GAP_IN_WALLS * max(size)))
-    padded = cv2.copyMakeBorder(walls, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _disc(reach))[reach:-reach, reach:-reach]
-    inside = cv2.erode(fill_holes(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
-    near = cv2.dilate(inside, _disc(round(OVERHANG))) > 0
-    spot = tuple(np.clip(np.floor((samples @ across - low) / spacing).astype(np.int64), 0, size - 1).T)
-    return np.asarray((near & (inside == 0))[spot], bool)
-
-
-def fill_holes(mask: Map) -> Map:
-    """The mask and what it encloses: a white wall between its edges is not away."""
-    _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
-    outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    return mask | ~np.isin(labels, outer)
-
-
-def _disc(radius: int) -> NDArray[np.uint8]:
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
-
-
 def _highest(samples: Points, up: Points, cell: float) -> NDArray[np.int64]:
     """The highest sample over each cell of the ground: the column below it holds those of all others there, [K]."""
     first = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.7 else [0, 1.0, 0])
@@ -170,6 +133,14 @@ def _highest(samples: Points, up: Points, cell: float) -> NDArray[np.int64]:
     place = place.reshape(-1)
     order = np.lexsort((samples @ up, place))
     return order[np.flatnonzero(np.diff(place[order], append=-1))]
+
+
+def _columns(top: Points, height: Points, up: Points, cell: float) -> tuple[Points, NDArray[np.int64]]:
+    """What is below the samples [K, 3], so far down [K], and how many that are for each, [K]."""
+    step = np.maximum(cell, height / MAX_COLUMN)
+    count = np.floor(height / step).astype(np.int64) + 1
+    rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.repeat(top, count, axis=0) - (rank * np.repeat(step, count))[:, None] * up, count
 
 
 def _thin(samples: Points, owner: NDArray[np.int64], cell: float) -> tuple[Points, NDArray[np.int64]]:

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What hangs over on a building: eaves, cornices and points that are astray have no wall below them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.shape import Shape
+
+Map = NDArray[np.bool_]
+Points = NDArray[np.float64]
+
+WALL = 4.0  # spacings that points must stand above each other for a wall
+GAP_IN_WALLS = 0.12  # of the plan's size; half the widest gap between the points of a wall
+OVERHANG = 5.0  # spacings beyond the walls where nothing reaches the ground
+MAX_PLAN = 1000  # cells
+ASTRAY = 1.5  # times the spacing of its neighbours
+ONE_SIDED = 0.75  # of their mean distance, the distance of their middle
+
+
+class Overhangs:
+    """What is just outside the walls and held up by nothing from below: eaves, cornices and stray points.
+
+    Walls are where points stand above each other; between them, and inside, everything reaches the ground. So does what
+    is far from any wall: a part of the building of which photos show the roof alone.
+
+    Args:
+        points: [P, 3], of the building; up: [3]; spacing: of the points, side of the cells of the ground plan.
+    """
+
+    def __init__(self, points: Points, up: Points, spacing: float) -> None:
+        self._across, self._spacing = np.linalg.svd(up[None])[2][1:].T, spacing
+        plan, height = points @ self._across, (points @ up).astype(np.float32)
+        border = round(OVERHANG) + 1
+        self._low = plan.min(0) - border * spacing
+        size = np.minimum(np.ceil((plan.max(0) - self._low) / spacing).astype(int) + border, MAX_PLAN)
+        top, bottom = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
+        at = self._cells(points, top)
+        np.maximum.at(top, at, height)
+        np.minimum.at(bottom, at, height)
+        around = np.ones((3, 3), np.uint8)
+        with np.errstate(over="ignore", invalid="ignore"):  # no point around: minus infinity less infinity
+            walls = (cv2.dilate(top, around) - cv2.erode(bottom, around) > WALL * spacing).astype(np.uint8)
+        reach = max(1, round(GAP_IN_WALLS * max(size)))
+        padded = cv2.copyMakeBorder(walls, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
+        closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _round(reach))[reach:-reach, reach:-reach]
+        inside = cv2.erode(fill_holes(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
+        self._over = (inside == 0) & (cv2.dilate(inside, _round(round(OVERHANG))) > 0)
+
+    def __call__(self, samples: Points) -> Map:
+        """Whether samples [K, 3] overhang, [K]."""
+        return np.asarray(self._over[self._cells(samples, self._over)], bool)
+
+    def _cells(self, samples: Points, plan: NDArray) -> tuple[NDArray[np.int64], ...]:
+        cells = np.floor((samples @ self._across - self._low) / self._spacing).astype(np.int64)
+        return tuple(np.clip(cells, 0, np.array(plan.shape) - 1).T)
+
+
+def astray(points: Points, shape: Shape) -> Map:
+    """Points beside others that lie together, away from all of them, [P]: matches slide along eaves and cornices."""
+    first, second = shape.pairs[:, 0], shape.pairs[:, 1]
+    count = np.maximum(np.bincount(first, minlength=len(points)), 1)
+    offset = points[second] - points[first]
+    mean = np.stack([np.bincount(first, offset[:, k], len(points)) for k in range(3)], 1) / count[:, None]
+    length = np.bincount(first, np.linalg.norm(offset, axis=1), len(points)) / count
+    around = np.bincount(first, shape.spacing[second], len(points)) / count
+    one_sided = np.linalg.norm(mean, axis=1) > ONE_SIDED * length
+    return np.asarray(one_sided & (shape.spacing > ASTRAY * around), bool)
+
+
+def fill_holes(mask: Map) -> Map:
+    """The mask and what it encloses: a white wall between its edges is not away."""
+    _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
+    outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    return mask | ~np.isin(labels, outer)
+
+
+def _round(radius: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
