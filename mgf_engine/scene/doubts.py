@@ -119,48 +119,53 @@ def foreign_views(brightness: Array, scene: Scene) -> tuple[list[int], float]:
     """Photos whose brightness at their points has little to do with what the other photos show there.
 
     The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
-    the photos hardly resemble each other at all. Also what three quarters of the others reach of :func:`_likeness`.
+    the photos hardly resemble each other at all. Also what three quarters of the others reach of :func:`likeness`.
 
     Args:
         brightness: of each observation, [T].
     """
-    owner = scene.track_point
     found: list[int] = []
     while True:
-        trusted = ~np.isin(scene.track_view, found)
-        likeness = np.array([_likeness(i, brightness, owner, scene, trusted) for i in range(len(scene.views))])
-        likeness[found] = np.nan
-        low = np.flatnonzero(likeness < FOREIGN)
-        if not len(low) or np.isfinite(likeness).sum() < 3 or np.nanpercentile(likeness, 75) < FAMILIAR:
-            known = likeness[np.isfinite(likeness)]
+        alike = likeness(brightness, scene, ~np.isin(scene.track_view, found))
+        alike[found] = np.nan
+        low = np.flatnonzero(alike < FOREIGN)
+        if not len(low) or np.isfinite(alike).sum() < 3 or np.nanpercentile(alike, 75) < FAMILIAR:
+            known = alike[np.isfinite(alike)]
             return sorted(found), float(np.percentile(known, 25)) if len(known) else 0.0
-        found += low[np.argsort(likeness[low], kind="stable")][: -(-len(low) // 3)].tolist()
+        found += low[np.argsort(alike[low], kind="stable")][: -(-len(low) // 3)].tolist()
 
 
 def usual_likeness(brightness: Array, scene: Scene) -> float:
-    """What the better quarter of the photos reaches of :func:`_likeness`; 1 where too few points tell."""
-    owner = scene.track_point
-    everything = np.ones(len(brightness), bool)
-    values = [_likeness(i, brightness, owner, scene, everything) for i in range(len(scene.views))]
-    known = [value for value in values if np.isfinite(value)]
+    """What the better quarter of the photos reaches of :func:`likeness`; 1 where too few points tell."""
+    alike = likeness(brightness, scene, np.ones(len(brightness), bool))
+    known = alike[np.isfinite(alike)]
     return float(np.percentile(known, 75)) if len(known) >= 3 else 1.0
 
 
-def _likeness(
-    index: int, brightness: Array, owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_]
-) -> float:
-    """Correlation of a photo's brightness with the mean of the other trusted photos' at its points; NaN: too few."""
-    own = scene.track_view == index
-    others = trusted & ~own
-    count = np.bincount(owner[others], minlength=len(scene.points))
-    total = np.bincount(owner[others], brightness[others], len(scene.points))
-    usable = own & (count[owner] > 0)
-    if usable.sum() < FEWEST_SPOTS:
-        return float("nan")
-    a, b = brightness[usable], total[owner[usable]] / count[owner[usable]]
-    if a.std() < 1e-9 or b.std() < 1e-9:
-        return float("nan")
-    return float(np.corrcoef(a, b)[0, 1])
+def likeness(brightness: Array, scene: Scene, trusted: NDArray[np.bool_]) -> Array:
+    """Correlation of each photo's brightness with the mean of the other photos' at its points, [V]; NaN: too few.
+
+    Args:
+        brightness, trusted: [T], of each observation, and whether it counts among the others.
+    """
+    owner, points = scene.track_point, len(scene.points)
+    count = np.bincount(owner[trusted], minlength=points)
+    total = np.bincount(owner[trusted], brightness[trusted], points)
+    order = np.argsort(scene.track_view, kind="stable")
+    first = np.searchsorted(scene.track_view[order], np.arange(len(scene.views) + 1))
+    result = np.full(len(scene.views), np.nan)
+    for index in range(len(scene.views)):
+        mine = order[first[index] : first[index + 1]]
+        own, weight = np.unique(owner[mine], return_inverse=True)[1], trusted[mine].astype(np.float64)
+        others = count[owner[mine]] - np.bincount(own, weight)[own]
+        usable = others > 0.5
+        if usable.sum() < FEWEST_SPOTS:
+            continue
+        rest = total[owner[mine]] - np.bincount(own, weight * brightness[mine])[own]
+        a, b = brightness[mine][usable], rest[usable] / others[usable]
+        if a.std() >= 1e-9 and b.std() >= 1e-9:
+            result[index] = np.corrcoef(a, b)[0, 1]
+    return result
 
 
 def keep_points(scene: Scene, keep: NDArray[np.bool_]) -> Scene:

@@ -21,6 +21,7 @@ from mgf_engine.scene.doubts import (
     drop_views,
     foreign_views,
     keep_points,
+    likeness,
     reprojection_errors,
     stray_points,
     weaknesses,
@@ -87,6 +88,25 @@ def test_the_majority_tells_the_foreign_photos(count: int) -> None:
     found, others = foreign_views(seen.T.ravel(), scene)
     assert found == sorted(wrong.tolist())
     assert others > 0.9
+
+
+def test_likeness_is_the_correlation_with_the_mean_of_the_others() -> None:
+    """Against its definition, written out; some photos see a point twice, and one is not trusted."""
+    rng = np.random.default_rng(9)
+    tracks = [[(int(v), 5.0, 5.0) for v in np.sort(rng.integers(0, 6, rng.integers(2, 7)))] for _ in range(300)]
+    scene = make_scene([view(f"{i}.jpg", i) for i in range(7)], np.zeros((300, 3)), tracks)
+    brightness, trusted = rng.uniform(0, 255, len(scene.track_view)), scene.track_view != 2
+    found = likeness(brightness, scene, trusted)
+    for index in range(6):
+        mine, rest = [], []
+        for row in np.flatnonzero(scene.track_view == index):
+            same = scene.track_point == scene.track_point[row]
+            others = brightness[same & trusted & (scene.track_view != index)]
+            if len(others):
+                mine.append(brightness[row])
+                rest.append(others.mean())
+        assert found[index] == pytest.approx(np.corrcoef(mine, rest)[0, 1], abs=1e-9)
+    assert np.isnan(found[6])  # sees nothing
 
 
 def test_too_many_foreign_photos_are_spoken_of_and_none_dropped(source: Path, tmp_path: Path) -> None:
