@@ -34,17 +34,8 @@ FEW = 14  # photos while pixels grow
 SHARES = (1.0, 0.25, 0.12, 0.06)
 #: Of draft, but on all photos.
 OPTIONS = [
-    "--iterations",
-    "200",
-    "--max-gaussians",
-    "10000",
-    "--preset",
-    "draft",
-    "--max-photos",
-    "0",
-    "--progress",
-    "none",
-]
+    "--iterations", "200", "--max-gaussians", "10000", "--preset", "draft", "--max-photos", "0", "--progress", "none",
+]  # fmt: skip
 
 
 LABELS = {
