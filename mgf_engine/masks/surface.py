@@ -108,14 +108,14 @@ def make_surface(
 
 
 def _discs(points: Points, spacing: Points, shape: Shape, rows: NDArray[np.int64]) -> tuple[Points, NDArray[np.int64]]:
-    """Samples of a disc on the surface around each point, of the point alone where the surface is not flat."""
+    """Samples of a disc around each of these points where the surface is flat, and which point each belongs to."""
     flat = rows[shape.flatness[rows] > FLAT]
     normals = shape.normals[flat]
     helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(normals, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals, first)
-    samples, owner = [points[rows]], [rows]
+    samples, owner = [], []
     for ring, number in _RINGS:
         for angle in np.arange(number) * (2 * np.pi / number):
             reach = (ring * DISC * spacing[flat])[:, None]
