@@ -31,6 +31,7 @@ from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, delaunay, tetra_points
+from mgf_engine.mesh.unconfirmed import stretch_unconfirmed
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
@@ -111,7 +112,8 @@ def extract_mesh(
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
     with times.part("reduction"):
         mesh = reduced(colored, judges.views, config, reporter)
-        return replace(mesh, values=field.confidence(mesh.vertices))
+        mesh = replace(mesh, values=field.confidence(mesh.vertices))
+        return stretch_unconfirmed(mesh, mesh.values["confidence"]) if "confidence" in mesh.values else mesh
 
 
 def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
