@@ -32,7 +32,8 @@ def point_sets(scene: Scene, masks: MaskSet) -> list[NDArray[np.int64]]:
     """Per view the masked points it observed."""
     owner = scene.track_point
     wanted = masks.point_mask[owner]
-    return [np.unique(owner[(scene.track_view == i) & wanted]) for i in range(len(scene.views))]
+    seen = (scene.observations(i) for i in range(len(scene.views)))
+    return [np.unique(owner[rows[wanted[rows]]]) for rows in seen]
 
 
 def _overlap(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -59,7 +59,7 @@ def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: in
     result = np.zeros(len(scene.track_view), np.int8)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * dilation + 1, 2 * dilation + 1))
     for index in np.flatnonzero(used).tolist():
-        here = np.flatnonzero(scene.track_view == index)
+        here = scene.observations(index)
         y, x = pixel_at(labels[index].shape, scene.track_uv[here])
         grown = cv2.dilate(building(labels[index]).astype(np.uint8), kernel) > 0
         background = ~grown[y, x] & (labels[index][y, x] != UNKNOWN)

@@ -170,7 +170,7 @@ class SceneGraph:
         """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
         place = extent.place(index)
         odds, first = self._region_odds(place, self.regions[index], self.scene.views[index])
-        seen = self.sight.owner[self.scene.track_view == index][extent.within(index, place)]
+        seen = self.sight.owner[self.scene.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=self.point_count)
 
     def _sky(self) -> NDArray[np.int64]:
@@ -178,7 +178,7 @@ class SceneGraph:
         result = np.zeros(self.region_count + self.point_count, np.int64)
         for index, regions in enumerate(self.regions):
             part = slice(self.start[index], self.start[index + 1])
-            sky = find_sky(regions, self.observed[self.scene.track_view == index] - self.start[index])
+            sky = find_sky(regions, self.observed[self.scene.observations(index)] - self.start[index])
             result[part] = np.where(sky > 0, sky + result.max(), 0)
         return result
 
@@ -199,8 +199,8 @@ class SceneGraph:
 
     def _points_at(self, index: int, clicks: Array) -> NDArray[np.int64]:
         """The sparse point nearest to each click [K, 2] in view ``index``, where one is near."""
-        here = self.scene.track_view == index
-        if not len(clicks) or not here.any():
+        here = self.scene.observations(index)
+        if not len(clicks) or not len(here):
             return np.zeros(0, np.int64)
         distance, nearest = cKDTree(self.scene.track_uv[here]).query(clicks)
         near = distance < NEAR_CLICK * self.scene.views[index].width
@@ -276,7 +276,7 @@ class SceneGraph:
         """The region node of each observation, [T]."""
         result = np.empty(len(self.scene.track_view), np.int64)
         for index, regions in enumerate(self.regions):
-            here = self.scene.track_view == index
+            here = self.scene.observations(index)
             result[here] = regions.at(self.scene.track_uv[here]) + self.start[index]
         return result
 

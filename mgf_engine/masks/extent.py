@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
-from mgf_engine.masks.overhang import fill_holes
+from mgf_engine.masks.overhang import Overhangs, enclosed
 from mgf_engine.masks.shape import Shape
 from mgf_engine.masks.surface import Map, make_surface
 from mgf_engine.scene.model import Scene, View
@@ -70,10 +70,11 @@ class Extent:
         self.scene, self.keep, self.ground = scene, keep, ground
         self.sight = sight
         fine = FINE * _map_pixel(scene, keep)
-        self.posts = make_surface(scene, shape, keep, ground, discs=False, columns=True, coarse=fine)
-        self.body = make_surface(scene, shape, keep, ground, discs=True, columns=True, coarse=fine)
+        over = Overhangs(scene.points[keep], shape.up, float(np.median(shape.spacing[keep]))) if keep.any() else None
+        self.posts = make_surface(scene, shape, keep, ground, discs=False, overhangs=over, coarse=fine)
+        self.body = make_surface(scene, shape, keep, ground, discs=True, overhangs=over, coarse=fine)
         others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)
-        self.others = make_surface(scene, shape, others, None, discs=True, columns=False, coarse=fine)
+        self.others = make_surface(scene, shape, others, None, discs=True, coarse=fine)
         self.floor = ground or _lowest(scene, shape, keep)
 
     def place(self, index: int) -> Place:
@@ -88,7 +89,7 @@ class Extent:
         core = _close(pixels, CORE * radius, h, w)
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
         reach = core | np.isfinite(near)
-        outside = (~fill_holes(reach)).astype(np.uint8)
+        outside = (~enclosed(reach)).astype(np.uint8)
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
         behind = self.others.depth(view, h, w) + self.body.tolerance < near
         first, hidden = self._ground_first(view, near, h, w), self._hidden(index, h, w)
@@ -100,7 +101,7 @@ class Extent:
         What is seen through the surface that the points span is a recess or a window of it, nothing in front of it.
         """
         view, (h, w) = self.scene.views[index], place.core.shape
-        here = self.scene.track_view == index
+        here = self.scene.observations(index)
         x, y = np.floor(self.scene.track_uv[here] * (w / view.width, h / view.height)).astype(np.int64).T
         x, y = np.clip(x, 0, w - 1), np.clip(y, 0, h - 1)
         depth = view.project(self.scene.points[self.sight.owner[here]])[1]
@@ -151,7 +152,7 @@ class Sight:
     def observed(self, index: int) -> NDArray[np.bool_]:
         """Points whose track goes through view ``index``, [P]."""
         result = np.zeros(len(self.scene.points), bool)
-        result[self.owner[self.scene.track_view == index]] = True
+        result[self.owner[self.scene.observations(index)]] = True
         return result
 
     def expected(self, index: int) -> NDArray[np.bool_]:
@@ -218,7 +219,7 @@ def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
     np.maximum.at(top, tuple(at[keep].T), height[keep])
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
-    area = fill_holes(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
+    area = enclosed(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
     floor = float(np.percentile(height[keep], 1))
     tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), kernel)
     tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells

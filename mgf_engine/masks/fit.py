@@ -56,7 +56,7 @@ def measure_fit(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_]) -> Fit
     """Compare the masks of the views ``used`` (bool [V]) at the points that they share."""
     margin = np.full(len(scene.track_view), np.nan)
     for index in np.flatnonzero(used).tolist():
-        here = np.flatnonzero(scene.track_view == index)
+        here = scene.observations(index)
         y, x = pixel_at(labels[index].shape, scene.track_uv[here])
         margin[here] = np.where(labels[index][y, x] == UNKNOWN, np.nan, _signed(building(labels[index]))[y, x])
     known, owner = np.isfinite(margin), scene.track_point
@@ -81,8 +81,8 @@ def forgive(scene: Scene, labels: LabelMaps, fit: Fit) -> list[NDArray[np.uint8]
     """
     result = list(labels)
     for index in np.unique(scene.track_view[fit.lacking]).tolist():
-        own = scene.track_view == index
-        lacking, beside = own & fit.lacking, own & fit.beside
+        here = scene.observations(index)
+        lacking, beside = here[fit.lacking[here]], here[fit.beside[here]]
         background = ~building(result[index])
         disc = _holes(background, scene.track_uv[lacking], scene.track_uv[beside])
         for (x, y), margin in zip(np.floor(scene.track_uv[lacking]), fit.margin[lacking], strict=True):

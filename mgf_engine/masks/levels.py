@@ -176,7 +176,7 @@ def tie_parts(scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[in
     """
     element = np.zeros(len(scene.track_view), np.int64)  # label under each observation
     for index, labels_here in enumerate(labels):
-        here = np.flatnonzero(scene.track_view == index)
+        here = scene.observations(index)
         y, x = pixel_at(labels_here.shape, scene.track_uv[here])
         element[here] = labels_here[y, x]
     element[(element < FIRST_ELEMENT) | (element == UNKNOWN)] = 0

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hangs over on a building: eaves, cornices and points that are astray have no wall below them."""
+"""What hangs over on a building: eaves, cornices and stray points have no wall below them."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from mgf_engine.masks.shape import Shape
 
 Map = NDArray[np.bool_]
 Points = NDArray[np.float64]
@@ -16,8 +14,6 @@ WALL = 4.0  # spacings that points must stand above each other for a wall
 GAP_IN_WALLS = 0.12  # of the plan's size; half the widest gap between the points of a wall
 OVERHANG = 5.0  # spacings beyond the walls where nothing reaches the ground
 MAX_PLAN = 1000  # cells
-ASTRAY = 1.5  # times the spacing of its neighbours
-ONE_SIDED = 0.75  # of their mean distance, the distance of their middle
 
 
 class Overhangs:
@@ -46,7 +42,7 @@ class Overhangs:
         reach = max(1, round(GAP_IN_WALLS * max(size)))
         padded = cv2.copyMakeBorder(walls, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
         closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _round(reach))[reach:-reach, reach:-reach]
-        inside = cv2.erode(fill_holes(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
+        inside = cv2.erode(enclosed(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
         self._over = (inside == 0) & (cv2.dilate(inside, _round(round(OVERHANG))) > 0)
 
     def __call__(self, samples: Points) -> Map:
@@ -58,19 +54,7 @@ class Overhangs:
         return tuple(np.clip(cells, 0, np.array(plan.shape) - 1).T)
 
 
-def astray(points: Points, shape: Shape) -> Map:
-    """Points beside others that lie together, away from all of them, [P]: matches slide along eaves and cornices."""
-    first, second = shape.pairs[:, 0], shape.pairs[:, 1]
-    count = np.maximum(np.bincount(first, minlength=len(points)), 1)
-    offset = points[second] - points[first]
-    mean = np.stack([np.bincount(first, offset[:, k], len(points)) for k in range(3)], 1) / count[:, None]
-    length = np.bincount(first, np.linalg.norm(offset, axis=1), len(points)) / count
-    around = np.bincount(first, shape.spacing[second], len(points)) / count
-    one_sided = np.linalg.norm(mean, axis=1) > ONE_SIDED * length
-    return np.asarray(one_sided & (shape.spacing > ASTRAY * around), bool)
-
-
-def fill_holes(mask: Map) -> Map:
+def enclosed(mask: Map) -> Map:
     """The mask and what it encloses: a white wall between its edges is not away."""
     _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
     outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))

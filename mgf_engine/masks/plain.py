@@ -35,7 +35,7 @@ def plain_share(scene: Scene, masks: MaskSet) -> float:
 def _seen(scene: Scene, index: int, shape: tuple[int, ...]) -> np.ndarray:
     """Pixels near an observation, bool [H, W]."""
     near = np.zeros(shape, np.uint8)
-    near[pixel_at(shape, scene.track_uv[scene.track_view == index])] = 1
+    near[pixel_at(shape, scene.track_uv[scene.observations(index)])] = 1
     side = 2 * round(_POINT * max(shape)) + 1
     return np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8)) > 0)
 

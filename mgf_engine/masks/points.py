@@ -105,7 +105,7 @@ def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation:
     inside, outside = np.zeros(count, np.int32), np.zeros(count, np.int32)
     owner = scene.track_point
     for index in views:
-        here = np.flatnonzero(scene.track_view == index)
+        here = scene.observations(index)
         hit, missed = _cast(labels[index], scene.track_uv[here], owner[here], dilation)
         np.add.at(inside, hit, 1)  # a track may hold a photo twice
         np.add.at(outside, missed, 1)

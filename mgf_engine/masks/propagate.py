@@ -147,7 +147,7 @@ class _Work:
 
     def _hints(self, index: int, accepted: NDArray[np.bool_]) -> Hints:
         clicks = self.prompts.get(index, Clicks())
-        here = accepted[self.owner[self.scene.track_view == index]]
+        here = accepted[self.owner[self.scene.observations(index)]]
         return make_hints(self.scene, index, clicks, self.regions[index], self.belief, here)
 
     def _vote(self, voters: list[int]) -> NDArray[np.bool_]:
@@ -187,7 +187,7 @@ class _Work:
 
     def _disagreement(self, index: int, votes: Votes) -> tuple[float, NDArray[np.bool_]]:
         """Share of this photo's points on which two others or more say otherwise, and what the others accept."""
-        here = np.flatnonzero(self.scene.track_view == index)
+        here = self.scene.observations(index)
         points = self.owner[here]
         if not len(points):
             return 0.0, self.belief.points > 0.5
@@ -259,7 +259,7 @@ class _Work:
         """Pieces of a mask apart from the rest that hold no click and no point and lie beside the building, [H, W]."""
         mask = building(self.labels[index])
         _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-        here = self.scene.track_view == index
+        here = self.scene.observations(index)
         known = np.concatenate([self.scene.track_uv[here][accepted[self.owner[here]]], self._positive(index)])
         covered = np.bincount(pieces[core], minlength=len(stats)) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
         holds = np.bincount(pieces[pixel_at(mask.shape, known)], minlength=len(stats)) > 0
@@ -269,7 +269,7 @@ class _Work:
 
     def _observed(self, index: int) -> NDArray[np.float32]:
         """Where a photo observed sparse points, [N, 2]."""
-        return self.scene.track_uv[self.scene.track_view == index]
+        return self.scene.track_uv[self.scene.observations(index)]
 
     def _positive(self, index: int) -> NDArray[np.float64]:
         return self.prompts.get(index, Clicks()).positive
@@ -308,7 +308,7 @@ def make_hints(
 ) -> Hints:
     """What the segmenter is told about view ``index``; ``good`` says which of its observations are the building."""
     view = scene.views[index]
-    uv = scene.track_uv[scene.track_view == index]
+    uv = scene.track_uv[scene.observations(index)]
     small = belief.regions[index][regions.labels]
     wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_LINEAR).astype(np.float32)
     return Hints(clicks.positive, clicks.negative, uv[good], uv[~good], _box(uv[good]), wide)

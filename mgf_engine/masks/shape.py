@@ -14,6 +14,8 @@ from scipy.spatial import cKDTree
 from mgf_engine.scene.model import Scene
 
 NEIGHBOURS = 10
+ASTRAY = 1.5  # times the spacing of its neighbours
+ONE_SIDED = 0.75  # of their mean distance, the distance of their middle
 GROUP_GAP = 4.0  # spacings; side of the cells whose contact makes a group
 
 
@@ -29,6 +31,7 @@ class Shape:
         height: float64 [P], over the lowest surface around, in normalised units.
         pairs: int64 [E, 2] neighbours in space.
         closeness: float64 [E], 0..1.
+        astray: bool [P], beside others that lie together and away from all of them: matches slide along eaves.
     """
 
     up: NDArray[np.float64]
@@ -38,6 +41,7 @@ class Shape:
     height: NDArray[np.float64]
     pairs: NDArray[np.int64]
     closeness: NDArray[np.float64]
+    astray: NDArray[np.bool_]
 
 
 def up_direction(scene: Scene) -> NDArray[np.float64]:
@@ -60,8 +64,8 @@ def measure_shape(scene: Scene) -> Shape:
     up = up_direction(scene)
     k = min(NEIGHBOURS, count - 1)
     if k < 1:
-        zero = np.zeros(count)
-        return Shape(up, zero + 1, np.tile(up, (count, 1)), zero, zero, np.zeros((0, 2), np.int64), np.zeros(0))
+        zero, none = np.zeros(count), np.zeros(count, bool)
+        return Shape(up, zero + 1, np.tile(up, (count, 1)), zero, zero, np.zeros((0, 2), np.int64), np.zeros(0), none)
     tree = cKDTree(points)
     distance, index = tree.query(points, k + 1)
     distance, index = distance[:, 1:], index[:, 1:]
@@ -71,7 +75,14 @@ def measure_shape(scene: Scene) -> Shape:
     normals = vectors[:, :, 0]
     flatness = 1 - np.sqrt(np.maximum(values[:, 0], 0) / np.maximum(values[:, 1], 1e-18))
     pairs, closeness = _links(distance, index, spacing, normals, flatness)
-    return Shape(up, spacing, normals, flatness, _heights(points @ up, points, up), pairs, closeness)
+    loose = _astray(offsets, spacing, index)
+    return Shape(up, spacing, normals, flatness, _heights(points @ up, points, up), pairs, closeness, loose)
+
+
+def _astray(offsets: NDArray, spacing: NDArray, index: NDArray) -> NDArray[np.bool_]:
+    """From the offsets [P, K, 3] to the neighbours ``index`` [P, K]."""
+    one_sided = np.linalg.norm(offsets.mean(1), axis=1) > ONE_SIDED * np.linalg.norm(offsets, axis=2).mean(1)
+    return np.asarray(one_sided & (spacing > ASTRAY * spacing[index].mean(1)), bool)
 
 
 def _links(

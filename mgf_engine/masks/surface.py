@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
-from mgf_engine.masks.overhang import Overhangs, astray
+from mgf_engine.masks.overhang import Overhangs
 from mgf_engine.masks.shape import Shape
 from mgf_engine.scene.model import Scene, View
 
@@ -71,7 +71,13 @@ class Surface:
 
 
 def make_surface(
-    scene: Scene, shape: Shape, keep: Map, ground: Ground | None, discs: bool, columns: bool, coarse: float = 0.0
+    scene: Scene,
+    shape: Shape,
+    keep: Map,
+    ground: Ground | None,
+    discs: bool,
+    overhangs: Overhangs | None = None,
+    coarse: float = 0.0,
 ) -> Surface:
     """The surface around kept points.
 
@@ -79,8 +85,8 @@ def make_surface(
         keep: [P].
         ground: where columns end; None: the lowest points around.
         discs: add a disc around each point whose neighbours are flat.
-        columns: add what is below, down to the ground, but for what hangs over; that gets discs, and what is astray
-            out there is left out.
+        overhangs: add what is below all but these, down to the ground; these get discs, and what is astray among them
+            is left out. None: no columns.
         coarse: side of the cells, where that is more than half the spacing of the points; finer ones are not seen.
     """
     if not keep.any():
@@ -89,15 +95,14 @@ def make_surface(
     spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
     cell = max(HALF * usual, coarse)
     owner = np.flatnonzero(keep)
-    if columns:
-        overhangs = Overhangs(scene.points[owner], shape.up, usual)
-        owner = owner[~(overhangs(scene.points[owner]) & astray(scene.points, shape)[owner])]
+    if overhangs is not None:
+        owner = owner[~(overhangs(scene.points[owner]) & shape.astray[owner])]
     samples = scene.points[owner]
-    flat = owner if discs else owner[overhangs(samples)] if columns else owner[:0]
+    flat = owner if discs else owner[overhangs(samples)] if overhangs is not None else owner[:0]
     if len(flat):
         wide, around = _discs(scene.points, spacing, shape, flat)
         samples, owner = _thin(np.concatenate([samples, wide]), np.concatenate([owner, around]), cell)
-    if columns:
+    if overhangs is not None:
         top = _highest(samples, shape.up, cell)
         top = top[~overhangs(samples[top])]
         height = np.maximum(ground.height(samples[top]), 0) if ground is not None else shape.height[owner[top]]

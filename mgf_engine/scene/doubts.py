@@ -104,7 +104,7 @@ def reprojection_errors(scene: Scene) -> Array:
     owner = scene.track_point
     errors = np.empty(len(owner))
     for index, view in enumerate(scene.views):
-        mine = np.flatnonzero(scene.track_view == index)
+        mine = scene.observations(index)
         uv, depth = view.project(scene.points[owner[mine]])
         errors[mine] = np.where(depth > 0, np.linalg.norm(uv - scene.track_uv[mine], axis=1), np.inf)
     return errors

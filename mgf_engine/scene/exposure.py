@@ -92,7 +92,7 @@ def observed_colors(scene: Scene, folder: Path) -> Array:
     """
     colors = np.zeros((len(scene.track_view), 3))
     for index, view in enumerate(scene.views):
-        mine = np.flatnonzero(scene.track_view == index)
+        mine = scene.observations(index)
         calm = cv2.blur(read_rgb(folder / Path(view.file).name), (3, 3))
         x, y = np.floor(scene.track_uv[mine]).astype(int).T
         colors[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]

@@ -10,6 +10,7 @@ of the top-left pixel is (0.5, 0.5).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -146,10 +147,21 @@ class Scene:
     left_out: tuple[str, ...] = ()
     _photos: PhotoCache = field(default_factory=PhotoCache, repr=False, compare=False)
 
-    @property
+    @cached_property
     def track_point(self) -> NDArray[np.int64]:
         """Index of the point of each observation, [T]."""
         return np.repeat(np.arange(len(self.points)), np.diff(self.track_start))
+
+    def observations(self, index: int) -> NDArray[np.int64]:
+        """Rows of the observations of one view, ascending."""
+        order, start = self._by_view
+        return order[start[index] : start[index + 1]]
+
+    @cached_property
+    def _by_view(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The observations in the order of their views, [T], and where each view's begin, [V + 1]."""
+        order = np.argsort(self.track_view, kind="stable")
+        return order, np.searchsorted(self.track_view[order], np.arange(len(self.views) + 1))
 
     def photo(self, index: int) -> NDArray[np.uint8]:
         """The working photo of a view, RGB uint8 [height, width, 3]; it may not be written to."""

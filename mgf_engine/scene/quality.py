@@ -48,7 +48,7 @@ def photo_quality(scene: Scene, folder: Path) -> Quality:
     for index, view in enumerate(scene.views):
         green = read_rgb(folder / Path(view.file).name)[..., 1].astype(np.float32)
         noise[index] = noise_of(green)
-        sharpness[index] = sharpness_of(green, scene.track_uv[scene.track_view == index])
+        sharpness[index] = sharpness_of(green, scene.track_uv[scene.observations(index)])
     return Quality(noise, sharpness)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.overhang import Overhangs
 from mgf_engine.masks.shape import measure_shape
 from mgf_engine.masks.surface import Surface, make_surface
 from mgf_engine.scene.model import Scene, Similarity
@@ -22,7 +23,7 @@ def wall(coarse: float) -> Surface:
     points = np.stack([rng.uniform(-2, 2, 20_000), np.full(20_000, -1.0), rng.uniform(1, 3, 20_000)], 1)
     blank = _scene(points)
     shape = measure_shape(blank)
-    return make_surface(blank, shape, np.ones(len(points), bool), None, discs=True, columns=False, coarse=coarse)
+    return make_surface(blank, shape, np.ones(len(points), bool), None, discs=True, coarse=coarse)
 
 
 def _scene(points: np.ndarray) -> Scene:
@@ -77,7 +78,8 @@ def columns_below(points: np.ndarray) -> np.ndarray:
     blank = _scene(points)
     ground = Ground(np.array([0.0, 0, 1]), 0.0, 0.01)
     shape, every = measure_shape(blank), np.ones(len(points), bool)
-    samples = make_surface(blank, shape, every, ground, discs=False, columns=True).samples
+    over = Overhangs(points, shape.up, float(np.median(shape.spacing)))
+    samples = make_surface(blank, shape, every, ground, discs=False, overhangs=over).samples
     return samples[np.abs(samples[:, 2] - 1.5) < 0.3, :2]
 
 
