@@ -117,12 +117,13 @@ def _overlap() -> bool:
     return bpy.context.preferences.system.use_region_overlap
 
 
-def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float) -> None:
+def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float, texture: bool = False) -> None:
     """Turn the window's viewports to an imported scene and let them draw its colours.
 
     Args:
         middle: [3], world.
         reach: radius of what should be seen, world units.
+        texture: whether the colours are a texture's, not the vertices'.
     """
     for area in context.screen.areas if context.screen is not None else ():
         if area.type != "VIEW_3D" or area.spaces.active.region_3d is None:
@@ -132,9 +133,18 @@ def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float) ->
         space.region_3d.view_distance = 2.6 * reach  # the sidebar lies over a quarter of the view
         space.clip_start = min(space.clip_start, 1e-3 * reach)
         space.clip_end = max(space.clip_end, 100.0 * reach)
-        space.shading.color_type = "VERTEX"
+        space.shading.color_type = "TEXTURE" if texture else "VERTEX"
         space.overlay.show_relationship_lines = False  # one dashed line per camera hides the scene
         area.tag_redraw()
+
+
+def draw_texture(scene: bpy.types.Scene, on: bool) -> None:
+    """Let the viewports that show a scene draw textures in solid mode; or vertex colours again, where they did."""
+    for window, area in _areas("VIEW_3D"):
+        shading = area.spaces.active.shading
+        if window.scene == scene and (on or shading.color_type == "TEXTURE"):
+            shading.color_type = "TEXTURE" if on else "VERTEX"
+            area.tag_redraw()
 
 
 def register() -> None:

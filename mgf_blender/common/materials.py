@@ -8,16 +8,17 @@ import bpy
 COLOR_ATTRIBUTE = "Color"
 _MESH, _POINTS, _NODES = "MGF Vertex Colors", "MGF Point Colors", "MGF Points"
 _MOST_CUBES = 200_000
+MATTE = 0.85  # roughness of a building
 
 
 def vertex_color_material() -> bpy.types.Material:
     """A matte surface in the colours of the mesh, made once."""
-    return _color_material(_MESH, roughness=0.85)
+    return _color_material(_MESH, MATTE)
 
 
 def part_material(name: str) -> bpy.types.Material:
     """The same surface under a part's own name, so that windows can be made glass."""
-    return _color_material(f"MGF {name.title()}", roughness=0.85)
+    return _color_material(f"MGF {name.title()}", MATTE)
 
 
 def point_color_material() -> bpy.types.Material:
@@ -30,19 +31,25 @@ def _color_material(name: str, roughness: float, attribute: str = "") -> bpy.typ
     material = bpy.data.materials.get(name)
     if material is not None:
         return material
-    material = bpy.data.materials.new(name)
-    if not material.node_tree:
-        material.use_nodes = True
+    material, shader = new_material(name, roughness)
     tree = material.node_tree
-    shader = next(n for n in tree.nodes if n.type == "BSDF_PRINCIPLED")
-    shader.inputs["Roughness"].default_value = roughness
-    shader.inputs["Specular IOR Level"].default_value = 0.2
     color = tree.nodes.new("ShaderNodeAttribute" if attribute else "ShaderNodeVertexColor")
     if attribute:
         color.attribute_name = attribute
     color.location = (shader.location.x - 220, shader.location.y)
     tree.links.new(color.outputs["Color"], shader.inputs["Base Color"])
     return material
+
+
+def new_material(name: str, roughness: float) -> tuple[bpy.types.Material, bpy.types.ShaderNode]:
+    """A material with little shine, and its shader node."""
+    material = bpy.data.materials.new(name)
+    if not material.node_tree:
+        material.use_nodes = True
+    shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    shader.inputs["Roughness"].default_value = roughness
+    shader.inputs["Specular IOR Level"].default_value = 0.2
+    return material, shader
 
 
 def show_points(obj: bpy.types.Object, size: float) -> None:

@@ -15,6 +15,8 @@ import numpy as np
 
 from .materials import COLOR_ATTRIBUTE
 
+UV_MAP = "UVMap"
+
 
 @dataclass(frozen=True)
 class MeshData:
@@ -28,6 +30,7 @@ class MeshData:
         corner_edges: int32 [3 F], the edge from each corner to the next of its face.
         kept: bool, one for each face given: faces whose corners coincide are left out.
         extras: name -> a value per vertex, [N].
+        uv: float32 [F, 3, 2], texture coordinates of each corner, or None.
     """
 
     positions: np.ndarray
@@ -37,6 +40,7 @@ class MeshData:
     corner_edges: np.ndarray
     kept: np.ndarray
     extras: dict[str, np.ndarray] = field(default_factory=dict)
+    uv: np.ndarray | None = None
 
 
 def prepare_mesh(
@@ -44,6 +48,7 @@ def prepare_mesh(
     triangles: np.ndarray,
     colors: np.ndarray | None = None,
     extras: dict[str, np.ndarray] | None = None,
+    uv: np.ndarray | None = None,
 ) -> MeshData:
     """Bring arrays into Blender's form; uses no Blender data.
 
@@ -52,6 +57,7 @@ def prepare_mesh(
         triangles: int [F, 3]; none makes a mesh of loose points.
         colors: uint8 [N, 3] in sRGB, or None.
         extras: name -> [N], whole numbers or floats.
+        uv: [F, 3, 2], one for each corner of each face given, or None.
     """
     a, b, c = np.asarray(triangles, np.int32).reshape(-1, 3).T
     kept = (a != b) & (b != c) & (c != a)
@@ -62,7 +68,8 @@ def prepare_mesh(
         rgba = np.ones((len(colors), 4), np.float32)
         rgba[:, :3] = colors.astype(np.float32) / 255.0
     places = np.nan_to_num(np.ascontiguousarray(positions, np.float32))
-    return MeshData(places, faces, rgba, edges, corner_edges, kept, dict(extras or {}))
+    corners = np.ascontiguousarray(uv[kept], np.float32) if uv is not None else None
+    return MeshData(places, faces, rgba, edges, corner_edges, kept, dict(extras or {}), corners)
 
 
 def edges_of(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,6 +112,10 @@ def mesh_steps(name: str, data: MeshData, sharp_degrees: float | None = None) ->
     for key, values in data.extras.items():
         yield
         set_attribute(bpy.data.meshes[name], key, values)
+    if data.uv is not None:
+        yield
+        layer = bpy.data.meshes[name].uv_layers.new(name=UV_MAP, do_init=False)
+        layer.uv.foreach_set("vector", data.uv.ravel())
     yield
     mesh = bpy.data.meshes[name]
     if sharp_degrees is not None and len(data.triangles):

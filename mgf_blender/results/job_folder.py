@@ -13,6 +13,8 @@ import numpy as np
 from ..common.errors import UserError
 from ..scene_import.cameras import CameraSpec
 
+_TEXTURE = ("texture", "texture_uv")
+
 
 @dataclass(frozen=True)
 class ResultView:
@@ -25,7 +27,7 @@ class ResultView:
 
 @dataclass(frozen=True)
 class Delivery:
-    """The results of a job; files are absolute and exist, or None."""
+    """The results of a job; files are absolute and exist, or None. The two of a texture come together."""
 
     folder: Path
     views: tuple[ResultView, ...]
@@ -33,6 +35,8 @@ class Delivery:
     field: Path | None
     report: Path | None
     parts: Path | None
+    texture: Path | None
+    texture_uv: Path | None
     figures: dict[str, Any]
 
 
@@ -56,11 +60,18 @@ def read_delivery(folder: Path) -> Delivery:
     try:
         views = tuple(_view(folder, entry) for entry in content["views"])
         figures = dict(content.get("figures") or {})
-        files = {key: _file(folder, content.get(key)) for key in ("mesh", "field", "report", "parts")}
+        files = {key: _file(folder, content.get(key)) for key in ("mesh", "field", "report", "parts", *_TEXTURE)}
     except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         raise UserError(
             "'{path}' is not what this version reads ({error!r}); run the job again.", path=path, error=error
         ) from error
+    for key in _TEXTURE:
+        if files[key] is None and any(content.get(k) for k in _TEXTURE):
+            raise UserError(
+                "The texture in '{folder}' lacks its file '{name}'; run the job again.",
+                folder=folder,
+                name=content.get(key) or key,
+            )
     return Delivery(folder, views, figures=figures, **files)
 
 

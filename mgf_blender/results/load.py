@@ -9,10 +9,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..common.editors import draw_texture
 from ..common.errors import UserError
 from ..common.materials import vertex_color_material
 from ..common.meshes import MeshData, make_mesh, prepare_mesh
 from ..common.ply import read_ply
+from ..common.textures import texture_material
 from ..scene_import.cameras import (
     DISTORTED_KEY,
     PHOTO_KEY,
@@ -27,6 +29,8 @@ from ..scene_import.frame import Frame, make_frame
 from ..scene_import.tree import Tree, hide
 from .job_folder import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
+from .surface import paints_texture, show
+from .texture import check_picture, load_texture, read_uv, remove_unused_textures
 
 SHARP_ANGLE = 40.0  # degrees
 MESH_NAME = "Building"
@@ -77,7 +81,8 @@ def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
     if len(surface.triangles) == 0:
         raise UserError("'{mesh}' holds no faces; read the job's report for the reason.", mesh=delivery.mesh)
     parts = read_parts(delivery.parts, len(surface.triangles)) if delivery.parts is not None else None
-    mesh = prepare_mesh(surface.positions - offset, surface.triangles, surface.colors(), surface.extras())
+    uv = _read_texture(delivery, len(surface.triangles))
+    mesh = prepare_mesh(surface.positions - offset, surface.triangles, surface.colors(), surface.extras(), uv)
     if parts is not None:
         parts = Parts(parts.names, parts.face[mesh.kept])
     return Content(delivery, offset, mesh, parts, frame)
@@ -107,6 +112,7 @@ def import_result(
     if not fits or (offset is not None and not np.array_equal(offset, content.offset)):
         content, mesh = read_result(folder, offset), None
     delivery = content.delivery
+    texture = load_texture(delivery.texture) if content.mesh is not None and delivery.texture is not None else None
     if alone:
         tree = _tree_of_job(scene, content)
     tree.clear("Renders")
@@ -116,8 +122,12 @@ def import_result(
         scene.camera = tree.objects("Cameras")[0]
     obj = None
     if content.mesh is not None:
+        had_texture = paints_texture(tree)
         tree.clear("Mesh")
-        obj = _add_mesh(tree, mesh or make_mesh(MESH_NAME, content.mesh, SHARP_ANGLE), content.parts)
+        obj = _add_mesh(tree, mesh or make_mesh(MESH_NAME, content.mesh, SHARP_ANGLE), content.parts, texture)
+        remove_unused_textures()
+        if texture is not None or had_texture:
+            draw_texture(scene, texture is not None)
         for points in tree.objects("Points"):
             hide(points)  # they would speckle the surface
     if scene.camera is not None:
@@ -148,11 +158,23 @@ def _tree_of_job(scene: bpy.types.Scene, content: Content) -> Tree:
     return tree
 
 
-def _add_mesh(tree: Tree, mesh: bpy.types.Mesh, parts: Parts | None) -> bpy.types.Object:
+def _read_texture(delivery: Delivery, faces: int) -> np.ndarray | None:
+    """The texture coordinates of a job's mesh, [F, 3, 2], where it has a texture; its picture is checked as well."""
+    if delivery.texture is None or delivery.texture_uv is None:
+        return None
+    check_picture(delivery.texture)
+    return read_uv(delivery.texture_uv, faces)
+
+
+def _add_mesh(
+    tree: Tree, mesh: bpy.types.Mesh, parts: Parts | None, texture: bpy.types.Image | None
+) -> bpy.types.Object:
     mesh.name = MESH_NAME
-    mesh.materials.append(vertex_color_material())
+    mesh.materials.append(vertex_color_material() if texture is None else texture_material("Building", texture))
     if parts is not None:
-        assign_parts(mesh, parts)
+        assign_parts(mesh, parts, texture)
+    if texture is not None:
+        show(mesh, "TEXTURE")  # materials of an earlier import may show the vertex colours
     obj = bpy.data.objects.new(MESH_NAME, mesh)
     tree.add("Mesh", obj)
     return obj

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import bpy
 
+from ..common.editors import draw_texture
 from ..common.errors import UserError
 from ..common.files import replace_file
 from ..common.operators import FileOperator, Operator
@@ -119,10 +120,12 @@ class MGF_OT_paint_mesh(Operator):
         name="Paint",
         description="What the colors of the mesh show",
         items=[
+            ("TEXTURE", "Texture", "The texture made of the photos, in their full detail"),
             ("COLOR", "Colors", "The colors of the photos"),
             ("CONFIDENCE", "Confidence", "How far each spot can be trusted, from violet (guessed) to yellow (certain)"),
             ("VIEWS", "Views", "How many photos show each spot, from violet (none) to yellow (most)"),
         ],
+        default="COLOR",
     )
 
     @classmethod
@@ -134,6 +137,7 @@ class MGF_OT_paint_mesh(Operator):
         for obj in Tree.find(context.scene).objects("Mesh"):
             surface.show(obj.data, self.kind)
             hide(obj, False)
+        draw_texture(context.scene, self.kind == "TEXTURE")
 
 
 class MGF_OT_export_field(_NeedsJob, FileOperator):

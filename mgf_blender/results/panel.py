@@ -13,7 +13,7 @@ from ..scene_import.tree import Tree
 from . import surface, switch
 from .notice import draw_waiting
 
-_PAINTS = {"COLOR": N_("Colors"), "CONFIDENCE": N_("Confidence"), "VIEWS": N_("Views")}
+_PAINTS = {"TEXTURE": N_("Texture"), "COLOR": N_("Colors"), "CONFIDENCE": N_("Confidence"), "VIEWS": N_("Views")}
 _SHOWS = {"PHOTO": N_("Photo"), "RENDER": N_("Render"), "ERROR": N_("Error"), "MESH": N_("Mesh")}
 
 
@@ -62,7 +62,7 @@ def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     row = column.row(align=True)
     for kind in kinds:
         row.operator("mgf.paint_mesh", text=_PAINTS[kind], depress=kind == now).kind = kind
-    if now not in {"", "COLOR"}:
+    if now in {"CONFIDENCE", "VIEWS"}:
         column.label(text=surface.scale_text(obj.data, now), translate=False)
 
 

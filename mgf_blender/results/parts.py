@@ -11,6 +11,7 @@ import numpy as np
 
 from ..common.errors import UserError
 from ..common.materials import part_material
+from ..common.textures import texture_material
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,16 @@ def read_parts(path: Path, faces: int) -> Parts:
     return parts
 
 
-def assign_parts(mesh: bpy.types.Mesh, parts: Parts) -> None:
-    """A material slot per part that has faces; the first slot, which the mesh has already, holds the rest."""
+def assign_parts(mesh: bpy.types.Mesh, parts: Parts, texture: bpy.types.Image | None = None) -> None:
+    """A material slot per part that has faces; the first slot, which the mesh has already, holds the rest.
+
+    Args:
+        texture: of the mesh, which the parts show as well.
+    """
     slots = np.zeros(len(parts.names), np.int32)
     for i, name in enumerate(parts.names):
         if i > 0 and (parts.face == i).any():
             slots[i] = len(mesh.materials)
-            mesh.materials.append(part_material(name))
+            mesh.materials.append(part_material(name) if texture is None else texture_material(name, texture))
     mesh.polygons.foreach_set("material_index", slots[parts.face])
     mesh.update()

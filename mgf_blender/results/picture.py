@@ -11,8 +11,10 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..common.materials import COLOR_ATTRIBUTE
+from ..common.textures import add_texture_node
 from ..compat import EEVEE
 from ..scene_import.tree import Tree
+from .surface import paints_texture, shown, texture
 
 Size = tuple[int, int]  # width, height in pixels
 
@@ -54,6 +56,7 @@ def render_picture(
         corners = _world_vertices(meshes)
         made += [*_camera(stage, tree, corners, turn, size), *_light(stage, corners), *_ground(stage, corners)]
         _settings(stage, path, size, samples, engine)
+        stage.display.shading.color_type = "TEXTURE" if paints_texture(tree) else "VERTEX"
         bpy.ops.render.render(write_still=True, scene=stage.name)
     finally:
         bpy.data.scenes.remove(stage, do_unlink=True)
@@ -61,21 +64,10 @@ def render_picture(
 
 
 def _actors(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[bpy.types.ID]:
-    """The meshes on the stage, in a material that keeps the light their photos were taken in."""
-    material = bpy.data.materials.new(_RIG)
-    if not material.node_tree:
-        material.use_nodes = True
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    shader = next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
-    color = nodes.new("ShaderNodeAttribute")
-    color.attribute_name = COLOR_ATTRIBUTE
-    for name in ("Base Color", "Emission Color"):
-        links.new(color.outputs["Color"], shader.inputs[name])
-    shader.inputs["Emission Strength"].default_value = _OWN_LIGHT
-    shader.inputs["Roughness"].default_value = 0.9
-    shader.inputs["Specular IOR Level"].default_value = 0.1
-    made: list[bpy.types.ID] = [material]
+    """The meshes on the stage, each in one material that keeps the light its photos were taken in."""
+    made: list[bpy.types.ID] = []
     for obj in meshes:
+        material = _material(texture(obj.data) if shown(obj.data) == "TEXTURE" else None)
         actor = obj.copy()
         actor.parent = None
         actor.matrix_world = obj.matrix_world
@@ -83,8 +75,28 @@ def _actors(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[bpy.
         for slot in actor.material_slots:
             slot.link, slot.material = "OBJECT", material
         stage.collection.objects.link(actor)
-        made.append(actor)
+        made += [material, actor]
     return made
+
+
+def _material(picture: bpy.types.Image | None) -> bpy.types.Material:
+    """A matte surface with some light of its own, in the colours of a texture or else of the vertices."""
+    material = bpy.data.materials.new(_RIG)
+    if not material.node_tree:
+        material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    shader = next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
+    if picture is not None:
+        color = add_texture_node(material.node_tree, picture)
+    else:
+        color = nodes.new("ShaderNodeAttribute")
+        color.attribute_name = COLOR_ATTRIBUTE
+    for name in ("Base Color", "Emission Color"):
+        links.new(color.outputs["Color"], shader.inputs[name])
+    shader.inputs["Emission Strength"].default_value = _OWN_LIGHT
+    shader.inputs["Roughness"].default_value = 0.9
+    shader.inputs["Specular IOR Level"].default_value = 0.1
+    return material
 
 
 def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
@@ -198,7 +210,6 @@ def _settings(stage: bpy.types.Scene, path: Path, size: tuple[int, int], samples
         stage.eevee.taa_render_samples = samples
     else:
         stage.display.shading.light = "STUDIO"
-        stage.display.shading.color_type = "VERTEX"
         stage.display.shading.show_cavity = True
         stage.display.shading.show_shadows = True
         stage.display.shading.background_type = "VIEWPORT"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the surface is painted with: the colours of the photos, or how far each spot can be trusted."""
+"""What the surface is painted with: texture, colours of the photos, or how far each spot can be trusted."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ import numpy as np
 
 from ..common.errors import UserError
 from ..common.materials import COLOR_ATTRIBUTE
-from ..common.meshes import choose_colors, set_colors
+from ..common.meshes import UV_MAP, choose_colors, set_colors
 from ..common.text import tr
+from ..common.textures import show_texture, shows_texture, texture_of
+from ..scene_import.tree import Tree
 
 #: Kind -> the colour attribute that shows it and the value per vertex it is made from.
 KINDS = {
+    "TEXTURE": (UV_MAP, ""),
     "COLOR": (COLOR_ATTRIBUTE, ""),
     "CONFIDENCE": ("Confidence Colors", "confidence"),
     "VIEWS": ("Views Colors", "views"),
@@ -24,11 +27,24 @@ _STOPS = np.array([(0.27, 0.0, 0.33), (0.23, 0.32, 0.55), (0.13, 0.57, 0.55), (0
 
 def available(mesh: bpy.types.Mesh) -> list[str]:
     """The kinds a mesh carries values for, in the order of :data:`KINDS`."""
-    return [kind for kind, (layer, value) in KINDS.items() if (value or layer) in mesh.attributes]
+    kinds = [kind for kind, (layer, value) in KINDS.items() if (value or layer) in mesh.attributes]
+    return [kind for kind in kinds if kind != "TEXTURE" or texture(mesh) is not None]
+
+
+def texture(mesh: bpy.types.Mesh) -> bpy.types.Image | None:
+    """The texture that came with a mesh; pictures in the user's own materials are none."""
+    return next((image for image in map(texture_of, mesh.materials) if image is not None), None)
+
+
+def paints_texture(tree: Tree) -> bool:
+    """Whether a scene's mesh is painted with its texture now."""
+    return any(shown(obj.data) == "TEXTURE" for obj in tree.objects("Mesh"))
 
 
 def shown(mesh: bpy.types.Mesh) -> str:
     """The kind a mesh is painted with now; empty when it is none of ours."""
+    if any(map(shows_texture, mesh.materials)):
+        return "TEXTURE"
     active = mesh.color_attributes.active_color
     return next((kind for kind, (layer, _) in KINDS.items() if active is not None and active.name == layer), "")
 
@@ -40,9 +56,19 @@ def show(mesh: bpy.types.Mesh, kind: str) -> None:
         UserError: the mesh carries no such value.
     """
     if kind not in available(mesh):
+        if kind == "TEXTURE":
+            raise UserError("The mesh has no texture; switch the option Texture on and run the job again.")
         raise UserError(
             "The mesh carries no {kind}; run the job again with this version of the engine.", kind=kind.lower()
         )
+    for material in mesh.materials:
+        show_texture(material, kind == "TEXTURE")
+    if kind != "TEXTURE":
+        _show_colors(mesh, kind)
+
+
+def _show_colors(mesh: bpy.types.Mesh, kind: str) -> None:
+    """Choose the vertex colours of a kind; those of a value are made when first shown."""
     layer, value = KINDS[kind]
     if not value or layer in mesh.color_attributes:
         choose_colors(mesh, layer)

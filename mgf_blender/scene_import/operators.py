@@ -12,6 +12,7 @@ from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..prompts.roots import choose_roots
+from ..results.surface import paints_texture
 from ..results.switch import follow
 from .cameras import PHOTO_KEY, SIZE_KEY, clear_view, fit_render, set_clipping
 from .colmap import read_model
@@ -264,7 +265,8 @@ def frame_tree(context: bpy.types.Context, tree: Tree) -> None:
         clouds[0].data.vertices.foreach_get("co", flat)
         middle = np.median(flat.reshape(-1, 3), axis=0)
     matrix = np.array(root.matrix_basis)
-    frame_scene(context, matrix[:3, :3] @ middle + matrix[:3, 3], tree.radius * root.matrix_basis.median_scale)
+    middle = matrix[:3, :3] @ middle + matrix[:3, 3]
+    frame_scene(context, middle, tree.radius * root.matrix_basis.median_scale, paints_texture(tree))
 
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:

@@ -305,10 +305,10 @@ def look_at_results(window: Window) -> None:
     x, y = window.button(RESULTS)
     window.click(x - 60, y, hold="ctrl")  # opens this panel and closes the others
     time.sleep(1)
-    window.press(window.button(PAINT, 0.5), "confidence", lambda s: s["painted"] == ["Confidence Colors"])
+    window.press(window.button(PAINT, 0.62), "confidence", lambda s: s["painted"] == ["Confidence Colors"])
     time.sleep(2)
     window.shot("35-confidence")
-    window.press(window.button(PAINT, 0.17), "colours", lambda s: s["painted"] == ["Color"])
+    window.press(window.button(PAINT, 0.38), "colours", lambda s: s["painted"] == ["Color"])
     window.tell(
         "py window.scene.camera = next(o.parent for o in bpy.data.objects if o.get('mgf_kind') == 'Renders');"
         "area.spaces.active.region_3d.view_perspective = 'CAMERA'"
