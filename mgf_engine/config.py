@@ -110,6 +110,8 @@ class Config:
     close_bottom: bool = option(False, "mesh", "Close the hole where the building meets the ground")
 
     # deliver
+    texture: bool = option(True, "deliver", "Paint the mesh with a texture made from the photos as they were taken; Blender, OBJ and GLB show it", advanced=False)
+    texture_size: int = option(4096, "deliver", "Longest side of the texture at most; it is smaller where the photos show no more", low=256, high=16384, unit="px")
     export_obj: bool = option(False, "deliver", "Write mesh.obj beside mesh.ply")
     export_glb: bool = option(False, "deliver", "Write mesh.glb beside mesh.ply")
     render_all: bool = option(False, "deliver", "Render every photo's view, not only the held-out ones")

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Last stage: novel views, ``deliver.json`` for Blender and scripts, and the report."""
+"""Last stage: novel views, the texture, ``deliver.json`` for Blender and scripts, and the report."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,19 @@ from numpy.typing import NDArray
 
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
-from mgf_engine.mesh.export import write_glb, write_obj
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.masks.model import MaskSet
+from mgf_engine.mesh.export import COORDINATES, IMAGE, write_glb, write_obj, write_texture
+from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.parts import FILE as PARTS_FILE
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Camera, Rendering, render
 from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.system import atomic_path, write_json
+from mgf_engine.texture.make import make_texture
+
+#: Shares of the stage, for the progress bar.
+_RENDERED, _PAINTED = 0.3, 0.6
 
 
 def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
@@ -34,14 +40,29 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
     renders: dict[int, str] = {}
     for number, index in enumerate(chosen):
-        reporter.progress(0.5 * number / len(chosen))
+        reporter.progress(_RENDERED * number / len(chosen))
         name = f"renders/{Path(scene.views[index].file).stem}.png"
         _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
         renders[index] = name
-    _write_other_formats(mesh, job)
-    figures = report_job(job, scene, masks, field, mesh, reporter)
-    write_json(job.path("deliver.json"), {**_manifest(scene, renders, figures), **_parts(job)})
+    texture = _texture(job, scene, masks, mesh, reporter) if job.config.texture else None
+    _write_other_formats(mesh, texture, job)
+    figures = report_job(job, scene, masks, field, mesh, texture, reporter)
+    write_json(job.path("deliver.json"), {**_manifest(scene, renders, figures), **_parts(job), **_painting(texture)})
     return figures
+
+
+def _texture(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, reporter: Reporter) -> Texture:
+    normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
+    texture = make_texture(
+        normalised, scene, masks, job.config.texture_size, reporter.warning,
+        lambda share: reporter.progress(_RENDERED + (_PAINTED - _RENDERED) * share),
+    )  # fmt: skip
+    write_texture(texture, job.folder)
+    return texture
+
+
+def _painting(texture: Texture | None) -> dict[str, str]:
+    return {} if texture is None else {"texture": IMAGE, "texture_uv": COORDINATES}
 
 
 def _parts(job: Job) -> dict[str, str]:
@@ -49,11 +70,11 @@ def _parts(job: Job) -> dict[str, str]:
     return {"parts": PARTS_FILE} if job.path(PARTS_FILE).exists() else {}
 
 
-def _write_other_formats(mesh: Mesh, job: Job) -> None:
+def _write_other_formats(mesh: Mesh, texture: Texture | None, job: Job) -> None:
     if job.config.export_obj:
-        write_obj(mesh, job.path("mesh.obj"))
+        write_obj(mesh, job.path("mesh.obj"), texture)
     if job.config.export_glb:
-        write_glb(mesh, job.path("mesh.glb"))
+        write_glb(mesh, job.path("mesh.glb"), texture)
 
 
 def render_view(field: Gaussians, view: View, sh_degree: int) -> Rendering:

@@ -32,7 +32,18 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "masks": ("masks",),
     "field": ("checkpoints", "field.ply"),
     "mesh": ("mesh.ply", "mesh_parts.npz"),
-    "deliver": ("renders", "report", "deliver.json", "report.json", "report.html", "mesh.obj", "mesh.glb"),
+    "deliver": (
+        "renders",
+        "report",
+        "deliver.json",
+        "report.json",
+        "report.html",
+        "mesh.obj",
+        "mesh.mtl",
+        "mesh.glb",
+        "texture.jpg",
+        "mesh_texture.npz",
+    ),
 }
 #: What shows that a stage's results are there: the file it writes last, or what people take from it.
 RESULTS: dict[str, tuple[str, ...]] = {
@@ -41,6 +52,12 @@ RESULTS: dict[str, tuple[str, ...]] = {
     "field": ("checkpoints/field.npz",),
     "mesh": ("mesh.ply",),
     "deliver": ("deliver.json", "report.json", "report.html"),
+}
+#: What the last stage writes where an option asks for it.
+ON_REQUEST: dict[str, tuple[str, ...]] = {
+    "texture": ("texture.jpg", "mesh_texture.npz"),
+    "export_obj": ("mesh.obj",),
+    "export_glb": ("mesh.glb",),
 }
 _TAKEN = ("mesh", "deliver")  # the others' results are for later stages
 #: Files whose change makes the scene another one; small ones of the first kinds are compared by content.
@@ -148,10 +165,15 @@ class Job:
         for stage in reversed(STAGES[: STAGES.index(until) + 1]):
             done = self.stages.get(stage, {}).get("key") == keys[stage]
             needed = runs or stage == until or stage in _TAKEN
-            if done and needed and not all(self.path(name).exists() for name in RESULTS[stage]):
+            if done and needed and not all(self.path(name).exists() for name in self._results(stage)):
                 lost.add(stage)
             runs = runs or stage in lost or not done
         return lost
+
+    def _results(self, stage: str) -> list[str]:
+        """Files that show that the stage's results are there, those among them that an option asked for."""
+        wanted = [files for option, files in ON_REQUEST.items() if getattr(self.config, option)]
+        return [*RESULTS[stage], *(name for files in wanted if stage == "deliver" for name in files)]
 
     def forget(self, stage: str) -> None:
         """Have the stage run again at the next occasion."""

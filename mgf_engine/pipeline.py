@@ -55,8 +55,8 @@ def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
 def result_files(job: Job) -> dict[str, str]:
     """What a finished job offers, name -> path, for the files that exist."""
     names = {
-        "mesh": "mesh.ply", "obj": "mesh.obj", "glb": "mesh.glb", "field": "field.ply", "report": "report.html",
-        "figures": "report.json", "renders": "renders", "masks": "masks/contact_sheet.jpg",
+        "mesh": "mesh.ply", "obj": "mesh.obj", "glb": "mesh.glb", "texture": "texture.jpg", "field": "field.ply",
+        "report": "report.html", "figures": "report.json", "renders": "renders", "masks": "masks/contact_sheet.jpg",
     }  # fmt: skip
     return {name: str(job.path(file)) for name, file in names.items() if job.path(file).exists()}
 

@@ -10,7 +10,7 @@ import pytest
 from filelock import FileLock
 
 from mgf_engine.errors import BadInput
-from mgf_engine.job import RESULTS, Job, read_job
+from mgf_engine.job import ON_REQUEST, RESULTS, Job, read_job
 from mgf_engine.messages import STAGES
 from mgf_engine.pipeline import load_field, load_mesh, load_scene_of
 from mgf_engine.scene.colmap import PHOTO_KINDS
@@ -100,7 +100,7 @@ def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path,
 
 def leave_results(job: Job) -> None:
     for stage in STAGES:
-        for name in RESULTS[stage]:
+        for name in (*RESULTS[stage], *(ON_REQUEST["texture"] if stage == "deliver" else ())):
             job.path(name).parent.mkdir(parents=True, exist_ok=True)
             job.path(name).write_bytes(b"1")
 
@@ -111,6 +111,7 @@ def leave_results(job: Job) -> None:
         ([], {}, set()),
         (["mesh.ply"], {}, {"mesh"}),
         (["report.html"], {}, {"deliver"}),
+        (["texture.jpg"], {}, {"deliver"}),
         (["scene/scene.npz", "masks/scores.json", "checkpoints/field.npz"], {}, set()),  # nobody reads them any more
         (["checkpoints/field.npz"], {"level_steps": 3}, {"field"}),
         (["masks/scores.json"], {"render_all": True}, {"masks"}),

@@ -83,7 +83,8 @@ def test_the_masks_are_the_house(house: House, finished) -> None:
 
 def test_everything_promised_is_in_the_job_folder(finished) -> None:
     job, messages = finished
-    for name in ("mesh.ply", "field.ply", "report.html", "report.json", "deliver.json", "masks/contact_sheet.jpg"):
+    results = ("mesh.ply", "field.ply", "report.html", "report.json", "deliver.json", "masks/contact_sheet.jpg")
+    for name in (*results, "texture.jpg", "mesh_texture.npz"):
         assert (job / name).stat().st_size > 0, name
     report = json.loads((job / "report.json").read_text())
     assert report["held_out"]["psnr"] > 17
@@ -94,6 +95,8 @@ def test_everything_promised_is_in_the_job_folder(finished) -> None:
     for view in held_out:
         render = cv2.imread(str(job / view["render"]), cv2.IMREAD_UNCHANGED)
         assert render.shape == (view["height"], view["width"], 4)
+    assert (manifest["texture"], manifest["texture_uv"]) == ("texture.jpg", "mesh_texture.npz")
+    assert report["counts"]["PSNR of the textured mesh, held-out photos (dB)"] > 15
     assert messages[0]["type"] == "started"
     assert messages[-1]["type"] == "result"
     assert not list(job.rglob(".part-*"))
@@ -178,6 +181,18 @@ def test_cancel_by_closing_standard_input_leaves_a_job_to_resume(house: House, f
     assert rest[-1]["type"] == "failed"
     assert "--resume" in rest[-1]["text"]
     assert (job / "checkpoints" / "training.npz").exists()
+
+
+def test_without_a_texture_none_is_left_and_a_lost_one_is_made_again(finished, tmp_path: Path) -> None:
+    job = tmp_path / "job"
+    shutil.copytree(finished[0], job)
+    (job / "texture.jpg").unlink()
+    messages = finish(start("deliver", "--out", job))
+    assert [m["stage"] for m in messages if m["type"] == "stage" and not m["cached"]] == ["deliver"]
+    assert (job / "texture.jpg").read_bytes() == (finished[0] / "texture.jpg").read_bytes()
+    finish(start("deliver", "--out", job, "--no-texture"))
+    assert not (job / "texture.jpg").exists() and not (job / "mesh_texture.npz").exists()
+    assert "texture" not in json.loads((job / "deliver.json").read_text())
 
 
 @pytest.mark.parametrize("format", ["obj", "glb"])

@@ -20,19 +20,26 @@ from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, writ
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
 from mgf_engine.masks.model import MaskSet, building
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.view import shaded
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.device import choose_device
 from mgf_engine.raster.library import variant
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
+from mgf_engine.texture.draw import draw_textured
 
 _TRAINING_VIEWS_SHOWN = 3
 
 
 def report_job(
-    job: Job, scene: Scene, masks: MaskSet, field: Gaussians, mesh: Mesh, reporter: Reporter
+    job: Job,
+    scene: Scene,
+    masks: MaskSet,
+    field: Gaussians,
+    mesh: Mesh,
+    texture: Texture | None,
+    reporter: Reporter,
 ) -> dict[str, Any]:
     """Measure and write ``report.html`` and ``report.json``; returns the headline figures.
 
@@ -42,11 +49,19 @@ def report_job(
     """
     mesh = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     shown = _shown_views(scene, masks)
-    views = []
+    views, textured = [], []
     for index in range(len(scene.views)):
-        reporter.progress(0.5 + 0.4 * index / len(scene.views))
-        views.append(_view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown))
+        reporter.progress(0.6 + 0.3 * index / len(scene.views))
+        report = _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown)
+        if report.pictures and texture is not None:
+            picture = report.pictures["texture"] = draw_textured(mesh, texture, scene.views[index])[0]
+            if report.held_out and masks.used[index]:
+                textured.append(score(scene.photo(index), picture, building(masks.labels[index])))
+        views.append(report)
     data = _report_data(job, scene, masks, mesh, views)
+    quality = mean_scores(textured).psnr
+    if quality is not None:
+        data.counts["PSNR of the textured mesh, held-out photos (dB)"] = round(quality, 2)
     data.turntable = list(turntable(mesh, scene))
     write_report(job.folder, data)
     held_out = mean_scores([v.scores for v in views if v.held_out and v.scores])
@@ -134,7 +149,7 @@ def _trust(job: Job) -> dict[str, float]:
 
 
 def _files(job: Job) -> dict[str, str]:
-    names = ("mesh.ply", "mesh.obj", "mesh.glb", "field.ply", "renders", "report.json", "log.txt")
+    names = ("mesh.ply", "mesh.obj", "mesh.glb", "texture.jpg", "field.ply", "renders", "report.json", "log.txt")
     return {Path(name).stem if name != "mesh.ply" else "mesh": name for name in names if job.path(name).exists()}
 
 

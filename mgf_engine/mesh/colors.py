@@ -79,12 +79,12 @@ def _samples(
     faced = facing > 0.1
     index, distance, facing = index[faced], distance[faced], facing[faced]
     map_u, map_v = (at[index, :2] - 0.5).astype(np.float32).T
-    colors = _bilinear(photo, map_u, map_v)
+    colors = bilinear(photo, map_u, map_v)
     weight = (facing**2 * (view.fx / distance) ** 2).astype(np.float32)
     return index, weight, colors
 
 
-def _bilinear(photo: NDArray[np.uint8], u: NDArray[np.float32], v: NDArray[np.float32]) -> NDArray[np.uint8]:
+def bilinear(photo: NDArray[np.uint8], u: NDArray[np.float32], v: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Colours [n, 3] between the pixels; u, v in pixels with centres at whole numbers."""
     x, y = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
     a, b = (u - x)[:, None], (v - y)[:, None]

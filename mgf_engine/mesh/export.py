@@ -12,16 +12,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.scene.model import Similarity
 from mgf_engine.system import atomic_path
 
 #: Float32 coordinates are used where their rounding stays below this share of the mesh's size.
 PRECISION = 1e-6
+IMAGE, COORDINATES = "texture.jpg", "mesh_texture.npz"
+QUALITY = 92  # of the texture as JPEG
 _PLY_TYPES = {"u1": "uchar", "i4": "int", "f4": "float", "f8": "double"}
 
 
@@ -75,28 +78,85 @@ def read_ply(path: Path) -> Mesh:
     return Mesh(vertices, faces, colors)
 
 
-def write_obj(mesh: Mesh, path: Path) -> None:
-    """Wavefront OBJ with vertex colours (``v x y z r g b``), coordinates to the last digit that matters."""
+def write_texture(texture: Texture, folder: Path) -> None:
+    """Write ``texture.jpg``, and ``mesh_texture.npz`` with the array ``uv`` in the order of ``mesh.ply``'s faces."""
+    with atomic_path(folder / IMAGE) as temporary:
+        temporary.write_bytes(_jpeg(texture))
+    with atomic_path(folder / COORDINATES) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, uv=texture.uv)
+
+
+def _jpeg(texture: Texture) -> bytes:
+    ok, data = cv2.imencode(".jpg", cv2.cvtColor(texture.image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    if not ok:
+        raise RuntimeError(f"could not encode a texture of {texture.image.shape}")
+    return data.tobytes()
+
+
+def write_obj(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
+    """Wavefront OBJ with vertex colours (``v x y z r g b``), coordinates to the last digit that matters.
+
+    With a texture, an MTL file beside it names the texture's picture, which lies in the same folder.
+    """
     digits = _digits(mesh.vertices)
     table = np.column_stack([mesh.vertices, mesh.colors / 255.0])
     with atomic_path(path) as temporary, open(temporary, "w", encoding="ascii") as file:
         file.write("# axes, scale and origin are those of the COLMAP model\n")
+        if texture is not None:
+            file.write(f"mtllib {path.with_suffix('.mtl').name}\n")
         np.savetxt(file, table, fmt=f"v %.{digits}f %.{digits}f %.{digits}f %.4f %.4f %.4f")
-        np.savetxt(file, mesh.faces + 1, fmt="f %d %d %d")
+        if texture is None:
+            np.savetxt(file, mesh.faces + 1, fmt="f %d %d %d")
+        else:
+            uv, place = np.unique(texture.uv.reshape(-1, 2), axis=0, return_inverse=True)
+            file.write("usemtl building\n")
+            np.savetxt(file, uv, fmt="vt %.6f %.6f")
+            corners = np.stack([mesh.faces + 1, place.reshape(-1, 3) + 1], 2).reshape(-1, 6)
+            np.savetxt(file, corners, fmt="f %d/%d %d/%d %d/%d")
+    if texture is not None:
+        with atomic_path(path.with_suffix(".mtl")) as temporary:
+            temporary.write_text(f"newmtl building\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nmap_Kd {IMAGE}\n", encoding="ascii")
 
 
-def write_glb(mesh: Mesh, path: Path) -> None:
-    """Binary glTF; vertices around the mesh's centre, the centre as the translation of the node."""
+def write_glb(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
+    """Binary glTF; vertices around the mesh's centre, the centre as the translation of the node.
+
+    With a texture, which the file then holds, vertices are doubled where faces find them in several places of it, and
+    have no colours of their own.
+    """
     import trimesh
 
     centre = np.round(0.5 * (mesh.vertices.min(0) + mesh.vertices.max(0)), 3)
-    rgba = np.column_stack([mesh.colors, np.full(len(mesh.colors), 255, np.uint8)])
-    local = trimesh.Trimesh(mesh.vertices - centre, mesh.faces, vertex_colors=rgba, process=False)
+    if texture is None:
+        rgba = np.column_stack([mesh.colors, np.full(len(mesh.colors), 255, np.uint8)])
+        local = trimesh.Trimesh(mesh.vertices - centre, mesh.faces, vertex_colors=rgba, process=False)
+    else:
+        local = _textured(replace(mesh, vertices=mesh.vertices - centre), texture)
     scene = trimesh.Scene()
     scene.add_geometry(local, node_name="building", geom_name="building", transform=_translation(centre))
     data = scene.export(file_type="glb")
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
+
+
+def _textured(mesh: Mesh, texture: Texture) -> Any:
+    import io
+
+    import trimesh
+    from PIL import Image
+
+    corner = np.column_stack([mesh.faces.ravel(), texture.uv.reshape(-1, 2)])
+    split, faces = np.unique(corner, axis=0, return_inverse=True)
+    material = trimesh.visual.material.PBRMaterial(
+        name="building",
+        baseColorTexture=Image.open(io.BytesIO(_jpeg(texture))),
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+    )
+    visual = trimesh.visual.TextureVisuals(uv=split[:, 1:], material=material)
+    return trimesh.Trimesh(
+        mesh.vertices[split[:, 0].astype(np.int64)], faces.reshape(-1, 3), visual=visual, process=False
+    )
 
 
 def needs_double(vertices: NDArray[np.float64]) -> bool:

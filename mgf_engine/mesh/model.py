@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The triangle mesh that the mesh stage hands on."""
+"""The triangle mesh that the mesh stage hands on, and the texture that may come with it."""
 
 from __future__ import annotations
 
@@ -39,3 +39,16 @@ class Mesh:
         """The mesh of the vertices at ``index`` [M], with all they carry, and ``faces`` [F, 3] between them."""
         values = {name: value[index] for name, value in self.values.items()}
         return Mesh(self.vertices[index], np.asarray(faces, np.int32), self.colors[index], values)
+
+
+@dataclass(frozen=True)
+class Texture:
+    """A picture and the place of every face in it.
+
+    Attributes:
+        uv: float32 [F, 3, 2], 0..1, u to the right, v upwards, of the corners of each face.
+        image: RGB uint8 [H, W, 3], first row at the top (v = 1).
+    """
+
+    uv: NDArray[np.float32]
+    image: NDArray[np.uint8]

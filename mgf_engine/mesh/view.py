@@ -59,6 +59,16 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
     return Sight(depth_map, face)
 
 
+def draw_triangles(at: NDArray[np.float64], height: int, width: int) -> NDArray[np.int32]:
+    """Which of the triangles [F, 3, 2] (pixels, none over another) covers each pixel's centre; -1 for none, [H, W]."""
+    flat = np.concatenate([at.reshape(-1, 2), np.ones((3 * len(at), 1))], 1)
+    inverse, face = np.zeros((height, width), np.float32), np.full((height, width), -1, np.int32)
+    faces = np.arange(3 * len(at), dtype=np.int32).reshape(-1, 3)
+    bands = 1 if own_threads() == 1 else 2 * own_threads()
+    parallel("zbuffer_work", flat, faces, len(faces), height, width, -(-height // bands), inverse, face)
+    return face
+
+
 def face_normals(mesh: Mesh) -> NDArray[np.float64]:
     """Outward unit normals [F, 3]; zero for faces without area."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))

@@ -9,6 +9,7 @@ so a change of exposure is a gain there too.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -40,9 +41,14 @@ def even_exposure(scene: Scene, folder: Path) -> Array:
     for view, gain in zip(scene.views, gains, strict=True):
         if (gain != 1.0).any():
             path = folder / Path(view.file).name
-            table = np.clip(np.arange(256)[:, None] * gain, 0, 255).round().astype(np.uint8)
-            write_png(path, np.asarray(cv2.LUT(read_rgb(path), table[None]), np.uint8))
+            write_png(path, with_gain(read_rgb(path), gain))
     return gains
+
+
+def with_gain(photo: NDArray[np.uint8], gain: Sequence[float] | Array) -> NDArray[np.uint8]:
+    """A photo [h, w, 3] with its channels multiplied by ``gain`` [3]."""
+    table = np.clip(np.arange(256)[:, None] * np.asarray(gain), 0, 255).round().astype(np.uint8)
+    return np.asarray(cv2.LUT(photo, table[None]), np.uint8)
 
 
 def photo_gains(observed: Array, scene: Scene) -> Array:

@@ -109,6 +109,8 @@ def _load(
         scene = replace(scene, left_out=(*scene.left_out, *unplaced))
     if config.even_exposure:
         gains = even_exposure(scene, working)
+        views = (replace(v, gain=(r, g, b)) for v, (r, g, b) in zip(scene.views, gains.tolist(), strict=True))
+        scene = replace(scene, views=tuple(views))
         log.info("scene: photos brought to one exposure, factors %.2f to %.2f", gains.min(), gains.max())
     _replace(working, folder / "images")
     save_scene(scene)
@@ -151,6 +153,7 @@ def _view(name: str, photo: Photo, rotation: NDArray[np.float64], translation: N
         name=name.replace("\\", "/"), file=f"images/{photo.file}", width=camera.width, height=camera.height,
         fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy, rotation=rotation, translation=translation,
         original_width=photo.width, original_height=photo.height, lens=camera.lens,
+        photo=str(photo.path), orientation=photo.orientation,
     )  # fmt: skip
 
 

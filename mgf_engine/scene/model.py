@@ -59,6 +59,9 @@ class View:
         original_width, original_height: pixels of the user's photo as its camera saw it (after an EXIF rotation, if
             the camera was calibrated on the rotated photo); clicks and masks from outside are given in this frame.
         lens: the camera before undistortion; None when the working photo is the original one merely resized.
+        photo: where the user's photo lies; empty in scenes of earlier versions.
+        orientation: EXIF orientation that was applied to it, 1 for none.
+        gain: what its red, green and blue were multiplied by to bring all photos to one exposure.
     """
 
     name: str
@@ -74,6 +77,9 @@ class View:
     original_width: int
     original_height: int
     lens: Lens | None = None
+    photo: str = ""
+    orientation: int = 1
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     @property
     def centre(self) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.cameras import WorkingCamera, plan_camera
 from mgf_engine.scene.images import PhotoInfo, read_info, read_rgb, turn, write_png
+from mgf_engine.scene.model import View
 from mgf_engine.scene.sparse import NO_POINT, SparseCamera, SparseImage, SparseModel
 from mgf_engine.system import cores
 
@@ -90,6 +91,22 @@ def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Calla
         finally:
             for job in jobs:
                 job.cancel()
+
+
+def original_photo(view: View) -> NDArray[np.uint8]:
+    """The user's photo of a view, as its camera saw it, RGB uint8 [original_height, original_width, 3].
+
+    Raises:
+        BadInput: it is gone, damaged or another one; or the scene does not say where it lies.
+    """
+    if not view.photo:
+        raise BadInput("The job's scene was made by an earlier version and does not say where its photos are.")
+    image = read_rgb(Path(view.photo))
+    if view.orientation != 1:
+        image = turn(image, view.orientation)
+    if image.shape[:2] != (view.original_height, view.original_width):
+        raise BadInput(f"The photo '{view.photo}' is not the one the job began with; put that one back.")
+    return image
 
 
 def _make_photo(photo: Photo, folder: Path) -> None:

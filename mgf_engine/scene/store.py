@@ -76,7 +76,7 @@ def _build(folder: Path, arrays: dict[str, Any]) -> Scene:
             raise ValueError(f"{name} is {arrays[name].dtype} {arrays[name].shape}")
     poses = zip(arrays["view_rotation"], arrays["view_translation"], strict=True)
     views = tuple(
-        View(**{**entry, "rotation": r, "translation": t, "lens": _lens(entry["lens"])})
+        View(**{**entry, "rotation": r, "translation": t, "lens": _lens(entry["lens"]), "gain": _gain(entry)})
         for entry, (r, t) in zip(head["views"], poses, strict=True)
     )
     return Scene(
@@ -101,7 +101,11 @@ def _check(scene: Scene) -> None:
         sizes = (view.width, view.height, view.original_width, view.original_height)
         if not isinstance(view.name, str) or not all(type(n) is int and 0 < n < 1 << 20 for n in sizes):
             raise ValueError(f"the view '{view.name}' has no size")
-        numbers = np.array([view.fx, view.fy, view.cx, view.cy, *view.rotation.ravel(), *view.translation], np.float64)
+        if not isinstance(view.photo, str) or type(view.orientation) is not int or not 1 <= view.orientation <= 8:
+            raise ValueError(f"the view '{view.name}' has no photo")
+        numbers = np.array(
+            [*view.gain, view.fx, view.fy, view.cx, view.cy, *view.rotation.ravel(), *view.translation], np.float64
+        )
         if not np.isfinite(numbers).all() or min(view.fx, view.fy) <= 0:
             raise ValueError(f"the view '{view.name}' has an impossible camera")
     if scene.points.shape != (points, 3) or scene.colors.shape != (points, 3) or scene.errors.shape != (points,):
@@ -124,6 +128,11 @@ def _check(scene: Scene) -> None:
 
 def _lens(entry: dict[str, Any] | None) -> Lens | None:
     return None if entry is None else Lens(entry["model"], entry["width"], entry["height"], tuple(entry["params"]))
+
+
+def _gain(entry: dict[str, Any]) -> tuple[float, float, float]:
+    red, green, blue = (float(g) for g in entry.get("gain", (1.0, 1.0, 1.0)))
+    return red, green, blue
 
 
 def _unusable(folder: Path, detail: str) -> BadInput:

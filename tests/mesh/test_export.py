@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.export import in_scene, needs_double, read_ply, write_glb, write_obj, write_ply
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.export import in_scene, needs_double, read_ply, write_glb, write_obj, write_ply, write_texture
+from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.scene.model import Similarity
 
 from .analytic import ball
@@ -114,3 +114,38 @@ def test_truncated_files_are_refused(tmp_path):
         (tmp_path / "cut.ply").write_bytes(data[:length])
         with pytest.raises(BadInput, match=r"cut\.ply"):
             read_ply(tmp_path / "cut.ply")
+
+
+def textured(offset=UTM) -> tuple[Mesh, Texture]:
+    """Every face with a place of its own in the picture, neighbours in pairs."""
+    mesh = colored(offset)
+    rng = np.random.default_rng(1)
+    uv = rng.uniform(0, 1, (len(mesh.faces), 3, 2)).astype(np.float32)
+    uv[1::2, 0] = uv[::2, 0]
+    return mesh, Texture(uv, np.full((32, 64, 3), (200, 100, 50), np.uint8))
+
+
+def test_a_textured_obj_names_its_picture_and_every_corner_has_its_place(tmp_path):
+    mesh, texture = textured()
+    write_texture(texture, tmp_path)
+    write_obj(mesh, tmp_path / "mesh.obj", texture)
+    lines = [line.split() for line in (tmp_path / "mesh.obj").read_text().splitlines()]
+    places = np.array([line[1:] for line in lines if line[0] == "vt"], float)
+    corners = np.array([[c.split("/") for c in line[1:]] for line in lines if line[0] == "f"], int) - 1
+    assert np.array_equal(corners[..., 0], mesh.faces)
+    assert np.abs(places[corners[..., 1]] - texture.uv).max() < 1e-6 and len(places) < 3 * len(mesh.faces)
+    loaded = trimesh.load(tmp_path / "mesh.obj", process=False)
+    assert loaded.visual.material.image.size == (64, 32)
+    with np.load(tmp_path / "mesh_texture.npz") as data:
+        assert np.array_equal(data["uv"], texture.uv)
+
+
+def test_a_textured_glb_holds_the_picture(tmp_path):
+    mesh, texture = textured()
+    write_glb(mesh, tmp_path / "mesh.glb", texture)
+    loaded = placed(trimesh.load(tmp_path / "mesh.glb", process=False))
+    assert np.abs(loaded.vertices[loaded.faces] - mesh.vertices[mesh.faces]).max() < 1e-4
+    assert np.abs(loaded.visual.uv[loaded.faces] - texture.uv).max() < 1e-5
+    image = loaded.visual.material.baseColorTexture
+    assert image.size == (64, 32) and b"image/jpeg" in (tmp_path / "mesh.glb").read_bytes()
+    assert np.abs(np.asarray(image.convert("RGB")).astype(int) - (200, 100, 50)).max() < 4

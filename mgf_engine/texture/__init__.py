@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A texture for the finished mesh: one picture, cut from the photos as the user took them, and where each face finds
+its part of it.
+
+Which photo shows which face (``sights``), which one paints it (``choose``), where that goes in the picture
+(``charts``), how seams between photos vanish (``seams``), and the pixels themselves (``bake``); ``make`` runs it all.
+"""

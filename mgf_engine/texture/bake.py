@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The pixels of the texture: each looked up in the photo, as the user took it, that paints its face."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import draw_triangles
+from mgf_engine.raster.library import side_by_side
+from mgf_engine.scene.model import View
+from mgf_engine.texture.charts import GUTTER
+from mgf_engine.texture.model import NO_VIEW, Layout, Source
+from mgf_engine.texture.seams import Corrections
+
+_STRIP = 4096  # pixels in a row of what is looked up at once; OpenCV takes fewer than 32,768 columns and rows
+
+
+def bake(
+    mesh: Mesh,
+    layout: Layout,
+    label: NDArray[np.int32],
+    views: Sequence[View],
+    corrections: Corrections,
+    source: Callable[[int], Source],
+    progress: Callable[[float], None] = lambda share: None,
+) -> NDArray[np.uint8]:
+    """The picture, RGB uint8 [H, W, 3].
+
+    Args:
+        mesh: normalised frame.
+        label: [F], the view that paints each face.
+        source: position in ``views`` -> what to paint with.
+    """
+    face = draw_triangles(layout.at, layout.height, layout.width)
+    pixel = np.flatnonzero(face >= 0)
+    pixel = pixel[np.argsort(label[face.ravel()[pixel]], kind="stable")]
+    owner = label[face.ravel()[pixel]]
+    kinds, start = np.unique(owner, return_index=True)
+    parts = np.split(pixel, start[1:])
+    image = np.zeros((layout.height * layout.width, 3), np.uint8)
+
+    def colors(k: int) -> NDArray[np.uint8]:
+        faces, index = face.ravel()[parts[k]], int(kinds[k])
+        at = np.stack([parts[k] % layout.width, parts[k] // layout.width], 1) + 0.5
+        weight = barycentric(layout.at[faces], at)[..., None]
+        if index == NO_VIEW:
+            painted = (mesh.colors[mesh.faces[faces]] * weight).sum(1)
+        else:
+            points = (mesh.vertices[mesh.faces[faces]] * weight).sum(1)
+            painted = look_up(views[index], source(index), points, layout.scale)
+        painted = painted + (corrections.value[corrections.of_corner[faces]] * weight).sum(1)
+        return np.clip(np.rint(painted), 0, 255).astype(np.uint8)
+
+    for k, found in enumerate(side_by_side(colors, range(len(kinds)))):
+        progress(k / len(kinds))
+        image[parts[k]] = found
+    return _fill_gutters(image.reshape(layout.height, layout.width, 3), face >= 0)
+
+
+def barycentric(triangle: NDArray[np.float64], at: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Weights [n, 3] of the corners of triangles [n, 3, 2] at points [n, 2] inside."""
+    first, second, off = triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0], at - triangle[:, 0]
+    area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    b = (off[:, 0] * second[:, 1] - off[:, 1] * second[:, 0]) / area
+    c = (first[:, 0] * off[:, 1] - first[:, 1] * off[:, 0]) / area
+    return np.stack([1 - b - c, b, c], 1)
+
+
+def look_up(view: View, source: Source, points: NDArray[np.float64], scale: float) -> NDArray[np.uint8]:
+    """What a photo of a view shows at points [n, 3], RGB uint8 [n, 3].
+
+    Args:
+        scale: pixels wanted per pixel of the working photo; a photo that has more is made smaller first.
+    """
+    photo, at = source.image, view.project(points)[0]
+    if source.original:
+        at = view.to_original(at)
+    shrink = min(1.0, scale * view.width / photo.shape[1])
+    if shrink < 1.0:
+        size = (max(1, round(photo.shape[1] * shrink)), max(1, round(photo.shape[0] * shrink)))
+        at = at * (size[0] / photo.shape[1], size[1] / photo.shape[0])
+        photo = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return sample(photo, at, cv2.INTER_CUBIC)
+
+
+def sample(image: NDArray[np.uint8], at: NDArray[np.float64], interpolation: int) -> NDArray[np.uint8]:
+    """Colours [n, 3] of a picture at pixels [n, 2] (the top-left pixel's centre is at 0.5, 0.5)."""
+    rows = -(-len(at) // _STRIP)
+    maps = np.zeros((rows * _STRIP, 2), np.float32)
+    maps[: len(at)] = np.nan_to_num(at - 0.5, nan=-1.0)
+    x, y = (np.ascontiguousarray(maps[:, k]).reshape(rows, _STRIP) for k in range(2))
+    found = cv2.remap(image, x, y, interpolation=interpolation, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found.reshape(-1, 3)[: len(at)], np.uint8)
+
+
+def _fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Pixels beside the patches take the nearest patch's colour: smaller copies of the picture mix them in."""
+    if not painted.any():
+        return image
+    distance, nearest = cv2.distanceTransformWithLabels(
+        (~painted).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    source = np.zeros(int(nearest.max()) + 1, np.int64)
+    source[nearest[painted]] = np.flatnonzero(painted)
+    near = ~painted & (distance <= 2 * GUTTER)
+    image[near] = image.reshape(-1, 3)[source[nearest[near]]]
+    image[~painted & ~near] = image[painted].mean(0).astype(np.uint8)
+    return image

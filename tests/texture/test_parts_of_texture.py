@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Choosing photos, laying out patches, and levelling seams, each on something small."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import draw_triangles
+from mgf_engine.texture.charts import CELL, GUTTER, lay_out, pack
+from mgf_engine.texture.choose import choose_views, face_neighbours, patches
+from mgf_engine.texture.model import NO_VIEW
+from mgf_engine.texture.seams import level_seams
+from mgf_engine.texture.sights import Sights, find_sights
+from tests.mesh.analytic import ball, camera, ring
+
+SIDE = 12
+
+
+def strip() -> np.ndarray:
+    """Faces of a strip of SIDE squares between two rows of vertices, [2 SIDE, 3]."""
+    i = np.arange(SIDE)
+    low, high = i, i + SIDE + 1
+    both = np.stack([np.column_stack([low, low + 1, high]), np.column_stack([low + 1, high + 1, high])], 1)
+    return both.reshape(-1, 3).astype(np.int32)
+
+
+def sights(sizes: np.ndarray) -> Sights:
+    """From sizes [views, faces], 0 where a view does not show a face."""
+    view, face = np.nonzero(sizes)
+    return Sights(view.astype(np.int32), face.astype(np.int32), sizes[view, face].astype(np.float32), sizes.shape[1])
+
+
+def choose(sizes: np.ndarray) -> np.ndarray:
+    faces = strip()
+    return choose_views(sights(sizes), face_neighbours(faces), np.ones(len(faces)))
+
+
+def test_neighbours_share_an_edge() -> None:
+    faces = strip()
+    pairs = face_neighbours(faces)
+    assert len(pairs) == len(faces) - 1
+    assert all(len(set(faces[a]) & set(faces[b])) == 2 for a, b in pairs)
+
+
+def test_one_photo_that_shows_all_nearly_best_paints_all() -> None:
+    sizes = np.zeros((3, 2 * SIDE))
+    sizes[0, :SIDE], sizes[2, SIDE:], sizes[1] = 100, 100, 80
+    assert (choose(sizes) == 1).all()
+
+
+def test_a_much_better_photo_is_worth_a_seam_and_what_none_shows_stays_bare() -> None:
+    sizes = np.zeros((2, 2 * SIDE))
+    sizes[0, : SIDE + 4], sizes[1, SIDE:-2] = 100, 300
+    label = choose(sizes)
+    assert (label[:SIDE] == 0).all() and (label[SIDE:-2] == 1).all() and (label[-2:] == NO_VIEW).all()
+    assert len(np.unique(patches(label, face_neighbours(strip())))) == 3
+
+
+def test_small_patches_go_to_a_neighbour_that_shows_them() -> None:
+    sizes = np.zeros((2, 2 * SIDE))
+    sizes[0], sizes[1, 7:10] = 4, 12
+    assert (choose(sizes) == 0).all()
+    sizes[0, 7:10] = 0
+    assert (choose(sizes)[7:10] == 1).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(1, 60), st.integers(1, 60)), min_size=1, max_size=40), st.integers(64, 400))
+def test_rectangles_do_not_overlap(sizes: list[tuple[int, int]], side: int) -> None:
+    corner = pack(np.array(sizes), side)
+    if corner is None:
+        assert sum(w * h for w, h in sizes) > 0.2 * side * side  # shelves waste room, but not that much
+        return
+    taken = np.zeros((side, side), int)
+    for (x, y), (w, h) in zip(corner, sizes, strict=True):
+        assert x + w <= side and y + h <= side
+        taken[y : y + h, x : x + w] += 1
+    assert taken.max() == 1
+
+
+@pytest.mark.parametrize("largest", [256, 1024])
+def test_every_face_has_its_place(largest: int) -> None:
+    rng = np.random.default_rng(1)
+    count = 60
+    corner = rng.uniform(20, 400, (count, 1, 2))
+    uv = corner + rng.uniform(0, 80, (count, 3, 2))
+    label = np.where(np.arange(count) < 40, np.arange(count) % 3, NO_VIEW).astype(np.int32)
+    layout = lay_out(uv, label, np.arange(count, dtype=np.int32), 2.0, largest)
+    assert layout.width <= largest and layout.height <= largest and layout.scale <= 2.0
+    assert layout.scale == 2.0 or largest == 256
+    low, high = layout.at.min(1), layout.at.max(1)
+    assert low.min() >= 1 and (high <= (layout.width - 1, layout.height - 1)).all()
+    sides = np.linalg.norm(np.diff(layout.at[:40], axis=1), axis=2) / np.linalg.norm(np.diff(uv[:40], axis=1), axis=2)
+    assert np.abs(sides - layout.scale).max() < 1e-9
+    apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(2)
+    apart[np.diag_indices(count)] = np.inf
+    assert apart.min() >= 2 * GUTTER - 1e-9 or apart[:40, :40].min() >= 2 * GUTTER - 1e-9
+    assert apart[40:, 40:].min() >= CELL - 4.5
+
+
+def test_more_bare_faces_than_cells_make_the_picture_larger() -> None:
+    count = (256 // CELL) ** 2 + 1
+    label = np.full(count, NO_VIEW, np.int32)
+    layout = lay_out(np.zeros((count, 3, 2)), label, np.zeros(count, np.int32), 1.0, 256)
+    assert layout.width == 512
+    drawn = draw_triangles(layout.at, layout.height, layout.width)
+    assert len(np.unique(drawn[drawn >= 0])) == count
+
+
+def painted_ball(shift: float):
+    """A ball, two cameras beside each other that see it in one colour, the second ``shift`` darker."""
+    mesh, views = ball(subdivisions=3), [camera((4.0, 0, 0)), camera((3.4, 2.0, 0))]
+    photos = [np.full((v.height, v.width, 3), 150 - shift * k, np.uint8) for k, v in enumerate(views)]
+    mesh = replace(mesh, colors=np.full((len(mesh.vertices), 3), 150, np.uint8))
+    half = (mesh.vertices[mesh.faces].mean(1)[:, 1] > 0.3).astype(np.int32)
+    return mesh, half, views, photos
+
+
+def test_both_sides_of_a_seam_agree() -> None:
+    mesh, half, views, photos = painted_ball(12)
+    found = level_seams(mesh, half, face_neighbours(mesh.faces), views, lambda i: photos[i])
+    value = np.array([150.0, 138.0])[half][:, None, None] + found.value[found.of_corner]
+    seam = np.intersect1d(mesh.faces[half == 0], mesh.faces[half == 1])
+    sides = [value[half == k][np.isin(mesh.faces[half == k], seam)] for k in (0, 1)]
+    assert abs(sides[0].mean() - sides[1].mean()) < 1.5 and np.ptp(np.concatenate(sides)) < 3
+    assert np.abs(found.value).max() < 12  # each side gives way
+
+
+def test_without_seams_or_differences_nothing_is_corrected() -> None:
+    mesh, half, views, photos = painted_ball(0)
+    assert np.abs(level_seams(mesh, half, face_neighbours(mesh.faces), views, lambda i: photos[i]).value).max() < 1e-3
+    one = np.zeros_like(half)
+    assert np.abs(level_seams(mesh, one, face_neighbours(mesh.faces), views, lambda i: photos[i]).value).max() < 1e-3
+
+
+def test_what_is_painted_with_vertex_colours_stays() -> None:
+    mesh, half, views, photos = painted_ball(0)
+    bare = np.where(half == 1, NO_VIEW, 0).astype(np.int32)
+    mesh = replace(mesh, colors=np.full_like(mesh.colors, 130))
+    found = level_seams(mesh, bare, face_neighbours(mesh.faces), views, lambda i: photos[i])
+    assert np.abs(found.value[found.of_corner[half == 1]]).max() < 0.5
+    assert found.value[found.of_corner[half == 0]].min() < -5
+
+
+def test_a_face_is_shown_where_it_is_seen_from_its_front() -> None:
+    mesh, views = ball(subdivisions=3), ring(8)
+    photos = [np.full((v.height, v.width, 3), 128, np.uint8) for v in views]
+    mesh = replace(mesh, colors=np.full((len(mesh.vertices), 3), 128, np.uint8))
+    every = np.ones(photos[0].shape[:2], bool)
+    found = find_sights(mesh, views, lambda i: photos[i], lambda i: every)
+    middle = mesh.vertices[mesh.faces[found.face]].mean(1)
+    toward = np.stack([v.centre for v in views])[found.view] - middle
+    cosine = (middle * toward).sum(1) / np.linalg.norm(middle, axis=1) / np.linalg.norm(toward, axis=1)
+    assert cosine.min() > 0.1 and len(np.unique(found.face)) > 0.9 * len(mesh.faces)
+    nothing = find_sights(mesh, views, lambda i: photos[i], lambda i: ~every)
+    assert len(nothing.face) == 0 and (choose_all(nothing, mesh) == NO_VIEW).all()
+
+
+def choose_all(found: Sights, mesh: Mesh) -> np.ndarray:
+    return choose_views(found, face_neighbours(mesh.faces), np.ones(len(mesh.faces)))
+
+
+def test_a_photo_in_another_colour_than_the_others_is_taken_only_where_no_other_shows() -> None:
+    mesh, views = ball(subdivisions=3), ring(8)
+    photos = [np.full((v.height, v.width, 3), 20 if k == 0 else 128, np.uint8) for k, v in enumerate(views)]
+    mesh = replace(mesh, colors=np.full((len(mesh.vertices), 3), 128, np.uint8))
+    every = np.ones(photos[0].shape[:2], bool)
+    found = find_sights(mesh, views, lambda i: photos[i], lambda i: every)
+    label = choose_all(found, mesh)
+    seen_elsewhere = np.isin(np.arange(len(mesh.faces)), found.face[found.view != 0])
+    assert not (label[seen_elsewhere] == 0).any()
