@@ -103,7 +103,7 @@ class Config:
     level_steps: int = option(8, "mesh", "Bisection steps on each crossing edge", low=0, high=16)
     smoothing: int = option(4, "mesh", "Rounds of smoothing, each over the next vertices only; 0 keeps the raw surface", low=0, high=1000)
     face_error: float = option(0.25, "mesh", "Leave out faces as long as the surface stays this near to the full one, in pixels of the nearest photo; 0 only keeps to max_faces", low=0, high=100, unit="px")
-    color_error: float = option(4.0, "mesh", "Leave out faces as long as vertex colours stay this near to those of the full mesh (root mean square); 256 lets shape alone decide", low=0, high=256, unit="grey levels")
+    color_error: float = option(8.0, "mesh", "Leave out faces as long as vertex colours stay this near to those of the full mesh (root mean square); 256 lets shape alone decide", low=0, high=256, unit="grey levels")
     max_faces: int = option(1_000_000, "mesh", "The mesh never has more faces than this, colours and shape give way, in this order; 0 for no limit", low=0, high=100_000_000, advanced=False)
     min_component: float = option(0.01, "mesh", "Parts with a smaller share of the largest part's area, or of its pixels in the photos, are dropped", low=0, high=1)
     crop_box: str = option("", "mesh", "Mesh only what lies in this box of the scene: 6 numbers (lowest and highest corner), 16 (matrix from the cube -1..1, row by row) or a file of them; empty for no limit")

@@ -25,7 +25,7 @@ from mgf_engine.scene.model import View
 from mgf_engine.texture.model import NO_VIEW
 
 STIFF = 0.2  # weight of the differences along edges, against one on seams
-CALM = 1e-3  # weight of the correction itself
+CALM = 0.02  # weight of the correction itself
 USUAL = 15.0  # grey levels of difference at a seam that are nothing unusual
 SPACING, MOST = 2.0, 9  # px between samples along a seam, and how many an edge has
 CREASE = 0.1  # cosine between faces from which a seam is an edge of the building, where colours may change
