@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One picture of a finished job for the README: photo, mask, render, normals and mesh of one view side by side."""
+"""One picture of a finished job for the README: photo, mask, render, normals and meshes of one view side by side."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.pictures import mask_overlay, normal_picture, on_white
 from mgf_engine.job import Job
 from mgf_engine.masks.model import building
+from mgf_engine.mesh.export import read_texture
 from mgf_engine.mesh.view import shaded
 from mgf_engine.pipeline import load_field, load_inputs, load_mesh
+from mgf_engine.texture.draw import draw_textured
 
 
 def main() -> int:
@@ -29,7 +31,7 @@ def main() -> int:
     args = parser.parse_args()
     with Job.start(args.job, resume=True) as job:
         scene, masks = load_inputs(job)
-        field, mesh = load_field(job), load_mesh(job)
+        field, mesh, texture = load_field(job), load_mesh(job), read_texture(args.job)
     mesh = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     view, photo, labels = scene.views[args.view], scene.photo(args.view), masks.labels[args.view]
     rendering = render_view(field, view, job.config.sh_degree)
@@ -38,7 +40,7 @@ def main() -> int:
     normals = normal_picture(rendering.normal.permute(1, 2, 0).numpy(), rendering.alpha.numpy())
     panels = [
         photo, mask_overlay(photo, labels), on_white(render, building(labels)), normals, shaded(mesh, view),
-        shaded(mesh, view, color=True),
+        draw_textured(mesh, texture, view)[0],
     ]  # fmt: skip
     rows = [np.concatenate(panels[k : k + 3], axis=1) for k in (0, 3)]
     picture = np.concatenate(rows, axis=0)

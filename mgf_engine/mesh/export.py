@@ -16,8 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.arrays import read_arrays
 from mgf_engine.errors import BadInput
 from mgf_engine.mesh.model import Mesh, Texture
+from mgf_engine.scene.images import read_rgb
 from mgf_engine.scene.model import Similarity
 from mgf_engine.system import atomic_path
 
@@ -83,7 +85,23 @@ def write_texture(texture: Texture, folder: Path) -> None:
     with atomic_path(folder / IMAGE) as temporary:
         temporary.write_bytes(_jpeg(texture))
     with atomic_path(folder / COORDINATES) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, uv=texture.uv)
+        np.savez(file, uv=texture.uv)
+
+
+def read_texture(folder: Path) -> Texture:
+    """What :func:`write_texture` wrote.
+
+    Raises:
+        BadInput: a file is missing or damaged.
+    """
+    image = read_rgb(folder / IMAGE)
+    try:
+        uv = read_arrays(folder / COORDINATES)["uv"]
+    except (OSError, ValueError, KeyError) as error:
+        raise BadInput(f"The texture in '{folder}' is missing or damaged; run 'mgf deliver' again.") from error
+    if uv.dtype != np.float32 or uv.shape[1:] != (3, 2) or not np.isfinite(uv).all():
+        raise BadInput(f"The texture in '{folder}' is damaged; run 'mgf deliver' again.")
+    return Texture(uv, image)
 
 
 def _jpeg(texture: Texture) -> bytes:

@@ -10,7 +10,16 @@ import pytest
 import trimesh
 
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.export import in_scene, needs_double, read_ply, write_glb, write_obj, write_ply, write_texture
+from mgf_engine.mesh.export import (
+    in_scene,
+    needs_double,
+    read_ply,
+    read_texture,
+    write_glb,
+    write_obj,
+    write_ply,
+    write_texture,
+)
 from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.scene.model import Similarity
 
@@ -136,8 +145,18 @@ def test_a_textured_obj_names_its_picture_and_every_corner_has_its_place(tmp_pat
     assert np.abs(places[corners[..., 1]] - texture.uv).max() < 1e-6 and len(places) < 3 * len(mesh.faces)
     loaded = trimesh.load(tmp_path / "mesh.obj", process=False)
     assert loaded.visual.material.image.size == (64, 32)
-    with np.load(tmp_path / "mesh_texture.npz") as data:
-        assert np.array_equal(data["uv"], texture.uv)
+
+
+@pytest.mark.parametrize("name", ["texture.jpg", "mesh_texture.npz"])
+def test_a_texture_is_read_as_it_was_written_or_refused(tmp_path, name):
+    _, texture = textured()
+    write_texture(texture, tmp_path)
+    read = read_texture(tmp_path)
+    assert np.array_equal(read.uv, texture.uv) and np.abs(read.image.astype(int) - texture.image).max() < 4
+    for content in (b"", b"PK", (tmp_path / name).read_bytes()[:-40]):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(BadInput, match=r"again"):
+            read_texture(tmp_path)
 
 
 def test_a_textured_glb_holds_the_picture(tmp_path):
