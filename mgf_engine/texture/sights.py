@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.colors import OUTLIER, SLACK, bilinear
+from mgf_engine.mesh.colors import SLACK, bilinear
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import corners, look
 from mgf_engine.raster.library import side_by_side
@@ -20,7 +20,8 @@ MARGIN = 1.5  # px to the edge of the photo
 STEEP = 0.15  # cosine between the face's normal and the ray below which a photo is no use
 LARGE = 12.0  # px; faces of this area and more must show this share of it in the mask, smaller ones their corners
 SHOWN = 0.75
-ODD = 0.01  # what the size of a face counts where a photo shows it in another colour than the others
+OTHER_COLOR = 25.0  # grey levels from the blended colours of the vertices: leaves before the wall, reflections
+ODD = 0.01  # what the size of a face counts where a photo shows it in such a colour
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def _shown(
     kept = np.where(area < LARGE, at_corners[face], drawn[face] >= SHOWN * area)
     kept &= (area > 0) & (_facing(mesh, face, view) > STEEP)
     face, area = face[kept], area[kept]
-    odd = off[mesh.faces[face]].mean(1) > OUTLIER
+    odd = off[mesh.faces[face]].mean(1) > OTHER_COLOR
     return face.astype(np.int32), np.where(odd, ODD * area, area).astype(np.float32)
 
 
