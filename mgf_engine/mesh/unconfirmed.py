@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from mgf_engine.mesh.clean import open_edges, with_faces
+from mgf_engine.mesh.clean import edges, open_edges, with_faces
 from mgf_engine.mesh.model import Mesh
 
 #: Below what one photo alone gives (:meth:`mgf_engine.mesh.fusion.FusedField.confidence`).
@@ -105,9 +105,8 @@ def _merged(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple[NDArray
     _, once = np.unique(np.sort(merged, 1), axis=0, return_index=True)
     merged = merged[np.sort(once)].astype(np.int32)
     crowded = np.zeros(len(first), bool)
-    pairs = np.sort(np.concatenate([merged[:, [0, 1]], merged[:, [1, 2]], merged[:, [2, 0]]]), 1)
-    pair, count = np.unique(pairs, axis=0, return_counts=True)
-    crowded[pair[count > 2].ravel()] = True
+    key, count = np.unique(edges(merged)[0], return_counts=True)
+    crowded[key[count > 2] >> 32] = crowded[key[count > 2] & 0xFFFFFFFF] = True
     return merged, crowded
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from mgf_engine.mesh.clean import edges
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.sights import Sights
 
@@ -37,13 +38,10 @@ def choose_views(sights: Sights, neighbours: NDArray[np.int64], area: NDArray[np
 
 def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
     """Pairs of faces that share an edge, [E, 2]."""
-    count = len(faces)
-    edge = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], 2).reshape(-1, 2), axis=1).astype(np.int64)
-    key = edge[:, 0] * (int(faces.max(initial=0)) + 1) + edge[:, 1]
+    key, owner = edges(faces)
     order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order][1:] == key[order][:-1])
-    owner = np.repeat(np.arange(count), 3)[order]
-    return np.stack([owner[same], owner[same + 1]], 1)
+    same = np.flatnonzero(np.diff(key[order]) == 0)
+    return np.stack([owner[order[same]], owner[order[same + 1]]], 1)
 
 
 class _Pairs:

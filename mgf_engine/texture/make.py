@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.mesh.clean import face_areas
 from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.screening import voting_views
 from mgf_engine.mesh.view import corners
@@ -55,7 +56,7 @@ def make_texture(
         mesh, views, photo, lambda i: building(masks.labels[chosen[i]]), lambda share: progress(_SEEN * share)
     )
     neighbours = face_neighbours(mesh.faces)
-    label = choose_views(sights, neighbours, _areas(mesh))
+    label = choose_views(sights, neighbours, face_areas(mesh))
     progress(_SEEN)
     corrections = level_seams(mesh, label, neighbours, views, photo)
     progress(_LEVELLED)
@@ -100,12 +101,6 @@ class _Originals:
         if view.gain != (1.0, 1.0, 1.0):
             image = with_gain(image, view.gain)
         return Source(image, True)
-
-
-def _areas(mesh: Mesh) -> NDArray[np.float64]:
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    area: NDArray[np.float64] = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return area
 
 
 def _in_views(mesh: Mesh, label: NDArray[np.int32], views: list[View]) -> NDArray[np.float64]:

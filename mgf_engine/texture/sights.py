@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.mesh.colors import SLACK, bilinear
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import corners, look
+from mgf_engine.mesh.view import corners, face_normals, look
 from mgf_engine.raster.library import side_by_side
 from mgf_engine.scene.model import View
 
@@ -54,9 +54,10 @@ def find_sights(
         photo: position in ``views`` -> working photo, RGB uint8 [H, W, 3].
         inside: position in ``views`` -> bool [H, W], pixels that show the building.
     """
+    normals = face_normals(mesh)
 
     def seen(i: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        return _shown(mesh, views[i], photo(i), inside(i))
+        return _shown(mesh, normals, views[i], photo(i), inside(i))
 
     face, size, count = [np.zeros(0, np.int32)], [np.zeros(0, np.float32)], []
     for i, (faces, sizes) in enumerate(side_by_side(seen, range(len(views)))):
@@ -69,7 +70,7 @@ def find_sights(
 
 
 def _shown(
-    mesh: Mesh, view: View, photo: NDArray[np.uint8], inside: NDArray[np.bool_]
+    mesh: Mesh, normals: NDArray[np.float64], view: View, photo: NDArray[np.uint8], inside: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """The faces that a view shows, and how large they are in it."""
     at = corners(mesh.vertices, view)
@@ -83,7 +84,7 @@ def _shown(
     face = np.flatnonzero(at_corners | ((drawn > 0) & framed[mesh.faces].all(1)))
     area = _area(at[mesh.faces[face], :2])
     kept = np.where(area < LARGE, at_corners[face], drawn[face] >= SHOWN * area)
-    kept &= (area > 0) & (_facing(mesh, face, view) > STEEP)
+    kept &= (area > 0) & (_facing(mesh, normals, face, view) > STEEP)
     face, area = face[kept], area[kept]
     odd = off[mesh.faces[face]].mean(1) > OTHER_COLOR
     return face.astype(np.int32), np.where(odd, ODD * area, area).astype(np.float32)
@@ -114,10 +115,8 @@ def _area(at: NDArray[np.float64]) -> NDArray[np.float64]:
     return -0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
 
 
-def _facing(mesh: Mesh, face: NDArray[np.int64], view: View) -> NDArray[np.float64]:
+def _facing(mesh: Mesh, normals: NDArray[np.float64], face: NDArray[np.int64], view: View) -> NDArray[np.float64]:
     """Cosine between the outward normals of faces and the way to the camera."""
-    a, b, c = (mesh.vertices[mesh.faces[face, k]] for k in range(3))
-    normal, toward = np.cross(b - a, c - a), view.centre - (a + b + c) / 3
-    length = np.linalg.norm(normal, axis=1) * np.linalg.norm(toward, axis=1)
-    cosine: NDArray[np.float64] = (normal * toward).sum(1) / np.maximum(length, 1e-30)
+    toward = view.centre - mesh.vertices[mesh.faces[face, 0]]
+    cosine: NDArray[np.float64] = (normals[face] * toward).sum(1) / np.linalg.norm(toward, axis=1)
     return cosine
