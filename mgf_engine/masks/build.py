@@ -65,7 +65,7 @@ def _build_masks(
     elif masks_folder is not None:
         result = _supplied(scene, masks_folder, config)
     elif prompts is not None:
-        clicks = read_prompts(prompts, scene)
+        clicks = read_prompts(prompts, scene, reporter.warning)
         segmenter = choose_segmenter(config, folder)
         result = propagate(scene, clicks, segmenter, config, reporter)
     else:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -41,8 +43,11 @@ class Clicks:
 Prompts = dict[int, Clicks]  # index of the view -> clicks
 
 
-def read_prompts(path: Path, scene: Scene) -> Prompts:
+def read_prompts(path: Path, scene: Scene, warn: Callable[[str], None] = lambda text: None) -> Prompts:
     """Read and check a prompts file.
+
+    Args:
+        warn: gets a sentence when photos with clicks could not be placed, so that their clicks are passed over.
 
     Raises:
         BadInput: it cannot be read, is malformed, names unknown photos, has clicks outside the frame, or has no
@@ -50,8 +55,15 @@ def read_prompts(path: Path, scene: Scene) -> Prompts:
     """
     data = _read_json(path)
     prompts: Prompts = {}
+    left_out = [name for name in data if name.replace("\\", "/") in scene.left_out]
+    unplaced = [name for name in data if name not in left_out and _is_unplaced(name, scene)]
+    if unplaced:
+        warn(
+            f"{len(unplaced)} of {len(data)} photos with clicks are not in the COLMAP model "
+            f"(first: '{unplaced[0]}'); their clicks are passed over."
+        )
     for name, entry in data.items():
-        if name.replace("\\", "/") in scene.left_out:
+        if name in left_out or name in unplaced:
             continue
         index = _find_view(name, scene, path)
         if index in prompts:
@@ -116,6 +128,15 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             raise _DuplicateKey(key)
         result[key] = value
     return result
+
+
+def _is_unplaced(name: str, scene: Scene) -> bool:
+    """Whether a photo lies beside those of the scene without being among them."""
+    relative = PurePosixPath(name.replace("\\", "/"))
+    if named_like(name, [view.name for view in scene.views]) or relative.is_absolute() or ".." in relative.parts:
+        return False
+    roots = {Path(v.photo).parents[len(PurePosixPath(v.name).parts) - 1] for v in scene.views if v.photo}
+    return any(os.path.isfile(root / relative) for root in roots)  # False also for names that no system allows
 
 
 def _find_view(name: str, scene: Scene, path: Path) -> int:

@@ -52,6 +52,24 @@ def test_names_match_with_and_without_folder_case_and_ending(tmp_path: Path, sce
     assert set(read_prompts(write(tmp_path, {name: {"positive": [[1, 1]]}}), scene)) == {2}
 
 
+def test_clicks_on_a_photo_that_lies_there_but_was_not_placed_are_passed_over(tmp_path: Path, scene: Scene):
+    photos = tmp_path / "photos"
+    for name in ("west/unplaced.jpg", *(v.name for v in scene.views)):
+        (photos / name).parent.mkdir(parents=True, exist_ok=True)
+        (photos / name).write_bytes(b"")
+    (tmp_path / "outside.jpg").write_bytes(b"")
+    scene = replace(scene, views=tuple(replace(v, photo=str(photos / v.name)) for v in scene.views))
+    clicks = {"west/Tür 2.jpg": {"positive": [[1, 1]]}, "west/unplaced.jpg": {"positive": [[1, 1]]}}
+    warnings: list[str] = []
+    assert set(read_prompts(write(tmp_path, clicks), scene, warnings.append)) == {2}
+    assert len(warnings) == 1 and warnings[0].startswith("1 of 2 photos") and "'west/unplaced.jpg'" in warnings[0]
+    left_out = replace(scene, left_out=("west/unplaced.jpg",))
+    assert set(read_prompts(write(tmp_path, clicks), left_out, warnings.append)) == {2} and len(warnings) == 1
+    for name in ("west/gone.jpg", "../outside.jpg", str(tmp_path / "outside.jpg"), "x" * 5000, "a\0b"):
+        with pytest.raises(BadInput, match="does not have"):
+            read_prompts(write(tmp_path, {name: {"positive": [[1, 1]]}}), scene)
+
+
 BAD = [
     ('{"a"', "not valid JSON"),
     ("[1]", "one entry per photo"),
