@@ -49,17 +49,15 @@ def check_picture(path: Path) -> None:
 
 
 def load_texture(path: Path) -> bpy.types.Image:
-    """The picture as an image; one that an earlier import loaded is read anew, since the job may have run again.
+    """The picture as an image.
 
     Raises:
         UserError: the file is gone.
     """
     try:
-        image = load_image(path, _KIND)
+        return load_image(path, _KIND)
     except RuntimeError as error:
         raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=error) from error
-    image.reload()
-    return image
 
 
 def remove_unused_textures() -> None:

@@ -115,8 +115,13 @@ def set_clipping(data: bpy.types.Camera, tree: Tree, world_scale: float | None =
 
 
 def load_image(path: Path, kind: str) -> bpy.types.Image:
-    """An image block for a file, shared with other users of the same file; pixels load when first shown."""
+    """An image block for a file, shared with other users of the same file; pixels load when first shown.
+
+    One that was shown already is read anew: a job may have run again since.
+    """
     image = bpy.data.images.load(str(path), check_existing=True)
+    if image.has_data:
+        image.reload()
     image[IMAGE_KEY] = kind
     return image
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -90,6 +91,18 @@ def test_edges_turn_sharp_and_faces_smooth(scene, house):
     sharp = [e.use_edge_sharp for e in mesh.edges]
     assert all(p.use_smooth for p in mesh.polygons)
     assert 0 < sum(sharp) < len(sharp)  # the diagonals of flat walls stay smooth
+
+
+def test_import_again_shows_the_new_renders(scene, house):
+    result = import_result(scene, house.job)
+    image = result.tree.objects("Renders")[0].data
+    old = np.array(image.pixels[:3])  # Blender reads the file now
+    width, height = image.size
+    path = bpy.path.abspath(image.filepath)
+    synthetic.write_png(Path(path), np.full((height, width, 3), (10, 200, 30), np.uint8))
+    again = import_result(scene, house.job, result.tree).tree.objects("Renders")
+    shown = next(o.data for o in again if bpy.path.abspath(o.data.filepath) == path)
+    assert np.abs(np.array(shown.pixels[:3]) * 255 - (10, 200, 30)).max() < 2 < np.abs(old * 255 - (10, 200, 30)).max()
 
 
 def test_renders_fill_their_frustums(scene, house):
