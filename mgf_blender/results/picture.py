@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..common.materials import COLOR_ATTRIBUTE
+from ..common.materials import COLOR_ATTRIBUTE, new_material
 from ..common.textures import add_texture_node
 from ..compat import EEVEE
 from ..scene_import.tree import Tree
@@ -81,11 +81,8 @@ def _actors(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[bpy.
 
 def _material(picture: bpy.types.Image | None) -> bpy.types.Material:
     """A matte surface with some light of its own, in the colours of a texture or else of the vertices."""
-    material = bpy.data.materials.new(_RIG)
-    if not material.node_tree:
-        material.use_nodes = True
+    material, shader = new_material(_RIG, 0.9)
     nodes, links = material.node_tree.nodes, material.node_tree.links
-    shader = next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
     if picture is not None:
         color = add_texture_node(material.node_tree, picture)
     else:
@@ -94,7 +91,6 @@ def _material(picture: bpy.types.Image | None) -> bpy.types.Material:
     for name in ("Base Color", "Emission Color"):
         links.new(color.outputs["Color"], shader.inputs[name])
     shader.inputs["Emission Strength"].default_value = _OWN_LIGHT
-    shader.inputs["Roughness"].default_value = 0.9
     shader.inputs["Specular IOR Level"].default_value = 0.1
     return material
 

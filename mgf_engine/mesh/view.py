@@ -47,13 +47,8 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
         at: :func:`corners` of the mesh's vertices, where they are known already.
     """
     height, width = view.height, view.width
-    inverse = np.zeros((height, width), np.float32)
-    face = np.full((height, width), -1, np.int32)
-    if len(mesh.faces):
-        at = corners(mesh.vertices, view) if at is None else at
-        faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
-        bands = 1 if own_threads() == 1 else 2 * own_threads()
-        parallel("zbuffer_work", at, faces, len(faces), height, width, -(-height // bands), inverse, face)
+    at = corners(mesh.vertices, view) if at is None else at
+    inverse, face = _zbuffer(at, mesh.faces, height, width)
     seen = face >= 0
     depth_map = np.where(seen, 1.0 / np.where(seen, inverse, 1.0), 0.0).astype(np.float32)
     return Sight(depth_map, face)
@@ -62,11 +57,19 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
 def draw_triangles(at: NDArray[np.float64], height: int, width: int) -> NDArray[np.int32]:
     """Which of the triangles [F, 3, 2] (pixels, none over another) covers each pixel's centre; -1 for none, [H, W]."""
     flat = np.concatenate([at.reshape(-1, 2), np.ones((3 * len(at), 1))], 1)
+    return _zbuffer(flat, np.arange(3 * len(at), dtype=np.int32).reshape(-1, 3), height, width)[1]
+
+
+def _zbuffer(
+    at: NDArray[np.float64], faces: NDArray[np.int32], height: int, width: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """1 / depth and face at each pixel, 0 and -1 where there is none, [H, W] each; ``at`` as :func:`corners` gives."""
     inverse, face = np.zeros((height, width), np.float32), np.full((height, width), -1, np.int32)
-    faces = np.arange(3 * len(at), dtype=np.int32).reshape(-1, 3)
-    bands = 1 if own_threads() == 1 else 2 * own_threads()
-    parallel("zbuffer_work", flat, faces, len(faces), height, width, -(-height // bands), inverse, face)
-    return face
+    if len(faces):
+        faces = np.ascontiguousarray(faces, dtype=np.int32)
+        bands = 1 if own_threads() == 1 else 2 * own_threads()
+        parallel("zbuffer_work", at, faces, len(faces), height, width, -(-height // bands), inverse, face)
+    return inverse, face
 
 
 def face_normals(mesh: Mesh) -> NDArray[np.float64]:

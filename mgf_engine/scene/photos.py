@@ -101,18 +101,20 @@ def original_photo(view: View) -> NDArray[np.uint8]:
     """
     if not view.photo:
         raise BadInput("The job's scene was made by an earlier version and does not say where its photos are.")
-    image = read_rgb(Path(view.photo))
-    if view.orientation != 1:
-        image = turn(image, view.orientation)
+    image = _turned(Path(view.photo), view.orientation)
     if image.shape[:2] != (view.original_height, view.original_width):
         raise BadInput(f"The photo '{view.photo}' is not the one the job began with; put that one back.")
     return image
 
 
+def _turned(path: Path, orientation: int) -> NDArray[np.uint8]:
+    """A photo as its camera saw it."""
+    image = read_rgb(path)
+    return image if orientation == 1 else turn(image, orientation)
+
+
 def _make_photo(photo: Photo, folder: Path) -> None:
-    image = read_rgb(photo.path)
-    if photo.orientation != 1:
-        image = turn(image, photo.orientation)
+    image = _turned(photo.path, photo.orientation)
     if image.shape[:2] != (photo.height, photo.width):
         raise BadInput(f"The photo '{photo.path}' does not have the size its header says; export the photo again.")
     write_png(folder / photo.file, photo.camera.make_photo(image))

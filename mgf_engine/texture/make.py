@@ -21,7 +21,7 @@ from mgf_engine.scene.photos import original_photo
 from mgf_engine.texture.bake import bake
 from mgf_engine.texture.charts import lay_out
 from mgf_engine.texture.choose import choose_views, face_neighbours, patches
-from mgf_engine.texture.model import NO_VIEW, Source
+from mgf_engine.texture.model import NO_VIEW, Source, painting_views
 from mgf_engine.texture.seams import level_seams
 from mgf_engine.texture.sights import find_sights
 
@@ -74,7 +74,7 @@ def make_texture(
         )
     log.info(
         "texture: %d x %d, %.2f pixels per working pixel, %d photos, %.1f %% of the faces without",
-        layout.width, layout.height, layout.scale, len(np.unique(label[label >= 0])), 100 * (label == NO_VIEW).mean(),
+        layout.width, layout.height, layout.scale, len(painting_views(label)), 100 * (label == NO_VIEW).mean(),
     )  # fmt: skip
     u, v = layout.at[..., 0] / layout.width, 1 - layout.at[..., 1] / layout.height
     return Texture(np.stack([u, v], -1).astype(np.float32), image)
@@ -106,7 +106,7 @@ class _Originals:
 def _in_views(mesh: Mesh, label: NDArray[np.int32], views: list[View]) -> NDArray[np.float64]:
     """Corners of each face in pixels of the view that paints it, [F, 3, 2]; zeros for faces without one."""
     result = np.zeros((len(label), 3, 2))
-    for index in np.unique(label[label != NO_VIEW]).tolist():
+    for index in painting_views(label):
         rows = np.flatnonzero(label == index)
         result[rows] = corners(mesh.vertices[mesh.faces[rows].ravel()], views[index])[:, :2].reshape(-1, 3, 2)
     return result

@@ -12,6 +12,11 @@ from numpy.typing import NDArray
 NO_VIEW = -1
 
 
+def painting_views(label: NDArray[np.int32]) -> list[int]:
+    """The views among the labels of faces, ascending, :data:`NO_VIEW` left out."""
+    return [int(view) for view in np.unique(label) if view != NO_VIEW]
+
+
 @dataclass(frozen=True)
 class Source:
     """A photo to paint with.

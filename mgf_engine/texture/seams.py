@@ -22,7 +22,7 @@ from mgf_engine.mesh.colors import bilinear
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import corners, face_normals
 from mgf_engine.scene.model import View
-from mgf_engine.texture.model import NO_VIEW
+from mgf_engine.texture.model import NO_VIEW, painting_views
 
 STIFF = 0.2  # weight of the differences along edges, against one on seams
 CALM = 0.02  # weight of the correction itself
@@ -100,7 +100,7 @@ def _samples(mesh: Mesh, ends: NDArray[np.int64], label: NDArray[np.int32], view
         ends: vertices at the ends of the seams, [K, 2]; label: the views on both sides, [K, 2].
     """
     length = np.ones(len(ends))
-    for index in np.unique(label[label != NO_VIEW]).tolist():
+    for index in painting_views(label):
         rows = np.flatnonzero((label == index).any(1))
         low, high = (corners(mesh.vertices[ends[rows, k]], views[index])[:, :2] for k in range(2))
         length[rows] = np.maximum(length[rows], np.linalg.norm(high - low, axis=1) / SPACING)
@@ -125,7 +125,7 @@ def _differences(
 
     points, plain = along(mesh.vertices), along(mesh.colors)
     sides = np.stack([plain, plain], 1)
-    for index in np.unique(label[label != NO_VIEW]).tolist():
+    for index in painting_views(label):
         rows, side = np.nonzero(label[seam] == index)
         sides[rows, side] = _colors(points[rows], views[index], photo(index))
     off = sides[:, 0] - sides[:, 1]
