@@ -118,6 +118,18 @@ def read_model(folder: Path) -> Model:
     return Model(folder, tuple(sorted(photos, key=lambda p: p.name)), points)
 
 
+def count_photos(path: Path) -> int:
+    """The number of photos that ``images.bin`` claims or ``images.txt`` has, -1 when it cannot be so many."""
+    try:
+        if path.suffix == ".txt":
+            return len(_photos_txt(path.read_bytes()))
+        with path.open("rb") as file:
+            (count,) = _U64.unpack(file.read(_U64.size))
+        return count if count * _PHOTO_HEAD.size <= path.stat().st_size else -1
+    except (OSError, struct.error, ValueError, IndexError, OverflowError):
+        return -1
+
+
 def quaternion_to_matrix(q: np.ndarray) -> np.ndarray:
     """Rotation [3, 3] of the quaternion (w, x, y, z), which need not have length one."""
     w, x, y, z = np.asarray(q, np.float64) / np.linalg.norm(q)

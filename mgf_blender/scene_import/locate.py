@@ -7,14 +7,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..common.errors import UserError
+from .colmap import count_photos
 
+#: Where models are looked for: COLMAP's own places, those of other tools, any folder. The engine looks in the same
+#: (``mgf_engine/scene/colmap.py``), for the mesh must be made with the cameras that are imported here.
+_PLACES = (("", "sparse", "sparse/*"), ("*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*"), ("*",))
 _PHOTO_FOLDERS = ("images", "photos", "input", "rgb", "undistorted/images", "dense/images", ".")
 
 
 def find_model(path: Path) -> Path:
     """The folder with cameras/images/points3D for a model file, its folder, or a project folder around it.
 
-    Of several models the one with the largest ``images`` file is taken, which is the one with most photos.
+    Of several models the one in the most usual place is taken, there the one with most photos, and of equals the first.
 
     Raises:
         UserError: nothing there looks like a COLMAP model.
@@ -22,14 +26,14 @@ def find_model(path: Path) -> Path:
     folder = path.parent if path.is_file() else path
     if not folder.is_dir():
         raise UserError("'{path}' does not exist; choose the folder of a COLMAP model or of its project.", path=path)
-    found = [f for f in _model_folders(folder) if _images_file(f) is not None]
+    found = list(_models(folder))
     if not found:
         raise UserError(
             "'{folder}' holds no COLMAP model (cameras, images and points3D as .bin or .txt); "
             "choose the model's folder or the folder around 'sparse'.",
             folder=folder,
         )
-    return max(found, key=lambda f: _images_file(f).stat().st_size)  # type: ignore[union-attr]
+    return max(found, key=lambda f: f[0])[1]  # max keeps the first of equals
 
 
 def find_photo_folder(path: Path, model_folder: Path, names: list[str]) -> Path | None:
@@ -47,21 +51,22 @@ def find_photo_folder(path: Path, model_folder: Path, names: list[str]) -> Path 
     return best
 
 
-def _images_file(folder: Path) -> Path | None:
-    for suffix in (".bin", ".txt"):
-        if (folder / f"images{suffix}").is_file() and (folder / f"cameras{suffix}").is_file():
-            return folder / f"images{suffix}"
-    return None
+def _models(folder: Path) -> Iterator[tuple[tuple[bool, bool, int, int], Path]]:
+    """Folders with a model below ``folder``, and how much speaks for each: sound, with points, place, photos."""
+    seen = set()
+    for rank, places in enumerate(_PLACES):
+        for place in places:
+            for base in sorted(folder.glob(place)) if place else [folder]:
+                kind = _kind(base) if base.is_dir() and base not in seen else ""
+                seen.add(base)
+                if kind:
+                    photos = count_photos(base / f"images{kind}")
+                    yield (photos >= 0, (base / f"points3D{kind}").is_file(), -rank, photos), base
 
 
-def _model_folders(folder: Path) -> Iterator[Path]:
-    for base in (
-        folder,
-        folder / "sparse",
-        folder / "colmap",
-        folder / "colmap" / "sparse",
-        folder / "dense" / "sparse",
-    ):
-        if base.is_dir():
-            yield base
-            yield from (child for child in sorted(base.iterdir()) if child.is_dir())
+def _kind(folder: Path) -> str:
+    """``.bin`` or ``.txt``, or nothing where there is no model."""
+    for kind in (".bin", ".txt"):
+        if (folder / f"images{kind}").is_file() and (folder / f"cameras{kind}").is_file():
+            return kind
+    return ""

@@ -126,7 +126,10 @@ class _Work:
         text = ", ".join(f"({u:.0f}, {v:.0f})" for u, v in spots)
         if sum(d.positive for d in doubts) == len(clicks.positive) > 0:
             return f"'{view.name}' seems to be clicked on another building; its clicks {text} were left out."
-        return f"The clicks {text} in '{view.name}' contradict the other photos and were left out; click them again."
+        return (
+            f"The clicks {text} in '{view.name}' contradict the other photos and were left out; if they are right, "
+            "click the same thing in a second photo."
+        )
 
     def _draw(self, indices: list[int], accepted: NDArray[np.bool_], done: float) -> None:
         """Masks of some views, prompted again where they agree badly."""

@@ -15,14 +15,18 @@ from mgf_engine.errors import BadInput
 from mgf_engine.scene import colmap_binary, colmap_text
 from mgf_engine.scene.sparse import SparseModel, check_model
 
-#: Where models are looked for below the given folder; of equally large models the first wins.
-PLACES = ("", "sparse", "sparse/*", "*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*", "*")
+#: Where models are looked for below the given folder: COLMAP's own places, those of other tools, any folder. The add-on
+#: looks in the same (``mgf_blender/scene_import/locate.py``), for its cameras must be the ones the mesh is made with.
+PLACES = (("", "sparse", "sparse/*"), ("*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*"), ("*",))
 PHOTO_KINDS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".ppm", ".pgm"}
 _PARTS = ("cameras", "images", "points3D")
 
 
 def find_model(source: Path, exclude: Path | None = None) -> Path | None:
-    """The folder of the model with the most registered photos, or None when there is no model at all.
+    """The folder of the COLMAP model, or None when there is none.
+
+    Of several the one in the most usual place (:data:`PLACES`), there the one with the most registered photos, and
+    of equals the first.
 
     Args:
         source: the folder the user gave: a scene, its ``sparse`` folder, or the model itself.
@@ -31,12 +35,13 @@ def find_model(source: Path, exclude: Path | None = None) -> Path | None:
     Raises:
         BadInput: the only model found lacks one of its three files.
     """
-    complete: list[tuple[int, Path]] = []
+    complete: list[tuple[tuple[bool, int, int], Path]] = []
     partial: list[Path] = []
-    for folder in _candidates(source, exclude):
+    for rank, folder in _candidates(source, exclude):
         kind = _kind(folder)
         if kind:
-            complete.append((_count_images(folder, kind), folder))
+            photos = _count_images(folder, kind)
+            complete.append(((photos >= 0, -rank, photos), folder))
         elif _any_part(folder):
             partial.append(folder)
     if complete:
@@ -120,14 +125,16 @@ def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[s
     return source, []
 
 
-def _candidates(source: Path, exclude: Path | None) -> list[Path]:
-    folders: list[Path] = []
-    for place in PLACES:
-        for folder in sorted(source.glob(place)) if place else [source]:
-            inside = exclude is not None and (exclude == folder or exclude in folder.parents)
-            if folder.is_dir() and not inside and folder not in folders:
-                folders.append(folder)
-    return folders
+def _candidates(source: Path, exclude: Path | None) -> list[tuple[int, Path]]:
+    """Folders that may hold a model, with the number of their group of places."""
+    found: dict[Path, int] = {}
+    for rank, places in enumerate(PLACES):
+        for place in places:
+            for folder in sorted(source.glob(place)) if place else [source]:
+                inside = exclude is not None and (exclude == folder or exclude in folder.parents)
+                if folder.is_dir() and not inside:
+                    found.setdefault(folder, rank)
+    return [(rank, folder) for folder, rank in found.items()]
 
 
 def _has(folder: Path, part: str) -> bool:

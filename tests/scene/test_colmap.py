@@ -13,6 +13,7 @@ import pycolmap
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from model_places import SEVERAL, write_project
 
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
@@ -108,11 +109,10 @@ def test_finds_model_and_photos(model_at: str, photos_at: str, given: str, tmp_p
     assert [p.resolve() for p in paths] == [(tmp_path / photos_at / n).resolve() for n in names]
 
 
-def test_the_model_with_most_photos_wins(tmp_path: Path) -> None:
-    write_model(reconstruction(frames=3), tmp_path / "sparse" / "0")
-    write_model(reconstruction(frames=6), tmp_path / "sparse" / "1", ".txt")
-    write_model(reconstruction(frames=4), tmp_path / "sparse" / "2")
-    assert find_model(tmp_path) == tmp_path / "sparse" / "1"
+@pytest.mark.parametrize(("models", "taken"), SEVERAL.values(), ids=list(SEVERAL))
+def test_one_of_several_models_is_taken(models: dict[str, int], taken: str, tmp_path: Path) -> None:
+    write_project(tmp_path, models)
+    assert find_model(tmp_path) == tmp_path / taken
 
 
 def test_a_damaged_model_does_not_win_over_a_sound_one(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import synthetic
+from model_places import SEVERAL, write_project
 
 from mgf_blender.common.errors import UserError
 from mgf_blender.scene_import.colmap import make_camera, quaternion_to_matrix, read_model
@@ -114,12 +115,21 @@ def test_layouts(tmp_path):
     for path in (house.folder, house.folder / "sparse", house.model, house.model / "images.bin"):
         assert find_model(path) == house.model
         assert find_photo_folder(path, house.model, list(house.poses)) == house.folder / "images"
-    bigger = house.folder / "sparse" / "1"
-    bigger.mkdir()
-    for name in ("cameras.bin", "points3D.bin"):
-        (bigger / name).write_bytes((house.model / name).read_bytes())
-    (bigger / "images.bin").write_bytes((house.model / "images.bin").read_bytes() + b"\0" * 100)
-    assert find_model(house.folder) == bigger
+
+
+@pytest.mark.parametrize(("models", "taken"), SEVERAL.values(), ids=list(SEVERAL))
+def test_one_of_several_models_is_taken_as_by_the_engine(models, taken, tmp_path):
+    write_project(tmp_path, models)
+    assert find_model(tmp_path) == tmp_path / taken
+
+
+def test_a_damaged_model_does_not_win_over_a_sound_one(tmp_path):
+    write_project(tmp_path, {"sparse/0": 6, "sparse/1": 3})
+    (tmp_path / "sparse" / "0" / "images.txt").unlink()
+    (tmp_path / "sparse" / "0" / "images.bin").write_bytes(b"\xff" * 40)
+    (tmp_path / "sparse" / "0" / "cameras.bin").write_bytes(b"\xff" * 40)
+    (tmp_path / "sparse" / "0" / "points3D.bin").write_bytes(b"\xff" * 40)
+    assert find_model(tmp_path) == tmp_path / "sparse" / "1"
 
 
 def test_quaternions_of_any_length():
