@@ -26,6 +26,12 @@ from mgf_engine.scene.colmap import PHOTO_KINDS
 from mgf_engine.system import sweep, write_json
 
 FORMAT = 1
+#: What the last stage writes where an option asks for it.
+ON_REQUEST: dict[str, tuple[str, ...]] = {
+    "texture": ("texture.jpg", "mesh_texture.npz"),
+    "export_obj": ("mesh.obj",),
+    "export_glb": ("mesh.glb",),
+}
 #: Files and folders each stage writes; removed before the stage runs anew.
 OUTPUTS: dict[str, tuple[str, ...]] = {
     "scene": ("scene",),
@@ -33,16 +39,8 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "field": ("checkpoints", "field.ply"),
     "mesh": ("mesh.ply", "mesh_parts.npz"),
     "deliver": (
-        "renders",
-        "report",
-        "deliver.json",
-        "report.json",
-        "report.html",
-        "mesh.obj",
-        "mesh.mtl",
-        "mesh.glb",
-        "texture.jpg",
-        "mesh_texture.npz",
+        *("renders", "report", "deliver.json", "report.json", "report.html", "mesh.mtl"),
+        *(name for names in ON_REQUEST.values() for name in names),
     ),
 }
 #: What shows that a stage's results are there: the file it writes last, or what people take from it.
@@ -52,12 +50,6 @@ RESULTS: dict[str, tuple[str, ...]] = {
     "field": ("checkpoints/field.npz",),
     "mesh": ("mesh.ply",),
     "deliver": ("deliver.json", "report.json", "report.html"),
-}
-#: What the last stage writes where an option asks for it.
-ON_REQUEST: dict[str, tuple[str, ...]] = {
-    "texture": ("texture.jpg", "mesh_texture.npz"),
-    "export_obj": ("mesh.obj",),
-    "export_glb": ("mesh.glb",),
 }
 _TAKEN = ("mesh", "deliver")  # the others' results are for later stages
 #: Files whose change makes the scene another one; small ones of the first kinds are compared by content.

@@ -139,8 +139,8 @@ def write_obj(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
 def write_glb(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
     """Binary glTF; vertices around the mesh's centre, the centre as the translation of the node.
 
-    With a texture, which the file then holds, vertices are doubled where faces find them in several places of it, and
-    have no colours of their own.
+    With a texture the file holds its picture, the one written to the same folder; vertices are doubled where faces
+    find them in several places of it, and have no colours of their own.
     """
     import trimesh
 
@@ -149,7 +149,7 @@ def write_glb(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
         rgba = np.column_stack([mesh.colors, np.full(len(mesh.colors), 255, np.uint8)])
         local = trimesh.Trimesh(mesh.vertices - centre, mesh.faces, vertex_colors=rgba, process=False)
     else:
-        local = _textured(replace(mesh, vertices=mesh.vertices - centre), texture)
+        local = _textured(replace(mesh, vertices=mesh.vertices - centre), texture, path.parent / IMAGE)
     scene = trimesh.Scene()
     scene.add_geometry(local, node_name="building", geom_name="building", transform=_translation(centre))
     data = scene.export(file_type="glb")
@@ -157,24 +157,32 @@ def write_glb(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
         temporary.write_bytes(data)
 
 
-def _textured(mesh: Mesh, texture: Texture) -> Any:
-    import io
-
+def _textured(mesh: Mesh, texture: Texture, picture: Path) -> Any:
     import trimesh
-    from PIL import Image
 
     corner = np.column_stack([mesh.faces.ravel(), texture.uv.reshape(-1, 2)])
     split, faces = np.unique(corner, axis=0, return_inverse=True)
     material = trimesh.visual.material.PBRMaterial(
-        name="building",
-        baseColorTexture=Image.open(io.BytesIO(_jpeg(texture))),
-        metallicFactor=0.0,
-        roughnessFactor=1.0,
+        name="building", baseColorTexture=_as_encoded(picture), metallicFactor=0.0, roughnessFactor=1.0
     )
     visual = trimesh.visual.TextureVisuals(uv=split[:, 1:], material=material)
     return trimesh.Trimesh(
         mesh.vertices[split[:, 0].astype(np.int64)], faces.reshape(-1, 3), visual=visual, process=False
     )
+
+
+def _as_encoded(path: Path) -> Any:
+    """A JPEG picture for trimesh that saves as the bytes of the file; Pillow would encode it again, and coarser."""
+    import io
+
+    from PIL.JpegImagePlugin import JpegImageFile
+
+    class AsEncoded(JpegImageFile):
+        def save(self, fp: Any, format: str | None = None, **params: Any) -> None:
+            fp.write(data)
+
+    data = path.read_bytes()
+    return AsEncoded(io.BytesIO(data))
 
 
 def needs_double(vertices: NDArray[np.float64]) -> bool:

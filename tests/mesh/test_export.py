@@ -11,6 +11,7 @@ import trimesh
 
 from mgf_engine.errors import BadInput
 from mgf_engine.mesh.export import (
+    IMAGE,
     in_scene,
     needs_double,
     read_ply,
@@ -161,6 +162,7 @@ def test_a_texture_is_read_as_it_was_written_or_refused(tmp_path, name):
 
 def test_a_textured_glb_holds_the_picture(tmp_path):
     mesh, texture = textured()
+    write_texture(texture, tmp_path)
     write_glb(mesh, tmp_path / "mesh.glb", texture)
     loaded = placed(trimesh.load(tmp_path / "mesh.glb", process=False))
     assert np.abs(loaded.vertices[loaded.faces] - mesh.vertices[mesh.faces]).max() < 1e-4
@@ -168,3 +170,4 @@ def test_a_textured_glb_holds_the_picture(tmp_path):
     image = loaded.visual.material.baseColorTexture
     assert image.size == (64, 32) and b"image/jpeg" in (tmp_path / "mesh.glb").read_bytes()
     assert np.abs(np.asarray(image.convert("RGB")).astype(int) - (200, 100, 50)).max() < 4
+    assert (tmp_path / IMAGE).read_bytes() in (tmp_path / "mesh.glb").read_bytes()  # as it is, not encoded once more
