@@ -44,17 +44,17 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
         name = f"renders/{Path(scene.views[index].file).stem}.png"
         _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
         renders[index] = name
-    texture = _texture(job, scene, masks, mesh, reporter) if job.config.texture else None
+    normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
+    texture = _texture(job, scene, masks, normalised, reporter) if job.config.texture else None
     _write_other_formats(mesh, texture, job)
-    figures = report_job(job, scene, masks, field, mesh, texture, reporter)
+    figures = report_job(job, scene, masks, field, normalised, texture, reporter)
     write_json(job.path("deliver.json"), {**_manifest(scene, renders, figures), **_parts(job), **_painting(texture)})
     return figures
 
 
 def _texture(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, reporter: Reporter) -> Texture:
-    normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     texture = make_texture(
-        normalised, scene, masks, job.config.texture_size, reporter.warning,
+        mesh, scene, masks, job.config.texture_size, reporter.warning,
         lambda share: reporter.progress(_RENDERED + (_PAINTED - _RENDERED) * share),
     )  # fmt: skip
     write_texture(texture, job.folder)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +43,8 @@ def report_job(
     """Measure and write ``report.html`` and ``report.json``; returns the headline figures.
 
     Args:
-        field: normalised frame.
-        mesh: scene frame.
+        field, mesh: normalised frame.
     """
-    mesh = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     shown = _shown_views(scene, masks)
     views, textured = [], []
     for index in range(len(scene.views)):

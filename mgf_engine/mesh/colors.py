@@ -19,6 +19,7 @@ from mgf_engine.scene.model import View
 BEST = 5  # photos that share in the colour of a vertex: those that see it largest and straightest
 SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
 CHUNK = 1 << 15  # vertices that are blended at a time
+STRIP = 4096  # pixels in a row of what is looked up at once; OpenCV takes fewer than 32,768 columns and rows
 OUTLIER = 40.0  # grey levels from the median beyond which a photo is left out (reflections, passers-by)
 
 
@@ -78,19 +79,21 @@ def _samples(
     facing = (normals[index] * toward).sum(1) / np.maximum(distance, 1e-12)
     faced = facing > 0.1
     index, distance, facing = index[faced], distance[faced], facing[faced]
-    map_u, map_v = (at[index, :2] - 0.5).astype(np.float32).T
-    colors = bilinear(photo, map_u, map_v)
+    colors = sample(photo, at[index, :2])
     weight = (facing**2 * (view.fx / distance) ** 2).astype(np.float32)
     return index, weight, colors
 
 
-def bilinear(photo: NDArray[np.uint8], u: NDArray[np.float32], v: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Colours [n, 3] between the pixels; u, v in pixels with centres at whole numbers."""
-    x, y = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
-    a, b = (u - x)[:, None], (v - y)[:, None]
-    top = photo[y, x] * (1 - a) + photo[y, x + 1] * a
-    bottom = photo[y + 1, x] * (1 - a) + photo[y + 1, x + 1] * a
-    return (top * (1 - b) + bottom * b + 0.5).astype(np.uint8)
+def sample(
+    image: NDArray[np.uint8], at: NDArray[np.float64], interpolation: int = cv2.INTER_LINEAR
+) -> NDArray[np.uint8]:
+    """Colours [n, 3] of a picture at pixels [n, 2] (top-left centre at 0.5, 0.5), at the edge its last."""
+    rows = max(1, -(-len(at) // STRIP))
+    maps = np.zeros((rows * STRIP, 2), np.float32)
+    maps[: len(at)] = np.nan_to_num(at - 0.5, nan=-1.0)
+    x, y = (np.ascontiguousarray(maps[:, k]).reshape(rows, STRIP) for k in range(2))
+    found = cv2.remap(image, x, y, interpolation=interpolation, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found.reshape(-1, 3)[: len(at)], np.uint8)
 
 
 def _blend(weight: NDArray[np.float32], sample: NDArray[np.uint8]) -> NDArray[np.uint8]:

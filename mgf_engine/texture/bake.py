@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.mesh.colors import sample
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import draw_triangles
 from mgf_engine.raster.library import side_by_side
@@ -16,8 +17,6 @@ from mgf_engine.scene.model import View
 from mgf_engine.texture.charts import GUTTER
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
 from mgf_engine.texture.seams import Corrections
-
-_STRIP = 4096  # pixels in a row of what is looked up at once; OpenCV takes fewer than 32,768 columns and rows
 
 
 def bake(
@@ -86,16 +85,6 @@ def look_up(view: View, source: Source, points: NDArray[np.float64], scale: floa
         at = at * (size[0] / photo.shape[1], size[1] / photo.shape[0])
         photo = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
     return sample(photo, at, cv2.INTER_CUBIC)
-
-
-def sample(image: NDArray[np.uint8], at: NDArray[np.float64], interpolation: int) -> NDArray[np.uint8]:
-    """Colours [n, 3] of a picture at pixels [n, 2] (the top-left pixel's centre is at 0.5, 0.5)."""
-    rows = -(-len(at) // _STRIP)
-    maps = np.zeros((rows * _STRIP, 2), np.float32)
-    maps[: len(at)] = np.nan_to_num(at - 0.5, nan=-1.0)
-    x, y = (np.ascontiguousarray(maps[:, k]).reshape(rows, _STRIP) for k in range(2))
-    found = cv2.remap(image, x, y, interpolation=interpolation, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found.reshape(-1, 3)[: len(at)], np.uint8)
 
 
 def _fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.mesh.colors import sample
 from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.view import corners, look
 from mgf_engine.scene.model import View
-from mgf_engine.texture.bake import barycentric, sample
+from mgf_engine.texture.bake import barycentric
 
 
 def draw_textured(mesh: Mesh, texture: Texture, view: View) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
@@ -24,5 +24,5 @@ def draw_textured(mesh: Mesh, texture: Texture, view: View) -> tuple[NDArray[np.
     u, v = (texture.uv[owner] * weight[..., None]).sum(1).T
     height, width = texture.image.shape[:2]
     picture = np.full((*face.shape, 3), 255, np.uint8)
-    picture[rows, columns] = sample(texture.image, np.stack([u * width, (1 - v) * height], 1), cv2.INTER_LINEAR)
+    picture[rows, columns] = sample(texture.image, np.stack([u * width, (1 - v) * height], 1))
     return picture, face >= 0

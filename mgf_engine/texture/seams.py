@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import cg
 
-from mgf_engine.mesh.colors import bilinear
+from mgf_engine.mesh.colors import sample
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import corners, face_normals
 from mgf_engine.scene.model import View
@@ -134,9 +134,7 @@ def _differences(
 
 def _colors(points: Array, view: View, photo: NDArray[np.uint8]) -> Array:
     calm = np.asarray(cv2.GaussianBlur(photo, (0, 0), BLUR), np.uint8)
-    u, v = (corners(points, view)[:, :2] - 0.5).T.astype(np.float32)
-    u, v = np.clip(u, 0, view.width - 1.001), np.clip(v, 0, view.height - 1.001)
-    return bilinear(calm, u, v).astype(np.float64)
+    return sample(calm, corners(points, view)[:, :2]).astype(np.float64)
 
 
 def _laplacian(pairs: NDArray[np.int64], weight: Array, count: int) -> sparse.csr_matrix:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.colors import SLACK, bilinear
+from mgf_engine.mesh.colors import SLACK, sample
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import corners, face_normals, look
 from mgf_engine.raster.library import side_by_side
@@ -104,8 +104,7 @@ def _at_vertices(
     near = cv2.dilate(depth, around)[y, x] * (1 + SLACK) * at[framed, 2] >= 1
     visible, off = np.zeros(len(at), bool), np.zeros(len(at), np.float32)
     visible[framed] = near & (cv2.dilate(inside.astype(np.uint8), around)[y, x] > 0)
-    map_u, map_v = (at[framed, :2] - 0.5).astype(np.float32).T
-    off[framed] = np.abs(bilinear(photo, map_u, map_v).astype(np.float32) - mesh.colors[framed]).max(1)
+    off[framed] = np.abs(sample(photo, at[framed, :2]).astype(np.float32) - mesh.colors[framed]).max(1)
     return visible, off
 
 
