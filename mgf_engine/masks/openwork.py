@@ -3,7 +3,8 @@
 
 A click that the masks do not explain is either a slip or a sign that a part is missing. It is a sign when clicks in
 several photos meet in one thing that stands out against the sky. That part is then drawn to the pixel where a photo
-shows it before the sky, and is unknown where other things are behind it.
+shows it before the sky, and stands on the ground below. Where the ground is behind it, what other photos confirm as
+ground is none of it, and what stands out from such ground around it is; where other things are behind it is unknown.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.ground_seen import GroundSeen, near
 from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN, building
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.silhouette import Hull, Outline, carve, outline
-from mgf_engine.scene.model import Scene
+from mgf_engine.scene.model import Scene, View
 
 PHOTOS = 2  # in which a part must be clicked
 NEAR = 3  # px around a click
@@ -37,13 +40,21 @@ class Openwork:
     outlines: list[Outline]
     explained: set[tuple[int, int]]
 
-    def draw(self, scene: Scene, labels: Sequence[NDArray[np.uint8]]) -> None:
-        """Add the parts to every photo's label map, in place."""
-        for view, seen, shown in zip(scene.views, self.outlines, labels, strict=True):
-            covered = self.hull.cover(view) & ~building(shown)
-            shown[covered] = UNKNOWN
-            shown[covered & seen.empty] = BACKGROUND
-            shown[covered & seen.solid] = BUILDING
+    def draw(self, index: int, view: View, shown: NDArray[np.uint8], ground: GroundSeen | None) -> None:
+        """Add the parts to the label map of a photo, in place.
+
+        Args:
+            ground: finds what shows the ground; None where there is no plane of it.
+        """
+        covered = self.hull.cover(view) & ~building(shown)
+        shown[covered] = UNKNOWN
+        if ground is not None:
+            through = ground.through(index, covered)
+            shown[covered & near(through.certain) & ~through.possible] = BUILDING
+            shown[through.certain] = BACKGROUND
+        seen = self.outlines[index]
+        shown[covered & seen.empty] = BACKGROUND
+        shown[covered & seen.solid] = BUILDING
 
 
 def find_openwork(
@@ -54,6 +65,7 @@ def find_openwork(
     leafy: Callable[[int], NDArray[np.float32]],
     accepted: NDArray[np.bool_],
     up: NDArray[np.float64],
+    ground: Ground | None,
 ) -> Openwork | None:
     """Parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
 
@@ -63,6 +75,7 @@ def find_openwork(
         sky: view -> bool [H, W], regions that are sky; leafy: view -> float [H, W], how much pixels look like leaves.
         accepted: [P], sparse points of the building.
         up: [3], normalised frame.
+        ground: on which they stand, if known.
     """
     missed = _missed(prompts, labels)
     if len({view for view, _, _ in missed}) < PHOTOS or accepted.sum() < 10:
@@ -77,7 +90,8 @@ def find_openwork(
     wanted, explained = _clicked(scene, hull, parts, missed)
     if not wanted:
         return None
-    return Openwork(hull.where(np.isin(parts, list(wanted))), outlines, explained)
+    hull = hull.where(np.isin(parts, list(wanted)))
+    return Openwork(hull if ground is None else hull.standing(ground), outlines, explained)
 
 
 def _missed(prompts: Prompts, labels: Sequence[NDArray[np.uint8]]) -> list[tuple[int, int, NDArray[np.float64]]]:

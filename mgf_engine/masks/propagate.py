@@ -242,9 +242,12 @@ class _Work:
     def _add_openwork(self, accepted: NDArray[np.bool_]) -> Openwork | None:
         """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""
         leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
-        found = find_openwork(self.scene, self.original, self.labels, self._sky, leafy, accepted, up)
+        ground = self.graph.ground
+        found = find_openwork(self.scene, self.original, self.labels, self._sky, leafy, accepted, up, ground)
         if found is not None:
-            found.draw(self.scene, self.labels)
+            seen = None if ground is None else GroundSeen(self.scene, ground)
+            for _ in self._parallel(lambda i: found.draw(i, self.scene.views[i], self.labels[i], seen), self.views):
+                self.reporter.check()
         return found
 
     def _cut_ground(self, voters: list[int]) -> None:

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.around import distance
+from mgf_engine.masks.ground import Ground
 from mgf_engine.scene.model import View
 
 #: CIELAB distance to the sky around below which a pixel is sky; where the sky itself is uneven, so many times what
@@ -32,6 +33,8 @@ OVER_HORIZON = 1.5
 #: A cell is something when so many photos, and such a share of those that show anything against the sky, see it before
 #: the sky; it is empty when more than one sees sky all over it.
 FEWEST, FEWEST_SHARE = 3, 0.25
+#: Share of a hull's cells, the lowest, that stand on something.
+FOOT_SHARE = 0.25
 #: More cells than this are not divided further: what is left would be too coarse a question, not a wrong answer.
 MOST_CELLS = 3_000_000
 
@@ -137,6 +140,17 @@ class Hull:
     def where(self, keep: NDArray[np.bool_]) -> Hull:
         """The cells that are kept, [N] bool."""
         return Hull(self.places[keep], self.corner, self.side)
+
+    def standing(self, ground: Ground) -> Hull:
+        """With columns from its lowest cells down to the ground: what no photo shows before the sky carries them."""
+        height = ground.height(self.centres)
+        lowest = height < np.quantile(height, FOOT_SHARE)
+        feet, height = self.centres[lowest], height[lowest]
+        below = np.arange(1, max(0, int(np.ceil(height.max(initial=0) / self.side))) + 1)
+        over = height[:, None] - below * self.side > -self.side / 2
+        spots = (feet[:, None] - (below * self.side)[:, None] * ground.normal)[over]
+        columns = np.floor((spots - self.corner) / self.side).astype(np.int64)
+        return Hull(np.unique(np.concatenate([self.places, columns]), axis=0), self.corner, self.side)
 
     def cover(self, view: View) -> NDArray[np.bool_]:
         """Pixels of a view behind some cell, [H, W]."""

@@ -10,16 +10,19 @@ import pytest
 from mast import HEIGHT, LEGS, TOP, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
+from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.ground_seen import Through
 from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN
 from mgf_engine.masks.openwork import Openwork, find_openwork
 from mgf_engine.masks.prompts import Clicks, Prompts
-from mgf_engine.masks.silhouette import Hull, outline, over_horizon
+from mgf_engine.masks.silhouette import Hull, Outline, outline, over_horizon
 from mgf_engine.scene.model import Scene, View
 
 VIEWS = [look(angle, 0.3) for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
 #: Two cameras higher than the mast, which see it against the ground alone.
 HIGH = [look(0.3, 2.4), look(2.2, 2.4)]
 NONE = np.zeros((0, 2))
+GROUND = Ground(UP, 0.0, 0.02)
 
 
 def sky_of(view: View) -> NDArray[np.bool_]:
@@ -41,7 +44,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return make_scene(tmp_path_factory.mktemp("mast"), VIEWS + HIGH)
 
 
-def search(scene: Scene, prompts: Prompts, leafy: float = 0.0) -> tuple[Openwork | None, list[NDArray[np.uint8]]]:
+def search(
+    scene: Scene, prompts: Prompts, leafy: float = 0.0, ground: Ground | None = None
+) -> tuple[Openwork | None, list[NDArray[np.uint8]]]:
     labels = [photograph(view)[1].astype(np.uint8) for view in scene.views]
 
     def leaves(index: int) -> NDArray[np.float32]:
@@ -50,7 +55,13 @@ def search(scene: Scene, prompts: Prompts, leafy: float = 0.0) -> tuple[Openwork
     def sky(index: int) -> NDArray[np.bool_]:
         return sky_of(scene.views[index])
 
-    return find_openwork(scene, prompts, labels, sky, leaves, np.ones(len(scene.points), bool), UP), labels
+    everything = np.ones(len(scene.points), bool)
+    return find_openwork(scene, prompts, labels, sky, leaves, everything, UP, ground), labels
+
+
+def draw(found: Openwork, scene: Scene, labels: list[NDArray[np.uint8]]) -> None:
+    for index, view in enumerate(scene.views):
+        found.draw(index, view, labels[index], None)
 
 
 def test_bars_before_the_sky_are_told_from_it_to_the_pixel() -> None:
@@ -72,7 +83,7 @@ def test_a_mast_clicked_in_two_photos_is_drawn_in_all(scene: Scene) -> None:
     prompts = {1: Clicks(click_on_mast(VIEWS[1]), NONE), 5: Clicks(click_on_mast(VIEWS[5], 2), NONE)}
     found, labels = search(scene, prompts)
     assert found is not None and found.explained == {(1, 0), (5, 0)}
-    found.draw(scene, labels)
+    draw(found, scene, labels)
     for view, shown in zip(VIEWS, labels, strict=False):
         _, hut, mast = photograph(view)
         over, drawn = over_horizon(view, UP), shown == BUILDING
@@ -84,6 +95,50 @@ def test_a_mast_clicked_in_two_photos_is_drawn_in_all(scene: Scene) -> None:
         top = mast & ~hut & (shown != BACKGROUND)
         assert (shown[top] == UNKNOWN).all() and top.sum() > 0.4 * mast.sum()
         assert (shown == UNKNOWN).mean() < 0.25
+
+
+def test_what_is_below_the_horizon_stands_on_the_ground(scene: Scene) -> None:
+    prompts = {1: Clicks(click_on_mast(VIEWS[1]), NONE), 5: Clicks(click_on_mast(VIEWS[5], 2), NONE)}
+    found, labels = search(scene, prompts, ground=GROUND)
+    assert found is not None
+    draw(found, scene, labels)
+    for view, shown in zip(VIEWS, labels, strict=False):
+        _, hut, mast = photograph(view)
+        legs = mast & ~hut & ~over_horizon(view, UP)
+        assert (shown[legs] != BACKGROUND).sum() >= 0.95 * legs.sum()
+        assert (shown != photograph(view)[1]).mean() < 0.25
+
+
+def test_columns_stand_below_the_lowest_cells_down_to_the_ground_and_no_farther() -> None:
+    places = np.array([(0, 0, z) for z in range(4, 8)] + [(3, 0, z) for z in range(6, 8)])
+    hull = Hull(places, np.array([0.0, 0.0, 0.5]), 0.5)
+    standing = {tuple(place) for place in hull.standing(GROUND).places.tolist()}
+    below = standing - {tuple(place) for place in places.tolist()}
+    assert below == {(0, 0, z) for z in range(-1, 4)}  # the ground is at place -1
+
+
+def test_ground_that_others_confirm_is_none_of_it_and_what_stands_out_from_it_is(scene: Scene) -> None:
+    view, shown = VIEWS[0], np.zeros((HEIGHT, WIDTH), np.uint8)
+    hull = Hull(np.argwhere(np.ones((12, 12, 12), bool)), np.array([0.5, -0.6, -0.6]), 0.1)
+    nothing = np.zeros((HEIGHT, WIDTH), bool)
+    rows = hull.cover(view).nonzero()[0]
+    top, low = rows.min(), rows.max()
+
+    class Ground20:
+        """Ground in the lower half of the hull, but for a bar in it; beside the bar a doubtful column."""
+
+        def through(self, index: int, mask: NDArray[np.bool_]) -> Through:
+            certain, possible = mask.copy(), np.zeros_like(mask)
+            certain[: (top + low) // 2] = False
+            certain[:, 118:122], possible[:, 118] = False, True
+            return Through(certain & mask, possible & mask)
+
+    Openwork(hull, [Outline(nothing, nothing)], set()).draw(0, view, shown, Ground20())  # type: ignore[arg-type]
+    covered = hull.cover(view)
+    assert (shown[~covered] == BACKGROUND).all()
+    assert (shown[low - 5, 119:122] == BUILDING).all() and shown[low - 5, 118] == UNKNOWN
+    assert shown[low - 5, 110] == BACKGROUND
+    assert (shown[top + 2][covered[top + 2]] == UNKNOWN).all()
 
 
 def test_clicks_in_one_photo_or_on_air_are_slips(scene: Scene) -> None:
@@ -125,4 +180,4 @@ def test_far_too_few_points_tell_no_place(scene: Scene, tmp_path: Path) -> None:
     labels = [photograph(view)[1].astype(np.uint8) for view in scene.views]
     nothing = np.zeros(len(scene.points), bool)
     assert find_openwork(scene, prompts, labels, lambda i: sky_of(scene.views[i]), lambda i: np.zeros((1, 1)), nothing,
-                         UP) is None  # fmt: skip
+                         UP, None) is None  # fmt: skip
