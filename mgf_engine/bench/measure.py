@@ -185,7 +185,7 @@ def job_figures(job: Path) -> dict[str, Any]:
 
 
 def _source(folder: Path, poses: str, job: Path) -> Path:
-    """A view of the scene with the wanted cameras alone; the engine would take the model with the most photos."""
+    """A view of the scene with the wanted cameras alone, where the engine looks for them first."""
     view = job.with_name(f"{job.name}-{poses}-poses")
     shutil.rmtree(view, ignore_errors=True)
     (view / "sparse").mkdir(parents=True)

@@ -16,7 +16,7 @@ from mgf_engine.bench.prompts import click_prompts
 from mgf_engine.errors import BadInput
 
 Photo = NDArray[np.uint8]
-_LINKS = ("elements", "truth.ply", "scene.json")  # not sparse_truth: the engine would find that model, too
+_LINKS = ("elements", "truth.ply", "scene.json")  # sparse_truth is for scoring alone
 #: Widths that levels in pixels are given for.
 REFERENCE_WIDTH = 480.0
 

@@ -124,7 +124,7 @@ def test_ground_that_others_confirm_is_none_of_it_and_what_stands_out_from_it_is
     rows = hull.cover(view).nonzero()[0]
     top, low = rows.min(), rows.max()
 
-    class Ground20:
+    class LowerHalf:
         """Ground in the lower half of the hull, but for a bar in it; beside the bar a doubtful column."""
 
         def through(self, index: int, mask: NDArray[np.bool_]) -> Through:
@@ -133,7 +133,7 @@ def test_ground_that_others_confirm_is_none_of_it_and_what_stands_out_from_it_is
             certain[:, 118:122], possible[:, 118] = False, True
             return Through(certain & mask, possible & mask)
 
-    Openwork(hull, [Outline(nothing, nothing)], set()).draw(0, view, shown, Ground20())  # type: ignore[arg-type]
+    Openwork(hull, [Outline(nothing, nothing)], set()).draw(0, view, shown, LowerHalf())  # type: ignore[arg-type]
     covered = hull.cover(view)
     assert (shown[~covered] == BACKGROUND).all()
     assert (shown[low - 5, 119:122] == BUILDING).all() and shown[low - 5, 118] == UNKNOWN
