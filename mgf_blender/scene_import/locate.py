@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from ..common.errors import UserError
 from .colmap import count_photos
@@ -33,7 +34,7 @@ def find_model(path: Path) -> Path:
             "choose the model's folder or the folder around 'sparse'.",
             folder=folder,
         )
-    return max(found, key=lambda f: f[0])[1]  # max keeps the first of equals
+    return max(found, key=_claim).folder if len(found) > 1 else found[0].folder  # max keeps the first of equals
 
 
 def find_photo_folder(path: Path, model_folder: Path, names: list[str]) -> Path | None:
@@ -51,8 +52,22 @@ def find_photo_folder(path: Path, model_folder: Path, names: list[str]) -> Path 
     return best
 
 
-def _models(folder: Path) -> Iterator[tuple[tuple[bool, bool, int, int], Path]]:
-    """Folders with a model below ``folder``, and how much speaks for each: sound, with points, place, photos."""
+class _Found(NamedTuple):
+    """A model: its folder, the kind of its files, and the number of its group of places."""
+
+    folder: Path
+    kind: str
+    rank: int
+
+
+def _claim(model: _Found) -> tuple[bool, bool, int, int]:
+    """How much speaks for one of several: sound, with points, place, photos."""
+    photos = count_photos(model.folder / f"images{model.kind}")
+    return photos >= 0, (model.folder / f"points3D{model.kind}").is_file(), -model.rank, photos
+
+
+def _models(folder: Path) -> Iterator[_Found]:
+    """Folders with a model below ``folder``, the usual places first."""
     seen = set()
     for rank, places in enumerate(_PLACES):
         for place in places:
@@ -60,8 +75,7 @@ def _models(folder: Path) -> Iterator[tuple[tuple[bool, bool, int, int], Path]]:
                 kind = _kind(base) if base.is_dir() and base not in seen else ""
                 seen.add(base)
                 if kind:
-                    photos = count_photos(base / f"images{kind}")
-                    yield (photos >= 0, (base / f"points3D{kind}").is_file(), -rank, photos), base
+                    yield _Found(base, kind, rank)
 
 
 def _kind(folder: Path) -> str:

@@ -235,10 +235,10 @@ def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[
         return ground
     colour = _smooth(lab)
     away = distance(colour, enlarge(mean_around(colour, ground, REACH).colour, ground.shape))
-    return np.asarray(near(ground) & (away < np.percentile(away[ground], USUAL)), bool)
+    return np.asarray(near_ground(ground) & (away < np.percentile(away[ground], USUAL)), bool)
 
 
-def near(ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def near_ground(ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Pixels of the ground and around it, [H, W]."""
     return np.asarray(cv2.dilate(ground.astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0, bool)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
-from mgf_engine.masks.ground_seen import GroundSeen, near
+from mgf_engine.masks.ground_seen import GroundSeen, near_ground
 from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN, building
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
@@ -50,7 +50,7 @@ class Openwork:
         shown[covered] = UNKNOWN
         if ground is not None:
             through = ground.through(index, covered)
-            shown[covered & near(through.certain) & ~through.possible] = BUILDING
+            shown[covered & near_ground(through.certain) & ~through.possible] = BUILDING
             shown[through.certain] = BACKGROUND
         seen = self.outlines[index]
         shown[covered & seen.empty] = BACKGROUND

@@ -213,8 +213,10 @@ class _Work:
         extent = Extent(self.scene, self.shape, point_mask, self.graph.ground, self.graph.sight)
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
-        self._cut_ground(voters)
-        openwork = self._add_openwork(point_mask)
+        ground = None if self.graph.ground is None else GroundSeen(self.scene, self.graph.ground)
+        if ground is not None:
+            self._cut_ground(ground, voters)
+        openwork = self._add_openwork(ground, point_mask)
         if openwork is not None:
             point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
             doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
@@ -239,25 +241,21 @@ class _Work:
         ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
         labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN
 
-    def _add_openwork(self, accepted: NDArray[np.bool_]) -> Openwork | None:
+    def _add_openwork(self, ground: GroundSeen | None, accepted: NDArray[np.bool_]) -> Openwork | None:
         """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""
         leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
-        ground = self.graph.ground
-        found = find_openwork(self.scene, self.original, self.labels, self._sky, leafy, accepted, up, ground)
+        plane = self.graph.ground
+        found = find_openwork(self.scene, self.original, self.labels, self._sky, leafy, accepted, up, plane)
         if found is not None:
-            seen = None if ground is None else GroundSeen(self.scene, ground)
-            for _ in self._parallel(lambda i: found.draw(i, self.scene.views[i], self.labels[i], seen), self.views):
+            for _ in self._parallel(lambda i: found.draw(i, self.scene.views[i], self.labels[i], ground), self.views):
                 self.reporter.check()
         return found
 
-    def _cut_ground(self, voters: list[int]) -> None:
+    def _cut_ground(self, ground: GroundSeen, voters: list[int]) -> None:
         """Cut out the ground that shows through an open building; what may be ground becomes unknown."""
-        if self.graph.ground is None:
+        if not ground.shows_through(voters, lambda i: building(self.labels[i]), self.threads):
             return
-        seen = GroundSeen(self.scene, self.graph.ground)
-        if not seen.shows_through(voters, lambda i: building(self.labels[i]), self.threads):
-            return
-        for index, through in self._parallel(lambda i: seen.through(i, self.labels[i] != BACKGROUND), self.views):
+        for index, through in self._parallel(lambda i: ground.through(i, self.labels[i] != BACKGROUND), self.views):
             self.labels[index][through.certain] = BACKGROUND
             self.labels[index][through.possible] = UNKNOWN
 

@@ -146,7 +146,7 @@ class Hull:
         height = ground.height(self.centres)
         lowest = height < np.quantile(height, FOOT_SHARE)
         feet, height = self.centres[lowest], height[lowest]
-        below = np.arange(1, max(0, int(np.ceil(height.max(initial=0) / self.side))) + 1)
+        below = np.arange(1, np.ceil(height.max(initial=0) / self.side) + 1)
         over = height[:, None] - below * self.side > -self.side / 2
         spots = (feet[:, None] - (below * self.side)[:, None] * ground.normal)[over]
         columns = np.floor((spots - self.corner) / self.side).astype(np.int64)

@@ -45,20 +45,20 @@ def color_from_photos(
         inside: per view, bool [H, W]: pixels that show the building.
     """
     weight = np.zeros((len(mesh.vertices), BEST), np.float32)
-    sample = np.zeros((len(mesh.vertices), BEST, 3), np.uint8)
+    shown = np.zeros((len(mesh.vertices), BEST, 3), np.uint8)
     normals = vertex_normals(mesh)
 
     def seen(i: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
         return _samples(mesh, normals, views[i], photo(i), inside[i])
 
-    for i, (index, new_weight, new_sample) in enumerate(side_by_side(seen, range(len(views)))):
+    for i, (index, new_weight, new_shown) in enumerate(side_by_side(seen, range(len(views)))):
         progress(i / len(views))
         worst = weight[index].argmin(1)
         better = new_weight > weight[index, worst]
         weight[index[better], worst[better]] = new_weight[better]
-        sample[index[better], worst[better]] = new_sample[better]
+        shown[index[better], worst[better]] = new_shown[better]
     starts = range(0, len(weight), CHUNK)
-    blended = side_by_side(lambda start: _blend(weight[start : start + CHUNK], sample[start : start + CHUNK]), starts)
+    blended = side_by_side(lambda start: _blend(weight[start : start + CHUNK], shown[start : start + CHUNK]), starts)
     colors = np.concatenate([np.zeros((0, 3), np.uint8), *blended])
     return replace(mesh, colors=_fill(mesh, colors, weight.max(1) > 0))
 
@@ -96,15 +96,15 @@ def sample(
     return np.asarray(found.reshape(-1, 3)[: len(at)], np.uint8)
 
 
-def _blend(weight: NDArray[np.float32], sample: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _blend(weight: NDArray[np.float32], shown: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Weighted mean over the samples [N, BEST, 3] that lie near their median."""
-    known = np.where(weight[..., None] > 0, sample, np.nan).astype(np.float32)
+    known = np.where(weight[..., None] > 0, shown, np.nan).astype(np.float32)
     known[weight.max(1) <= 0] = 0
     median = np.nanmedian(known, axis=1, keepdims=True)
-    near = np.abs(sample - median).max(2) <= OUTLIER
+    near = np.abs(shown - median).max(2) <= OUTLIER
     kept = np.where(near, weight, 0) + 1e-6 * weight
     total = np.maximum(kept.sum(1, keepdims=True), 1e-30)
-    blended = (sample * kept[..., None]).sum(1) / total
+    blended = (shown * kept[..., None]).sum(1) / total
     return np.clip(np.rint(blended), 0, 255).astype(np.uint8)
 
 
