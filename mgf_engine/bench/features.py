@@ -15,6 +15,8 @@ from mgf_engine.bench.flight import Shot
 from mgf_engine.errors import BadInput
 
 Pinhole = tuple[int, int, float, float, float, float]  # width, height, fx, fy, cx, cy
+_ROUNDS = 50  # of reweighting
+_TIED = 1e-4  # metres; closer than this counts as exact
 
 
 def match_features(folder: Path, camera: Pinhole) -> Path:
@@ -93,13 +95,30 @@ def sfm_model(folder: Path, shots: list[Shot], camera: Pinhole) -> pycolmap.Reco
 
 
 def _similarity(source: NDArray[np.float64], target: NDArray[np.float64]) -> pycolmap.Sim3d:
-    """Least-squares similarity source -> target (Umeyama 1991); points [N, 3]."""
-    a, b = source - source.mean(0), target - target.mean(0)
-    u, d, vt = np.linalg.svd(b.T @ a / len(a))
-    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = u @ sign @ vt
-    scale = float((d * np.diag(sign)).sum() / (a**2).sum(1).mean())
-    return pycolmap.Sim3d(scale, pycolmap.Rotation3d(rotation), target.mean(0) - scale * rotation @ source.mean(0))
+    """The similarity source -> target with the smallest sum of distances; points [N, 3].
+
+    Not of their squares: a photo that is placed a metre wrong would pull the whole model, and the mesh would be measured
+    where it is not. Least squares (Umeyama 1991) with each point's weight the inverse of its distance (Weiszfeld 1937).
+    """
+    weight = np.ones(len(source))
+    for _ in range(_ROUNDS):
+        scale, rotation, shift = _weighted_similarity(source, target, weight / weight.sum())
+        distance = np.linalg.norm(scale * source @ rotation.T + shift - target, axis=1)
+        weight = 1 / np.maximum(distance, _TIED)
+    return pycolmap.Sim3d(scale, pycolmap.Rotation3d(rotation), shift)
+
+
+def _weighted_similarity(
+    source: NDArray[np.float64], target: NDArray[np.float64], weight: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Scale, rotation and shift of the least squares; the weights [N] sum to 1."""
+    from_middle, to_middle = weight @ source, weight @ target
+    a, b = source - from_middle, target - to_middle
+    u, d, vt = np.linalg.svd((weight[:, None] * b).T @ a)
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = (u * sign) @ vt
+    scale = float((d * sign).sum() / (weight @ (a**2).sum(1)))
+    return scale, rotation, to_middle - scale * rotation @ from_middle
 
 
 def _publish(model: pycolmap.Reconstruction, target: Path) -> None:
