@@ -31,11 +31,14 @@ def drop_output() -> None:
 
 
 def make_sink(style: str) -> Sink:
-    """The sink for ``--progress``: ``auto`` (bar on a terminal, else plain), ``bar``, ``plain``, ``json``, ``none``."""
+    """The sink for ``--progress``: ``auto`` (bar on a terminal, else plain), ``bar``, ``plain``, ``json``, ``none``.
+
+    ``none`` still says why a job failed.
+    """
     if style == "auto":
         style = "bar" if sys.stderr.isatty() else "plain"
     makers: dict[str, Callable[[], Sink]] = {
-        "bar": _Bar, "plain": _Plain, "json": lambda: _print_json, "none": lambda: lambda message: None,
+        "bar": _Bar, "plain": _Plain, "json": lambda: _print_json, "none": lambda: _print_failure,
     }  # fmt: skip
     return makers[style]()
 
@@ -59,6 +62,11 @@ def _print_json(message: Message) -> None:
     with _print_lock:
         sys.stdout.write(encode(message, sys.stdout.encoding or "utf-8") + "\n")
         sys.stdout.flush()
+
+
+def _print_failure(message: Message) -> None:
+    if message["type"] == "failed":
+        print(_sentence(message), file=sys.stderr, flush=True)
 
 
 def _sentence(message: Message) -> str | None:

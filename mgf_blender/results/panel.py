@@ -59,9 +59,9 @@ def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     kinds, now = surface.available(obj.data), surface.shown(obj.data)
     if len(kinds) < 2:
         return
-    row = column.row(align=True)
+    grid = column.grid_flow(columns=2, row_major=True, even_columns=True, align=True)  # in one row words are cut off
     for kind in kinds:
-        row.operator("mgf.paint_mesh", text=_PAINTS[kind], depress=kind == now).kind = kind
+        grid.operator("mgf.paint_mesh", text=_PAINTS[kind], depress=kind == now).kind = kind
     if now in {"CONFIDENCE", "VIEWS"}:
         column.label(text=surface.scale_text(obj.data, now), translate=False)
 

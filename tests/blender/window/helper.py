@@ -106,11 +106,9 @@ def state():
         arrival = next((m for n, m in sys.modules.items() if n.endswith(".mgf.results.arrival")), None)
         if arrival is not None:
             found["longest_step"] = arrival.longest_step()
-        found["painted"] = [
-            o.data.color_attributes.active_color.name
-            for o in bpy.data.objects
-            if o.get("mgf_kind") == "Mesh" and o.data.color_attributes.active_color is not None
-        ]
+        surface = next((m for n, m in sys.modules.items() if n.endswith(".mgf.results.surface")), None)
+        if surface is not None:
+            found["painted"] = [surface.shown(o.data) for o in bpy.data.objects if o.get("mgf_kind") == "Mesh"]
         preview = next((m for n, m in sys.modules.items() if n.endswith(".mgf.prompts.preview")), None)
         if preview is not None:
             found["previews"] = {p.photo: [p.status, p.text, p.seconds] for p in preview._latest.values()}

@@ -27,9 +27,9 @@ from first_steps import install_engine, install_extension, use_environment
 
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
 IMPORT, CROP, MARK = 50, 71, 195
-RECONSTRUCT, RESUME, RESULTS = 453, 510, 582  # with a photo marked; the last with a finished job
-SHOW_RENDER = 521  # while training
-PAINT, SHOW = 203, 249  # in the Results panel, the other panels closed
+RECONSTRUCT, RESUME, RESULTS = 475, 533, 605  # with a photo marked; the last with a finished job
+SHOW_RENDER = 544  # while training
+PAINT, SHOW, ROW = 203, 272, 23  # in the Results panel, the other panels closed
 POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 320
 FIRST_FILE, FILE_ROW = (1177, 364), 20  # icons in a File Browser in place of the Properties editor
 SIDE = 0.915  # of the small button at the end of a row, as a share of the sidebar's width
@@ -292,7 +292,7 @@ def watch_to_the_end(window: Window) -> None:
     """The job ends and the mesh arrives without holding the window."""
     window.wait("the end", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 3600)
     assert window.state()["jobs"][-1][1] == "DONE", window.state()["jobs"][-1]
-    window.wait("the mesh", lambda s: s["objects"]["Mesh"] == 1, 120)
+    window.wait("the mesh", lambda s: s["painted"] == ["TEXTURE"], 120)
     window.tell("frame Mesh")
     time.sleep(1)  # the view moves there smoothly
     window.tell("py area.spaces.active.region_3d.view_distance *= 1.2")  # clear of the sidebar
@@ -305,10 +305,11 @@ def look_at_results(window: Window) -> None:
     x, y = window.button(RESULTS)
     window.click(x - 60, y, hold="ctrl")  # opens this panel and closes the others
     time.sleep(1)
-    window.press(window.button(PAINT, 0.62), "confidence", lambda s: s["painted"] == ["Confidence Colors"])
+    window.press(window.button(PAINT + ROW, 0.25), "confidence", lambda s: s["painted"] == ["CONFIDENCE"])
     time.sleep(2)
     window.shot("35-confidence")
-    window.press(window.button(PAINT, 0.38), "colours", lambda s: s["painted"] == ["Color"])
+    window.press(window.button(PAINT, 0.75), "colours", lambda s: s["painted"] == ["COLOR"])
+    window.press(window.button(PAINT, 0.25), "the texture", lambda s: s["painted"] == ["TEXTURE"])
     window.tell(
         "py window.scene.camera = next(o.parent for o in bpy.data.objects if o.get('mgf_kind') == 'Renders');"
         "area.spaces.active.region_3d.view_perspective = 'CAMERA'"
@@ -337,7 +338,7 @@ def parser() -> argparse.ArgumentParser:
     engine.add_argument("--wheels", type=Path, help="folder of wheels to install the engine from")
     p.add_argument("--scene", type=Path, required=True, help="scene folder with images, sparse and prompts.json")
     p.add_argument("--out", type=Path, required=True)
-    p.add_argument("--set", action="append", default=["preset=draft", "resolution=300", "iterations=150"])
+    p.add_argument("--set", action="append", default=["preset=draft", "resolution=480", "iterations=1000"])
     p.add_argument("--pictures", type=Path, help="folder for the documentation's pictures (the demo scene only)")
     return p
 
