@@ -17,6 +17,9 @@ from typing import Any
 from mgf_engine.errors import BadInput
 
 SECTIONS = ("run", "scene", "masks", "field", "mesh", "deliver")
+#: Iterations for each photo trained on, unless the user gives a number, and their limits. The surface is best after some
+#: tens of passes over the photos; then the field goes on to explain what mirrors, and digs dents behind panes.
+RUN_LENGTH = {"passes": 50, "fewest": 1000, "most": 3000}
 
 
 def option(
@@ -72,7 +75,7 @@ class Config:
     mask_margin: float = option(0.008, "masks", "Rim of background that is trained along with the building, as a share of the photo's longest side", low=0, high=0.2)
 
     # field
-    iterations: int = option(3000, "field", "Training iterations", low=1, high=1_000_000)
+    iterations: int = option(0, "field", "Training iterations; 0 takes 50 for each photo trained on, from 1,000 to 3,000", low=0, high=1_000_000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
     dense_start: bool = option(True, "field", "Start from dense points by stereo between neighbouring photos, not from sparse points alone")
     sh_degree: int = option(2, "field", "Degree of the spherical harmonics that make colour depend on the view", low=0, high=3)
@@ -117,6 +120,11 @@ class Config:
     render_all: bool = option(False, "deliver", "Render every photo's view, not only the held-out ones")
     # fmt: on
 
+    def run_length(self, photos: int) -> int:
+        """Iterations of a training on so many photos."""
+        by_photos = RUN_LENGTH["passes"] * photos
+        return self.iterations or min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], by_photos))
+
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
@@ -129,7 +137,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "refine_rounds": 0,
     },
     "standard": {},
-    "fine": {"iterations": 10_000, "max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
+    "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
 }
 _SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
 
@@ -200,11 +208,11 @@ def read_config(path: Path) -> dict[str, Any]:
 
 
 def options_schema() -> dict[str, Any]:
-    """Every option as plain data, for panels and other front ends: sections, presets, one entry per option."""
+    """All about the options as plain data, for panels and other front ends; ``options`` has an entry for each."""
     entries = [
         {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in fields(Config)
     ]
-    return {"sections": list(SECTIONS), "presets": PRESETS, "options": entries}
+    return {"sections": list(SECTIONS), "presets": PRESETS, "run_length": RUN_LENGTH, "options": entries}
 
 
 def as_dict(config: Config) -> dict[str, Any]:

@@ -47,7 +47,7 @@ def test_libraries_are_told_to_keep_to_one_thread_before_they_are_loaded() -> No
         (None, ["{}/none"], "does not exist"),
         (None, [], "Give the scene"),
         ("empty", ["{}/empty"], "photo"),
-        ("empty", ["{}/empty", "--set", "iterations=0"], "at least 1"),
+        ("empty", ["{}/empty", "--set", "iterations=-1"], "at least 0"),
         ("empty", ["{}/empty", "--set", "nonsense"], "NAME=VALUE"),
         ("empty", ["{}/empty", "--preset", "fast"], "one of draft, standard, fine"),
         ("empty", ["{}/empty", "--config", "{}/missing.json"], "Cannot read the config"),
@@ -67,6 +67,13 @@ def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, make, args,
     assert run.returncode == 2
     assert part in failed_sentence(run)
     assert not (tmp_path / "job" / "mesh.ply").exists()
+
+
+@pytest.mark.parametrize("style", ["none", "plain", "auto"])
+def test_what_is_wrong_is_said_however_little_progress_is_shown(tmp_path: Path, style: str) -> None:
+    run = mgf("reconstruct", tmp_path / "nowhere", "--out", tmp_path / "job", "--progress", style)
+    assert run.returncode == 2 and not run.stdout
+    assert run.stderr.startswith("Error: ") and "does not exist" in run.stderr and run.stderr.count("\n") == 1
 
 
 def test_a_folder_in_place_of_the_log_is_named(tmp_path: Path, capsys) -> None:

@@ -25,7 +25,7 @@ def test_presets_are_valid_and_options_win_over_them(preset: str) -> None:
     ("given_options", "part"),
     [
         ({"iterationz": 3}, "Unknown option 'iterationz'"),
-        ({"iterations": 0}, "at least 1"),
+        ({"iterations": -1}, "at least 0"),
         ({"iterations": "many"}, "a whole number"),
         ({"iterations": 1.5}, "a whole number"),
         ({"iterations": True}, "a whole number"),
@@ -60,6 +60,13 @@ def test_config_files_of_windows_editors_are_read(tmp_path) -> None:
 def test_text_values_are_converted() -> None:
     config = make_config({"iterations": "12", "use_masks": "off", "opacity_level": "0.4"})
     assert (config.iterations, config.use_masks, config.opacity_level) == (12, False, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("photos", "given", "wanted"), [(10, 0, 1000), (30, 0, 1500), (146, 0, 3000), (30, 7, 7), (146, 9000, 9000)]
+)
+def test_few_photos_train_shorter_unless_a_number_is_given(photos: int, given: int, wanted: int) -> None:
+    assert make_config({"iterations": given}).run_length(photos) == wanted
 
 
 def test_schema_lists_every_option_once_with_help() -> None:

@@ -20,6 +20,7 @@ SCHEMA: dict[str, Any] = json.loads((Path(__file__).parents[1] / "options.json")
 OPTIONS: dict[str, dict[str, Any]] = {o["name"]: o for o in SCHEMA["options"]}
 SECTIONS: list[str] = SCHEMA["sections"]
 PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
+RUN_LENGTH: dict[str, int] = SCHEMA["run_length"]
 _CAPITALS = {"sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda"}
 _SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM", "grabcut": "GrabCut"}
 _SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
@@ -116,11 +117,11 @@ def _in_titles(text: str) -> str:
 
 
 def _choice_help(name: str, choice: str) -> str:
-    """What a choice means; of a preset, what it sets."""
+    """What a choice means; of a preset, what it sets (0 is off, all, or the engine's own choice)."""
     if name != "preset":
         return f"{title(name)}: {title(choice)}"
     values = [(n, default_of(n, choice)) for n in sorted({n for given in PRESETS.values() for n in given})]
-    return ", ".join(f"{title(n)} {v:,}" if isinstance(v, int) else f"{title(n)} {v}" for n, v in values)
+    return ", ".join(f"{title(n)} {v:,}" if isinstance(v, int) else f"{title(n)} {v}" for n, v in values if v)
 
 
 def _annotation(option: dict[str, Any]) -> Any:

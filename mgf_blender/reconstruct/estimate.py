@@ -17,10 +17,14 @@ from typing import Any
 import bpy
 
 from ..common.addon import user_folder
+from ..common.options import RUN_LENGTH
+from ..scene_import.cameras import SIZE_KEY
+from ..scene_import.tree import Tree
 
 #: Seconds on two cores with AVX-512. MP: megapixels of a working photo, G: 100,000 Gaussians.
 _MASK_PHOTO, _MASK_PIXELS = 0.24, 1.57  # per photo; per photo and MP
-_FIELD_STEP, _FIELD_GAUSSIANS, _FIELD_PIXELS = 0.035, 0.060, 1.05  # per iteration; and G; per photo and MP
+_STEP, _STEP_GAUSSIANS, _STEP_PIXELS = 0.010, 0.035, 0.12  # per iteration; and G; and MP
+_STEREO = 1.05  # per photo and MP
 _MESH, _MESH_GAUSSIANS, _MESH_VIEWS = 2.2, 13.3, 1.36  # once; per G; per G and photo
 _START, _DELIVER_PHOTO = 10.0, 0.15  # once; per photo
 _CORES = 2
@@ -41,17 +45,39 @@ class Estimate:
     memory: float
 
 
-def estimate(
-    options: bpy.types.PropertyGroup, photos: int, aspect: float = 4 / 3, factor: float | None = None
-) -> Estimate:
+@dataclass(frozen=True)
+class Photos:
+    """How many photos there are, and their long and short side in pixels (not known: large ones, 4 to 3)."""
+
+    count: int
+    size: tuple[int, int] = (1 << 16, 3 << 14)
+
+    def at_work(self, options: bpy.types.PropertyGroup) -> tuple[int, float]:
+        """How many of them a job with these options takes, and the megapixels of one while working."""
+        count = min(self.count, options.max_photos or self.count)
+        long, short = self.size
+        return count, min(options.resolution, long) ** 2 * short / long / 1e6
+
+
+def photos_of(scene: bpy.types.Scene) -> Photos:
+    """The photos a job on this scene gets; before an import, what the marked ones tell (a fifth is marked)."""
+    tree = Tree.find(scene)
+    cameras = tree.objects("Cameras") if tree is not None else []
+    sizes = [tuple(camera[SIZE_KEY]) for camera in cameras if SIZE_KEY in camera]
+    if not sizes:
+        return Photos(max(1, len(cameras) or 5 * len(scene.mgf.photos)))
+    largest = max(sizes, key=max)
+    return Photos(len(cameras), (max(largest), min(largest)))
+
+
+def estimate(options: bpy.types.PropertyGroup, photos: Photos, factor: float | None = None) -> Estimate:
     """What a job with these options takes here.
 
     Args:
-        aspect: long side over short side of the photos.
         factor: time of this machine over that of the reference; the learned one when None.
     """
-    return Estimate(_seconds(options, photos, aspect) * (speed_factor(options) if factor is None else factor),
-                    _memory(options, photos, aspect))  # fmt: skip
+    return Estimate(_seconds(options, photos) * (speed_factor(options) if factor is None else factor),
+                    _memory(options, photos))  # fmt: skip
 
 
 def speed_factor(options: bpy.types.PropertyGroup) -> float:
@@ -65,15 +91,14 @@ def speed_factor(options: bpy.types.PropertyGroup) -> float:
     return _CORES / min(8, max(1, options.threads or os.cpu_count() or 1))
 
 
-def learn(options: bpy.types.PropertyGroup, folder: Path) -> float | None:
+def learn(options: bpy.types.PropertyGroup, photos: Photos, folder: Path) -> float | None:
     """Take in the true time of a finished job; returns the new factor, None when the report cannot be used."""
     try:
         report: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-        photos = int(report["counts"]["photos"])
         actual = float(report["seconds"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    ratio = (actual + _START + _DELIVER_PHOTO * photos) / _seconds(options, photos, 4 / 3)
+    ratio = (actual + _around(photos.at_work(options)[0])) / _seconds(options, photos)
     if not _LIMITS[0] <= ratio <= _LIMITS[1]:
         return None
     known = speed_factor(options) if _path().is_file() else ratio
@@ -95,23 +120,36 @@ def duration(seconds: float | None) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
 
 
-def _seconds(options: bpy.types.PropertyGroup, photos: int, aspect: float) -> float:
+def _seconds(options: bpy.types.PropertyGroup, photos: Photos) -> float:
     """Seconds of a whole job on the reference machine."""
-    megapixels = options.resolution**2 / aspect / 1e6
-    gaussians = _gaussians(options, photos, aspect) / 1e5
-    masks = photos * (_MASK_PHOTO + _MASK_PIXELS * megapixels)
-    field = options.iterations * (_FIELD_STEP + _FIELD_GAUSSIANS * gaussians) + _FIELD_PIXELS * photos * megapixels
-    mesh = _MESH + gaussians * (_MESH_GAUSSIANS + _MESH_VIEWS * photos)
-    return _START + masks + field + mesh + _DELIVER_PHOTO * photos
+    count, megapixels = photos.at_work(options)
+    gaussians = _gaussians(options, photos) / 1e5
+    masks = count * (_MASK_PHOTO + _MASK_PIXELS * megapixels)
+    step = _STEP + _STEP_GAUSSIANS * gaussians + _STEP_PIXELS * megapixels
+    field = _iterations(options, count) * step + _STEREO * count * megapixels
+    mesh = _MESH + gaussians * (_MESH_GAUSSIANS + _MESH_VIEWS * count)
+    return masks + field + mesh + _around(count)
 
 
-def _gaussians(options: bpy.types.PropertyGroup, photos: int, aspect: float) -> float:
-    return min(_GROWN * options.max_gaussians, _PER_PHOTO_PIXEL * photos * options.resolution**2 / aspect)
+def _iterations(options: bpy.types.PropertyGroup, photos: int) -> int:
+    """Of the training; the engine's own choice where the option is 0."""
+    by_photos = RUN_LENGTH["passes"] * photos
+    return options.iterations or min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], by_photos))
 
 
-def _memory(options: bpy.types.PropertyGroup, photos: int, aspect: float) -> float:
-    pixels = photos * options.resolution**2 / aspect
-    return _REST + _gaussians(options, photos, aspect) * _PER_GAUSSIAN + pixels * _PER_PIXEL
+def _around(count: int) -> float:
+    """Seconds that the report of a job does not count: the engine's start, and what comes after the mesh."""
+    return _START + _DELIVER_PHOTO * count
+
+
+def _gaussians(options: bpy.types.PropertyGroup, photos: Photos) -> float:
+    count, megapixels = photos.at_work(options)
+    return min(_GROWN * options.max_gaussians, _PER_PHOTO_PIXEL * count * megapixels * 1e6)
+
+
+def _memory(options: bpy.types.PropertyGroup, photos: Photos) -> float:
+    count, megapixels = photos.at_work(options)
+    return _REST + _gaussians(options, photos) * _PER_GAUSSIAN + count * megapixels * 1e6 * _PER_PIXEL
 
 
 def _path() -> Path:

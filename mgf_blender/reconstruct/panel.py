@@ -11,7 +11,7 @@ from ..common.figures import draw_figures
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, Job
 from ..common.text import N_, draw_sentence, tr
 from ..engine.notice import draw_engine_missing
-from .estimate import duration, estimate
+from .estimate import duration, estimate, photos_of
 from .operators import interrupted, last_job
 from .start import has_job_file
 
@@ -93,7 +93,7 @@ class MGF_PT_reconstruct(bpy.types.Panel):
 
     def _draw_start(self, layout: bpy.types.UILayout, context: bpy.types.Context, job: Job | None) -> None:
         state = context.scene.mgf
-        cost = estimate(state.options, max(1, _photo_count(context.scene)))
+        cost = estimate(state.options, photos_of(context.scene))
         text = tr(
             "About {time} and {gigabytes:.1f} GB of memory", time=duration(cost.seconds), gigabytes=cost.memory / 1e9
         )
@@ -196,13 +196,6 @@ def in_panel_words(text: str) -> str:
     text = re.sub(r"(?:run again with|add) --resume", f"press {button}", text)
     text = re.sub(r"--prompts(?: FILE)?", "points", re.sub(r"--masks(?: FOLDER)?", "Own Masks", text))
     return re.sub(r"--([a-z][a-z-]*)", lambda found: options.title(found[1].replace("-", "_")), text)
-
-
-def _photo_count(scene: bpy.types.Scene) -> int:
-    from ..scene_import.tree import Tree
-
-    tree = Tree.find(scene)
-    return len(tree.objects("Cameras")) if tree is not None else 5 * len(scene.mgf.photos)
 
 
 class MGF_OT_show_preferences(bpy.types.Operator):

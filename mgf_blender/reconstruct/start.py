@@ -115,7 +115,7 @@ def ended(job: Job) -> None:
     if job.status != DONE or scene is None:
         return
     if job.kind == "reconstruct" and not job.cached:
-        estimate.learn(scene.mgf.options, job.folder)
+        estimate.learn(scene.mgf.options, estimate.photos_of(scene), job.folder)
     if job.kind == "reconstruct" and scene.mgf.import_when_done:
         if in_background():
             run_in(scene, "import_result")

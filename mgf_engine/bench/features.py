@@ -97,8 +97,9 @@ def sfm_model(folder: Path, shots: list[Shot], camera: Pinhole) -> pycolmap.Reco
 def _similarity(source: NDArray[np.float64], target: NDArray[np.float64]) -> pycolmap.Sim3d:
     """The similarity source -> target with the smallest sum of distances; points [N, 3].
 
-    Not of their squares: a photo that is placed a metre wrong would pull the whole model, and the mesh would be measured
-    where it is not. Least squares (Umeyama 1991) with each point's weight the inverse of its distance (Weiszfeld 1937).
+    Not of their squares: a photo that is placed a metre wrong would pull the whole model, and the mesh would be
+    measured where it is not. Least squares (Umeyama 1991), each point's weight the inverse of its distance (Weiszfeld
+    1937).
     """
     weight = np.ones(len(source))
     for _ in range(_ROUNDS):

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from mgf_engine import __version__
-from mgf_engine.config import PRESETS, Config
+from mgf_engine.config import PRESETS, RUN_LENGTH
 from mgf_engine.errors import BadInput
 
 Options = dict[str, Any]
@@ -134,7 +134,7 @@ def suite_runs(
 
 def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
     if suite == "ablation":
-        longer = round(int(base.get("iterations", PRESETS["standard"].get("iterations", Config.iterations))) * 30 / 7)
+        longer = round(int(base.get("iterations", RUN_LENGTH["most"])) * 30 / 7)
         table = {**ABLATION, "(f) 30/7 of the iterations": {**_LOSSES, "iterations": longer}, **SWITCHES}
         return [Run(name, "", options, group="ablation") for name, options in table.items()]
     if suite == "resolution":
@@ -143,7 +143,7 @@ def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
         own = [Run(name, "", options, group=name) for name, options in PEERS.items()]
         return own + [Run(name, "", command=command, group=name) for name, command in commands.items()]
     runs = [Run(f"preset {name}", "", {"preset": name}, group="presets") for name in PRESETS]
-    for count in (500, 1000, 2000, 4000, 7000):
+    for count in (500, 1000, 2000, 3000, 7000):
         runs.append(Run(f"{count} iterations", "", {"iterations": count}, group="iterations"))
     for budget in (10_000, 20_000, 40_000, 80_000, 160_000):
         runs.append(Run(f"{budget // 1000}k Gaussians", "", {"max_gaussians": budget}, group="Gaussians"))

@@ -68,6 +68,7 @@ class _Trainer:
         self.scene, self.masks, self.config, self.folder, self.reporter = scene, masks, config, folder, reporter
         folder.mkdir(parents=True, exist_ok=True)
         self.views = training_views(scene, masks)
+        self.total = config.run_length(len(self.views))
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
         self.factor = 0
@@ -87,11 +88,11 @@ class _Trainer:
         self.seconds.update(self.figures["seconds"])
 
     def run(self) -> tuple[Gaussians, dict[str, Any]]:
-        config, total = self.config, self.config.iterations
+        config = self.config
         saved = shown = time.monotonic()
         order: list[int] = []
-        while self.iteration < total:
-            share = self.iteration / total
+        while self.iteration < self.total:
+            share = self.iteration / self.total
             self._set_level(reduction_at(share, self.longest_side, config))
             epoch, place = divmod(self.iteration, len(self.views))
             if place == 0 or not order:
@@ -176,7 +177,7 @@ class _Trainer:
         return torch.from_numpy(vote(points, self.scene, self.masks, self.views, self.config)).to(self.device)
 
     def _record(self, target: Target, rendering: Rendering, terms: LossTerms) -> None:
-        interval = max(1, self.config.iterations // _CURVE_POINTS)
+        interval = max(1, self.total // _CURVE_POINTS)
         if self.iteration % interval:
             return
         with torch.no_grad():
@@ -195,10 +196,10 @@ class _Trainer:
         curve = self.figures["curve"][-5:]
         psnr = float(np.mean([p["psnr"] for p in curve])) if curve else 0.0
         elapsed = sum(self.seconds.values())
-        work = work_at(self.iteration / self.config.iterations, self.longest_side, self.config)
+        work = work_at(self.iteration / self.total, self.longest_side, self.config)
         left = elapsed * (1 / work - 1) if share > 0.01 else None
         self.reporter.progress(
-            self.iteration / self.config.iterations, left, iteration=self.iteration,
+            self.iteration / self.total, left, iteration=self.iteration,
             gaussians=len(self.optimiser.field), psnr=round(psnr, 2),
         )  # fmt: skip
 

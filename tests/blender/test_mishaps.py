@@ -68,7 +68,7 @@ def test_full_disk_for_what_only_helps(state, monkeypatch, tmp_path, house):
     assert Task([Step("x", [sys.executable, "-c", "print(5)"])], FULL, install.explain).run() == DONE
     monkeypatch.setattr(estimate, "_path", lambda: FULL)
     (house.job / "report.json").write_text('{"counts": {"photos": 12}, "seconds": 60}')
-    assert estimate.learn(state.options, house.job) is None
+    assert estimate.learn(state.options, estimate.photos_of(state.id_data), house.job) is None
 
 
 @needs_full

@@ -50,14 +50,14 @@ def test_changes_become_arguments(addon):
 def test_values_of_an_earlier_job_come_back(addon):
     options.set_values(addon.options, {"preset": "fine", "resolution": 900, "no_such": 1, "iterations": "many"})
     assert addon.options.preset == "fine" and addon.options.resolution == 900
-    assert addon.options.iterations == options.PRESETS["fine"]["iterations"]
+    assert addon.options.iterations == options.default_of("iterations", "fine")
     texts = {"resolution": "320", "opacity_level": "0.25", "screening": "off", "device": "cpu", "iterations": "1.5"}
     options.set_values(addon.options, texts)
     assert addon.options.resolution == 320 and addon.options.opacity_level == 0.25
     assert addon.options.screening is False and addon.options.device == "cpu"
     options.set_values(addon.options, {"screening": "perhaps", "device": "abacus", "opacity_level": "nan"})
     assert addon.options.screening is False and addon.options.device == "cpu" and addon.options.opacity_level == 0.25
-    assert addon.options.iterations == options.PRESETS["fine"]["iterations"]
+    assert addon.options.iterations == options.default_of("iterations", "fine")
 
 
 def test_limits_hold(addon):

@@ -9,16 +9,17 @@ import bpy
 import pytest
 
 from mgf_blender.reconstruct import estimate as module
-from mgf_blender.reconstruct.estimate import duration, estimate, learn, speed_factor
+from mgf_blender.reconstruct.estimate import Photos, duration, estimate, learn, photos_of, speed_factor
 
 #: Reports of jobs on two cores with AVX-512: preset, options, photos, seconds of the first four stages, peak GB
 #: (None: not measured).
+_LONG = {"iterations": 3000}
 MEASURED = [
-    ("standard", {}, 11, 343.5, 1.93),
-    ("standard", {}, 64, 438.0, 2.57),
-    ("standard", {}, 11, 288.3, 1.49),
-    ("standard", {}, 25, 450.5, 2.00),
-    ("standard", {}, 11, 350.5, 1.74),
+    ("standard", _LONG, 11, 343.5, 1.93),
+    ("standard", _LONG, 64, 438.0, 2.57),
+    ("standard", _LONG, 11, 288.3, 1.49),
+    ("standard", _LONG, 25, 450.5, 2.00),
+    ("standard", _LONG, 11, 350.5, 1.74),
     ("draft", {"resolution": 320, "iterations": 150}, 11, 16.6, 0.61),
     ("draft", {"resolution": 300, "iterations": 150}, 30, 50.0, None),
 ]
@@ -35,7 +36,7 @@ def test_measured_jobs(addon, folder, preset, options, photos, seconds, memory):
     addon.options.preset = preset
     for name, value in options.items():
         setattr(addon.options, name, value)
-    found = estimate(addon.options, photos, factor=1.0)
+    found = estimate(addon.options, Photos(photos), factor=1.0)
     whole = seconds + module._START + module._DELIVER_PHOTO * photos
     assert found.seconds == pytest.approx(whole, rel=0.2)
     if memory is not None:
@@ -43,23 +44,48 @@ def test_measured_jobs(addon, folder, preset, options, photos, seconds, memory):
 
 
 def test_more_work_costs_more(addon, folder):
-    base = estimate(addon.options, 20)
-    assert estimate(addon.options, 40).seconds > base.seconds and estimate(addon.options, 40).memory > base.memory
+    base, more = estimate(addon.options, Photos(20)), estimate(addon.options, Photos(40))
+    assert more.seconds > base.seconds and more.memory > base.memory
     addon.options.preset = "fine"
-    assert estimate(addon.options, 20).seconds > 3 * base.seconds and estimate(addon.options, 20).memory > base.memory
+    fine = estimate(addon.options, Photos(20))
+    assert fine.seconds > 2 * base.seconds and fine.memory > base.memory
+
+
+def test_small_photos_are_not_enlarged_and_no_more_are_taken_than_wanted(addon, folder):
+    small, large = Photos(40, (480, 320)), Photos(40, (6000, 4000))
+    assert estimate(addon.options, small).seconds < 0.8 * estimate(addon.options, large).seconds
+    assert estimate(addon.options, small).memory < estimate(addon.options, large).memory
+    addon.options.max_photos = 40
+    many = Photos(600, (480, 320))
+    assert estimate(addon.options, many) == estimate(addon.options, small)
+
+
+def test_few_photos_train_shorter(addon, folder):
+    seconds = [estimate(addon.options, Photos(count), factor=1.0).seconds for count in (20, 60)]
+    addon.options.iterations = 3000
+    longer = [estimate(addon.options, Photos(count), factor=1.0).seconds for count in (20, 60)]
+    assert seconds[0] < 0.6 * longer[0] and seconds[1] == longer[1]
+
+
+def test_the_photos_of_a_scene(addon, house, folder):
+    assert photos_of(bpy.context.scene) == Photos(1)
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    found = photos_of(bpy.context.scene)
+    assert found.count == sum(o.get("mgf_kind") == "Cameras" for o in bpy.data.objects) > 0
+    assert found.size[0] >= found.size[1] > 0
 
 
 def test_it_learns_the_speed_of_the_machine(addon, folder):
-    report = folder / "report.json"
-    usual = estimate(addon.options, 20, factor=1.0).seconds
-    report.write_text(json.dumps({"seconds": 3 * usual, "counts": {"photos": 20}}))
-    assert learn(addon.options, folder) == pytest.approx(3, rel=0.1)
-    assert estimate(addon.options, 20).seconds == pytest.approx(3 * usual, rel=0.1)
-    report.write_text(json.dumps({"seconds": usual, "counts": {"photos": 20}}))
-    assert 1.2 < learn(addon.options, folder) < 2.5  # half the way back
-    for text in ("{", "{}", json.dumps({"seconds": 1e9, "counts": {"photos": 20}})):
+    report, photos = folder / "report.json", Photos(20)
+    usual = estimate(addon.options, photos, factor=1.0).seconds
+    report.write_text(json.dumps({"seconds": 3 * usual}))
+    assert learn(addon.options, photos, folder) == pytest.approx(3, rel=0.1)
+    assert estimate(addon.options, photos).seconds == pytest.approx(3 * usual, rel=0.1)
+    report.write_text(json.dumps({"seconds": usual}))
+    assert 1.2 < learn(addon.options, photos, folder) < 2.5  # half the way back
+    for text in ("{", "{}", json.dumps({"seconds": 1e9})):
         report.write_text(text)
-        assert learn(addon.options, folder) is None
+        assert learn(addon.options, photos, folder) is None
     (folder / "speed.json").write_text('{"factor": "fast"}')
     addon.options.threads = 2
     assert speed_factor(addon.options) == 1.0
@@ -67,7 +93,7 @@ def test_it_learns_the_speed_of_the_machine(addon, folder):
 
 def test_a_finished_job_teaches_unless_it_used_earlier_results(addon, engine, house, folder, monkeypatch):
     seen = []
-    monkeypatch.setattr(module, "learn", lambda options, path: seen.append(path))
+    monkeypatch.setattr(module, "learn", lambda options, photos, path: seen.append(photos.count))
     engine("ok", FAKE_RESULT=house.job)
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     addon.photos[0].clicks.add()
