@@ -133,7 +133,8 @@ def _seconds(options: bpy.types.PropertyGroup, photos: Photos) -> float:
 
 def _iterations(options: bpy.types.PropertyGroup, photos: int) -> int:
     """Of the training; the engine's own choice where the option is 0."""
-    by_photos = RUN_LENGTH["passes"] * photos
+    held_out = photos // options.holdout_every if options.holdout_every else 0
+    by_photos = RUN_LENGTH["passes"] * (photos - held_out)
     return options.iterations or min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], by_photos))
 
 

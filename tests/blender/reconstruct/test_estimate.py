@@ -61,9 +61,9 @@ def test_small_photos_are_not_enlarged_and_no_more_are_taken_than_wanted(addon, 
 
 
 def test_few_photos_train_shorter(addon, folder):
-    seconds = [estimate(addon.options, Photos(count), factor=1.0).seconds for count in (20, 60)]
+    seconds = [estimate(addon.options, Photos(count), factor=1.0).seconds for count in (20, 80)]
     addon.options.iterations = 3000
-    longer = [estimate(addon.options, Photos(count), factor=1.0).seconds for count in (20, 60)]
+    longer = [estimate(addon.options, Photos(count), factor=1.0).seconds for count in (20, 80)]
     assert seconds[0] < 0.6 * longer[0] and seconds[1] == longer[1]
 
 
