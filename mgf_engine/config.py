@@ -128,14 +128,7 @@ class Config:
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
-    "draft": {
-        "iterations": 1000,
-        "max_gaussians": 50_000,
-        "resolution": 500,
-        "max_photos": 60,
-        "sh_degree": 1,
-        "refine_rounds": 0,
-    },
+    "draft": {"iterations": 500, "resolution": 600, "max_photos": 60},
     "standard": {},
     "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
 }

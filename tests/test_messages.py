@@ -71,7 +71,7 @@ def test_every_style_shows_every_message(style: str, capsys) -> None:
     if style == "json":
         assert all(json.loads(line) for line in out.out.splitlines())
     elif style == "none":
-        assert out.out == out.err == ""
+        assert (out.out, out.err) == ("", "Error: Why\n")
     else:
         assert "Something [odd] happened" in out.err
 

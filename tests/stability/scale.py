@@ -32,9 +32,8 @@ PIXELS = (375, 750, 1500, 3000)
 GAUSSIANS = (10_000, 30_000, 100_000, 300_000, 1_000_000, 2_000_000)
 FEW = 14  # photos while pixels grow
 SHARES = (1.0, 0.25, 0.12, 0.06)
-#: Of draft, but on all photos.
 OPTIONS = [
-    "--iterations", "200", "--max-gaussians", "10000", "--preset", "draft", "--max-photos", "0", "--progress", "none",
+    "--iterations", "200", "--max-gaussians", "10000", "--sh-degree", "1", "--refine-rounds", "0", "--progress", "none",
 ]  # fmt: skip
 
 
