@@ -76,8 +76,9 @@ def estimate(options: bpy.types.PropertyGroup, photos: Photos, factor: float | N
     Args:
         factor: time of this machine over that of the reference; the learned one when None.
     """
-    return Estimate(_seconds(options, photos) * (speed_factor(options) if factor is None else factor),
-                    _memory(options, photos))  # fmt: skip
+    work = photos.at_work(options)
+    return Estimate(_seconds(options, *work) * (speed_factor(options) if factor is None else factor),
+                    _memory(options, *work))  # fmt: skip
 
 
 def speed_factor(options: bpy.types.PropertyGroup) -> float:
@@ -98,7 +99,8 @@ def learn(options: bpy.types.PropertyGroup, photos: Photos, folder: Path) -> flo
         actual = float(report["seconds"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    ratio = (actual + _around(photos.at_work(options)[0])) / _seconds(options, photos)
+    count, megapixels = photos.at_work(options)
+    ratio = (actual + _around(count)) / _seconds(options, count, megapixels)
     if not _LIMITS[0] <= ratio <= _LIMITS[1]:
         return None
     known = speed_factor(options) if _path().is_file() else ratio
@@ -120,10 +122,9 @@ def duration(seconds: float | None) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
 
 
-def _seconds(options: bpy.types.PropertyGroup, photos: Photos) -> float:
+def _seconds(options: bpy.types.PropertyGroup, count: int, megapixels: float) -> float:
     """Seconds of a whole job on the reference machine."""
-    count, megapixels = photos.at_work(options)
-    gaussians = _gaussians(options, photos) / 1e5
+    gaussians = _gaussians(options, count, megapixels) / 1e5
     masks = count * (_MASK_PHOTO + _MASK_PIXELS * megapixels)
     step = _STEP + _STEP_GAUSSIANS * gaussians + _STEP_PIXELS * megapixels
     field = _iterations(options, count) * step + _STEREO * count * megapixels
@@ -131,10 +132,10 @@ def _seconds(options: bpy.types.PropertyGroup, photos: Photos) -> float:
     return masks + field + mesh + _around(count)
 
 
-def _iterations(options: bpy.types.PropertyGroup, photos: int) -> int:
+def _iterations(options: bpy.types.PropertyGroup, count: int) -> int:
     """Of the training; the engine's own choice where the option is 0."""
-    held_out = photos // options.holdout_every if options.holdout_every else 0
-    by_photos = RUN_LENGTH["passes"] * (photos - held_out)
+    held_out = count // options.holdout_every if options.holdout_every else 0
+    by_photos = RUN_LENGTH["passes"] * (count - held_out)
     return options.iterations or min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], by_photos))
 
 
@@ -143,14 +144,12 @@ def _around(count: int) -> float:
     return _START + _DELIVER_PHOTO * count
 
 
-def _gaussians(options: bpy.types.PropertyGroup, photos: Photos) -> float:
-    count, megapixels = photos.at_work(options)
+def _gaussians(options: bpy.types.PropertyGroup, count: int, megapixels: float) -> float:
     return min(_GROWN * options.max_gaussians, _PER_PHOTO_PIXEL * count * megapixels * 1e6)
 
 
-def _memory(options: bpy.types.PropertyGroup, photos: Photos) -> float:
-    count, megapixels = photos.at_work(options)
-    return _REST + _gaussians(options, photos) * _PER_GAUSSIAN + count * megapixels * 1e6 * _PER_PIXEL
+def _memory(options: bpy.types.PropertyGroup, count: int, megapixels: float) -> float:
+    return _REST + _gaussians(options, count, megapixels) * _PER_GAUSSIAN + count * megapixels * 1e6 * _PER_PIXEL
 
 
 def _path() -> Path:

@@ -6,6 +6,7 @@ Commands come as files ``cmd`` (one word and an argument), the state goes to ``s
 
 import json
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -23,6 +24,11 @@ def main_area():
     areas = bpy.context.window_manager.windows[0].screen.areas
     known = [a for a in areas if a.type in {"VIEW_3D", "IMAGE_EDITOR", "PREFERENCES"}]
     return max(known or list(areas), key=lambda a: a.width * a.height)  # a file browser may fill the screen
+
+
+def addon_module(name):
+    """A module of the add-on by its name there; None while the add-on is not on."""
+    return next((m for n, m in sys.modules.items() if n.endswith(f".mgf.{name}")), None)
 
 
 def region(area, kind):
@@ -96,23 +102,21 @@ def state():
         found["objects"] = {
             k: sum(o.get("mgf_kind") == k for o in bpy.data.objects) for k in ("Cameras", "Points", "Mesh", "Renders")
         }
-        import sys
-
-        runner = next((m for n, m in sys.modules.items() if n.endswith(".mgf.common.runner")), None)
+        runner = addon_module("common.runner")
         if runner is not None:
             found["jobs"] = [[j.kind, j.status, j.stage, j.overall, j.text] for j in runner.jobs()]
             found["longest_tick"] = runner.longest_tick()
             found["pids"] = [j.process.pid for j in runner.jobs() if j.process is not None]
-        arrival = next((m for n, m in sys.modules.items() if n.endswith(".mgf.results.arrival")), None)
+        arrival = addon_module("results.arrival")
         if arrival is not None:
             found["longest_step"] = arrival.longest_step()
-        surface = next((m for n, m in sys.modules.items() if n.endswith(".mgf.results.surface")), None)
+        surface = addon_module("results.surface")
         if surface is not None:
             found["painted"] = [surface.shown(o.data) for o in bpy.data.objects if o.get("mgf_kind") == "Mesh"]
-        preview = next((m for n, m in sys.modules.items() if n.endswith(".mgf.prompts.preview")), None)
+        preview = addon_module("prompts.preview")
         if preview is not None:
             found["previews"] = {p.photo: [p.status, p.text, p.seconds] for p in preview._latest.values()}
-        operators = next((m for n, m in sys.modules.items() if n.endswith(".mgf.engine.operators")), None)
+        operators = addon_module("engine.operators")
         task = operators.current()[1] if operators is not None else None
         found["task"] = None if task is None else [task.status, task.title, task.text]
     if area.type == "IMAGE_EDITOR" and area.spaces.active.image is not None:
