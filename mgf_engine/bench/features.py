@@ -72,8 +72,16 @@ def truth_model(
     return done
 
 
+class NoModel(BadInput):
+    """Structure from motion could not place the photos: where a method may fail, that is a result."""
+
+
 def sfm_model(folder: Path, shots: list[Shot], camera: Pinhole) -> pycolmap.Reconstruction:
-    """``sparse/0``: structure from motion from the photos alone, then the similarity onto the true camera centres."""
+    """``sparse/0``: structure from motion from the photos alone, then the similarity onto the true camera centres.
+
+    Raises:
+        NoModel: no two photos could be placed.
+    """
     database = match_features(folder, camera)
     options = pycolmap.IncrementalPipelineOptions()
     options.ba_refine_principal_point = False
@@ -83,7 +91,7 @@ def sfm_model(folder: Path, shots: list[Shot], camera: Pinhole) -> pycolmap.Reco
     out.mkdir(parents=True)
     models = pycolmap.incremental_mapping(database, folder / "images", out, options=options)
     if not models:
-        raise BadInput("Structure from motion found no model in the rendered photos; render more or larger ones.")
+        raise NoModel("Structure from motion found no model in the rendered photos; render more or larger ones.")
     best = max(models.values(), key=lambda m: m.num_reg_images())
     centres = {s.name: -s.rotation.T @ s.translation for s in shots}
     names = [image.name for image in best.images.values() if image.has_pose]

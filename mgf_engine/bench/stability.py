@@ -21,6 +21,7 @@ from typing import Any
 
 from mgf_engine.bench.arguments import count, engine_options, results_folder
 from mgf_engine.bench.catalogue import SCENES, SceneSpec, spec_dict
+from mgf_engine.bench.features import NoModel
 from mgf_engine.bench.measure import Prepared, measure, prepare_folder, prepare_scene
 from mgf_engine.bench.perturb import PERTURBATIONS, RECORD, Perturbation, perturb
 from mgf_engine.bench.scenes import make_scene
@@ -180,7 +181,10 @@ def _scene_name(spec: SceneSpec, series: str) -> str:
 def _measured(args: argparse.Namespace, case: _Case, path: Path) -> Row:
     """Measure and keep the result; faults are not kept: they are to be mended and tried again."""
     folder = args.out / "scenes" / path.stem
-    row = measure(case.run, case.scene(folder), args.out / "jobs" / path.stem, args.samples, keep_job=False)
+    try:
+        row = measure(case.run, case.scene(folder), args.out / "jobs" / path.stem, args.samples, keep_job=False)
+    except NoModel as error:
+        row = {"seed": case.run.seed, "cpu_seconds": 0.0, "code": EXIT_BAD_INPUT, "failed": str(error)}
     if folder.exists():
         shutil.rmtree(folder)
     if outcome(row) != "fault":

@@ -27,7 +27,7 @@ from mgf_engine.masks.extent import Extent, Place, Sight, over_building
 from mgf_engine.masks.ground import Ground, find_ground
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.regions import Regions
-from mgf_engine.masks.shape import Shape, clicked_groups
+from mgf_engine.masks.shape import Shape, clicked_groups, measure_shape
 from mgf_engine.masks.sky import find_sky
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.threads import in_order
@@ -52,6 +52,7 @@ FIRST_ODDS = -6.0  # the ray meets the ground first
 SKY_ODDS = -5.0  # sky
 OTHER_ODDS = -2.0  # something else's points are nearer
 OTHER_GAP = 4.0  # spacings between the building and something else
+BUILT = 0.6  # belief above which a point is the building's
 OTHER_BELOW = 0.2  # belief below which a point is something else's
 GROUND_ODDS = -4.0  # the ground's own points
 WITHIN_ODDS = 2.5  # points seen where the building is, and not in front of it
@@ -76,18 +77,29 @@ class Belief:
 
 
 class SceneGraph:
-    """The graph of a scene and the solver on it; built once, asked with different clicks."""
+    """The graph of a scene and the solver on it; built once, asked with different clicks.
 
-    def __init__(self, scene: Scene, regions: Sequence[Regions], shape: Shape, threads: int = 1) -> None:
+    Args:
+        full: the scene with points added behind its own (``bare.py``); they are no nodes, for where they are tied to is
+            guessed, but tell where the building is if they are seen in regions that are believed to be it.
+    """
+
+    def __init__(
+        self, scene: Scene, regions: Sequence[Regions], shape: Shape, threads: int = 1, full: Scene | None = None
+    ) -> None:
         self.scene, self.regions, self.shape = scene, regions, shape
         self.threads = threads
         self.ground: Ground | None = None
-        self.sight = Sight(scene, shape)
+        self.full = full or scene
+        self.full_shape = shape if full is None else measure_shape(full)
+        self.sight = Sight(self.full, self.full_shape, len(scene.points))
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
         self.features = np.concatenate([r.features for r in regions])
         self.area = np.concatenate([r.area for r in regions]).astype(np.float64)
-        self.observed = self._observed_regions()
+        self.observed, self.added_observed = np.split(self._observed_regions(), [len(scene.track_view)])
+        self.added_count = len(self.full.points) - self.point_count
+        self.added_owner = self.full.track_point[len(scene.track_view) :] - self.point_count
         self.laplacian, self.degree = self._laplacian(shape)
         self.point_features = self._point_features(shape)
         counts = [self.region_count, self.point_count]
@@ -138,12 +150,13 @@ class SceneGraph:
             grounded = self.ground.holds(self.scene, self.shape)
             if self._clicks_reject(grounded, prompts):
                 odds[self.region_count :] = GROUND_ODDS * grounded
+                odds[: self.region_count] = GROUND_ODDS * self._shows_added(self._added_ground())
                 ground[self.region_count :] = grounded > 0.5
                 points = np.minimum(points, 1 - grounded)
             else:
                 # A plinth the building stands on, as far as anybody said: no evidence against it.
                 self.ground = None
-        keep = points > 0.6
+        keep = points > BUILT
         apart = keep & ~clicked_groups(self.scene.points, keep, self._clicked_points(prompts), self.shape)
         odds[self.region_count :] += APART_ODDS * apart
         keep &= ~apart
@@ -154,14 +167,14 @@ class SceneGraph:
         keep |= over[self.region_count :] & (points > OTHER_BELOW)
         away = (points < OTHER_BELOW) & ~ground[self.region_count :] & ~over[self.region_count :]
         others = apart | (away & self._far_from(keep))
-        extent = Extent(self.scene, self.shape, keep, self.ground, self.sight, others)
+        extent = self.extent(np.concatenate([keep, self._added(belief)]), others)
         within = np.zeros(self.point_count)
         for index, (region_odds, first, inside) in in_order(lambda i: self._geometry(extent, i), views, self.threads):
             part = slice(self.start[index], self.start[index + 1])
-            odds[part] = region_odds
+            odds[part] += region_odds
             ground[part] = first & (self.ground is not None)
             within += inside
-        seen = np.bincount(self.sight.owner[np.isin(self.scene.track_view, views)], minlength=self.point_count)
+        seen = np.bincount(self.scene.track_point[np.isin(self.scene.track_view, views)], minlength=self.point_count)
         share = within / np.maximum(seen, 1)
         odds[self.region_count :] += WITHIN_ODDS * share * ~ground[self.region_count :]
         return odds, ground, over
@@ -170,8 +183,36 @@ class SceneGraph:
         """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
         place = extent.place(index)
         odds, first = self._region_odds(place, self.regions[index], self.scene.views[index])
-        seen = self.sight.owner[self.scene.observations(index)][extent.within(index, place)]
-        return odds, first, np.bincount(seen, minlength=self.point_count)
+        seen = self.sight.owner[self.full.observations(index)][extent.within(index, place)]
+        return odds, first, np.bincount(seen, minlength=len(self.full.points))[: self.point_count]
+
+    def extent(self, keep: NDArray[np.bool_], others: NDArray[np.bool_] | None = None) -> Extent:
+        """Where the building is.
+
+        Args:
+            keep: of the full scene's points, those of the building.
+            others: [P], points of other things that stand on the ground.
+        """
+        if others is not None:
+            others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
+        return Extent(self.full, self.full_shape, keep, self.ground, self.sight, others)
+
+    def _added(self, belief: Array) -> NDArray[np.bool_]:
+        """Which of the added points are the building: those seen in its regions, and not ground, [A]."""
+        seen = np.bincount(self.added_owner, belief[self.added_observed], minlength=self.added_count)
+        tracks = np.bincount(self.added_owner, minlength=self.added_count)
+        return np.asarray((seen > BUILT * tracks) & (self._added_ground() < 0.5), bool)
+
+    def _added_ground(self) -> Array:
+        """How much each of the added points is part of the ground, 0..1, [A]."""
+        if self.ground is None:
+            return np.zeros(self.added_count)
+        return self.ground.holds(self.full, self.full_shape)[self.point_count :]
+
+    def _shows_added(self, values: Array) -> Array:
+        """Mean over the added points that each region shows, 0 where it shows none, [regions]."""
+        total = np.bincount(self.added_observed, values[self.added_owner], minlength=self.region_count)
+        return np.asarray(total / np.maximum(np.bincount(self.added_observed, minlength=self.region_count), 1))
 
     def _sky(self) -> NDArray[np.int64]:
         """Piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""
@@ -204,7 +245,7 @@ class SceneGraph:
             return np.zeros(0, np.int64)
         distance, nearest = cKDTree(self.scene.track_uv[here]).query(clicks)
         near = distance < NEAR_CLICK * self.scene.views[index].width
-        return self.sight.owner[here][nearest[near]]
+        return self.scene.track_point[here][nearest[near]]
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
         """Whether the ground is background: more negative than positive clicks lie on it, or none of either kind.
@@ -273,11 +314,11 @@ class SceneGraph:
         return np.clip(np.concatenate(ratios) / 2, -LOOKS_LIMIT, LOOKS_LIMIT)
 
     def _observed_regions(self) -> NDArray[np.int64]:
-        """The region node of each observation, [T]."""
-        result = np.empty(len(self.scene.track_view), np.int64)
+        """The region node of each observation of the full scene, [T]."""
+        result = np.empty(len(self.full.track_view), np.int64)
         for index, regions in enumerate(self.regions):
-            here = self.scene.observations(index)
-            result[here] = regions.at(self.scene.track_uv[here]) + self.start[index]
+            here = self.full.observations(index)
+            result[here] = regions.at(self.full.track_uv[here]) + self.start[index]
         return result
 
     def _laplacian(self, shape: Shape) -> tuple[sparse.csr_matrix, Array]:

@@ -140,10 +140,16 @@ class Extent:
 
 
 class Sight:
-    """Which points each photo observed, and which it should have: a camera close by did."""
+    """Which points each photo observed, and which it should have: a camera close by did.
 
-    def __init__(self, scene: Scene, shape: Shape) -> None:
+    Args:
+        sparse: so many of the points, the first, are of structure from motion; of others no photo is expected to have
+            a track. None for all.
+    """
+
+    def __init__(self, scene: Scene, shape: Shape, sparse: int | None = None) -> None:
         self.scene, self.shape, self.owner = scene, shape, scene.track_point
+        self._tracked = np.arange(len(scene.points)) < (len(scene.points) if sparse is None else sparse)
         centres = np.stack([v.centre for v in scene.views])
         self._rays = scene.points[self.owner] - centres[scene.track_view]
         self._lengths = np.linalg.norm(self._rays, axis=1)
@@ -166,7 +172,7 @@ class Sight:
             alike = (cosine > SAME_SIDE) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
             result = np.zeros(len(self.scene.points), bool)
             result[self.owner[alike]] = True
-            self._expected[index] = (result & facing) | self.observed(index)
+            self._expected[index] = ((result & facing) | self.observed(index)) & self._tracked
         return self._expected[index]
 
 

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
+from mgf_engine.masks.appearance import plants
+from mgf_engine.masks.bare import with_bare_points
 from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
 from mgf_engine.masks.extent import Extent
@@ -42,6 +44,7 @@ RETRY_BELOW = 0.9
 FLAG_BELOW = 0.75
 #: Share of a photo's points on which the other photos may say otherwise before the mask is made again.
 DISAGREE_ABOVE = 0.05
+LEAFY = 0.3  # likeness to leaves, 0..1, from which no surface is looked for
 #: A mask below this share of its photo shows too little of the building to train on.
 MIN_BUILDING = 0.005
 #: A piece of mask without points stays where at least this share of it is covered by the building's extent.
@@ -77,8 +80,8 @@ class _Work:
         self.scene, self.prompts, self.segmenter = scene, prompts, segmenter
         self.config, self.reporter = config, reporter
         self.threads = config.threads or cores()
-        self.views = range(len(scene.views))
         self.owner = scene.track_point
+        self.views = range(len(scene.views))
         self.regions: list[Regions] = []
         self.labels: list[NDArray[np.uint8]] = [np.zeros((v.height, v.width), np.uint8) for v in scene.views]
         self.scores = np.zeros(len(scene.views), np.float32)
@@ -87,9 +90,11 @@ class _Work:
         """All steps in order."""
         for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i)), self.views):
             self.regions.append(regions)
-            self.reporter.progress(0.35 * (index + 1) / len(self.views))
+            self.reporter.progress(0.25 * (index + 1) / len(self.views))
+        self.full = with_bare_points(self.scene, self._leafy, self.threads, self.reporter.check)
+        self.reporter.progress(0.4)
         self.shape = measure_shape(self.scene)
-        self.graph = SceneGraph(self.scene, self.regions, self.shape, self.threads)
+        self.graph = SceneGraph(self.scene, self.regions, self.shape, self.threads, self.full)
         doubts = self._drop_doubtful()
         self.belief = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
@@ -209,8 +214,9 @@ class _Work:
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
         rows = np.arange(len(self.scene.points))
-        point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
-        extent = Extent(self.scene, self.shape, point_mask, self.graph.ground, self.graph.sight)
+        everything = np.arange(len(self.full.points))
+        accepted = vote(self.full.points, self.full, self.labels, voters, self.config, everything)
+        extent, point_mask = self.graph.extent(accepted), accepted[: len(rows)]
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         ground = None if self.graph.ground is None else GroundSeen(self.scene, self.graph.ground)
@@ -281,6 +287,11 @@ class _Work:
     def _sky(self, index: int) -> NDArray[np.bool_]:
         """What is sky in a photo, [H, W]."""
         return self._of_regions(index, self.graph.sky > 0) > 0
+
+    def _leafy(self, index: int) -> NDArray[np.bool_]:
+        """Regions of a photo that look like leaves, on the reduced photo."""
+        regions = self.regions[index]
+        return np.asarray(plants(regions.features)[regions.labels] > LEAFY, bool)
 
     def _of_regions(self, index: int, values: NDArray[np.generic]) -> NDArray[np.float32]:
         """What the graph's nodes say of a photo's regions, for each of its pixels, float32 [H, W]."""

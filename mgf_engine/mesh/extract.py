@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.field.neighbours import matching_views
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.clip import clip
@@ -36,6 +35,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
 from mgf_engine.scene.model import Scene, View
+from mgf_engine.scene.neighbours import matching_views
 from mgf_engine.timing import PartTimes
 
 log = logging.getLogger("mgf")
@@ -148,7 +148,7 @@ def surface_field(
 
 def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
     position = {view: number for number, view in enumerate(chosen)}
-    pairs = matching_views(scene, masks, chosen, MATCHED_WITH)
+    pairs = matching_views(scene, masks.point_mask, chosen, MATCHED_WITH)
 
     def grey(number: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.bench import stability
+from mgf_engine.bench.features import NoModel
 from mgf_engine.bench.measure import Prepared
 from mgf_engine.bench.perturb import PERTURBATIONS, RECORD
 from mgf_engine.bench.run import bench_main
@@ -144,6 +145,19 @@ def test_rows_with_scenes_of_their_own(scene: Path, tmp_path: Path, monkeypatch:
     assert [(r["name"], r["level"], stability.f1_of(r)) for r in rows] == [
         ("far", 1, 70.0), ("far", 2.3, 70.0), ("bars", 2.1, 40.0),
     ]  # fmt: skip
+
+
+def test_photos_that_cannot_be_placed_are_a_refusal(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unplaced(name: str, spec: Any) -> Path:
+        raise NoModel("Structure from motion found no model.")
+
+    monkeypatch.setattr(stability, "make_scene", unplaced)
+    args = arguments(scene, tmp_path, "--only", "repeats", "--levels", "0.1", "--modes", "masks")
+    assert stability_main(args) == 0
+    (only,) = json.loads((tmp_path / "out/stability.json").read_text())
+    assert (stability.outcome(only), stability.f1_of(only)) == ("refused", 0.0)
 
 
 def test_levels_of_every_series_are_ordered_from_harmless_to_hopeless() -> None:

@@ -2,16 +2,17 @@
 import numpy as np
 import pytest
 
-from mgf_engine.field.dense import _photo, dense_points
-from mgf_engine.field.stereo import pair_depth
+from mgf_engine.field.dense import dense_points
 from mgf_engine.messages import Reporter
+from mgf_engine.scene.depths import photo_at
+from mgf_engine.scene.stereo import pair_depth
 
 
 @pytest.mark.parametrize("offset", [[0.5, 0, 0], [-0.5, 0, 0], [0, 0.5, 0], [0, -0.5, 0], [0.35, 0.35, 0.1]])
 @pytest.mark.parametrize("roll", [0.0, 1.2])
 def test_depth_of_a_wall_is_found_for_any_direction_of_the_baseline(make_wall, offset, roll) -> None:
-    scene, masks = make_wall([[0, 0, -3.0], [offset[0], offset[1], -3.0 + offset[2]]], [0.0, roll])
-    first, second = _photo(scene, masks, 0), _photo(scene, masks, 1)
+    scene, _ = make_wall([[0, 0, -3.0], [offset[0], offset[1], -3.0 + offset[2]]], [0.0, roll])
+    first, second = photo_at(scene, 0, None, 500), photo_at(scene, 1, None, 500)
     depth = pair_depth(first, second, scene.points)
     assert depth is not None
     middle = depth[30:-30, 50:-50]
@@ -22,8 +23,8 @@ def test_depth_of_a_wall_is_found_for_any_direction_of_the_baseline(make_wall, o
 
 
 def test_a_pair_without_baseline_or_points_gives_nothing(make_wall) -> None:
-    scene, masks = make_wall([[0, 0, -3.0], [0, 0, -3.0]])
-    first, second = _photo(scene, masks, 0), _photo(scene, masks, 1)
+    scene, _ = make_wall([[0, 0, -3.0], [0, 0, -3.0]])
+    first, second = photo_at(scene, 0, None, 500), photo_at(scene, 1, None, 500)
     assert pair_depth(first, second, scene.points) is None
     assert pair_depth(first, first, scene.points[:3]) is None
 

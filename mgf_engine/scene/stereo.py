@@ -27,7 +27,7 @@ class Photo:
 
     Attributes:
         grey: uint8 [h, w].
-        inside: bool [h, w]; the building.
+        inside: bool [h, w]; the pixels whose depth is wanted.
         intrinsics: [3, 3] at this resolution.
     """
 
@@ -89,7 +89,7 @@ class _Frame:
 
     @classmethod
     def around(cls, photo: Photo, rotation: NDArray[np.float64], focal: float) -> _Frame | None:
-        """The frame that holds the building of ``photo``; None when the turn is too far for that."""
+        """The frame that holds the wanted pixels of ``photo``; None when the turn is too far for that."""
         rows, columns = np.nonzero(photo.inside)
         if len(rows) == 0:
             return None

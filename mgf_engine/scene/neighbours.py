@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which photos to match with which: views that share points on the building under an angle that shows depth."""
+"""Which photos to match with which: views that share sparse points under an angle that shows depth."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.model import MaskSet
 from mgf_engine.scene.model import Scene
 
 ANGLES = (2.0, 10.0, 35.0)  # degrees between rays: least, best, most
@@ -16,29 +15,32 @@ LEAST_SHARED = 20  # sparse points two views must share
 
 
 def matching_views(
-    scene: Scene, masks: MaskSet, views: Sequence[int], count: int, best_angle: float = ANGLES[1]
+    scene: Scene, kept: NDArray[np.bool_], views: Sequence[int], count: int, best_angle: float = ANGLES[1]
 ) -> dict[int, list[int]]:
     """For each of ``views`` up to ``count`` others of them to match it with, best first.
 
     Args:
+        kept: [P], the sparse points that count.
         best_angle: degrees between the rays of two photos to a point; larger shows depth better, smaller
             matches better.
     """
-    shared, angle = _overlap(scene, masks, views)
+    shared, angle = _overlap(scene, kept, views)
     return {i: _best(shared[n], angle[n], views, count, best_angle) for n, i in enumerate(views)}
 
 
-def point_sets(scene: Scene, masks: MaskSet) -> list[NDArray[np.int64]]:
-    """Per view the masked points it observed."""
+def point_sets(scene: Scene, kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Per view those of the kept points [P] that it observed."""
     owner = scene.track_point
-    wanted = masks.point_mask[owner]
+    wanted = kept[owner]
     seen = (scene.observations(i) for i in range(len(scene.views)))
     return [np.unique(owner[rows[wanted[rows]]]) for rows in seen]
 
 
-def _overlap(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Per pair of views: how many masked points both observed, and the median angle between their rays (degrees)."""
-    sets = point_sets(scene, masks)
+def _overlap(
+    scene: Scene, kept: NDArray[np.bool_], views: Sequence[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Per pair of views: how many kept points both observed, and the median angle between their rays (degrees)."""
+    sets = point_sets(scene, kept)
     count = len(views)
     shared, angle = np.zeros((count, count)), np.zeros((count, count))
     for a in range(count):
