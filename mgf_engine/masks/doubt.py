@@ -3,6 +3,9 @@
 
 The clicked photos are split into a few groups; what the other groups say about a group's clicks is the test. A
 click is doubted only when they are sure of the opposite: clicks on parts that no other photo explains are kept.
+
+A doubted click beside the building counts all the same, unless its photo was clicked on another building: it may be
+the only one that tells of a neighbour as white as the building. A slip of that kind spoils one mask at most.
 """
 
 from __future__ import annotations
@@ -45,6 +48,17 @@ def doubtful_clicks(graph: SceneGraph, prompts: Prompts, seed: int) -> list[Doub
         found += [_original_row(d, prompts, kept) for d in new]
         kept = without(prompts, found)
     return found
+
+
+def left_out(doubts: list[Doubt], prompts: Prompts) -> list[Doubt]:
+    """The doubted clicks that do not count: those on the building, and all of photos of another building."""
+    elsewhere = {d.view for d in doubts if _elsewhere(d.view, doubts, prompts)}
+    return [d for d in doubts if d.positive or d.view in elsewhere]
+
+
+def _elsewhere(view: int, doubts: list[Doubt], prompts: Prompts) -> bool:
+    """Whether all clicks on the building in a photo are doubted."""
+    return sum(d.positive for d in doubts if d.view == view) == len(prompts[view].positive) > 0
 
 
 def _original_row(doubt: Doubt, prompts: Prompts, kept: Prompts) -> Doubt:

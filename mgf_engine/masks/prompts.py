@@ -69,6 +69,8 @@ def read_prompts(path: Path, scene: Scene, warn: Callable[[str], None] = lambda 
         if index in prompts:
             raise BadInput(f"'{path}' has two entries for the photo '{scene.views[index].name}'; merge them into one.")
         prompts[index] = _read_clicks(entry, scene.views[index], path)
+    if unplaced and not prompts:
+        raise BadInput(f"No photo with clicks in '{path}' is in the COLMAP model; click the building in some that are.")
     if not any(len(c.positive) for c in prompts.values()):
         raise BadInput(f"'{path}' has no click on the building; click at least one point on it in one photo.")
     return prompts

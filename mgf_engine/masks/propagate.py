@@ -19,7 +19,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.appearance import plants
 from mgf_engine.masks.bare import with_bare_points
 from mgf_engine.masks.belief import Belief, SceneGraph
-from mgf_engine.masks.doubt import Doubt, doubtful_clicks, without
+from mgf_engine.masks.doubt import Doubt, doubtful_clicks, left_out, without
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.gaps import sky_through
 from mgf_engine.masks.ground_seen import GroundSeen
@@ -108,33 +108,48 @@ class _Work:
         return self._finish(disagreement, doubts)
 
     def _drop_doubtful(self) -> list[Doubt]:
-        """Leave out clicks that the other photos contradict; which ones."""
+        """Leave out clicks that the other photos contradict; returns all doubted ones, also those that count."""
         doubts = doubtful_clicks(self.graph, self.prompts, self.config.seed)
-        kept = without(self.prompts, doubts)
+        kept = without(self.prompts, left_out(doubts, self.prompts))
         self.original = self.prompts
         if any(len(c.positive) for c in kept.values()):
             self.prompts = kept
         return doubts
 
     def _doubt_texts(self, doubts: list[Doubt]) -> list[str]:
-        """One sentence per photo with doubted clicks, or one for all when they were kept for want of others."""
-        views = sorted({d.view for d in doubts})
-        if views and self.prompts is self.original:
-            names = ", ".join(self.scene.views[i].name for i in views)
+        """Sentences for each photo with doubted clicks, or one for all when they were kept for want of others."""
+        out = left_out(doubts, self.original)
+        if out and self.prompts is self.original:
+            names = ", ".join(self.scene.views[i].name for i in sorted({d.view for d in doubts}))
             return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
-        return [self._doubt_text(i, [d for d in doubts if d.view == i]) for i in views]
+        counting = [d for d in doubts if d not in out]
+        return [
+            sentence(index, [d for d in chosen if d.view == index])
+            for chosen, sentence in ((out, self._left_out_text), (counting, self._counting_text))
+            for index in sorted({d.view for d in chosen})
+        ]
 
-    def _doubt_text(self, index: int, doubts: list[Doubt]) -> str:
-        view, clicks = self.scene.views[index], self.original[index]
-        chosen = [(clicks.positive if d.positive else clicks.negative)[d.row] for d in doubts]
-        spots = view.to_original(np.stack(chosen))
-        text = ", ".join(f"({u:.0f}, {v:.0f})" for u, v in spots)
-        if sum(d.positive for d in doubts) == len(clicks.positive) > 0:
-            return f"'{view.name}' seems to be clicked on another building; its clicks {text} were left out."
+    def _left_out_text(self, index: int, doubts: list[Doubt]) -> str:
+        name, spots = self.scene.views[index].name, self._spots(index, doubts)
+        if sum(d.positive for d in doubts) == len(self.original[index].positive):
+            return f"'{name}' seems to be clicked on another building; its clicks {spots} were left out."
         return (
-            f"The clicks {text} in '{view.name}' contradict the other photos and were left out; if they are right, "
+            f"The clicks {spots} in '{name}' contradict the other photos and were left out; if they are right, "
             "click the same thing in a second photo."
         )
+
+    def _counting_text(self, index: int, doubts: list[Doubt]) -> str:
+        name, spots = self.scene.views[index].name, self._spots(index, doubts)
+        return (
+            f"The clicks {spots} in '{name}' are beside the building for you and on it for the other photos; they "
+            "count all the same, so take them away if they are slips."
+        )
+
+    def _spots(self, index: int, doubts: list[Doubt]) -> str:
+        """Where clicks lie in the user's photo."""
+        clicks = self.original[index]
+        chosen = [(clicks.positive if d.positive else clicks.negative)[d.row] for d in doubts]
+        return ", ".join(f"({u:.0f}, {v:.0f})" for u, v in self.scene.views[index].to_original(np.stack(chosen)))
 
     def _draw(self, indices: list[int], accepted: NDArray[np.bool_], done: float) -> None:
         """Masks of some views, prompted again where they agree badly."""

@@ -63,6 +63,8 @@ def test_clicks_on_a_photo_that_lies_there_but_was_not_placed_are_passed_over(tm
     warnings: list[str] = []
     assert set(read_prompts(write(tmp_path, clicks), scene, warnings.append)) == {2}
     assert len(warnings) == 1 and warnings[0].startswith("1 of 2 photos") and "'west/unplaced.jpg'" in warnings[0]
+    with pytest.raises(BadInput, match="No photo with clicks"):
+        read_prompts(write(tmp_path, {"west/unplaced.jpg": {"positive": [[1, 1]]}}), scene)
     left_out = replace(scene, left_out=("west/unplaced.jpg",))
     assert set(read_prompts(write(tmp_path, clicks), left_out, warnings.append)) == {2} and len(warnings) == 1
     for name in ("west/gone.jpg", "../outside.jpg", str(tmp_path / "outside.jpg"), "x" * 5000, "a\0b"):

@@ -15,7 +15,9 @@ from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks import build
 from mgf_engine.masks.build import build_masks
+from mgf_engine.masks.doubt import Doubt, left_out
 from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.masks.prompts import Clicks as PhotoClicks
 from mgf_engine.masks.propagate import Propagation
 from mgf_engine.masks.store import read_masks
 from mgf_engine.messages import Message, Reporter
@@ -107,6 +109,28 @@ def test_a_wrong_click_is_left_out_and_said(scene: Scene, house: House, clicks: 
     assert (scores[masks.used] > 0.9).all()
     texts = [m["text"] for m in messages if m["type"] == "warning"]
     assert any(names[1] in t and "left out" in t for t in texts)
+
+
+def test_a_doubted_click_beside_the_building_counts_and_is_said(
+    scene: Scene, house: House, clicks: Clicks, tmp_path: Path
+):
+    wrong = json.loads(json.dumps(clicks))
+    name = sorted(wrong)[1]
+    spot = wrong[name]["positive"].pop()
+    wrong[name]["negative"].append(spot)
+    messages: list[Message] = []
+    masks = run(scene, wrong, tmp_path, messages.append)
+    texts = [m["text"] for m in messages if m["type"] == "warning" and name in m["text"]]
+    assert any("count all the same" in t and f"({spot[0]:.0f}, {spot[1]:.0f})" in t for t in texts)
+    others = np.array([v.name != name for v in scene.views])
+    assert (ious(masks, scene, house)[masks.used & others] > 0.9).all()
+
+
+def test_clicks_beside_the_building_are_left_out_of_photos_of_another_building():
+    prompts = {3: PhotoClicks(np.zeros((2, 2)), np.zeros((2, 2))), 5: PhotoClicks(np.zeros((2, 2)), np.zeros((2, 2)))}
+    of_another = [Doubt(3, True, 0, 0.1), Doubt(3, True, 1, 0.1), Doubt(3, False, 0, 0.9)]
+    slips = [Doubt(5, True, 0, 0.1), Doubt(5, False, 1, 0.9)]
+    assert left_out(of_another + slips, prompts) == [*of_another, slips[0]]
 
 
 def test_a_photo_clicked_the_other_way_round(scene: Scene, house: House, clicks: Clicks, tmp_path: Path):
