@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +152,7 @@ def _second_level(
         labels.append(with_elements)
         names.append(named)
         reporter.check()
-    return MaskSet(tuple(labels), masks.used, masks.scores, masks.point_mask), tie_parts(scene, labels, names)
+    return replace(masks, labels=tuple(labels)), tie_parts(scene, labels, names)
 
 
 def _check(result: Propagation) -> None:

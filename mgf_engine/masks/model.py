@@ -23,12 +23,14 @@ class MaskSet:
         used: bool [V]; false for masks too weak to train on.
         scores: float32 [V]; agreement with the sparse points, 0..1.
         point_mask: bool [P]; true for the masked points P' (eq. 3).
+        clicks: per view float32 [K, 2], working pixels where the building was clicked; () for masks of another origin.
     """
 
     labels: tuple[NDArray[np.uint8], ...]
     used: NDArray[np.bool_]
     scores: NDArray[np.float32]
     point_mask: NDArray[np.bool_]
+    clicks: tuple[NDArray[np.float32], ...] = ()
 
 
 def building(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:

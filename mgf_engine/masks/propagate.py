@@ -241,7 +241,8 @@ class _Work:
         if openwork is not None:
             point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
             doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
-        masks = MaskSet(tuple(self.labels), used, self.scores, point_mask)
+        clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
+        masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
         return Propagation(
             masks, reasons, self._doubt_texts(doubts), consistency(self.scene, masks, self.config.vote_dilation)
         )

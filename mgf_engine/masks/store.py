@@ -74,6 +74,7 @@ def save_masks(
             "used": bool(masks.used[k]),
             "flag": reasons[k],
             "building": round(float(building(masks.labels[k]).mean()), 4),
+            **({"clicks": masks.clicks[k].round(2).tolist()} if masks.clicks else {}),
         }
         for k, (view, file) in enumerate(zip(scene.views, files, strict=True))
     ]
@@ -97,6 +98,7 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
         points = np.frombuffer((folder / "points.bin").read_bytes(), np.uint8).astype(bool)
         if scores.ndim != 1 or used.ndim != 1 or not np.isfinite(scores).all():
             raise ValueError("scores")
+        clicks = _clicks(views)
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise BadInput(f"Cannot read the masks in '{folder}' ({error}); {again}.") from error
     if names != [v.name for v in scene.views] or files != label_files(scene) or len(points) != len(scene.points):
@@ -107,7 +109,17 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
         if image is None or image.dtype != np.uint8 or image.shape != (view.height, view.width):
             raise BadInput(f"The mask '{folder / file}' is missing, damaged or of another size; {again}.")
         labels.append(image)
-    return MaskSet(tuple(labels), used, scores, points)
+    return MaskSet(tuple(labels), used, scores, points, clicks)
+
+
+def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
+    """Where each view was clicked on the building, [K, 2]; () where the masks are not from clicks."""
+    if not all("clicks" in view for view in views):
+        return ()
+    clicks = tuple(np.array(view["clicks"], np.float64).reshape(-1, 2).clip(-1e9, 1e9) for view in views)
+    if not all(np.isfinite(c).all() for c in clicks):
+        raise ValueError("clicks")
+    return tuple(c.astype(np.float32) for c in clicks)
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:

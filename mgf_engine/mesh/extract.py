@@ -17,6 +17,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh import clean
+from mgf_engine.mesh.apart import belongs
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.mesh.face_votes import cut_background
@@ -99,7 +100,7 @@ def extract_mesh(
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
         voting = judges.labels if config.use_masks and config.screening else None
-        mesh = cleaned(mesh, field, judges.views, config, voting)
+        mesh = of_the_clicked(cleaned(mesh, field, judges.views, config, voting), scene, masks, reporter)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with times.part("refinement"):
         mesh = refined(mesh, judges, config, reporter)
@@ -248,6 +249,20 @@ def cleaned(
     pixel = ground_pixels(mesh, views)
     mesh = fill_holes(mesh, SMALL_HOLE * pixel, lambda points: field.classify(points) == FREE)
     return clean.smooth(mesh, config.smoothing)
+
+
+def of_the_clicked(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter) -> Mesh:
+    """The mesh less what stands apart from all that was clicked; all of it where the masks are not from clicks."""
+    if not masks.clicks:
+        return mesh
+    kept = belongs(mesh, scene.views, masks.clicks)
+    if not kept.all():
+        areas = clean.face_areas(mesh)
+        reporter.warning(
+            f"Part of the mesh ({areas[~kept].sum() / areas.sum():.1%} of it) stands apart from all that was clicked "
+            "and was left out; if it is the building, click it, too."
+        )
+    return clean.with_faces(mesh, mesh.faces[kept])
 
 
 def refined(mesh: Mesh, judges: Judges, config: Config, reporter: Reporter) -> Mesh:

@@ -77,6 +77,8 @@ def test_what_is_written_is_what_is_read(plain: tuple[MaskSet, Path], scene: Sce
     assert all((a == b).all() for a, b in zip(again.labels, masks.labels, strict=True))
     assert (again.used == masks.used).all() and (again.point_mask == masks.point_mask).all()
     assert np.allclose(again.scores, masks.scores, atol=1e-4)
+    assert sum(len(c) for c in masks.clicks) >= 10
+    assert all(np.allclose(a, b, atol=0.01) for a, b in zip(again.clicks, masks.clicks, strict=True))
     sheet = cv2.imread(str(folder / "contact_sheet.jpg"))
     assert sheet is not None and sheet.shape[1] >= 320
     figures = json.loads((folder / "scores.json").read_text())
@@ -211,6 +213,11 @@ def test_damaged_results_have_a_sentence(plain: tuple[MaskSet, Path], scene: Sce
 
     with pytest.raises(BadInput, match="run the masks stage again"):
         read_masks(tmp_path / "none", scene)
+    for clicks in ("[[1]]", '[["a", 2]]', "[[1, NaN]]", "3"):
+        odd = copy(f"odd{len(clicks)}{clicks[-3:-2]}") / "scores.json"
+        odd.write_text(odd.read_text().replace('"clicks": []', f'"clicks": {clicks}'))
+        with pytest.raises(BadInput, match="run the masks stage again"):
+            read_masks(odd.parent, scene)
     cut = copy("cut")
     label = next((cut / "labels").glob("*.png"))
     label.write_bytes(label.read_bytes()[:40])

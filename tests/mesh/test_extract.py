@@ -7,6 +7,7 @@ import igl
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput, Cancelled
@@ -16,7 +17,7 @@ from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.messages import Reporter
 from mgf_engine.timing import PartTimes
 
-from .analytic import as_trimesh, ball, box, cuboid, discs, ring, scene_of, sphere
+from .analytic import as_trimesh, ball, box, cuboid, discs, mesh_of, ring, scene_of, sphere
 
 
 def reporter(sink=lambda message: None) -> Reporter:
@@ -128,6 +129,26 @@ def test_masks_cut_away_what_is_not_building():
         config = make_config({"level_steps": 3, "screening": screening})
         mesh = extract_mesh(joined(sphere(500), neighbour), scene, masks, config, reporter())
         assert mesh.vertices[:, 0].max() < 1.3
+
+
+def test_a_neighbour_in_the_masks_that_nobody_clicked_goes_and_is_spoken_of():
+    neighbour = sphere(300)
+    neighbour.positions = neighbour.positions * 0.4 + torch.tensor([2.2, 0.0, 0.0])
+    neighbour.log_scales -= float(np.log(2.5))
+    both = trimesh.util.concatenate([as_trimesh(ball()), as_trimesh(ball(0.4)).apply_translation([2.2, 0, 0])])
+    views = ring(12, radius=6.0)
+    scene, masks = scene_of(views, mesh_of(both))
+    config, said = make_config({"level_steps": 3}), []
+    for middle, reach in ((0.0, 1.3), (2.2, 2.9)):
+        clicks = [np.zeros((0, 2), np.float32)] * 12
+        for side in (3, 9):  # from where neither hides the other
+            spots = views[side].project(np.array([[middle, 0, 0], [0, 0, 0]]))[0]
+            clicks[side] = spots.astype(np.float32)
+        field = joined(sphere(500), neighbour)
+        mesh = extract_mesh(field, scene, replace(masks, clicks=tuple(clicks)), config, reporter(said.append))
+        assert reach - 0.3 < mesh.vertices[:, 0].max() < reach
+    (warning,) = [m["text"] for m in said if m["type"] == "warning"]
+    assert "apart from all that was clicked" in warning
 
 
 def test_face_count_is_kept():
