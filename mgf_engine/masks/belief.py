@@ -80,8 +80,8 @@ class SceneGraph:
     """The graph of a scene and the solver on it; built once, asked with different clicks.
 
     Args:
-        full: the scene with points added behind its own (``bare.py``); they are no nodes, for where they are tied to is
-            guessed, but tell where the building is if they are seen in regions that are believed to be it.
+        full: the scene with points added behind its own (``bare.py``). They are no nodes: trees and clouds would spread
+            through them. Those seen in regions that are believed to be the building tell where it is.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class SceneGraph:
         self.scene, self.regions, self.shape = scene, regions, shape
         self.threads = threads
         self.ground: Ground | None = None
-        self.full = full or scene
+        self.full = scene if full is None else full
         self.full_shape = shape if full is None else measure_shape(full)
         self.sight = Sight(self.full, self.full_shape, len(scene.points))
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
