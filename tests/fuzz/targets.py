@@ -270,7 +270,9 @@ def _prepare_saved_masks(folder: Path) -> None:
 
     scene = small_scene(folder)
     labels = tuple(np.ones((12, 16), np.uint8) for _ in scene.views)
-    save_masks(MaskSet(labels, np.ones(2, bool), np.ones(2, np.float32), np.ones(3, bool)), scene, folder, ["", ""])
+    clicks = (np.array([[3.5, 4.25], [6, 7]], np.float32), np.zeros((0, 2), np.float32))
+    masks = MaskSet(labels, np.ones(2, bool), np.ones(2, np.float32), np.ones(3, bool), clicks)
+    save_masks(masks, scene, folder, ["", ""])
 
 
 def _read_saved_masks(folder: Path) -> Any:
