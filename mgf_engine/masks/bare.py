@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.points import pixel_at
 from mgf_engine.scene.depths import Depths, match_photos
 from mgf_engine.scene.model import Scene
 
@@ -47,7 +48,7 @@ def with_bare_points(
     found: list[tuple[NDArray[np.float64], NDArray[np.uint8], Flags]] = []
     for index in depths.maps:
         check()
-        points, colors = _new_points(scene, index, depths, bare[index])
+        points, colors = _new_points(index, depths, bare[index])
         seen = _seen(points, index, depths, len(views))
         enough = seen.sum(1) >= CONFIRMED
         points, colors, seen = points[enough], colors[enough], seen[enough]
@@ -57,17 +58,21 @@ def with_bare_points(
     return _joined(scene, *(np.concatenate(parts) for parts in zip(*found, strict=True))) if found else scene
 
 
-def _new_points(scene: Scene, index: int, depths: Depths, bare: Flags) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """At most one point [N, 3] for each cell of a photo's bare pixels [h, w], with its colour [N, 3]."""
+def _new_points(index: int, depths: Depths, bare: Flags) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """At most one point [N, 3] for each cell of a photo's bare pixels [h, w], with its grey as colour [N, 3]."""
     pixels, points = depths.points(index, bare & _calm(depths.maps[index]))
-    side = max(2, round(CELL * max(bare.shape)))
+    side = _cell(bare.shape)
     cell = pixels // side @ np.array([bare.shape[1], 1])
     aside = np.abs(pixels % side - side / 2).sum(1)
     order = np.lexsort((aside, cell))
     chosen = order[np.unique(cell[order], return_index=True)[1]]
-    height, width = bare.shape
-    small = cv2.resize(scene.photo(index), (width, height), interpolation=cv2.INTER_AREA)
-    return points[chosen], np.asarray(small[tuple(pixels[chosen].T)], np.uint8)
+    grey = depths.photos[index].grey[tuple(pixels[chosen].T)]
+    return points[chosen], np.stack([grey] * 3, 1)
+
+
+def _cell(shape: tuple[int, ...]) -> int:
+    """Side of a cell of a reduced photo, px."""
+    return max(2, round(CELL * max(shape)))
 
 
 def _seen(points: NDArray[np.float64], index: int, depths: Depths, count: int) -> Flags:
@@ -110,16 +115,15 @@ def _beside(mask: Flags, shape: tuple[int, ...]) -> Flags:
 def _covered(scene: Scene, index: int, points: NDArray[np.float64], shape: tuple[int, ...]) -> Flags:
     """Pixels [h, w] of a reduced photo that new points stand for."""
     view = scene.views[index]
-    window = np.ones((2 * max(2, round(CELL * max(shape))) - 1,) * 2, np.uint8)
+    window = np.ones((2 * _cell(shape) - 1,) * 2, np.uint8)
     return _spots(view.project(points)[0] / (view.width, view.height), shape, window)
 
 
 def _spots(places: NDArray[np.floating], shape: tuple[int, ...], kernel: NDArray[np.uint8]) -> Flags:
     """The kernel at places [N, 2] (x, y as shares of the photo), bool [h, w]."""
     height, width = shape
-    column, row = np.clip((places * (width, height)).astype(np.int64), 0, (width - 1, height - 1)).T
     result = np.zeros((height, width), np.uint8)
-    result[row, column] = 1
+    result[pixel_at(shape, places * (width, height))] = 1
     return np.asarray(cv2.dilate(result, kernel) > 0, bool)
 
 

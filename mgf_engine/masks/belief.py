@@ -145,12 +145,14 @@ class SceneGraph:
         building, [N]."""
         points = belief[self.region_count :]
         odds, ground, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
+        added_ground = np.zeros(self.added_count)
         self.ground = find_ground(self.scene, self.shape, 1 - points, seed)
         if self.ground is not None:
             grounded = self.ground.holds(self.scene, self.shape)
             if self._clicks_reject(grounded, prompts):
                 odds[self.region_count :] = GROUND_ODDS * grounded
-                odds[: self.region_count] = GROUND_ODDS * self._shows_added(self._added_ground())
+                added_ground = self.ground.holds(self.full, self.full_shape)[self.point_count :]
+                odds[: self.region_count] = GROUND_ODDS * self._shows_added(added_ground)
                 ground[self.region_count :] = grounded > 0.5
                 points = np.minimum(points, 1 - grounded)
             else:
@@ -167,7 +169,7 @@ class SceneGraph:
         keep |= over[self.region_count :] & (points > OTHER_BELOW)
         away = (points < OTHER_BELOW) & ~ground[self.region_count :] & ~over[self.region_count :]
         others = apart | (away & self._far_from(keep))
-        extent = self.extent(np.concatenate([keep, self._added(belief)]), others)
+        extent = self.extent(np.concatenate([keep, self._added(belief) & (added_ground < 0.5)]), others)
         within = np.zeros(self.point_count)
         for index, (region_odds, first, inside) in in_order(lambda i: self._geometry(extent, i), views, self.threads):
             part = slice(self.start[index], self.start[index + 1])
@@ -198,16 +200,10 @@ class SceneGraph:
         return Extent(self.full, self.full_shape, keep, self.ground, self.sight, others)
 
     def _added(self, belief: Array) -> NDArray[np.bool_]:
-        """Which of the added points are the building: those seen in its regions, and not ground, [A]."""
+        """Which of the added points are seen in regions of the building, [A]."""
         seen = np.bincount(self.added_owner, belief[self.added_observed], minlength=self.added_count)
         tracks = np.bincount(self.added_owner, minlength=self.added_count)
-        return np.asarray((seen > BUILT * tracks) & (self._added_ground() < 0.5), bool)
-
-    def _added_ground(self) -> Array:
-        """How much each of the added points is part of the ground, 0..1, [A]."""
-        if self.ground is None:
-            return np.zeros(self.added_count)
-        return self.ground.holds(self.full, self.full_shape)[self.point_count :]
+        return np.asarray(seen > BUILT * tracks, bool)
 
     def _shows_added(self, values: Array) -> Array:
         """Mean over the added points that each region shows, 0 where it shows none, [regions]."""

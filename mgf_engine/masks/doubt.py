@@ -52,11 +52,11 @@ def doubtful_clicks(graph: SceneGraph, prompts: Prompts, seed: int) -> list[Doub
 
 def left_out(doubts: list[Doubt], prompts: Prompts) -> list[Doubt]:
     """The doubted clicks that do not count: those on the building, and all of photos of another building."""
-    elsewhere = {d.view for d in doubts if _elsewhere(d.view, doubts, prompts)}
+    elsewhere = {d.view for d in doubts if clicked_elsewhere(d.view, doubts, prompts)}
     return [d for d in doubts if d.positive or d.view in elsewhere]
 
 
-def _elsewhere(view: int, doubts: list[Doubt], prompts: Prompts) -> bool:
+def clicked_elsewhere(view: int, doubts: list[Doubt], prompts: Prompts) -> bool:
     """Whether all clicks on the building in a photo are doubted."""
     return sum(d.positive for d in doubts if d.view == view) == len(prompts[view].positive) > 0
 

@@ -19,7 +19,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.appearance import plants
 from mgf_engine.masks.bare import with_bare_points
 from mgf_engine.masks.belief import Belief, SceneGraph
-from mgf_engine.masks.doubt import Doubt, doubtful_clicks, left_out, without
+from mgf_engine.masks.doubt import Doubt, clicked_elsewhere, doubtful_clicks, left_out, without
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.gaps import sky_through
 from mgf_engine.masks.ground_seen import GroundSeen
@@ -131,7 +131,7 @@ class _Work:
 
     def _left_out_text(self, index: int, doubts: list[Doubt]) -> str:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
-        if sum(d.positive for d in doubts) == len(self.original[index].positive):
+        if clicked_elsewhere(index, doubts, self.original):
             return f"'{name}' seems to be clicked on another building; its clicks {spots} were left out."
         return (
             f"The clicks {spots} in '{name}' contradict the other photos and were left out; if they are right, "
@@ -175,11 +175,14 @@ class _Work:
 
     def _vote(self, voters: list[int]) -> NDArray[np.bool_]:
         """Points the voters' masks accept; the belief speaks for points that none of them observed."""
-        rows = np.arange(len(self.scene.points))
-        kept = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
-        seen = np.zeros(len(rows), bool)
+        kept = self._accepted(self.scene, voters)
+        seen = np.zeros(len(kept), bool)
         seen[self.owner[np.isin(self.scene.track_view, voters)]] = True
         return np.where(seen, kept, self.belief.points > 0.5)
+
+    def _accepted(self, scene: Scene, voters: list[int]) -> NDArray[np.bool_]:
+        """Points of the scene, or of the full one, that the voters' masks accept."""
+        return vote(scene.points, scene, self.labels, voters, self.config, np.arange(len(scene.points)))
 
     def _second_vote(self) -> NDArray[np.float64]:
         """Compare each mask with what all others say about its points; make it again where they differ.
@@ -228,10 +231,8 @@ class _Work:
         reasons = [_reason(self.labels[i], float(self.scores[i]), float(disagreement[i])) for i in self.views]
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
-        rows = np.arange(len(self.scene.points))
-        everything = np.arange(len(self.full.points))
-        accepted = vote(self.full.points, self.full, self.labels, voters, self.config, everything)
-        extent, point_mask = self.graph.extent(accepted), accepted[: len(rows)]
+        accepted = self._accepted(self.full, voters)
+        extent, point_mask = self.graph.extent(accepted), accepted[: len(self.scene.points)]
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         ground = None if self.graph.ground is None else GroundSeen(self.scene, self.graph.ground)
@@ -239,7 +240,7 @@ class _Work:
             self._cut_ground(ground, voters)
         openwork = self._add_openwork(ground, point_mask)
         if openwork is not None:
-            point_mask = vote(self.scene.points, self.scene, self.labels, voters, self.config, rows)
+            point_mask = self._accepted(self.scene, voters)
             doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
         clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)

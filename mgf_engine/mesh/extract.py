@@ -256,12 +256,13 @@ def of_the_clicked(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter)
     if not masks.clicks:
         return mesh
     kept = belongs(mesh, scene.views, masks.clicks)
-    if not kept.all():
-        areas = clean.face_areas(mesh)
-        reporter.warning(
-            f"Part of the mesh ({areas[~kept].sum() / areas.sum():.1%} of it) stands apart from all that was clicked "
-            "and was left out; if it is the building, click it, too."
-        )
+    if kept.all():
+        return mesh
+    areas = clean.face_areas(mesh)
+    reporter.warning(
+        f"Part of the mesh ({areas[~kept].sum() / areas.sum():.1%} of it) stands apart from all that was clicked "
+        "and was left out; if it is the building, click it, too."
+    )
     return clean.with_faces(mesh, mesh.faces[kept])
 
 

@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from mgf_engine.masks.model import building
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.masks.propagate import propagate
 from mgf_engine.masks.segmenters.grabcut import GrabCut
+from mgf_engine.scene.doubts import keep_points
 from mgf_engine.scene.model import Scene
 from tests.house import OFFSET, House
 from tests.masks.conftest import quiet
@@ -32,17 +32,7 @@ def go_on() -> None:
 def half(tmp_path: Path) -> Scene:
     """A wall whose right half (x > 0) structure from motion found nothing on."""
     scene, _ = make_wall(tmp_path, CENTRES)
-    return only(scene, scene.points[:, 0] < 0)
-
-
-def only(scene: Scene, rows: np.ndarray) -> Scene:
-    """The scene less all points but those."""
-    kept = rows[scene.track_point]
-    return replace(
-        scene, points=scene.points[rows], colors=scene.colors[rows], errors=scene.errors[rows],
-        track_start=np.concatenate([[0], np.cumsum(np.diff(scene.track_start)[rows])]),
-        track_view=scene.track_view[kept], track_uv=scene.track_uv[kept],
-    )  # fmt: skip
+    return keep_points(scene, scene.points[:, 0] < 0)
 
 
 def test_bare_half_of_a_wall_gets_points_on_the_wall(half: Scene) -> None:
@@ -90,7 +80,7 @@ def test_a_clicked_roof_without_points_is_in_the_masks(
     scene: Scene, house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     height = scene.to_normalised.invert(scene.points)[:, 2] - OFFSET[2]
-    bald = only(scene, height < 0.6 * height.max())
+    bald = keep_points(scene, height < 0.6 * height.max())
 
     def mean_iou() -> float:
         config = make_config({"segmenter": "grabcut", "device": "cpu"})
