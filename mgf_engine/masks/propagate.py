@@ -19,6 +19,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.appearance import plants
 from mgf_engine.masks.bare import with_bare_points
 from mgf_engine.masks.belief import Belief, SceneGraph
+from mgf_engine.masks.distant import cut_distant
 from mgf_engine.masks.doubt import Doubt, clicked_elsewhere, doubtful_clicks, left_out, without
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.gaps import sky_through
@@ -236,9 +237,12 @@ class _Work:
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         ground = None if self.graph.ground is None else GroundSeen(self.scene, self.graph.ground)
-        if ground is not None:
-            self._cut_ground(ground, voters)
+        opened = ground is not None and self._cut_ground(ground, voters)
         openwork = self._add_openwork(ground, point_mask)
+        if opened or openwork is not None:
+            cut_distant(
+                self.scene, self.labels, self.shape.up, lambda i: self._seen_points(i, point_mask), self.threads
+            )
         if openwork is not None:
             point_mask = self._accepted(self.scene, voters)
             doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
@@ -274,20 +278,24 @@ class _Work:
                 self.reporter.check()
         return found
 
-    def _cut_ground(self, ground: GroundSeen, voters: list[int]) -> None:
-        """Cut out the ground that shows through an open building; what may be ground becomes unknown."""
+    def _cut_ground(self, ground: GroundSeen, voters: list[int]) -> bool:
+        """Cut out the ground that shows through an open building; what may be ground becomes unknown.
+
+        Returns:
+            whether the building is an open one.
+        """
         if not ground.shows_through(voters, lambda i: building(self.labels[i]), self.threads):
-            return
+            return False
         for index, through in self._parallel(lambda i: ground.through(i, self.labels[i] != BACKGROUND), self.views):
             self.labels[index][through.certain] = BACKGROUND
             self.labels[index][through.possible] = UNKNOWN
+        return True
 
     def _strays(self, index: int, core: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Pieces of a mask apart from the rest that hold no click and no point and lie beside the building, [H, W]."""
         mask = building(self.labels[index])
         _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-        here = self.scene.observations(index)
-        known = np.concatenate([self.scene.track_uv[here][accepted[self.owner[here]]], self._positive(index)])
+        known = np.concatenate([self._seen_points(index, accepted), self._positive(index)])
         covered = np.bincount(pieces[core], minlength=len(stats)) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
         holds = np.bincount(pieces[pixel_at(mask.shape, known)], minlength=len(stats)) > 0
         stray = ~holds & (covered < STRAY_COVER)
@@ -297,6 +305,11 @@ class _Work:
     def _observed(self, index: int) -> NDArray[np.float32]:
         """Where a photo observed sparse points, [N, 2]."""
         return self.scene.track_uv[self.scene.observations(index)]
+
+    def _seen_points(self, index: int, accepted: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Where a photo observed the accepted ones, [N, 2]."""
+        here = self.scene.observations(index)
+        return self.scene.track_uv[here][accepted[self.owner[here]]]
 
     def _positive(self, index: int) -> NDArray[np.float64]:
         return self.prompts.get(index, Clicks()).positive
