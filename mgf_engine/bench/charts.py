@@ -21,6 +21,8 @@ from mgf_engine.bench.page import write_html
 
 Row = dict[str, Any]
 STAGE_COLORS = {"scene": "#4c78a8", "masks": "#f58518", "field": "#54a24b", "mesh": "#b279a2", "deliver": "#9d9da1"}
+#: Where a group's names stand beside its points (points right and up, alignment), in turn: groups often meet.
+_SIDES = ((4, -11, "left"), (4, 4, "left"), (-5, 4, "right"))
 
 
 def write_page(suite: str, rows: list[Row], out: Path, before: list[Row] | None = None) -> Path:
@@ -181,15 +183,23 @@ def _curves(axes: Axes, rows: list[Row], x: tuple[str, str], y: str) -> None:
         points.setdefault(same[0].get("group") or variant, []).append(
             (float(mean(r[x[0]] for r in same)), float(mean(values)), variant)
         )
-    for group, spots in points.items():
+    for number, (group, spots) in enumerate(points.items()):
         spots.sort()
-        line = "-" if len(spots) > 1 and group != "ablation" else ""
-        axes.plot([s[0] for s in spots], [s[1] for s in spots], marker="o", linestyle=line, label=group)
-        for spot in spots:
-            axes.annotate(spot[2], spot[:2], xytext=(4, 4), textcoords="offset points", fontsize=7)
+        style = "-" if len(spots) > 1 and group != "ablation" else ""
+        (line,) = axes.plot([s[0] for s in spots], [s[1] for s in spots], marker="o", linestyle=style, label=group)
+        right, up, align = _SIDES[number % len(_SIDES)]
+        look: dict[str, Any] = {"fontsize": 7, "color": line.get_color(), "ha": align}
+        for work, value, variant in spots:
+            axes.annotate(_name_in(group, variant), (work, value), (right, up), textcoords="offset points", **look)
+    axes.margins(x=0.15)  # for the names
     _time_axis(axes, x[1])
     axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %" if y == "f1" else "PSNR inside the mask, held-out views, dB")
     _tidy(axes, legend=len(points) > 1)
+
+
+def _name_in(group: str, variant: str) -> str:
+    """A variant's name less what the legend says of its group: "80k" of "80k Gaussians"."""
+    return " ".join(word for word in variant.split() if word.rstrip("s") != group.rstrip("s"))
 
 
 def _time_axis(axes: Axes, label: str) -> None:
