@@ -199,7 +199,7 @@ def _curves(axes: Axes, rows: list[Row], x: tuple[str, str], y: str) -> None:
 
 def _name_in(group: str, variant: str) -> str:
     """A variant's name less what the legend says of its group: "80k" of "80k Gaussians"."""
-    return " ".join(word for word in variant.split() if word.rstrip("s") != group.rstrip("s"))
+    return " ".join(word for word in variant.split() if word.rstrip("s") != group.rstrip("s")) or variant
 
 
 def _time_axis(axes: Axes, label: str) -> None:
