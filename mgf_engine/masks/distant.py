@@ -70,8 +70,9 @@ def cut_distant(
         return _beside(scene.photo(index), labels[index], scene.views[index], up)
 
     def cut(index: int) -> None:
-        alike = _alike(scene.photo(index), scene.views[index], up, levels[index])
-        if not _holds_points(alike, scene.views[index], up, points_in(index)):
+        level = _level_of(scene.views[index], up)
+        alike = _alike(scene.photo(index), level, levels[index])
+        if not _holds_points(alike, level, points_in(index)):
             labels[index][alike] = BACKGROUND
 
     views = range(len(labels))
@@ -117,17 +118,16 @@ def _median(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.
     return np.asarray(np.ma.median(masked, axis=0).filled(0), np.float32)
 
 
-def _alike(photo: NDArray[np.uint8], view: View, up: NDArray[np.float64], levels: Levels) -> NDArray[np.bool_]:
+def _alike(photo: NDArray[np.uint8], level: NDArray[np.int64], levels: Levels) -> NDArray[np.bool_]:
     """Pixels that have the colour of their level, [H, W]."""
-    level = _level_of(view, up)
     away = distance(_colour(photo), levels.colour[level])
     return np.asarray((level >= 0) & (away < levels.near[level]), bool)
 
 
-def _holds_points(alike: NDArray[np.bool_], view: View, up: NDArray[np.float64], points: NDArray[np.floating]) -> bool:
+def _holds_points(alike: NDArray[np.bool_], level: NDArray[np.int64], points: NDArray[np.floating]) -> bool:
     """Whether the building's own points lie in what looks like background."""
     y, x = pixel_at(alike.shape, points)
-    here = shrink(alike, RIM)[y, x][_level_of(view, up)[y, x] >= 0]
+    here = shrink(alike, RIM)[y, x][level[y, x] >= 0]
     return bool(len(here) >= ENOUGH_POINTS and here.mean() > ALIKE_POINTS)
 
 

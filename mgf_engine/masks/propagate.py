@@ -308,8 +308,7 @@ class _Work:
 
     def _seen_points(self, index: int, accepted: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Where a photo observed the accepted ones, [N, 2]."""
-        here = self.scene.observations(index)
-        return self.scene.track_uv[here][accepted[self.owner[here]]]
+        return self._observed(index)[accepted[self.owner[self.scene.observations(index)]]]
 
     def _positive(self, index: int) -> NDArray[np.float64]:
         return self.prompts.get(index, Clicks()).positive

@@ -75,17 +75,23 @@ def outline(
 
 def over_horizon(view: View, up: NDArray[np.float64], degrees: float = OVER_HORIZON) -> NDArray[np.bool_]:
     """Pixels whose rays rise by more than so much, [H, W]: no level ground is seen there."""
-    return elevation(view, up) > degrees
+    rise, length = _rays(view, up)
+    return np.asarray(rise > np.sin(np.radians(degrees)) * length, bool)
 
 
 def elevation(view: View, up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Degrees over the horizon of each pixel's ray, [H, W]."""
+    rise, length = _rays(view, up)
+    return np.asarray(np.degrees(np.arcsin(np.clip(rise / length, -1, 1))), np.float64)
+
+
+def _rays(view: View, up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How far each pixel's ray rises at depth 1, and its length there, [H, W] each."""
     x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     y = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     normal = view.rotation @ up
     rise = normal[0] * x[None, :] + normal[1] * y[:, None] + normal[2]
-    length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
-    return np.asarray(np.degrees(np.arcsin(np.clip(rise / length, -1, 1))), np.float64)
+    return rise, np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
 
 
 def _sky_around(
