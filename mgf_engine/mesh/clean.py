@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.order import arrange, cells_of, morton
 
+DRAWN_BACK = 0.01  # share of the way to the middle between a vertex and its neighbours
 SEEN_PIXELS = 3  # parts of which all views together see fewer pixels are dropped
 
 
@@ -125,7 +126,8 @@ def orient_outward(mesh: Mesh, front: NDArray[np.integer], back: NDArray[np.inte
 def split_nonmanifold(mesh: Mesh) -> Mesh:
     """Cut the mesh open where more than two faces share an edge or two fans share a vertex.
 
-    The first fan around a vertex keeps it, each further one gets a copy (after Gueziec et al. 2001).
+    The first fan around a vertex keeps it, each further one gets a copy (after Gueziec et al. 2001). Both draw back a
+    little into their own faces, or whoever joins vertices by place would undo the cut.
     """
     fan, fans = mesh.around.fans()
     further = np.maximum(fans - 1, 0)
@@ -134,7 +136,12 @@ def split_nonmanifold(mesh: Mesh) -> Mesh:
     faces = mesh.faces.ravel().copy()
     corner = mesh.around.corner[moved]
     faces[corner] = copies[faces[corner]] + fan[moved] - 1
-    return mesh.gather(np.r_[np.arange(len(fans)), np.repeat(np.arange(len(fans)), further)], faces.reshape(-1, 3))
+    origin = np.r_[np.arange(len(fans)), np.repeat(np.arange(len(fans)), further)]
+    cut = mesh.gather(origin, faces.reshape(-1, 3))
+    if not further.any():
+        return cut
+    halfway = cut.around.smooth(np.ascontiguousarray(cut.vertices), fans[origin] < 2)
+    return replace(cut, vertices=cut.vertices + DRAWN_BACK * (halfway - cut.vertices))
 
 
 def edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

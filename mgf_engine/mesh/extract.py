@@ -21,9 +21,10 @@ from mgf_engine.mesh.apart import belongs
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.mesh.face_votes import cut_background
+from mgf_engine.mesh.flat import merge_flat
 from mgf_engine.mesh.fusion import FusedField, Photos, fuse_gaussians
 from mgf_engine.mesh.holes import cap_rims, fill_holes
-from mgf_engine.mesh.isosurface import FREE, SOLID, bisect, march
+from mgf_engine.mesh.isosurface import FREE, find_level, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
 from mgf_engine.mesh.pixel_counts import count_pixels
@@ -203,12 +204,12 @@ def _between(
     kept = crossing.faces[~_overlong(spanned, crossing.edges)[crossing.faces].any(1)]
     solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
 
-    def is_solid(points: NDArray[np.float64], share: float) -> NDArray[np.bool_]:
+    def signed(points: NDArray[np.float64], share: float) -> NDArray[np.float32]:
         start = _CLASSIFIED + (_PLACED - _CLASSIFIED) * share
         step = (_PLACED - _CLASSIFIED) / max(steps, 1)
-        return field.classify(points, lambda s: reporter.progress(start + step * s)) == SOLID
+        return field.signed(points, lambda s: reporter.progress(start + step * s))
 
-    vertices = bisect(solid, free, is_solid, steps)
+    vertices = find_level(solid, free, signed, steps)
     return Mesh(vertices, kept, np.zeros((len(vertices), 3), np.uint8))
 
 
@@ -234,7 +235,7 @@ def cleaned(
     Raises:
         BadInput: nothing is left.
     """
-    mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
+    mesh = merge_flat(clean.weld(clean.with_faces(mesh, mesh.faces)), views)
     mesh = clean.drop_unconfirmed(mesh, field.confirmed(mesh.vertices), MADE_UP)
     mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
     counts = count_pixels(mesh, views, labels)

@@ -137,15 +137,25 @@ class FusedField:
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
         """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
 
-        def state(belief: NDArray[np.void]) -> NDArray[np.uint8]:
-            outvoted = belief["behind"] >= OUTVOTED * belief["judging"] ** 2
-            result = np.where((_distance(belief) > self.offset) & ~outvoted, FREE, SOLID).astype(np.uint8)
-            result[(belief["weight"] == 0) & (belief["covered"] > 0)] = SOLID
-            result[(belief["weight"] == 0) & (belief["covered"] == 0)] = INVALID
-            result[outside_hull(belief["outside"], belief["seen"])] = FREE
-            return result
+        signed = self.signed(points, progress)
+        return np.where(np.isnan(signed), INVALID, np.where(signed > 0, FREE, SOLID)).astype(np.uint8)
 
-        return _joined(self._ask(points, state, progress), np.uint8)
+    def signed(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.float32]:
+        """How far points [N, 3] lie in front of the surface, [N], as :func:`isosurface.find_level` wants it.
+
+        In half bands between -1 and 1; plus or minus infinity where masks or the votes of views decide, NaN where no
+        view knows.
+        """
+
+        def verdict(belief: NDArray[np.void]) -> NDArray[np.float32]:
+            result = _distance(belief) - self.offset
+            result[belief["behind"] >= OUTVOTED * belief["judging"] ** 2] = -np.inf
+            unknown = belief["weight"] == 0
+            result[unknown] = np.where(belief["covered"][unknown] > 0, -np.inf, np.nan)
+            result[outside_hull(belief["outside"], belief["seen"])] = np.inf
+            return np.asarray(result, np.float32)
+
+        return _joined(self._ask(points, verdict, progress), np.float32)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
         """Put the level where triangulated points of the surface [N, 3] lie (median); returns it, in pixels.

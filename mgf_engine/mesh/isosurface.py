@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FREE, SOLID, INVALID = 0, 1, 2
+NEAR_ENOUGH = 0.02  # signed distance at which the search for the level ends
+LEAST_STEP = 0.05  # share of what is left of a segment by which each try shortens it at least
 
 
 @dataclass(frozen=True)
@@ -90,19 +92,45 @@ def _number(triangles: NDArray[np.int32], count: int) -> Crossing:
     return Crossing(edges, inverse.reshape(-1, 3).astype(np.int32))
 
 
-def bisect(
+def find_level(
     solid: NDArray[np.float64],
     free: NDArray[np.float64],
-    is_solid: Callable[[NDArray[np.float64], float], NDArray[np.bool_]],
+    signed: Callable[[NDArray[np.float64], float], NDArray[np.floating]],
     steps: int,
 ) -> NDArray[np.float64]:
-    """Points on the segments solid-free [E, 3] where the state changes, within 2^-(steps+1) of their length.
+    """Points on the segments solid-free [E, 3] where the sign changes.
+
+    Where the distance is known at both ends of what is left of a segment the next point tried is where a line between
+    them crosses zero (an end that stays twice counts half: the Illinois rule), else the middle.
 
     Args:
-        is_solid: (points [E, 3], share of the work done) -> bool [E].
+        signed: (points [n, 3], share of the work done) -> [n], below zero in what is solid; between -1 and 1 it goes
+            with the distance from the surface, beyond that only its sign counts.
+        steps: points tried on each segment at most.
+
+    Returns:
+        points [E, 3] at which ``NEAR_ENOUGH`` was met, or the best guess after so many steps: where distances are
+        unknown it lies within 2^-(steps + 1) of the segment's length.
     """
+    place = np.full(len(solid), 0.5)
+    left, last = np.arange(len(solid)), np.full(len(solid), -1)
+    end, value = np.tile([0.0, 1.0], (len(solid), 1)), np.tile([-np.inf, np.inf], (len(solid), 1))
     for step in range(steps):
-        middle = 0.5 * (solid + free)
-        inside = is_solid(middle, step / steps)[:, None]
-        solid, free = np.where(inside, middle, solid), np.where(inside, free, middle)
-    return 0.5 * (solid + free)
+        t = place[left]
+        found = signed(solid[left] + t[:, None] * (free[left] - solid[left]), step / steps).astype(np.float64)
+        side, row = np.where(found < 0, 0, 1), np.arange(len(left))
+        value[row, 1 - side] *= np.where(side == last, 0.5, 1.0)
+        end[row, side], value[row, side] = t, np.where(np.abs(found) < 1, found, np.inf * (2 * side - 1))
+        place[left] = _next(end, value)
+        done = np.abs(found) < NEAR_ENOUGH
+        place[left[done]] = t[done]
+        left, last, end, value = left[~done], side[~done], end[~done], value[~done]
+    return solid + place[:, None] * (free - solid)
+
+
+def _next(end: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The place to try between two ends [n, 2] with values of opposite sign, infinite where only the sign is known."""
+    known = np.isfinite(value).all(1)
+    low, high = np.where(known, value.T, [[-1.0], [1.0]])
+    share = np.clip(low / (low - high), LEAST_STEP, 1 - LEAST_STEP)
+    return end[:, 0] + share * (end[:, 1] - end[:, 0])

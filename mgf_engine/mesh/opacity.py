@@ -76,6 +76,10 @@ class OpacityField:
         state[(state == SOLID) & through] = FREE
         return state
 
+    def signed(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.float32]:
+        """Minus infinity in what is solid, else plus infinity, [N]: eq. 25 bounds the opacity and stops there."""
+        return np.where(self.classify(points, progress) == SOLID, -np.inf, np.inf).astype(np.float32)
+
     def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """All true: eq. 25 does not tell what was seen from what was only not ruled out."""
         return np.ones(len(points), bool)

@@ -95,7 +95,10 @@ def test_nonmanifold_edges_are_cut_open():
     apart = clean.split_nonmanifold(fin)
     edges = np.sort(apart.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), 1)
     assert np.unique(edges, axis=0, return_counts=True)[1].max() <= 2
-    assert np.array_equal(apart.vertices[apart.faces], fin.vertices[fin.faces])
+    assert np.abs(apart.vertices[apart.faces] - fin.vertices[fin.faces]).max() < 0.01
+    assert len(np.unique(apart.vertices, axis=0)) == len(
+        apart.vertices
+    )  # nor do they join where vertices are merged by place
     whole = clean.split_nonmanifold(ball(subdivisions=2))
     assert len(whole.vertices) == len(ball(subdivisions=2).vertices)
 

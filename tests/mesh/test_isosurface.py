@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID, bisect, march
+from mgf_engine.mesh.isosurface import FREE, INVALID, NEAR_ENOUGH, SOLID, find_level, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.tetrahedra import delaunay
 
@@ -22,7 +22,9 @@ def cloud(count=3000, seed=0):
 def surface(points, state, tetrahedra=None, inside=None):
     crossing = march(delaunay(points) if tetrahedra is None else tetrahedra, state, points)
     solid, free = points[crossing.edges[:, 0]], points[crossing.edges[:, 1]]
-    vertices = bisect(solid, free, lambda p, share: inside(p), 12) if inside else 0.5 * (solid + free)
+    vertices = 0.5 * (solid + free)
+    if inside:
+        vertices = find_level(solid, free, lambda p, share: np.where(inside(p), -np.inf, np.inf), 12)
     return Mesh(vertices, crossing.faces, np.zeros((len(vertices), 3), np.uint8)), crossing
 
 
@@ -80,9 +82,43 @@ def test_one_state_everywhere_has_no_surface(value):
     assert len(mesh.faces) == 0 and len(mesh.vertices) == 0
 
 
-def test_bisection_halves_the_error_each_step():
-    solid, free = np.zeros((100, 3)), np.ones((100, 3))
-    border = np.random.default_rng(0).uniform(0.05, 0.95, 100)
+def segments(count=100):
+    """Segments along x from 0 to 1, whose y is their number, and where the level lies on each."""
+    number = np.arange(count)
+    border = np.random.default_rng(0).uniform(0.05, 0.95, count)
+    return np.c_[0 * number, number, 0 * number].astype(float), np.c_[0 * number + 1, number, 0 * number], border
+
+
+def behind(points, border):
+    """How far points on those segments lie behind the level."""
+    return points[:, 0] - border[points[:, 1].astype(int)]
+
+
+@pytest.mark.parametrize("far", [1.0, 7.0, np.inf])
+def test_where_only_the_sign_is_known_the_error_halves_each_step(far):
+    solid, free, border = segments()
     for steps in (0, 3, 8):
-        found = bisect(solid, free, lambda p, share: p[:, 0] < border, steps)
-        assert np.abs(found[:, 0] - border).max() <= 0.5 ** (steps + 1)
+        found = find_level(solid, free, lambda p, share: np.where(behind(p, border) < 0, -far, far), steps)
+        assert np.abs(behind(found, border)).max() <= 0.5 ** (steps + 1)
+
+
+@pytest.mark.parametrize("bent", [0.0, 2.0])
+def test_known_distances_find_the_level_with_few_points(bent):
+    solid, free, border = segments()
+    asked = []
+
+    def signed(points, share):
+        asked.append(len(points))
+        off = 4 * behind(points, border)
+        return np.clip(off + bent * off**2 * np.sign(off), -1, 1)
+
+    found = find_level(solid, free, signed, 8)
+    assert np.abs(behind(found, border)).max() <= NEAR_ENOUGH / 4
+    assert sum(asked) < 5 * len(border)  # who has found it is not asked again
+
+
+@pytest.mark.parametrize("beyond", [np.inf, np.nan])
+def test_a_jump_is_found_too_and_what_nobody_knows_is_not_solid(beyond):
+    solid, free, border = segments()
+    found = find_level(solid, free, lambda p, share: np.where(behind(p, border) < 0, -0.3, beyond), 12)
+    assert np.abs(behind(found, border)).max() <= 2.0**-12

@@ -5,6 +5,7 @@
 // of a corner leads to the next vertex of its face. All faces along an edge are found around either of its ends, and
 // around a vertex there are few: so nothing needs sorting, and every vertex can be asked by another thread.
 #include "export.h"
+#include "join.h"
 
 enum { PIECE = 4096 };
 
@@ -21,18 +22,6 @@ static inline int uses(const Around *a, int64_t v, int32_t w) {
     for (int32_t i = a->start[v]; i < a->start[v + 1]; i++)
         count += (next_of(a->faces, a->corner[i]) == w) + (previous_of(a->faces, a->corner[i]) == w);
     return count;
-}
-
-static inline int32_t root(int32_t *parent, int32_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-// The first of both becomes the root, so that labels do not depend on the order of the joins.
-static inline void join(int32_t *parent, int32_t i, int32_t j) {
-    i = root(parent, i), j = root(parent, j);
-    if (i < j) parent[j] = i;
-    else parent[i] = j;
 }
 
 /* Lists the corners around each vertex: start [vertices + 1], corner [3 * count], ascending around each. */

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Flat parts of the level set with fewer vertices: everything that follows takes as long as there are faces.
+
+Tetrahedra are as fine as the Gaussians' boxes, also where a wall is plain. What lies in one plane becomes one vertex
+per cell of a grid; edges, bars and all that is thinner than a cell keep every vertex (``raster/kernels/flat.c``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.mesh.clean import weld
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.order import arrange, morton
+from mgf_engine.mesh.topology import Around
+from mgf_engine.raster.library import call
+from mgf_engine.scene.model import View
+
+CELLS = 1.5, 3.0  # sides of the cells in pixels of the nearest photo, one round after the other
+OFF = 0.1  # root mean square distance from the plane, in such pixels
+EVEN = 0.98  # least length of the mean normal in and around a cell: 1 in a plane, 0.98 across an edge of 23 degrees
+TRIES = 3  # rounds in which what would pinch the surface is left as it was
+
+
+def merge_flat(mesh: Mesh, views: Sequence[View]) -> Mesh:
+    """The mesh with one vertex in place of all that lie in one plane and one cell.
+
+    Args:
+        views: at least one, in the mesh's frame; they tell how large a pixel is.
+
+    Raises:
+        MemoryError: the work needs about 100 bytes per vertex.
+    """
+    for side in CELLS:
+        pixel = nearest_pixels(mesh.vertices, views)
+        mesh = merge_cells(mesh, _cells(mesh.vertices, side * pixel), OFF * pixel)
+    return mesh
+
+
+def nearest_pixels(points: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.float64]:
+    """Size of a pixel of the nearest view at each point [N, 3], in their units, [N]."""
+    distance, nearest = cKDTree([view.centre for view in views]).query(points, workers=-1)
+    sizes: NDArray[np.float64] = distance / np.array([max(view.fx, view.fy) for view in views])[nearest]
+    return sizes
+
+
+def merge_cells(mesh: Mesh, cell: NDArray[np.integer], tolerance: NDArray[np.floating], even: float = EVEN) -> Mesh:
+    """One round of :func:`merge_flat`.
+
+    Args:
+        cell: number of each vertex's cell, [N].
+        tolerance: root mean square distance from the plane, [N]; the first vertex of a group counts.
+        even: least length of the mean normal.
+    """
+    at, into = np.array(mesh.vertices, np.float64, order="C"), np.empty(len(mesh.vertices), np.int32)
+    given = np.ascontiguousarray(mesh.faces), np.asarray(cell, np.int32), np.asarray(tolerance, np.float32)
+    if call("merge_flat", len(at), len(mesh.faces), at, *given, even, into):
+        raise MemoryError("Not enough memory to merge flat parts of the mesh; lower max_gaussians or the resolution.")
+    for _ in range(TRIES):
+        apart = _pinched(into, mesh.faces)
+        if not apart.any():
+            break
+        into[apart], at[apart] = np.flatnonzero(apart), mesh.vertices[apart]
+    return weld(Mesh(at, into[mesh.faces], mesh.colors, mesh.values))
+
+
+def _pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Vertices [N] that were merged where the surface then meets itself: two discs that share a rim of two edges."""
+    merged = np.bincount(into, minlength=len(into)) > 1
+    faces = into[faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]
+    several = Around.of(faces, len(into)).fans()[1] > 1
+    near = np.zeros(len(into), bool)
+    near[faces[several[faces].any(1)]] = True
+    return np.asarray((near & merged)[into], bool)
+
+
+def _cells(points: NDArray[np.float64], side: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Number of the cell that each point [N, 3] lies in; sides [N] are rounded to powers of two."""
+    level = np.rint(np.log2(side)).astype(np.int64)
+    corner = np.floor((points - points.min(0)) / np.exp2(level)[:, None]).astype(np.int64)
+    order, new = arrange(morton(corner), level)
+    cell = np.empty(len(points), np.int32)
+    cell[order] = np.cumsum(new) - 1
+    return cell
