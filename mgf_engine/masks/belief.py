@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import cg
 from scipy.spatial import cKDTree
 
-from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
+from mgf_engine.masks.appearance import FEATURE_SCALE, Mixture, fit_mixture, log_ratio, plants
 from mgf_engine.masks.extent import Extent, Place, Sight, over_building
 from mgf_engine.masks.ground import Ground, find_ground
 from mgf_engine.masks.prompts import Prompts
@@ -74,6 +74,17 @@ class Belief:
     regions: tuple[NDArray[np.float32], ...]  # V arrays [S_v]
     points: NDArray[np.float32]  # [P]
     looks: tuple[NDArray[np.float32], ...]  # V arrays [S_v], the part of colour and texture alone
+    ground: Ground | None  # that the building stands on; None where there is none or the clicks count it in
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """What the geometry says, where it was looked at: of all nodes [N], regions first."""
+
+    odds: Array  # log-odds of "building"
+    grounded: NDArray[np.bool_]  # what is ground
+    over: NDArray[np.bool_]  # points that stand on the building
+    ground: Ground | None
 
 
 class SceneGraph:
@@ -89,7 +100,6 @@ class SceneGraph:
     ) -> None:
         self.scene, self.regions, self.shape = scene, regions, shape
         self.threads = threads
-        self.ground: Ground | None = None
         self.full = scene if full is None else full
         self.full_shape = shape if full is None else measure_shape(full)
         self.sight = Sight(self.full, self.full_shape, len(scene.points))
@@ -122,64 +132,60 @@ class SceneGraph:
         silent = not any(len(c.negative) for c in prompts.values())
         weight = self.evidence_weight
         belief, trust = self._first_guess(pull + CLICK_WEIGHT * (sky & silent), target)
-        looks, teach = np.zeros(len(belief)), trust
+        looks, teach, ground = np.zeros(len(belief)), trust, None
         for round_ in range(rounds):
             looks = self._looks(belief, teach, seed)
             odds = looks + PLANT_ODDS * self.plants + SKY_ODDS * sky
             if round_ > 0:
-                place, grounded, over = self._place(belief, prompts, seed, looked_at)
-                odds += place
-                weight = np.where(over, np.maximum(self.evidence_weight, OVER_TIES * self.degree), self.evidence_weight)
-                teach = np.where(grounded, EXPLAINED, 1.0)
+                placed = self._place(belief, prompts, seed, looked_at)
+                odds, ground = odds + placed.odds, placed.ground
+                tied = np.maximum(self.evidence_weight, OVER_TIES * self.degree)
+                weight = np.where(placed.over, tied, self.evidence_weight)
+                teach = np.where(placed.grounded, EXPLAINED, 1.0)
             else:
                 teach = np.ones(len(belief))
             wanted = 1.0 / (1.0 + np.exp(-odds))
             strength = weight * np.abs(2 * wanted - 1) + 1e-4
             belief = self._flow(pull + strength, pull * target + strength * wanted, belief)
-        return self._split(belief, looks)
+        return self._split(belief, looks, ground)
 
-    def _place(
-        self, belief: Array, prompts: Prompts, seed: int, views: Sequence[int]
-    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Log-odds of what the geometry says in these views, [N], what is ground, [N], which points stand on the
-        building, [N]."""
+    def _place(self, belief: Array, prompts: Prompts, seed: int, views: Sequence[int]) -> _Placed:
+        """What the geometry says in these views."""
         points = belief[self.region_count :]
-        odds, ground, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
+        odds, grounded, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
         added_ground = np.zeros(self.added_count)
-        self.ground = find_ground(self.scene, self.shape, 1 - points, seed)
-        if self.ground is not None:
-            grounded = self.ground.holds(self.scene, self.shape)
-            if self._clicks_reject(grounded, prompts):
-                odds[self.region_count :] = GROUND_ODDS * grounded
-                added_ground = self.ground.holds(self.full, self.full_shape)[self.point_count :]
-                odds[: self.region_count] = GROUND_ODDS * self._shows_added(added_ground)
-                ground[self.region_count :] = grounded > 0.5
-                points = np.minimum(points, 1 - grounded)
-            else:
-                # A plinth the building stands on, as far as anybody said: no evidence against it.
-                self.ground = None
+        ground = find_ground(self.scene, self.shape, 1 - points, seed)
+        held = np.zeros(0) if ground is None else ground.holds(self.scene, self.shape)
+        if ground is not None and not self._clicks_reject(held, prompts):
+            ground = None  # a plinth the building stands on, as far as anybody said: no evidence against it
+        if ground is not None:
+            odds[self.region_count :] = GROUND_ODDS * held
+            added_ground = ground.holds(self.full, self.full_shape)[self.point_count :]
+            odds[: self.region_count] = GROUND_ODDS * self._shows_added(added_ground)
+            grounded[self.region_count :] = held > 0.5
+            points = np.minimum(points, 1 - held)
         keep = points > BUILT
         apart = keep & ~clicked_groups(self.scene.points, keep, self._clicked_points(prompts), self.shape)
         odds[self.region_count :] += APART_ODDS * apart
         keep &= ~apart
         if keep.sum() < 10:
-            return odds, ground, over
+            return _Placed(odds, grounded, over, ground)
         over[self.region_count :] = over_building(self.scene.points, keep, self.shape)
         odds += OVER_ODDS * over
         keep |= over[self.region_count :] & (points > OTHER_BELOW)
-        away = (points < OTHER_BELOW) & ~ground[self.region_count :] & ~over[self.region_count :]
+        away = (points < OTHER_BELOW) & ~grounded[self.region_count :] & ~over[self.region_count :]
         others = apart | (away & self._far_from(keep))
-        extent = self.extent(np.concatenate([keep, self._added(belief) & (added_ground < 0.5)]), others)
+        extent = self.extent(np.concatenate([keep, self._added(belief) & (added_ground < 0.5)]), ground, others)
         within = np.zeros(self.point_count)
         for index, (region_odds, first, inside) in in_order(lambda i: self._geometry(extent, i), views, self.threads):
             part = slice(self.start[index], self.start[index + 1])
             odds[part] += region_odds
-            ground[part] = first & (self.ground is not None)
+            grounded[part] = first & (ground is not None)
             within += inside
         seen = np.bincount(self.scene.track_point[np.isin(self.scene.track_view, views)], minlength=self.point_count)
         share = within / np.maximum(seen, 1)
-        odds[self.region_count :] += WITHIN_ODDS * share * ~ground[self.region_count :]
-        return odds, ground, over
+        odds[self.region_count :] += WITHIN_ODDS * share * ~grounded[self.region_count :]
+        return _Placed(odds, grounded, over, ground)
 
     def _geometry(self, extent: Extent, index: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
         """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
@@ -188,7 +194,7 @@ class SceneGraph:
         seen = self.sight.owner[self.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.full.points))[: self.point_count]
 
-    def extent(self, keep: NDArray[np.bool_], others: NDArray[np.bool_] | None = None) -> Extent:
+    def extent(self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None) -> Extent:
         """Where the building is.
 
         Args:
@@ -197,7 +203,7 @@ class SceneGraph:
         """
         if others is not None:
             others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
-        return Extent(self.full, self.full_shape, keep, self.ground, self.sight, others)
+        return Extent(self.full, self.full_shape, keep, ground, self.sight, others)
 
     def _added(self, belief: Array) -> NDArray[np.bool_]:
         """Which of the added points are seen in regions of the building, [A]."""
@@ -282,7 +288,9 @@ class SceneGraph:
     def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
         """Which kind of click is nearer (random walks that fade), and how far that can be trusted."""
         stiffness = pull + LEAK * np.maximum(self.degree, 0.1)
-        near = [np.maximum(self._flow(stiffness, pull * value, None), 1e-9) for value in (target, 1.0 - target)]
+        wanted = target, 1.0 - target
+        flows = in_order(lambda k: self._flow(stiffness, pull * wanted[k], None), range(2), self.threads)
+        near = [np.maximum(flow, 1e-9) for _, flow in flows]
         trust = np.clip(np.log(np.maximum(near[0], near[1]) / 1e-4) / np.log(1e4), 0, 1)
         return near[0] / (near[0] + near[1]), trust
 
@@ -297,16 +305,19 @@ class SceneGraph:
         """Log-odds of "building" from appearance alone, [N]."""
         inside, outside = np.clip(2 * belief - 1.1, 0, 1) * teach, np.clip(0.9 - 2 * belief, 0, 1) * teach
         r = self.region_count
-        ratios = []
-        for features, area, part, scale in (
+        kinds = (
             (self.features, self.area, slice(0, r), FEATURE_SCALE),
             (self.point_features, np.ones(self.point_count), slice(r, None), POINT_SCALE),
-        ):
-            models = []
-            for weight, components in ((inside[part] * area, 8), (outside[part] * area, 10)):
-                peak = weight.max(initial=0.0)
-                models.append(fit_mixture(features, weight / max(peak, 1e-12), components, seed, scale))
-            ratios.append(log_ratio(features, models[0], models[1], scale))
+        )
+
+        def fit(number: int) -> Mixture | None:
+            features, area, part, scale = kinds[number // 2]
+            weight, components = ((inside, 8), (outside, 10))[number % 2]
+            own = weight[part] * area
+            return fit_mixture(features, own / max(own.max(initial=0.0), 1e-12), components, seed, scale)
+
+        models = [model for _, model in in_order(fit, range(4), self.threads)]
+        ratios = [log_ratio(k[0], models[2 * n], models[2 * n + 1], k[3]) for n, k in enumerate(kinds)]
         return np.clip(np.concatenate(ratios) / 2, -LOOKS_LIMIT, LOOKS_LIMIT)
 
     def _observed_regions(self) -> NDArray[np.int64]:
@@ -344,10 +355,11 @@ class SceneGraph:
         upright = np.abs(shape.normals @ shape.up)
         return np.column_stack([mean, 6 * shape.flatness * upright, 4 * shape.flatness])
 
-    def _split(self, belief: Array, looks: Array) -> Belief:
+    def _split(self, belief: Array, looks: Array, ground: Ground | None) -> Belief:
         cut = [slice(self.start[k], self.start[k + 1]) for k in range(len(self.regions))]
         return Belief(
             tuple(belief[c].astype(np.float32) for c in cut),
             belief[self.region_count :].astype(np.float32),
             tuple((1 / (1 + np.exp(-looks[c]))).astype(np.float32) for c in cut),
+            ground,
         )

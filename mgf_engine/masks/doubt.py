@@ -16,6 +16,7 @@ import numpy as np
 
 from mgf_engine.masks.belief import SceneGraph
 from mgf_engine.masks.prompts import Clicks, Prompts
+from mgf_engine.threads import in_order
 
 GROUPS = 5
 ROUNDS = 2
@@ -74,17 +75,17 @@ def _one_pass(graph: SceneGraph, prompts: Prompts, seed: int, clicked_alone: boo
     clicked = [i for i in sorted(prompts) if len(prompts[i].positive) or len(prompts[i].negative)]
     if len(clicked) < 3:
         return []
-    doubts = []
     count = min(GROUPS, len(clicked))
-    for group in range(count):
+
+    def against(group: int) -> list[Doubt]:
         held = clicked[group::count]
         others = {i: c for i, c in prompts.items() if i not in held}
         if not any(len(c.positive) for c in others.values()):
-            continue
+            return []
         belief = graph.solve(others, seed, ROUNDS, clicked if clicked_alone else None)
-        for index in held:
-            doubts += _against(graph, belief.regions[index], index, prompts[index])
-    return doubts
+        return [doubt for i in held for doubt in _against(graph, belief.regions[i], i, prompts[i])]
+
+    return [doubt for _, doubts in in_order(against, range(count), graph.threads) for doubt in doubts]
 
 
 def without(prompts: Prompts, doubts: list[Doubt]) -> Prompts:

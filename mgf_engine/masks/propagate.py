@@ -233,10 +233,11 @@ class _Work:
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
         accepted = self._accepted(self.full, voters)
-        extent, point_mask = self.graph.extent(accepted), accepted[: len(self.scene.points)]
+        plane = self.belief.ground
+        extent, point_mask = self.graph.extent(accepted, plane), accepted[: len(self.scene.points)]
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
-        ground = None if self.graph.ground is None else GroundSeen(self.scene, self.graph.ground)
+        ground = None if plane is None else GroundSeen(self.scene, plane)
         opened = ground is not None and self._cut_ground(ground, voters)
         openwork = self._add_openwork(ground, point_mask)
         if opened or openwork is not None:
@@ -271,8 +272,9 @@ class _Work:
     def _add_openwork(self, ground: GroundSeen | None, accepted: NDArray[np.bool_]) -> Openwork | None:
         """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""
         leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
-        plane = self.graph.ground
-        found = find_openwork(self.scene, self.original, self.labels, self._sky, leafy, accepted, up, plane)
+        found = find_openwork(
+            self.scene, self.original, self.labels, self._sky, leafy, accepted, up, self.belief.ground
+        )
         if found is not None:
             for _ in self._parallel(lambda i: found.draw(i, self.scene.views[i], self.labels[i], ground), self.views):
                 self.reporter.check()
