@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.mesh.clean import weld
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.order import arrange, morton
+from mgf_engine.mesh.order import BITS, arrange, morton
 from mgf_engine.mesh.topology import Around
 from mgf_engine.raster.library import call
 from mgf_engine.scene.model import View
@@ -81,9 +81,12 @@ def _pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bo
 
 def _cells(points: NDArray[np.float64], side: NDArray[np.float64]) -> NDArray[np.int32]:
     """Number of the cell that each point [N, 3] lies in; sides [N] are rounded to powers of two."""
-    level = np.rint(np.log2(side)).astype(np.int64)
-    corner = np.floor((points - points.min(0)) / np.exp2(level)[:, None]).astype(np.int64)
-    order, new = arrange(morton(corner), level)
+    if not len(points):
+        return np.zeros(0, np.int32)
+    local = points - points.min(0)
+    least = max(float(local.max()) / 2 ** (BITS - 1), 1e-300)
+    level = np.rint(np.log2(np.maximum(side, least)))
+    order, new = arrange(morton(np.floor(local / np.exp2(level)[:, None]).astype(np.int64)), level)
     cell = np.empty(len(points), np.int32)
     cell[order] = np.cumsum(new) - 1
     return cell

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.model import UNKNOWN
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import corners, look
+from mgf_engine.mesh.view import corners, seen_faces
 from mgf_engine.raster.library import call, side_by_side
 from mgf_engine.scene.model import View
 
@@ -50,7 +50,7 @@ def count_pixels(mesh: Mesh, views: Sequence[View], labels: Sequence[NDArray[np.
 
     def add(number: int) -> None:
         at = corners(mesh.vertices, views[number])
-        face = look(mesh, views[number], at).face
+        face = seen_faces(mesh, views[number], at)
         label = None if labels is None else np.ascontiguousarray(labels[number])
         call("count_pixels", face.size, face, at, faces, label, UNKNOWN, counts)
 

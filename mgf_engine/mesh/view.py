@@ -54,6 +54,11 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
     return Sight(depth_map, face)
 
 
+def seen_faces(mesh: Mesh, view: View, at: NDArray[np.float64]) -> NDArray[np.int32]:
+    """The faces alone of :func:`look`, [H, W]; ``at``: :func:`corners` of the vertices."""
+    return _zbuffer(at, mesh.faces, view.height, view.width)[1]
+
+
 def draw_triangles(at: NDArray[np.float64], height: int, width: int) -> NDArray[np.int32]:
     """Which of the triangles [F, 3, 2] (pixels, none over another) covers each pixel's centre; -1 for none, [H, W]."""
     flat = np.concatenate([at.reshape(-1, 2), np.ones((3 * len(at), 1))], 1)

@@ -121,3 +121,11 @@ def test_cells_are_as_large_as_the_pixels_of_the_nearest_photo() -> None:
     near, far = (merge_flat(wall, [camera((0.0, -0.1, z))]) for z in (1.0, 4.0))
     assert len(far.vertices) < 0.5 * len(near.vertices)
     assert len(merge_flat(wall, [camera((0.0, -0.1, z)) for z in (1.0, 4.0)]).vertices) == len(near.vertices)
+
+
+def test_a_camera_on_the_wall_and_a_mesh_of_nothing_do_no_harm() -> None:
+    wall = fine(cuboid((1.0, 1.0, 0.01)), 0.1)
+    merged = merge_flat(wall, [camera(wall.vertices[0] + 1e-12, (0.0, 0.1, 3.0))])
+    assert as_trimesh(merged).is_watertight
+    nothing = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8))
+    assert len(merge_flat(nothing, ring()).faces) == 0
