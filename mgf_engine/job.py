@@ -248,9 +248,8 @@ def read_job(folder: Path) -> dict[str, Any]:
         data = json.loads(path.read_text(encoding="utf-8"))
         if not all(isinstance(data[key], dict) for key in ("stages", "given")):
             raise TypeError("stages or given")
-        if not isinstance(data["source"], str) or not all(
-            isinstance(data[k], str | None) for k in ("prompts", "masks")
-        ):
+        inputs = {"source": str, "prompts": str | None, "masks": str | None}
+        if not all(isinstance(data[key], kind) for key, kind in inputs.items()):
             raise TypeError("source, prompts or masks")
         data["format"]
         _check_stages(data["stages"])
