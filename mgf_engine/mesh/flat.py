@@ -48,17 +48,16 @@ def nearest_pixels(points: NDArray[np.float64], views: Sequence[View]) -> NDArra
     return sizes
 
 
-def merge_cells(mesh: Mesh, cell: NDArray[np.integer], tolerance: NDArray[np.floating], even: float = EVEN) -> Mesh:
+def merge_cells(mesh: Mesh, cell: NDArray[np.integer], tolerance: NDArray[np.floating]) -> Mesh:
     """One round of :func:`merge_flat`.
 
     Args:
         cell: number of each vertex's cell, [N].
         tolerance: root mean square distance from the plane, [N]; the first vertex of a group counts.
-        even: least length of the mean normal.
     """
     at, into = np.array(mesh.vertices, np.float64, order="C"), np.empty(len(mesh.vertices), np.int32)
     given = np.ascontiguousarray(mesh.faces), np.asarray(cell, np.int32), np.asarray(tolerance, np.float32)
-    if call("merge_flat", len(at), len(mesh.faces), at, *given, even, into):
+    if call("merge_flat", len(at), len(mesh.faces), at, *given, EVEN, into):
         raise MemoryError("Not enough memory to merge flat parts of the mesh; lower max_gaussians or the resolution.")
     for _ in range(TRIES):
         apart = _pinched(into, mesh.faces)
