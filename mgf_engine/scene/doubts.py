@@ -35,7 +35,7 @@ FEW_POINTS = 30  # seen per photo (median); masks and stereo lean on them
 ONE_SIDED = 225.0  # degrees around the building; less leaves sides that no photo shows (docs/stability.md)
 
 
-def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter) -> Scene:
+def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter, threads: int = 1) -> Scene:
     """The scene without stray points and foreign photos; warns about each, and about what is left that is weak.
 
     Args:
@@ -54,8 +54,8 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter)
                 f"{share:.0%} of the sparse points are not where the photos see them and are left out; "
                 "building the COLMAP model again would give better ones."
             )
-    scene = _without_foreign(scene, observed_colors(scene, folder).mean(1), every, reporter)
-    quality = photo_quality(scene, folder)
+    scene = _without_foreign(scene, observed_colors(scene, folder, threads).mean(1), every, reporter)
+    quality = photo_quality(scene, folder, threads)
     scene = _without_blurred(scene, blurred_views(quality), every, reporter)
     for text in (*poor_photos(quality), *weaknesses(scene)):
         reporter.warning(text)

@@ -19,6 +19,7 @@ from scipy import sparse
 
 from mgf_engine.scene.images import read_rgb, write_png
 from mgf_engine.scene.model import Scene
+from mgf_engine.threads import in_order
 
 DARKEST, BRIGHTEST = 12.0, 240.0  # grey values outside are noise or clipped
 ROUNDS, NOISE = 10, 0.06  # re-weighting; residuals of log c that are nothing unusual
@@ -28,7 +29,7 @@ LEAST, MOST = 0.02, np.log(3.0)  # spread of log gains that is worth a change; l
 Array = NDArray[np.float64]
 
 
-def even_exposure(scene: Scene, folder: Path) -> Array:
+def even_exposure(scene: Scene, folder: Path, threads: int = 1) -> Array:
     """Rewrite the working photos in ``folder`` so that all show the building in the same light.
 
     Args:
@@ -37,11 +38,14 @@ def even_exposure(scene: Scene, folder: Path) -> Array:
     Returns:
         What each photo's channels were multiplied by, [V, 3]; ones where nothing was changed.
     """
-    gains = photo_gains(observed_colors(scene, folder), scene)
-    for view, gain in zip(scene.views, gains, strict=True):
-        if (gain != 1.0).any():
-            path = folder / Path(view.file).name
-            write_png(path, with_gain(read_rgb(path), gain))
+    gains = photo_gains(observed_colors(scene, folder, threads), scene)
+
+    def rewrite(index: int) -> None:
+        path = folder / Path(scene.views[index].file).name
+        write_png(path, with_gain(read_rgb(path), gains[index]))
+
+    for _ in in_order(rewrite, np.flatnonzero((gains != 1.0).any(1)).tolist(), threads):
+        pass
     return gains
 
 
@@ -90,16 +94,20 @@ def _solve(value: Array, view: NDArray[np.int32], point: NDArray[np.int64], view
     return log_gain
 
 
-def observed_colors(scene: Scene, folder: Path) -> Array:
+def observed_colors(scene: Scene, folder: Path, threads: int = 1) -> Array:
     """Mean colour of the 3 x 3 pixels around each observation, 0..255, [T, 3].
 
     Args:
         folder: holds the working photos under their file names.
     """
     colors = np.zeros((len(scene.track_view), 3))
-    for index, view in enumerate(scene.views):
+
+    def look(index: int) -> None:
         mine = scene.observations(index)
-        calm = cv2.blur(read_rgb(folder / Path(view.file).name), (3, 3))
+        calm = cv2.blur(read_rgb(folder / Path(scene.views[index].file).name), (3, 3))
         x, y = np.floor(scene.track_uv[mine]).astype(int).T
         colors[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]
+
+    for _ in in_order(look, range(len(scene.views)), threads):
+        pass
     return colors

@@ -28,6 +28,7 @@ from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out, st
 from mgf_engine.scene.sfm import reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
+from mgf_engine.system import cores
 
 log = logging.getLogger("mgf")
 
@@ -104,11 +105,12 @@ def _load(
     if len(used) < len(photos):
         log.info("scene: %d of %d photos are used", len(used), len(photos))
         scene = drop_views(scene, sorted(set(range(len(photos))) - set(used)), config.holdout_every)
-    scene = without_doubtful(scene, working, config.holdout_every, reporter)
+    threads = config.threads or cores()
+    scene = without_doubtful(scene, working, config.holdout_every, reporter, threads)
     if unplaced:
         scene = replace(scene, left_out=(*scene.left_out, *unplaced))
     if config.even_exposure:
-        gains = even_exposure(scene, working)
+        gains = even_exposure(scene, working, threads)
         views = (replace(v, gain=(r, g, b)) for v, (r, g, b) in zip(scene.views, gains.tolist(), strict=True))
         scene = replace(scene, views=tuple(views))
         log.info("scene: photos brought to one exposure, factors %.2f to %.2f", gains.min(), gains.max())

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.scene.images import read_rgb
 from mgf_engine.scene.model import Scene
+from mgf_engine.threads import in_order
 
 Array = NDArray[np.float64]
 #: Grey values of noise that roughen the mesh. Sound photos stay below 5 down to 240 pixels, leaves and bricks included.
@@ -42,13 +43,15 @@ class Quality:
     sharpness: Array
 
 
-def photo_quality(scene: Scene, folder: Path) -> Quality:
+def photo_quality(scene: Scene, folder: Path, threads: int = 1) -> Quality:
     """Noise and sharpness of the working photos in ``folder``."""
-    noise, sharpness = np.full((2, len(scene.views)), np.nan)
-    for index, view in enumerate(scene.views):
-        green = read_rgb(folder / Path(view.file).name)[..., 1].astype(np.float32)
-        noise[index] = noise_of(green)
-        sharpness[index] = sharpness_of(green, scene.track_uv[scene.observations(index)])
+
+    def measure(index: int) -> tuple[float, float]:
+        green = read_rgb(folder / Path(scene.views[index].file).name)[..., 1].astype(np.float32)
+        return noise_of(green), sharpness_of(green, scene.track_uv[scene.observations(index)])
+
+    found = [both for _, both in in_order(measure, range(len(scene.views)), threads)]
+    noise, sharpness = np.reshape(found, (-1, 2)).T
     return Quality(noise, sharpness)
 
 
