@@ -155,15 +155,17 @@ class SceneGraph:
         odds, grounded, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
         added_ground = np.zeros(self.added_count)
         ground = find_ground(self.scene, self.shape, 1 - points, seed)
-        held = np.zeros(0) if ground is None else ground.holds(self.scene, self.shape)
-        if ground is not None and not self._clicks_reject(held, prompts):
-            ground = None  # a plinth the building stands on, as far as anybody said: no evidence against it
         if ground is not None:
-            odds[self.region_count :] = GROUND_ODDS * held
-            added_ground = ground.holds(self.full, self.full_shape)[self.point_count :]
-            odds[: self.region_count] = GROUND_ODDS * self._shows_added(added_ground)
-            grounded[self.region_count :] = held > 0.5
-            points = np.minimum(points, 1 - held)
+            held = ground.holds(self.scene, self.shape)
+            if self._clicks_reject(held, prompts):
+                odds[self.region_count :] = GROUND_ODDS * held
+                added_ground = ground.holds(self.full, self.full_shape)[self.point_count :]
+                odds[: self.region_count] = GROUND_ODDS * self._shows_added(added_ground)
+                grounded[self.region_count :] = held > 0.5
+                points = np.minimum(points, 1 - held)
+            else:
+                # A plinth the building stands on, as far as anybody said: no evidence against it.
+                ground = None
         keep = points > BUILT
         apart = keep & ~clicked_groups(self.scene.points, keep, self._clicked_points(prompts), self.shape)
         odds[self.region_count :] += APART_ODDS * apart

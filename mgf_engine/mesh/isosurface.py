@@ -105,7 +105,7 @@ def find_level(
 
     Args:
         signed: (points [n, 3], share of the work done) -> [n], below zero in what is solid; between -1 and 1 it goes
-            with the distance from the surface, beyond that only its sign counts.
+            with the distance from the surface, beyond that only its sign counts; NaN is not solid.
         steps: points tried on each segment at most.
 
     Returns:

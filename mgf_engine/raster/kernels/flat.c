@@ -12,7 +12,7 @@
 
 typedef struct {
     int32_t vertices, half_edges, faces;  // those that lie in the group with all their vertices
-    int32_t fold;                         // a face would turn over
+    int32_t first, fold;                  // its first vertex; whether a face would turn over
     double even;                          // sum of the areas of the faces around; then length of their mean normal, 0..1
     double off, tolerance;                // mean square distance from the plane, root of the largest one allowed
     Point normal, middle;                 // of the plane; sums first
@@ -56,7 +56,7 @@ static void add_up(const Groups *g, const float *tolerance) {
     }
     for (int64_t v = 0; v < g->vertices; v++) {
         Group *own = g->groups + g->of[v];
-        if (own->vertices++ == 0) own->tolerance = tolerance[v];
+        if (own->vertices++ == 0) own->first = (int32_t)v, own->tolerance = tolerance[v];
         own->middle = plus(own->middle, g->at[v], 1);
     }
 }
@@ -116,20 +116,15 @@ MGF_API int64_t merge_flat(int64_t vertices, int64_t count, Point *at, const int
     }
     const int32_t sets = number(into, vertices);
     Group *groups = calloc((size_t)sets + 1, sizeof(Group));
-    int32_t *first = malloc(((size_t)sets + 1) * sizeof(int32_t));
-    if (!groups || !first) {
-        free(groups), free(first);
-        return -1;
-    }
+    if (!groups) return -1;
     const Groups g = {vertices, count, at, faces, into, groups};
     add_up(&g, tolerance), measure_planes(&g, sets), find_folds(&g, even);
-    for (int64_t v = vertices - 1; v >= 0; v--) first[into[v]] = (int32_t)v;
     for (int64_t v = 0; v < vertices; v++) {
-        const int32_t set = into[v];
-        const int merged = merges(groups + set, even);
-        if (merged) at[v] = groups[set].middle;
-        into[v] = merged ? first[set] : (int32_t)v;
+        const Group *own = groups + into[v];
+        const int merged = merges(own, even);
+        if (merged) at[v] = own->middle;
+        into[v] = merged ? own->first : (int32_t)v;
     }
-    free(groups), free(first);
+    free(groups);
     return 0;
 }
