@@ -281,6 +281,9 @@ def curved_hall(wall: str = "plaster") -> list[Part]:
     return b.parts()
 
 
+#: Elements of open steelwork begin so; the paper leaves such out of its figures (section 4.3.1).
+OPENWORK = "frame."
+
 BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "town_hall": town_hall,
     "flat_block": flat_block,

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, ScalarFormatter
 
+from mgf_engine.bench.measure import SCORED
 from mgf_engine.bench.page import write_html
 
 Row = dict[str, Any]
@@ -51,7 +52,8 @@ def summary_tables(rows: list[Row]) -> list[dict[str, Any]]:
     for scene in dict.fromkeys(row["scene"] for row in rows):
         mine = [row for row in rows if row["scene"] == scene]
         thresholds = mine[0]["geometry"]["thresholds"]
-        columns = ["variant", "seeds", *(f"F1 {t * 100:.3g} cm" for t in thresholds)]
+        scored = [key for key in SCORED if all(key in row for row in mine)]
+        columns = ["variant", "seeds", *(f"{SCORED[key]} {t * 100:.3g} cm" for key in scored for t in thresholds)]
         columns += [
             "accuracy",
             "completeness",
@@ -69,14 +71,15 @@ def summary_tables(rows: list[Row]) -> list[dict[str, Any]]:
             "MB",
         ]
         lines = [
-            _line(name, [r for r in mine if r["variant"] == name]) for name in dict.fromkeys(r["variant"] for r in mine)
+            _line(name, [r for r in mine if r["variant"] == name], scored)
+            for name in dict.fromkeys(r["variant"] for r in mine)
         ]
         tables.append({"scene": scene, "columns": columns, "lines": lines})
     return tables
 
 
-def _line(variant: str, rows: list[Row]) -> list[str]:
-    f1 = [[row["geometry"]["f1"][i] for row in rows] for i in range(len(rows[0]["geometry"]["thresholds"]))]
+def _line(variant: str, rows: list[Row], scored: list[str]) -> list[str]:
+    f1 = [values for key in scored for values in zip(*(row[key]["f1"] for row in rows), strict=True)]
     clean = [row["geometry"]["hygiene"] for row in rows]
     return [
         variant,

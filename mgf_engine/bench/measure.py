@@ -23,7 +23,7 @@ from mgf_engine.bench.shelf import Stages, keep, lend, saved, shelf_of, stages_o
 from mgf_engine.bench.suites import Run
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.geometry import cameras_of, evaluate_mesh
-from mgf_engine.evaluate.surfaces import Points, SeeingCamera
+from mgf_engine.evaluate.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.masks.model import UNKNOWN
 from mgf_engine.mesh.export import read_ply, write_ply
 
@@ -33,6 +33,8 @@ THRESHOLDS = (0.05, 0.10, 0.20)
 CROP_MARGIN = 0.5
 #: Nobody can see below the ground: what lies lower is left out of every mesh (``outside_crop`` says how much).
 CROP_FOOT = 0.1
+#: The scores of a row, and how tables name them.
+SCORED = {"geometry": "F1", "without_openwork": "F1 without steelwork"}
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Prepared:
     cameras: list[SeeingCamera]
     ground_pixel: float
     crop: Points  # [2, 3], true frame
+    openwork: Surface | None = None  # its open steelwork, which is scored along with the rest and left out, too
     scale: float = 1.0
     offset: tuple[float, ...] = (0.0, 0.0, 0.0)
 
@@ -74,13 +77,25 @@ def prepare_folder(folder: Path) -> Prepared:
     Raises:
         BadInput: its record is damaged.
     """
-    from mgf_engine.evaluate.surfaces import read_surface
-
     ground_pixel = _ground_pixel(folder / "scene.json")
     truth = read_surface(folder / "truth.ply").vertices
     low, high = truth.min(0) - CROP_MARGIN, truth.max(0) + CROP_MARGIN
     low[2] = CROP_FOOT
-    return Prepared(folder, true_cameras(folder), ground_pixel, np.stack([low, high]))
+    return Prepared(folder, true_cameras(folder), ground_pixel, np.stack([low, high]), true_openwork(folder))
+
+
+def true_openwork(folder: Path) -> Surface | None:
+    """The open steelwork of a generated building; None where it has none."""
+    from mgf_engine.bench.buildings import BUILDINGS, OPENWORK
+    from mgf_engine.bench.shapes import true_mesh
+
+    spec = json.loads((folder / "scene.json").read_text(encoding="utf-8")).get("spec", {})
+    build = BUILDINGS.get(spec.get("building"))
+    parts = [] if build is None else [p for p in build(spec["wall"]) if p.element.startswith(OPENWORK)]
+    if not parts:
+        return None
+    vertices, faces = true_mesh(parts)
+    return Surface(vertices, faces.astype(np.int64))
 
 
 def _ground_pixel(path: Path) -> float:
@@ -140,6 +155,9 @@ def measure(
     crop = scene.crop if whole_picture else above_ground(scene.crop)
     _to_true_frame(mesh, scene)
     scores = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop)
+    if scene.openwork is not None:
+        rest = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop, leave_out=scene.openwork)
+        row["without_openwork"] = rest.as_dict()
     row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)
     if not run.command:
         row.update(job_figures(job))

@@ -17,7 +17,7 @@ from typing import Any
 
 from mgf_engine import __version__
 from mgf_engine.bench.arguments import count, engine_options, results_folder
-from mgf_engine.bench.measure import Prepared, measure, prepare_scene
+from mgf_engine.bench.measure import SCORED, Prepared, measure, prepare_scene
 from mgf_engine.bench.suites import SUITES, suite_runs
 from mgf_engine.config import named_values
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
@@ -141,10 +141,14 @@ def _shelves(args: argparse.Namespace) -> Path:
 
 
 def _headline(row: dict[str, Any]) -> str:
-    scores = row["geometry"]
-    f1 = ", ".join(f"{v:.1f} at {t:.3g} m" for v, t in zip(scores["f1"], scores["thresholds"], strict=True))
+    f1 = "; ".join(
+        f"{name} "
+        + ", ".join(f"{v:.1f} at {t:.3g} m" for v, t in zip(row[key]["f1"], row[key]["thresholds"], strict=True))
+        for key, name in SCORED.items()
+        if key in row
+    )
     psnr = row.get("psnr")
-    return f"F1 {f1}; PSNR {'-' if psnr is None else f'{psnr:.2f}'}; {row['seconds']:.0f} s"
+    return f"{f1}; PSNR {'-' if psnr is None else f'{psnr:.2f}'}; {row['seconds']:.0f} s"
 
 
 if __name__ == "__main__":

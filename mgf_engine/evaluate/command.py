@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--thresholds", type=float, nargs="+", default=[0.05], help="distances that count as right")
     parser.add_argument("--samples", type=int, default=1_000_000, help="points sampled on each mesh")
     parser.add_argument("--scene", type=Path, help="COLMAP scene: true points that no camera saw are left out")
+    parser.add_argument("--leave-out", type=Path, help="mesh of a part of the truth that is not judged, on either side")
     parser.add_argument("--align", choices=("none", "rigid", "similarity"), default="none", help="register first (ICP)")
     parser.add_argument("--picture", type=Path, help="draw both meshes coloured by distance into this file (z is up)")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
@@ -39,7 +40,8 @@ def evaluate_command(args: argparse.Namespace) -> int:
 
     cameras = colmap_cameras(args.scene) if args.scene else None
     mesh, truth = read_surface(args.mesh), read_surface(args.truth)
-    scores = score_surface(mesh, truth, args.thresholds, args.samples, cameras, align=args.align)
+    leave_out = read_surface(args.leave_out) if args.leave_out else None
+    scores = score_surface(mesh, truth, args.thresholds, args.samples, cameras, align=args.align, leave_out=leave_out)
     print(table(scores))
     if args.picture:
         write_error_map(args.picture, moved(mesh, scores.alignment), truth, min(args.thresholds))

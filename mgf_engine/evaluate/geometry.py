@@ -65,11 +65,11 @@ def evaluate_mesh(
     crop: Points | None = None,
     align: str = "none",
     seed: int = 0,
+    leave_out: Surface | None = None,
 ) -> GeometryScores:
     """Score a mesh file against a true mesh file; see :func:`score_surface`."""
-    return score_surface(
-        read_surface(Path(mesh_path)), read_surface(Path(truth_path)), thresholds, samples, cameras, crop, align, seed
-    )
+    mesh, truth = read_surface(Path(mesh_path)), read_surface(Path(truth_path))
+    return score_surface(mesh, truth, thresholds, samples, cameras, crop, align, seed, leave_out)
 
 
 def score_surface(
@@ -81,6 +81,7 @@ def score_surface(
     crop: Points | None = None,
     align: str = "none",
     seed: int = 0,
+    leave_out: Surface | None = None,
 ) -> GeometryScores:
     """Accuracy, completeness and F1 (eq. 30-32).
 
@@ -91,9 +92,11 @@ def score_surface(
         crop: [2, 3] low and high corner; points outside are left out on both sides (for reconstructions that hold
             more than the truth does).
         align: ``none``, ``rigid`` or ``similarity``: register the mesh first.
+        leave_out: a part of the truth that is not judged: points of both meshes that it is the nearest part to are left
+            out (the paper leaves out Dortmund's steel framework so, section 4.3.1).
 
     Raises:
-        BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point seen.
+        BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point left to judge.
     """
     if samples < 1 or not thresholds or not all(0 < t < math.inf for t in thresholds):
         raise BadInput("Thresholds and the number of samples must be finite and larger than 0.")
@@ -112,9 +115,13 @@ def score_surface(
     inside = len(true_points)
     if cameras is not None:
         true_points = true_points[truth.seen_by(true_points, cameras)]
+    seen = len(true_points)
+    if leave_out is not None:
+        true_points, points = (_judged(p, truth, leave_out) for p in (true_points, points))
     if len(true_points) == 0:
         raise BadInput(
-            "No point of the true mesh is inside the crop and seen by a camera; check that all share one frame."
+            "No point of the true mesh is inside the crop, seen by a camera and to be judged; check that all share one "
+            "frame."
         )
     errors = truth.distances(points) if len(points) else np.full(1, np.inf)
     gaps = mesh.distances(true_points)
@@ -125,7 +132,7 @@ def score_surface(
         f1=tuple(_harmonic(a, c) for a, c in zip(accuracy, completeness, strict=True)),
         mean_error=float(errors.mean()), median_error=float(np.median(errors)),
         mean_gap=float(gaps.mean()), median_gap=float(np.median(gaps)), samples=samples,
-        truth_seen=100.0 * len(true_points) / max(inside, 1), outside_crop=outside, hygiene=hygiene,
+        truth_seen=100.0 * seen / max(inside, 1), outside_crop=outside, hygiene=hygiene,
         alignment=tuple(tuple(float(v) for v in row) for row in matrix),
     )  # fmt: skip
 
@@ -185,6 +192,14 @@ def _inside(points: Points, crop: Points | None) -> Points:
     if crop is None:
         return points
     return points[((points >= crop[0]) & (points <= crop[1])).all(axis=1)]
+
+
+def _judged(points: Points, truth: Surface, leave_out: Surface) -> Points:
+    """Points whose nearest part of the truth is none of what is left out."""
+    if not len(points):
+        return points
+    rounding = 1e-6 * float(np.ptp(truth.vertices, axis=0).max())  # the part may come from a file of its own
+    return points[leave_out.distances(points) > truth.distances(points) + rounding]
 
 
 def _harmonic(a: float, b: float) -> float:

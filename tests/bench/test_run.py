@@ -13,11 +13,13 @@ import pycolmap
 import pytest
 import trimesh
 
+from mgf_engine.bench.buildings import BUILDINGS
 from mgf_engine.bench.charts import summary_tables, write_page
 from mgf_engine.bench.flight import Ring, plan
 from mgf_engine.bench.job_scores import held_out_scores, mean_mask_iou
 from mgf_engine.bench.measure import _source, prepare_scene
 from mgf_engine.bench.run import bench_main
+from mgf_engine.bench.shapes import true_mesh
 from mgf_engine.bench.suites import ABLATION, PEERS, SUITES, SWITCHES, suite_runs
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
@@ -247,3 +249,21 @@ def test_an_earlier_table_that_is_none_is_refused_before_anything_runs(text, tmp
     assert bench_main(["pareto", "--before", str(path), "--out", str(tmp_path / "out")]) == 2
     assert "give a suite's OUT/<suite>.json" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_steelwork_is_scored_with_the_rest_and_left_out(scene: Path, tmp_path: Path) -> None:
+    parts = BUILDINGS["steel_frame"]("brick")
+    trimesh.Trimesh(*true_mesh(parts), process=False).export(scene / "truth.ply")
+    (scene / "scene.json").write_text(
+        json.dumps({"ground_pixel": 0.2, "spec": {"building": "steel_frame", "wall": "brick"}})
+    )
+    hall = [part for part in parts if not part.element.startswith("frame.")]
+    trimesh.Trimesh(*true_mesh(hall), process=False).export(scene / "hall.ply")
+    out = tmp_path / "out"
+    args = ["peers", "--only", "copy", "--scenes", str(scene), "--samples", "20000", "--out", str(out)]
+    assert bench_main([*args, "--external", "copy=" + COPY.replace("truth.ply", "hall.ply")]) == 0
+    (row,) = json.loads((out / "peers.json").read_text())
+    assert row["geometry"]["f1"][0] < 95 and row["without_openwork"]["f1"][0] > 99.9
+    (table,) = summary_tables([row])
+    assert "F1 without steelwork 5 cm" in table["columns"]
+    assert len(table["columns"]) == len(table["lines"][0])

@@ -104,6 +104,18 @@ def test_what_lies_outside_the_crop_does_not_count() -> None:
     assert cropped.outside_crop == pytest.approx(75, abs=1)
 
 
+def test_a_part_of_the_truth_can_be_left_out_on_both_sides() -> None:
+    wall, roof = plane(0.0), plane(5.0)
+    both = Surface(np.r_[wall.vertices, roof.vertices], np.r_[wall.faces, roof.faces + len(wall.vertices)])
+    poor = Surface(np.r_[wall.vertices, plane(5.3).vertices], both.faces)  # the roof is off, the wall is right
+    assert score_surface(poor, both, (0.01,), samples=10_000).f1[0] == pytest.approx(50, abs=1)
+    rest = score_surface(poor, both, (0.01,), samples=10_000, leave_out=roof)
+    assert rest.f1 == (100.0,) and rest.truth_seen == 100.0
+    assert score_surface(poor, both, (0.01,), samples=10_000, leave_out=wall).f1 == (0.0,)
+    with pytest.raises(BadInput, match="to be judged"):
+        score_surface(poor, both, (0.01,), samples=100, leave_out=both)
+
+
 @pytest.mark.parametrize("kind", ["rigid", "similarity"])
 def test_alignment_undoes_a_motion(kind: str) -> None:
     box = trimesh.creation.box((4.0, 3.0, 2.0)).subdivide().subdivide()
