@@ -20,7 +20,7 @@ from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.parts import FILE as PARTS_FILE
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Camera, Rendering, render
-from mgf_engine.raster.device import choose_device
+from mgf_engine.raster.device import choose_device, each_view
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.system import atomic_path, write_json
 from mgf_engine.texture.make import make_texture
@@ -38,11 +38,15 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     mesh = load_mesh(job)
     field = load_field(job).to(choose_device(job.config.device).device)
     chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
-    renders: dict[int, str] = {}
-    for number, index in enumerate(chosen):
-        reporter.progress(_RENDERED * number / len(chosen))
+
+    def one(index: int) -> str:
         name = f"renders/{Path(scene.views[index].file).stem}.png"
         _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
+        return name
+
+    renders: dict[int, str] = {}
+    for index, name in zip(chosen, each_view(one, chosen, field.positions.device), strict=True):
+        reporter.progress(_RENDERED * len(renders) / len(chosen))
         renders[index] = name
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     texture = _texture(job, scene, masks, normalised, reporter) if job.config.texture else None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import as_dict
 from mgf_engine.deliver import render_view
-from mgf_engine.evaluate.images import mean_scores, score
+from mgf_engine.evaluate.images import Scores, mean_scores, score
 from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
 from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, write_report
 from mgf_engine.field.gaussians import Gaussians
@@ -22,7 +22,7 @@ from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.view import shaded
 from mgf_engine.messages import Reporter
-from mgf_engine.raster.device import choose_device
+from mgf_engine.raster.device import choose_device, each_view
 from mgf_engine.raster.library import variant
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
@@ -46,15 +46,21 @@ def report_job(
         field, mesh: normalised frame.
     """
     shown = _shown_views(scene, masks)
-    views, textured = [], []
-    for index in range(len(scene.views)):
-        reporter.progress(0.6 + 0.3 * index / len(scene.views))
-        report = _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown)
+
+    def one(index: int) -> tuple[ViewReport, Scores | None]:
+        report, painted = _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown), None
         if report.pictures and texture is not None:
             picture = report.pictures["texture"] = draw_textured(mesh, texture, scene.views[index])[0]
             if report.held_out and masks.used[index]:
-                textured.append(score(scene.photo(index), picture, building(masks.labels[index])))
+                painted = score(scene.photo(index), picture, building(masks.labels[index]))
+        return report, painted
+
+    views: list[ViewReport] = []
+    textured: list[Scores] = []
+    for report, painted in each_view(one, range(len(scene.views)), field.positions.device):
+        reporter.progress(0.6 + 0.3 * len(views) / len(scene.views))
         views.append(report)
+        textured += [painted] if painted else []
     data = _report_data(job, scene, masks, mesh, views)
     quality = mean_scores(textured).psnr
     if quality is not None:

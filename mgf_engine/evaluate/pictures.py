@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
 from mgf_engine.mesh.model import Mesh
+from mgf_engine.raster.library import side_by_side
 from mgf_engine.scene.model import Scene, View
 
 #: Absolute colour error (0..1, mean of the channels) that is drawn in the brightest colour.
@@ -17,16 +18,24 @@ _BUILDING_TINT = (255, 170, 40)
 _UNKNOWN_TINT = (200, 60, 220)
 
 
+def _look_of_labels() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of each label, which share of the photo's colour an overlay keeps [256, 1], and what it adds [256, 3]."""
+    kept, added = np.ones((256, 1)), np.zeros((256, 3))
+    kept[BACKGROUND] = 0.3
+    kept[UNKNOWN], added[UNKNOWN] = 0.4, 0.6 * np.array(_UNKNOWN_TINT)
+    elements = np.arange(FIRST_ELEMENT, UNKNOWN)
+    hue = elements * 67 % 180  # neighbours in number are far apart in hue
+    tint = cv2.cvtColor(np.stack([hue, hue * 0 + 200, hue * 0 + 255], 1)[None].astype(np.uint8), cv2.COLOR_HSV2RGB)[0]
+    kept[elements], added[elements] = 0.55, 0.45 * tint
+    return kept, added
+
+
+_KEPT, _ADDED = _look_of_labels()
+
+
 def mask_overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The photo with the building outlined, elements tinted, the surroundings dimmed and unknown pixels violet."""
-    picture = photo.astype(np.float64)
-    picture[labels == BACKGROUND] *= 0.3
-    picture[labels == UNKNOWN] = 0.4 * picture[labels == UNKNOWN] + 0.6 * np.array(_UNKNOWN_TINT)
-    for label in np.unique(labels):
-        if FIRST_ELEMENT <= label < UNKNOWN:
-            hue = (int(label) * 67) % 180  # neighbours in number are far apart in hue
-            tint = cv2.cvtColor(np.array([[[hue, 200, 255]]], np.uint8), cv2.COLOR_HSV2RGB)[0, 0]
-            picture[labels == label] = 0.55 * picture[labels == label] + 0.45 * tint
+    picture = _KEPT[labels] * photo + _ADDED[labels]
     inside = ((labels >= BUILDING) & (labels != UNKNOWN)).astype(np.uint8)
     width = max(3, round(max(labels.shape) / 250) | 1)
     outline = cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((width, width), np.uint8)) > 0
@@ -70,7 +79,7 @@ def turntable(mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = 
 
     if not len(mesh.faces):
         return []
-    return [shaded(mesh, view, color=True) for view in turntable_views(mesh, scene, count, size)]
+    return list(side_by_side(lambda view: shaded(mesh, view, color=True), turntable_views(mesh, scene, count, size)))
 
 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:

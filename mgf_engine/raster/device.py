@@ -3,13 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from typing import TypeVar
 
 import torch
 from torch import Tensor
 
 from mgf_engine.errors import BadInput
+from mgf_engine.raster.library import side_by_side
+
+T = TypeVar("T")
 
 #: What draws Gaussians that lie on the CPU; tests put the CUDA sources here.
 CPU_BACKEND = "cpu"
@@ -55,6 +60,11 @@ def choose_device(wanted: str) -> Choice:
     memory = f"{found.memory / 2**30:.0f} GiB"
     why = "as asked for" if wanted == "cuda" else "because it can be used"
     return Choice(torch.device("cuda", 0), f"Device: {found.name}, {memory}, {why}.")
+
+
+def each_view(work: Callable[[int], T], views: Iterable[int], device: torch.device) -> Iterator[T]:
+    """``work`` of each view, in order: side by side on the CPU, one after another on a card, which has one queue."""
+    return side_by_side(work, views) if device.type == "cpu" else map(work, views)
 
 
 def rendered_nothing(device: torch.device) -> int:
