@@ -235,7 +235,7 @@ class SceneGraph:
 
     def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Points farther from all kept ones than a wall is from the roof on it, [P]."""
-        distance, _ = cKDTree(self.scene.points[keep]).query(self.scene.points)
+        distance, _ = cKDTree(self.scene.points[keep]).query(self.scene.points, workers=self.threads)
         return np.asarray(distance > OTHER_GAP * np.median(self.shape.spacing[keep]), bool)
 
     def _clicked_points(self, prompts: Prompts) -> NDArray[np.int64]:

@@ -76,6 +76,7 @@ class GroundSeen:
     def __init__(self, scene: Scene, ground: Ground) -> None:
         self.scene, self.ground = scene, ground
         self._lab: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * PHOTOS)(self._read)
+        self._light: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * PHOTOS)(lambda i: self._lab(i)[..., 0].copy())
 
     def shows_through(
         self, views: Sequence[int], mask_of: Callable[[int], NDArray[np.bool_]], threads: int = 1
@@ -109,8 +110,8 @@ class GroundSeen:
         fits, colours = _Best(len(others), -1), _Best(len(others), -255)
         level = _Best(ASIDE, -1)
         for row, other in enumerate(others):
-            warped, seen = self._through(index, other, box, self.ground)
-            correlation, away = np.where(seen, patches.correlate(warped), -1), patches.away(warped)
+            warped, seen = self._through(index, other, self._lab(other), box, self.ground)
+            correlation, away = np.where(seen, patches.correlate(warped[..., 0]), -1), patches.away(warped)
             fits.add(np.where(away < COLOUR, correlation, np.minimum(correlation, 0)))
             colours.add(np.where(seen, -away, -255))
             if row >= len(others) - ASIDE:
@@ -154,29 +155,39 @@ class GroundSeen:
             plane = Ground(self.ground.normal, self.ground.level + raised, self.ground.thickness)
             fits = _Best(len(others), -1)
             for other in others:
-                warped, seen = self._through(index, other, box, plane)
+                warped, seen = self._through(index, other, self._light(other), box, plane)
                 fits.add(np.where(seen, patches.correlate(warped), -1))
             np.maximum(result, fits.mean(), out=result)
         return result
 
     def _through(
-        self, index: int, other: int, box: _Box, ground: Ground
+        self, index: int, other: int, picture: NDArray[np.uint8], box: _Box, ground: Ground
     ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """Another photo as the plane puts it into the box, uint8 CIELAB [h, w, 3], and where it shows anything."""
+        """Another photo, or what was made of it [H, W] or [H, W, 3], as the plane puts it into the box, [h, w] or
+        [h, w, 3]; and where it shows anything."""
         matrix = homography(self.scene.views[index], self.scene.views[other], ground)
         matrix = matrix @ np.array([[1, 0, box.left], [0, 1, box.top], [0, 0, 1.0]])
         size, flags = (box.width, box.height), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        warped = np.asarray(cv2.warpPerspective(self._lab(other), matrix, size, flags=flags), np.uint8)
-        return warped, self._inside(self.scene.views[other], matrix, box)
+        warped = np.asarray(cv2.warpPerspective(picture, matrix, size, flags=flags), np.uint8)
+        return warped, inside_frame(matrix, self.scene.views[other], size)
 
-    @staticmethod
-    def _inside(view: View, matrix: NDArray[np.float64], box: _Box) -> NDArray[np.bool_]:
-        """Pixels of the box that the plane puts inside the frame of another view, before it, [h, w]."""
-        x, y = np.arange(box.width)[None, :], np.arange(box.height)[:, None]
-        u, v, w = (row[0] * x + row[1] * y + row[2] for row in matrix)
-        return np.asarray(
-            (w > 1e-9) & (u >= 0) & (v >= 0) & (u <= (view.width - 1) * w) & (v <= (view.height - 1) * w), bool
-        )
+
+def inside_frame(matrix: NDArray[np.float64], view: View, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels (x, y) of a picture of a size that a homography [3, 3] puts inside the frame of a view, before it, [h, w].
+
+    Along a row all that has to hold is linear in x, so what is inside is one span of it.
+    """
+    width, height = size
+    u, v, w = matrix
+    rules = np.stack([w, u, v, (view.width - 1) * w - u, (view.height - 1) * w - v])  # each at least 0, w above
+    at_zero = rules[:, 1:2] * np.arange(height) + rules[:, 2:] - np.array([[1e-9], [0], [0], [0], [0]])
+    slope = rules[:, :1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zero = -at_zero / slope
+    first = np.where(slope > 0, zero, np.where((slope == 0) & (at_zero < 0), np.inf, -np.inf)).max(0)
+    last = np.where(slope < 0, zero, np.inf).min(0)
+    x = np.arange(width)
+    return np.asarray((x >= first[:, None]) & (x <= last[:, None]), bool)
 
 
 class _Best:
@@ -211,13 +222,13 @@ class _Patches:
     """A photo's patches, ready to be compared with others: uint8 CIELAB [h, w, 3]."""
 
     def __init__(self, lab: NDArray[np.uint8]) -> None:
-        self.lightness, self.colour = _lightness(lab), _smooth(lab)
+        self.lightness, self.colour = _lightness(lab[..., 0]), _smooth(lab)
         self.average = _mean(self.lightness)
         self.variance = _mean(self.lightness**2) - self.average**2
 
-    def correlate(self, lab: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Normalised cross-correlation of the lightness, -1..1, 0 where there is no texture, [h, w]."""
-        other = _lightness(lab)
+    def correlate(self, light: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Normalised cross-correlation with another lightness [h, w], -1..1, 0 where there is no texture, [h, w]."""
+        other = _lightness(light)
         average = _mean(other)
         variance = _mean(other**2) - average**2
         shared = _mean(self.lightness * other) - self.average * average
@@ -262,14 +273,14 @@ def _box_of(mask: NDArray[np.bool_]) -> _Box | None:
     return _Box(int(rows[0]), int(columns[0]), int(rows[-1] - rows[0] + 1), int(columns[-1] - columns[0] + 1))
 
 
-def _lightness(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _lightness(light: NDArray[np.uint8]) -> NDArray[np.float32]:
     """0..100."""
-    return lab[..., 0].astype(np.float32) * np.float32(100 / 255)
+    return light.astype(np.float32) * np.float32(100 / 255)
 
 
 def _smooth(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
     """CIELAB, means of 3 x 3 pixels."""
-    return np.asarray(cv2.blur(lab, (3, 3)).astype(np.float32) * np.array([100 / 255, 1, 1], np.float32), np.float32)
+    return np.asarray(cv2.transform(cv2.blur(lab, (3, 3)).astype(np.float32), np.diag([100 / 255, 1, 1])), np.float32)
 
 
 def _mean(image: NDArray[np.float32]) -> NDArray[np.float32]:

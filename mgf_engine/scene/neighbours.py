@@ -43,16 +43,25 @@ def _overlap(
     sets = point_sets(scene, kept)
     count = len(views)
     shared, angle = np.zeros((count, count)), np.zeros((count, count))
+    rays = [_rays(scene.points[sets[i]] - scene.views[i].centre) for i in views]
+    place = np.empty(len(scene.points), np.int64)
     for a in range(count):
+        place[:] = -1
+        place[sets[views[a]]] = np.arange(len(sets[views[a]]))
         for b in range(a + 1, count):
-            common = np.intersect1d(sets[views[a]], sets[views[b]], assume_unique=True)
-            if len(common) < LEAST_SHARED:
+            at = place[sets[views[b]]]
+            both = at >= 0
+            if np.count_nonzero(both) < LEAST_SHARED:
                 continue
-            rays = [scene.points[common] - scene.views[views[k]].centre for k in (a, b)]
-            cosine = np.einsum("ni,ni->n", *rays) / np.prod([np.linalg.norm(r, axis=1) for r in rays], axis=0)
-            shared[a, b] = shared[b, a] = len(common)
-            angle[a, b] = angle[b, a] = np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1))))
+            cosine = np.einsum("ni,ni->n", rays[a][at[both]], rays[b][both])
+            shared[a, b] = shared[b, a] = len(cosine)
+            angle[a, b] = angle[b, a] = np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1)))
     return shared, angle
+
+
+def _rays(away: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit directions [N, 3]."""
+    return np.asarray(away / np.linalg.norm(away, axis=1, keepdims=True), np.float64)
 
 
 def _best(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.extent import ground_depth
 from mgf_engine.masks.ground import Ground
-from mgf_engine.masks.ground_seen import GroundSeen, homography
+from mgf_engine.masks.ground_seen import GroundSeen, homography, inside_frame
 from mgf_engine.scene.model import View
 
 WIDTH, HEIGHT, FOCAL = 300, 240, 500.0
@@ -92,6 +92,22 @@ def test_the_plane_leads_from_one_photo_to_the_other() -> None:
     found = np.c_[first, np.ones(2)] @ matrix.T
     assert (found[:, 2] > 0).all()
     np.testing.assert_allclose(found[:, :2] / found[:, 2:], second, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 5])
+def test_what_lies_in_another_frame_is_one_span_of_each_row(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    matrix = np.eye(3) + rng.normal(0, (0.3, 0.3, 40), (3, 3)) * ((1, 1, 1), (1, 1, 1), (0.01, 0.01, 0.01))
+    if seed == 0:
+        matrix = np.array([[1.0, 0, 0], [0, 1, 30], [0, 0, 1]])  # nothing changes along a row but u
+    if seed == 1:
+        matrix[2, 2] = -1.0  # all but a corner lies behind the camera
+    view = replace(VIEWS[0], width=70, height=50)
+    y, x = np.mgrid[:60, :90]
+    u, v, w = np.einsum("ij,jhw->ihw", matrix, np.stack([x, y, np.ones_like(x)]).astype(float))
+    expected = (w > 1e-9) & (u >= 0) & (v >= 0) & (u <= 69 * w) & (v <= 49 * w)
+    assert 0 < expected.sum() < expected.size or seed == 1
+    np.testing.assert_array_equal(inside_frame(matrix, view, (90, 60)), expected)
 
 
 def test_depth_of_the_ground_is_that_of_its_points() -> None:
