@@ -16,6 +16,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.raster.api import RenderStats
+from mgf_engine.raster.cuda.room import Room
 from mgf_engine.system import atomic_path
 
 _NAMES = tuple(f.name for f in fields(Gaussians))
@@ -100,6 +101,7 @@ def _figures_of(figures: Any) -> dict[str, Any]:
         raise ValueError("seconds")
     if not all(isinstance(point["psnr"], int | float) for point in curve):
         raise ValueError("curve")
+    Room().restore(figures.get("room"))
     return dict(figures)
 
 

@@ -33,7 +33,7 @@ from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import vote
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Rendering, RenderStats, render
-from mgf_engine.raster.device import choose_device, rendered_nothing
+from mgf_engine.raster.device import choose_device, rendered_nothing, restore_room, room_state
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
 
@@ -85,6 +85,7 @@ class _Trainer:
             found = Checkpoint(Optimiser(field), RenderStats.zeros(len(field)), 0, figures)
         self.optimiser, self.stats = found.optimiser.to(self.device), found.stats.to(self.device)
         self.iteration, self.figures = found.iteration, found.figures
+        restore_room(self.device, self.figures.get("room"))
         self.seconds.update(self.figures["seconds"])
 
     def run(self) -> tuple[Gaussians, dict[str, Any]]:
@@ -204,7 +205,7 @@ class _Trainer:
         )  # fmt: skip
 
     def _save(self) -> None:
-        self.figures["seconds"] = dict(self.seconds)
+        self.figures |= {"seconds": dict(self.seconds), "room": room_state(self.device)}
         write_checkpoint(Checkpoint(self.optimiser, self.stats, self.iteration, self.figures), self.checkpoint_path)
 
     def _preview(self, target: Target, rendering: Rendering) -> None:

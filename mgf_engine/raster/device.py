@@ -6,13 +6,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
 from torch import Tensor
 
 from mgf_engine.errors import BadInput
 from mgf_engine.raster.library import side_by_side
+
+if TYPE_CHECKING:
+    from mgf_engine.raster.cuda.room import Room
 
 T = TypeVar("T")
 
@@ -69,8 +72,27 @@ def each_view(work: Callable[[int], T], views: Iterable[int], device: torch.devi
 
 def rendered_nothing(device: torch.device) -> int:
     """Renderings on a card so far that drew nothing, because their lists had less room than they needed."""
-    if device.type != "cuda":
-        return 0
+    room = _room(device)
+    return 0 if room is None else room.lost
+
+
+def room_state(device: torch.device) -> dict[str, Any] | None:
+    """What a run that goes on later needs to know about the room of tile lists, as plain numbers; None on the CPU."""
+    room = _room(device)
+    return None if room is None else room.state()
+
+
+def restore_room(device: torch.device, state: dict[str, Any] | None) -> None:
+    """Begin with the room that :func:`room_state` told of; None: as the first run of a process."""
+    room = _room(device)
+    if room is not None:
+        room.restore(state)
+
+
+def _room(device: torch.device) -> Room | None:
+    backend = "cuda" if device.type == "cuda" else CPU_BACKEND
+    if backend == "cpu":
+        return None
     from mgf_engine.raster.cuda import rasterizer_on
 
-    return rasterizer_on("cuda").room.lost
+    return rasterizer_on(backend).room

@@ -3,12 +3,23 @@
 
 from __future__ import annotations
 
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
 import pytest
 import torch
 
 from mgf_engine.bench import card
 from mgf_engine.errors import BadInput
 from mgf_engine.raster import device
+from mgf_engine.raster.cuda import rasterizer_on
+from mgf_engine.raster.cuda.card import Found
+
+SOURCE = "cuda-source-on-cpu"
 
 
 def test_no_card_is_said_in_one_sentence(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
@@ -39,3 +50,123 @@ def test_iterations_of_the_cuda_sources_train_as_those_in_c(monkeypatch: pytest.
 
 def test_differences_beyond_the_limits_are_named() -> None:
     assert card._too_far({"color": 1e-6, "loss": 1.0, "gradient of sh": float("nan")}) == ["loss", "gradient of sh"]
+
+
+@pytest.fixture
+def no_card_but_its_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is asked of a card is done by the CUDA sources on the CPU."""
+
+    class Training(card.Training):
+        def __init__(self, n: int, width: int, height: int, place: torch.device) -> None:
+            self.backend = SOURCE if place.type == "cuda" else "cpu"
+            super().__init__(n, width, height, torch.device("cpu"))
+
+        def forward(self, wait: bool) -> tuple[Any, Any]:
+            monkeypatch.setattr(device, "CPU_BACKEND", self.backend)
+            return super().forward(wait)
+
+    monkeypatch.setattr(card, "Training", Training)
+    monkeypatch.setattr(card, "rasterizer_on", lambda backend: rasterizer_on(SOURCE))
+
+
+@pytest.mark.usefixtures("no_card_but_its_sources")
+def test_comparison_looks_at_renderings_that_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    rasterizer_on(SOURCE).room.restore()
+    found = card.compare(600, 96, 64)
+    assert card._too_far(found) == [] and {"color", "color without waiting", "gradient of sh", "loss"} <= set(found)
+    monkeypatch.setattr(rasterizer_on(SOURCE).room, "take", lambda gaussians, tiles: 3)  # draws nothing
+    assert "color without waiting" in card._too_far(card.compare(600, 96, 64))
+
+
+@pytest.mark.usefixtures("no_card_but_its_sources")
+def test_training_twice_is_compared_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert card.same_training(200, 48, 32)
+    step, steps = card.Optimiser.step, iter(range(10**6))
+
+    def shaky(self: card.Optimiser, *given: Any) -> None:
+        step(self, *given)
+        if next(steps) == 25:
+            self.field.positions[0, 0] += 1e-6
+
+    monkeypatch.setattr(card.Optimiser, "step", shaky)
+    assert not card.same_training(200, 48, 32)
+
+
+@pytest.mark.parametrize("lines, passes", [
+    ("RACECHECK SUMMARY: 0 hazards displayed (0 errors, 0 warnings)", True),
+    ("RACECHECK SUMMARY: 10 hazards displayed (10 errors, 0 warnings)", False),
+    ("ERROR SUMMARY: 0 errors", True),
+    ("ERROR SUMMARY: 20 errors", False),
+    ("compute-sanitizer is not installed", True),
+    ("compute-sanitizer ended with code 0", False),
+])  # fmt: skip
+def test_only_no_hazards_pass(lines: str, passes: bool) -> None:
+    assert card.found_nothing(lines) == passes
+
+
+@pytest.fixture
+def sanitizer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A compute-sanitizer to be written by the test."""
+    if sys.platform == "win32":
+        pytest.skip("the stand-in is a script of a POSIX shell")
+    path = tmp_path / "compute-sanitizer"
+    path.write_text("#!/bin/sh\necho no words\n")
+    path.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    return path
+
+
+def test_a_tools_summary_is_its_last_line(sanitizer: Path) -> None:
+    assert card.sanitize("racecheck") == "compute-sanitizer ended with code 0"
+    sanitizer.write_text('#!/bin/sh\necho "========= $2 $PYTORCH_NO_CUDA_MEMORY_CACHING ERROR SUMMARY: 0 errors"\n')
+    assert card.sanitize("memcheck") == "memcheck 1 ERROR SUMMARY: 0 errors"
+
+
+def test_a_tool_that_takes_too_long_is_ended_with_all_it_started(
+    sanitizer: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alive = sanitizer.parent / "alive"
+    sanitizer.write_text(f"#!/bin/sh\n(while true; do date > {alive}; sleep 0.05; done) &\nsleep 60\n")
+    monkeypatch.setattr(card, "_TOOL_SECONDS", 1.0)
+    line = card.sanitize("racecheck")
+    assert line.startswith("racecheck was stopped, since it took longer than 1 seconds") and alive.exists()
+    assert not card.found_nothing(line)
+    alive.unlink()
+    time.sleep(0.3)
+    assert not alive.exists()
+
+
+def test_figures_survive_a_tool_that_fails(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.setattr(card, "find_card", lambda: Found("Card 9000", 90, 2**34))
+    monkeypatch.setattr(card, "compare", lambda *size: {"color": 1e-7})
+    monkeypatch.setattr(card, "sanitize", lambda tool: f"SUMMARY: {10 * (tool == 'memcheck')} errors")
+    assert card.main(["--only-compare", "--racecheck", "--json"]) == 1
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["differences from the CPU"] == {"color": 1e-7}
+    assert printed.err == "Failed: memcheck\n"
+
+
+@pytest.mark.parametrize("card_done, refused", [(False, False), (True, False), (False, True)])
+def test_an_iteration_that_waits_is_seen(monkeypatch: pytest.MonkeyPatch, card_done: bool, refused: bool) -> None:
+    modes: list[str] = []
+
+    class Training:
+        def __init__(self, *size: Any) -> None: ...
+
+        def iterate(self) -> None:
+            if refused and modes:
+                raise RuntimeError("called a synchronizing operation")
+
+    class Event:
+        def record(self) -> None: ...
+
+        def query(self) -> bool:
+            return card_done
+
+    monkeypatch.setattr(card, "Training", Training)
+    monkeypatch.setattr(card, "keep_busy", lambda: None)
+    for name, value in {"synchronize": lambda: None, "Event": Event}.items():
+        monkeypatch.setattr(torch.cuda, name, value)
+    monkeypatch.setattr(torch.cuda, "set_sync_debug_mode", modes.append)
+    passes = card.check_waiting(10, card.corner_view(48, 32))
+    assert passes == (not card_done and not refused) and modes == ["error", "default"]

@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
 from mgf_engine.field import reference_losses
 from mgf_engine.field.losses import total_loss
 from mgf_engine.field.targets import Target, make_target
@@ -18,6 +19,7 @@ from mgf_engine.masks.model import BACKGROUND
 from mgf_engine.raster import buffers, library
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.buffers import lasting_array
+from mgf_engine.raster.cuda.card import find_card
 from mgf_engine.scene.model import View
 
 MAPS = ("color", "alpha", "depth", "normal", "distortion")
@@ -92,38 +94,60 @@ def differentiate(loss, target, config, geometry, dtype, render, factor=1.0):
     return terms, {name: leaf.grad for name, leaf in leaves.items()}
 
 
-def compare(target, config=CONFIG, geometry=True, render=None, factor=1.0):
-    """The kernels of every backend that runs here agree with the twin."""
+@pytest.fixture(params=["on the CPU", "cuda"])
+def compare(request):
+    """Compares kernels with the twin: those that need no card, or those on the card."""
+    if request.param == "cuda":
+        try:
+            find_card()
+        except BadInput as error:
+            pytest.skip(str(error))
+    return partial(compare_backends, ("cuda",) if request.param == "cuda" else ("cpu", "cuda-source-on-cpu"))
+
+
+def compare_backends(backends, target, config=CONFIG, geometry=True, render=None, factor=1.0):
+    """The kernels of the backends agree with the twin."""
     render = render or rendering(target)
     twin = differentiate(reference_losses.total_loss, target, config, geometry, torch.float64, render, factor)
-    for backend in ("cpu", "cuda-source-on-cpu"):
+    for backend in backends:
         loss = partial(total_loss, backend=backend)
-        assert_agree(differentiate(loss, target, config, geometry, torch.float32, render, factor), twin)
+        seen = on_card(render) if backend == "cuda" else render
+        assert_agree(differentiate(loss, target, config, geometry, torch.float32, seen, factor), twin)
+
+
+def on_card(render, device="cuda"):
+    """The maps on the card, their rows as far apart as here."""
+
+    def move(map):
+        size = 1 + sum((n - 1) * step for n, step in zip(map.shape, map.stride(), strict=True))
+        return torch.zeros(size, device=device).as_strided(map.shape, map.stride()).copy_(map)
+
+    return replace(render, **{name: move(getattr(render, name)) for name in MAPS})
 
 
 def assert_agree(found, wanted):
     (ours, gradients), (twin, expected) = found, wanted
     for name in ("total", "color", "geometry", "background"):
-        difference = abs((getattr(ours, name) - getattr(twin, name)).item())
+        difference = abs(getattr(ours, name).item() - getattr(twin, name).item())
         assert difference < VALUE_TOLERANCE * max(1.0, twin.total.item()), name
-    assert (ours.error - twin.error).abs().max() < 1e-6
+    assert (ours.error.cpu() - twin.error).abs().max() < 1e-6
     for name, want in expected.items():
         got = gradients[name]
         if want is None or want.abs().max() == 0:
             assert got is None or got.abs().max() == 0, name
             continue
         assert got.shape == want.shape
-        assert (got - want).abs().max() < GRADIENT_TOLERANCE[name] * want.abs().max(), name
+        assert (got.cpu() - want).abs().max() < GRADIENT_TOLERANCE[name] * want.abs().max(), name
 
 
 @pytest.mark.parametrize("mask", ["full", "ellipse", "dot"])
 @pytest.mark.parametrize("size", [(20, 37), (64, 128), (75, 293), (170, 310)])
-def test_terms_and_gradients_match_the_twin(size, mask):
+def test_terms_and_gradients_match_the_twin(size, mask, compare):
     compare(make(*size, mask))
 
 
 @pytest.mark.parametrize("size", [(2, 2), (1, 40), (3, 3), (12, 400)])
-def test_tiny_and_thin_pictures_match_the_twin(size):
+def test_tiny_and_thin_pictures_match_the_twin(size, compare):
     compare(make(*size, "full"))
 
 
@@ -144,17 +168,17 @@ SWITCHES = [
 
 
 @pytest.mark.parametrize("switches", SWITCHES, ids=lambda s: ",".join(s))
-def test_every_switch_matches_the_twin(switches):
+def test_every_switch_matches_the_twin(switches, compare):
     compare(make(70, 150), replace(CONFIG, **switches))
 
 
-def test_without_geometry_and_with_an_outer_factor():
+def test_without_geometry_and_with_an_outer_factor(compare):
     target = make(70, 150)
     compare(target, geometry=False)
     compare(target, factor=3.0)
 
 
-def test_poor_similarity_stops_at_its_floor():
+def test_poor_similarity_stops_at_its_floor(compare):
     target = make(60, 90, "full")
     render = rendering(target)
     compare(target, render=replace(render, color=1 - render.color))
@@ -164,7 +188,7 @@ def test_poor_similarity_stops_at_its_floor():
 def test_every_kernel_variant_matches_the_twin(variant):
     library.use_variant(variant)
     try:
-        compare(make(75, 193))
+        compare_backends(("cpu",), make(75, 193))
     finally:
         library.use_variant("")
 
@@ -221,6 +245,14 @@ def test_outside_of_mask_and_ring_has_no_gradient():
     counts = torch.zeros(100, 300, dtype=torch.bool)
     target.crop(counts).copy_((target.labels > 0) | target.ring)
     assert all(gradients[name][..., ~counts].abs().max() == 0 for name in MAPS)
+
+
+def test_maps_are_moved_as_they_lie():
+    seen = rendering(make(40, 60))
+    moved = on_card(seen, "cpu")
+    for name in MAPS:
+        there, here = getattr(moved, name), getattr(seen, name)
+        assert torch.equal(there, here) and there.stride() == here.stride() and there.data_ptr() != here.data_ptr()
 
 
 def test_geometry_needs_all_heads():

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 import torch
+from rendered import skip_without_card
 
-from mgf_engine.errors import BadInput
 from mgf_engine.raster import library
-from mgf_engine.raster.cuda.card import find_card
 
 
 def _backends() -> list[str]:
@@ -36,11 +35,7 @@ def backend(request: pytest.FixtureRequest) -> Iterator[str]:
     name, _, variant = request.param.partition(":")
     if name == "cpu":
         library.use_variant(variant)
-    if name == "cuda":
-        try:
-            find_card()
-        except BadInput as error:
-            pytest.skip(str(error))
+    skip_without_card(name)
     yield name
     if name == "cpu":
         library.use_variant("")

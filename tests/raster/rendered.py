@@ -7,12 +7,15 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 import torch
 from torch import Tensor
 
+from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster import reference
 from mgf_engine.raster.api import Camera, Rendering, RenderStats, render
+from mgf_engine.raster.cuda.card import find_card
 
 TRAINED = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
 OUTPUTS = ("color", "alpha", "depth", "median", "normal", "distortion")
@@ -100,6 +103,15 @@ class Result:
 def device_of(backend: str) -> torch.device:
     """Where a backend's Gaussians and statistics lie."""
     return torch.device("cuda", 0) if backend == "cuda" else torch.device("cpu")
+
+
+def skip_without_card(backend: str) -> None:
+    """Skips the running test where the backend is ``cuda`` and no card can be used; the reason says why."""
+    if backend == "cuda":
+        try:
+            find_card()
+        except BadInput as error:
+            pytest.skip(str(error))
 
 
 def draw(field: Gaussians, view: Camera, *, backend: str, error_map: Tensor | None = None, **options) -> Rendering:

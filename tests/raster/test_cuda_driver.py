@@ -28,6 +28,7 @@ class EmulatedDriver:
         current: context of the calling thread.
         modules: cubins that were loaded.
         started: names of the kernels that ran.
+        events: per event of torch that was made, what happened to it last.
     """
 
     def __init__(self) -> None:
@@ -38,6 +39,7 @@ class EmulatedDriver:
         self.modules: list[bytes] = []
         self._names: list[str] = []
         self.started: list[str] = []
+        self.events: list[str] = []
 
     def cuInit(self, flags: int) -> int:
         return 0
@@ -80,10 +82,25 @@ def emulated(monkeypatch: pytest.MonkeyPatch) -> EmulatedDriver:
     monkeypatch.setattr(card, "find_card", lambda: Found("Card of paper", 90, 2**30))
     monkeypatch.setattr(card, "driver", lambda: Driver(library))
     monkeypatch.setattr(card, "cubin", lambda program, architecture: f"{program} {architecture}".encode())
-    cpu = torch.device("cpu")
+    cpu, stream = torch.device("cpu"), SimpleNamespace(cuda_stream=STREAM)
+
+    class Event:
+        def __init__(self, blocking: bool) -> None:
+            library.events.append("made")
+
+        def record(self, on: Any) -> None:
+            assert on is stream
+            library.events[-1] = "recorded"
+            self.number = len(library.events) - 1
+
+        def synchronize(self) -> None:
+            assert library.events[self.number] != "made"
+            library.events[self.number] = "waited for"
+
     monkeypatch.setattr(card, "torch", SimpleNamespace(
-        device=lambda *place: cpu, zeros=torch.zeros, empty=torch.empty,
-        cuda=SimpleNamespace(current_stream=lambda device: SimpleNamespace(cuda_stream=STREAM)),
+        device=lambda *place: cpu, zeros=torch.zeros,
+        empty=lambda shape, dtype, pin_memory: torch.empty(shape, dtype=dtype),
+        cuda=SimpleNamespace(current_stream=lambda device: stream, Event=Event),
     ))  # fmt: skip
     rasterizer = blending.Rasterizer(Card())
     monkeypatch.setattr("mgf_engine.raster.cuda.rasterizer_on", lambda backend: rasterizer)
@@ -115,3 +132,11 @@ def test_a_thread_without_a_context_gets_that_of_torch(emulated: EmulatedDriver)
     emulated.current = None  # as on the threads that run backward passes
     render(gaussians(20), camera(), sh_degree=0, backend="cuda-source-on-cpu")
     assert emulated.current == CONTEXT and emulated.started
+
+
+def test_answers_are_waited_for_two_renderings_later(emulated: EmulatedDriver) -> None:
+    field, view = gaussians(60), camera()
+    pictures = [render(field, view, sh_degree=0, backend="cuda-source-on-cpu", wait=False).color for _ in range(5)]
+    # The first waits for itself, without an event; of the four others the last two are still on their way.
+    assert emulated.events == ["waited for", "waited for", "recorded", "recorded"]
+    assert all(torch.equal(picture, pictures[0]) for picture in pictures)

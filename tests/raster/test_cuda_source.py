@@ -3,25 +3,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from rendered import OUTPUTS, Result, assert_agrees, camera, gaussians, leaves, random_weights, run
+from rendered import OUTPUTS, Result, camera, gaussians, random_weights, run, skip_without_card
 from test_projection import check_lists
 
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster import reference
-from mgf_engine.raster.api import RenderStats, render
+from mgf_engine.raster.api import render
 from mgf_engine.raster.cpu import Parameters
 from mgf_engine.raster.cuda import launcher_on, rasterizer_on
-from mgf_engine.raster.cuda.blending import Rasterizer
 from mgf_engine.raster.cuda.emulated import SourceOnCpu
 from mgf_engine.raster.cuda.launching import At, pack
-from mgf_engine.raster.cuda.room import Room
 from mgf_engine.raster.cuda.sources import program_of, programs
 
 SOURCE = "cuda-source-on-cpu"
@@ -56,23 +55,29 @@ def test_order_of_threads_and_blocks_changes_no_bit(source: SourceOnCpu) -> None
 
 @pytest.mark.parametrize("n", [0, 1, 31, 1023, 1024, 1025, 5000])
 @pytest.mark.parametrize("bits", [3, 8, 13, 32])
-@pytest.mark.parametrize("reverse", [False, True])
-def test_sort_is_stable(source: SourceOnCpu, n: int, bits: int, reverse: bool) -> None:
-    source.reverse = reverse
+@pytest.mark.parametrize("where", [SOURCE, "backwards", "cuda"])
+def test_sort_is_stable(source: SourceOnCpu, n: int, bits: int, where: str) -> None:
+    skip_without_card(where)
+    source.reverse = where == "backwards"
+    rasterizer = rasterizer_on("cuda" if where == "cuda" else SOURCE)
     high = min(2**bits, 2**32) if bits < 32 else 2**32
     keys = np.random.default_rng(n).integers(0, high, n, dtype=np.uint64).astype(np.uint32)
     keys[n // 2 :] = keys[: n - n // 2]  # equal ones
-    given = torch.from_numpy(keys.view(np.int32).copy())
-    found_keys, found = rasterizer_on(SOURCE).sort(given, None, bits)
+    given = torch.from_numpy(keys.view(np.int32).copy()).to(rasterizer.launcher.device)
+    found_keys, found = (t.cpu() for t in rasterizer.sort(given, None, bits))
     expected = np.argsort(keys, kind="stable")
     assert np.array_equal(found.numpy(), expected)
     assert np.array_equal(found_keys.numpy().view(np.uint32), keys[expected])
 
 
-def test_sort_leaves_out_what_is_not_listed(source: SourceOnCpu) -> None:
-    keys = torch.arange(3000, 0, -1, dtype=torch.int32)
-    _, found = rasterizer_on(SOURCE).sort(keys, None, 16, torch.tensor([1500], dtype=torch.int32))
-    assert torch.equal(found[:1500], torch.arange(1499, -1, -1, dtype=torch.int32))
+@pytest.mark.parametrize("backend", [SOURCE, "cuda"])
+def test_sort_leaves_out_what_is_not_listed(backend: str) -> None:
+    skip_without_card(backend)
+    rasterizer = rasterizer_on(backend)
+    keys = torch.arange(3000, 0, -1, dtype=torch.int32, device=rasterizer.launcher.device)
+    listed = torch.tensor([1500], dtype=torch.int32, device=rasterizer.launcher.device)
+    _, found = rasterizer.sort(keys, None, 16, listed)
+    assert torch.equal(found[:1500].cpu(), torch.arange(1499, -1, -1, dtype=torch.int32))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -91,31 +96,6 @@ def test_lists_hold_all_that_shows(seed: int) -> None:
     check_lists(seen, reference.touched_tiles(field, view), mask)
 
 
-def test_rendering_without_room_draws_nothing_and_the_next_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    own = Rasterizer(launcher_on(SOURCE))
-    field, view = gaussians(200, seed=1), camera()
-    raw = Parameters.of_field(field)
-    whole = own.list_tiles(raw, view, 0, None)
-    needed = int(whole.ranges[-1])
-    with monkeypatch.context() as patch:
-        patch.setattr(own.room, "take", lambda gaussians, tiles: needed - 1)
-        poor = own.list_tiles(raw, view, 0, None, wait=False)
-    image, _ = own.blend(poor, True)
-    assert image[3].abs().max() == 0 and poor.tile_counts.abs().max() == 0
-    rich = own.list_tiles(raw, view, 0, None, wait=False)
-    assert own.room.lost == 1 and len(rich.gid) >= needed
-    assert torch.equal(own.blend(rich, True)[0], own.blend(whole, True)[0])
-
-
-def test_lost_rendering_has_no_gradients_and_no_statistics(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rasterizer_on(SOURCE).room, "take", lambda gaussians, tiles: 3)
-    field, stats = leaves(gaussians(50)), RenderStats.zeros(50)
-    seen = render(field, camera(), sh_degree=0, backend=SOURCE, stats=stats, wait=False)
-    (seen.color.sum() + seen.alpha.sum()).backward()
-    assert not seen.visible.any() and stats.count.sum() == 0
-    assert all(getattr(field, name).grad.abs().max() == 0 for name in ("positions", "sh"))
-
-
 def test_renderings_side_by_side_are_those_one_by_one() -> None:
     """The mesh stage draws several views at once, from threads of its own."""
     view = camera(70, 50, focal=60.0)
@@ -129,22 +109,6 @@ def test_renderings_side_by_side_are_those_one_by_one() -> None:
         for _ in range(5):
             for one, other in zip(alone, pool.map(draw, fields), strict=True):
                 assert torch.equal(one, other)
-
-
-def test_room_is_not_known_for_a_new_size_of_frame() -> None:
-    room = Room()
-    assert room.take(100, 9) == 0
-    room.learn(100_000, 100, 9)
-    assert room.take(100, 9) >= 200_000 and room.take(100, 16) == 0
-    room.learn_later(lambda: None, 5, 100, 9)  # not arrived
-    assert room.take(200, 9) >= 400_000 and room.lost == 0
-
-
-def test_rendering_that_does_not_wait_is_the_same() -> None:
-    field, view = gaussians(120, seed=4), camera()
-    first = assert_agrees(field, view, SOURCE)
-    again = render(field, view, sh_degree=3, backend=SOURCE, wait=False)
-    assert torch.equal(again.color, first.rendering.color.detach())
 
 
 def test_every_kernel_is_found_in_its_program() -> None:
@@ -168,3 +132,17 @@ def test_arguments_are_packed_as_the_kernels_read_them() -> None:
         pack((values[:, :3],), cpu)
     with pytest.raises(ValueError, match="cannot read"):
         pack((values,), torch.device("cuda", 0))
+
+
+@pytest.mark.parametrize("wrap", [lambda tensor: tensor, lambda tensor: (tensor, 1), lambda tensor: At(tensor, 0)])
+def test_a_tensor_of_another_card_is_refused(wrap: Callable[[Any], Any]) -> None:
+    class Elsewhere:
+        device = torch.device("cuda", 1)
+
+        def __getitem__(self, place: slice) -> Elsewhere:
+            return self
+
+        contiguous = is_contiguous = data_ptr = element_size = lambda self: self
+
+    with pytest.raises(ValueError, match="kernel on cuda:0 was given a tensor on cuda:1"):
+        pack((wrap(Elsewhere()),), torch.device("cuda", 0))

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -54,6 +56,50 @@ def test_torch_without_cuda_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(BadInput, match="build of torch has no CUDA"):
         card.find_card()
     card.find_card.cache_clear()
+
+
+class FakeTorch:
+    """torch as ``find_card`` sees it on a machine with a card, which answers the first operation as the test wants."""
+
+    version = SimpleNamespace(cuda="12.8")
+    cuda = SimpleNamespace(
+        is_available=lambda: True,
+        get_device_properties=lambda number: SimpleNamespace(name="Card 9000", major=9, minor=0, total_memory=2**34),
+    )
+    device = staticmethod(lambda kind, number: torch.device("cpu"))
+
+    def __init__(self, answer: float | Exception) -> None:
+        self.answer = answer
+
+    def ones(self, *shape: int, device: torch.device) -> torch.Tensor:
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return torch.full(shape, self.answer / 2)
+
+
+@pytest.fixture
+def find(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[float | Exception], card.Found]]:
+    monkeypatch.setattr(card, "driver", lambda: None)
+    monkeypatch.setattr(compiler, "library", lambda: SimpleNamespace(architectures=(90,)))
+
+    def with_answer(answer: float | Exception) -> card.Found:
+        monkeypatch.setattr(card, "torch", FakeTorch(answer))
+        card.find_card.cache_clear()
+        return card.find_card()
+
+    yield with_answer
+    card.find_card.cache_clear()
+
+
+def test_torch_without_kernels_for_the_card_is_named(find: Callable[[float | Exception], card.Found]) -> None:
+    assert find(2.0) == card.Found("Card 9000", 90, 2**34)
+    words = "CUDA error: no kernel image is available for execution on the device\nFor debugging consider .."
+    with pytest.raises(BadInput, match=r"cannot compute on the card Card 9000 \(CUDA error: no kernel .* device\); if"):
+        find(RuntimeError(words))
+    with pytest.raises(BadInput, match=r"\(RuntimeError\)"):
+        find(RuntimeError())
+    with pytest.raises(BadInput, match=r"adds one and one to 3\.0"):
+        find(3.0)
 
 
 def test_compiled_kernels_are_kept_and_damaged_ones_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from rendered import device_of, skip_without_card
 
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster import library
@@ -41,7 +42,9 @@ def view(distance: float = 4.0, width: int = 97, height: int = 71, focal: float 
 def ask(gaussians, points, camera, stop=1e-4, mask=None, backend="cpu"):
     lowest = np.full((len(points), 2), 2.0, np.float32)
     mask = np.full((camera.height, camera.width), INSIDE, np.uint8) if mask is None else mask
-    verdict = PointOpacity(gaussians, backend).lower(lowest, points.astype(np.float32), camera, mask, stop)
+    verdict = PointOpacity(gaussians.to(device_of(backend)), backend).lower(
+        lowest, points.astype(np.float32), camera, mask, stop
+    )
     return lowest, verdict
 
 
@@ -60,10 +63,12 @@ FIELDS = {
 }
 
 
-BACKENDS = ["cpu", "cuda-source-on-cpu"]
+@pytest.fixture(params=["cpu", "cuda-source-on-cpu", "cuda"])
+def backend(request: pytest.FixtureRequest) -> str:
+    skip_without_card(request.param)
+    return request.param
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", FIELDS)
 @pytest.mark.parametrize("distance", [4.0, 0.3])  # 0.3: among the Gaussians, some behind and some near the camera
 def test_matches_the_twin(name, distance, backend):
@@ -78,7 +83,6 @@ def test_matches_the_twin(name, distance, backend):
     assert (lowest[seen, 1] == 2).all() and (lowest[~seen] == 2).all()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_pancakes_facing_away_and_edge_on(backend):
     flat = field(200, 7, 0.1)
     flat.log_scales[:, 2] = np.log(1e-4)
@@ -91,7 +95,6 @@ def test_pancakes_facing_away_and_edge_on(backend):
     assert np.quantile(np.abs(lowest[seen, 0] - twin), 0.98) < 1e-2
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("size", [(1, 1), (17, 16), (33, 50), (160, 7)])
 def test_odd_image_sizes(size, backend):
     camera, points = view(4.0, *size, focal=30.0), cloud().astype(np.float32).astype(np.float64)
@@ -102,7 +105,6 @@ def test_odd_image_sizes(size, backend):
     assert seen.any() and np.median(error) < TOLERANCE and error.max() < 2.1 / 255
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_stopping_early_keeps_the_sign(backend):
     camera, points = view(), cloud(4000)
     exact = ask(FIELDS["many"], points, camera, backend=backend)[0][:, 0]
@@ -111,13 +113,12 @@ def test_stopping_early_keeps_the_sign(backend):
     assert (exact < 0.5).any() and (exact >= 0.5).any()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_two_smallest_are_kept_over_views(backend):
     points = cloud(500, size=0.3)
     cameras = [view(d) for d in (3.0, 4.0, 5.0, 6.0)]
     each = np.stack([ask(FIELDS["many"], points, c, backend=backend)[0][:, 0] for c in cameras])
     lowest = np.full((len(points), 2), 2.0, np.float32)
-    asked = PointOpacity(FIELDS["many"], backend)
+    asked = PointOpacity(FIELDS["many"].to(device_of(backend)), backend)
     for camera in cameras:
         asked.lower(lowest, points.astype(np.float32), camera, np.ones((camera.height, camera.width), np.uint8))
     assert np.array_equal(lowest, np.sort(each, 0)[:2].T)
@@ -146,7 +147,6 @@ def test_verdicts_of_the_mask():
     assert np.allclose(located.place[0], [*uv[0], depth[0]], atol=1e-4)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_no_points_and_nothing_drawn(backend):
     empty = np.zeros((0, 3))
     assert ask(FIELDS["many"], empty, view(), backend=backend)[0].shape == (0, 2)

@@ -144,26 +144,21 @@ class Rasterizer:
         if room:
             self.room.learn_later(self.launcher.read_later(total), room, n, tiles)
         else:
-            room = self._needed(total, n, tiles)
+            room = _needed(total)
+            if not wait:  # what is rendered between iterations shall not change them
+                self.room.learn(room, n, tiles)
         slot_starts, ranges = self.empty(torch.int32, n), self.empty(torch.int32, tiles + 1)
         slot_tiles, slot_gid, gid = (self.empty(torch.int32, room) for _ in range(3))
         hits = self.empty(torch.uint8, room)
         fill = (n, order, seen.footprints, seen.mask, seen.tiles_x, seen.tiles_y, sums, total)
         outputs = (seen.tile_counts, slot_starts, slot_tiles, slot_gid, hits)
         self.launcher.launch("list_fill", blocks(n), *fill, *outputs)
-        sorted_tiles, slots = self.sort(slot_tiles, None, max(1, (tiles - 1).bit_length()), total[1:])
+        # Tiles are numbered up to `tiles`, which stands for slots that are left over (lists.cu).
+        sorted_tiles, slots = self.sort(slot_tiles, None, tiles.bit_length(), total[1:])
         given = (room, tiles, total, sorted_tiles, slots, slot_gid)
         self.launcher.launch("list_ranges", blocks(room + 1), *given, ranges, gid)
         found = (seen.records, seen.tile_counts, gid, slots, slot_starts, ranges, hits)
         return TileLists(*found, seen.tiles_x, seen.tiles_y, seen.camera)
-
-    def _needed(self, total: Tensor, gaussians: int, tiles: int) -> int:
-        """Waits for the number of entries."""
-        needed = int(total[0])
-        if needed > MOST:
-            raise RuntimeError("The Gaussians touch more tiles than the kernels can list; prune the field.")
-        self.room.learn(needed, gaussians, tiles)
-        return needed
 
     def blend(self, lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:
         """Blend the lists; returns the image planes float32 [12 or 5, tiles_y * 16, tiles_x * 16] and the hits."""
@@ -222,3 +217,11 @@ class Rasterizer:
         given = (n, lists.camera, *raw.all, sh_degree, *entries)
         self.launcher.launch("project_backward", blocks(n), *given, gradients, statistics or (None,) * 5)
         return gradients
+
+
+def _needed(total: Tensor) -> int:
+    """Waits for the number of entries."""
+    needed = int(total[0])
+    if needed > MOST:
+        raise RuntimeError("The Gaussians touch more tiles than the kernels can list; prune the field.")
+    return needed

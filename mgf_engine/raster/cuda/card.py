@@ -62,7 +62,22 @@ def find_card() -> Found:
         )
     if architecture not in (nvrtc := compiler.library()).architectures:
         raise BadInput(nvrtc.refusal(architecture))
+    _try_torch(properties.name)
     return Found(properties.name, architecture, properties.total_memory)
+
+
+def _try_torch(name: str) -> None:
+    """A build of torch sees cards that it has no kernels for; they fail at the first operation, so here."""
+    try:
+        found = float(torch.ones(2, device=torch.device("cuda", 0)).sum())
+    except RuntimeError as error:
+        why = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
+        raise BadInput(
+            f"This build of torch cannot compute on the card {name} ({why}); "
+            "if it was made for other cards, install one that knows this one (pytorch.org)."
+        ) from error
+    if found != 2.0:
+        raise BadInput(f"The card {name} adds one and one to {found}; it or its driver is broken.")
 
 
 class Card:
@@ -89,12 +104,18 @@ class Card:
         self._driver.launch(function, (x, y), THREADS, stream, addresses)
         del alive  # the driver has copied the arguments
 
-    def read_later(self, tensor: Tensor) -> Callable[[], list[int] | None]:
+    def read_later(self, tensor: Tensor) -> Callable[[], list[int]]:
         host = torch.empty(tensor.shape, dtype=tensor.dtype, pin_memory=True)
         host.copy_(tensor, non_blocking=True)
-        arrived = torch.cuda.Event()
-        arrived.record()
-        return lambda: host.tolist() if arrived.query() else None
+        arrived = torch.cuda.Event(blocking=True)  # sleeps where it waits: the host has other work for its cores
+        arrived.record(torch.cuda.current_stream(self.device))
+
+        def answer() -> list[int]:
+            arrived.synchronize()
+            found: list[int] = host.tolist()
+            return found
+
+        return answer
 
     def _enter(self) -> None:
         """Backward passes run on threads of torch's own, which may not have the context yet."""

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.errors import BadInput
+from mgf_engine.raster.cuda.driver import DriverError, driver
 from mgf_engine.raster.cuda.sources import FOLDER, KERNELS, programs
 
 #: Compute capabilities that the kernels are compiled and checked for: Turing, Ampere (two), Ada, Hopper, Blackwell.
@@ -154,27 +155,53 @@ class Nvrtc:
 
 def _load_builtins(path: Path) -> None:
     """NVRTC looks for its second library by name alone; one that is loaded already is found wherever it lies."""
-    if sys.platform == "win32" and path.is_absolute():
+    if not path.is_absolute():
+        return
+    pattern = "libnvrtc-builtins.so.*"
+    if sys.platform == "win32":
         os.add_dll_directory(str(path.parent))
-    for builtins in path.parent.glob("libnvrtc-builtins.so.*") if path.is_absolute() else ():
+        pattern = "nvrtc-builtins64_*.dll"
+    for builtins in sorted(path.parent.glob(pattern)):
         ctypes.CDLL(str(builtins), mode=ctypes.RTLD_GLOBAL)
 
 
 @cache
 def library() -> Nvrtc:
-    """NVRTC, loaded once.
+    """NVRTC, loaded once: the first that the driver can run the results of, where there is a driver.
 
     Raises:
-        BadInput: it cannot be found or loaded.
+        BadInput: it cannot be found or loaded, or is newer than the driver.
     """
-    tried = []
+    tried, too_new, known = [], [], _known_to_driver()
     for path in _candidates():
         try:
-            return Nvrtc(path)
+            found = Nvrtc(path)
         except (OSError, AttributeError, RuntimeError) as error:
             tried.append(f"{path}: {error}")
+            continue
+        if known is None or found.version[0] <= known[0]:
+            return found
+        too_new.append(found.version)
+    if too_new and known:
+        raise BadInput(_newer_than_driver(too_new[0], known))
     detail = f" ({tried[0]})" if tried else ""
     raise BadInput(f"The CUDA compiler NVRTC is not installed{detail}; {_HINT}.")
+
+
+def _newer_than_driver(version: tuple[int, int], known: tuple[int, int]) -> str:
+    """What to do about an NVRTC whose results the driver cannot load, in one sentence."""
+    return (
+        f"The CUDA compiler NVRTC {version[0]}.{version[1]} is newer than the NVIDIA driver, which knows CUDA "
+        f"{known[0]}.{known[1]}; update the driver, or run 'pip install nvidia-cuda-nvrtc-cu{known[0]}'."
+    )
+
+
+def _known_to_driver() -> tuple[int, int] | None:
+    """The newest CUDA that this machine's driver knows; None: no driver, and nothing to run either."""
+    try:
+        return driver().version()
+    except (BadInput, DriverError):
+        return None
 
 
 def _candidates() -> list[str]:

@@ -25,6 +25,12 @@ class Driver:
         self._library = library
         self.call("cuInit", 0)
 
+    def version(self) -> tuple[int, int]:
+        """The newest CUDA it knows, (12, 8) for 12.8."""
+        found = ctypes.c_int()
+        self.call("cuDriverGetVersion", ctypes.byref(found))
+        return found.value // 1000, found.value % 1000 // 10
+
     def load(self, cubin: bytes) -> ctypes.c_void_p:
         """A module from a cubin, in the current context."""
         module = ctypes.c_void_p()

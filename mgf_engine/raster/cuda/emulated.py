@@ -59,8 +59,8 @@ class SourceOnCpu:
             function(ctypes.c_int(x), ctypes.c_int(y), ctypes.c_int(self.reverse), addresses)
         del alive
 
-    def read_later(self, tensor: Tensor) -> Callable[[], list[int] | None]:
-        values = tensor.tolist()
+    def read_later(self, tensor: Tensor) -> Callable[[], list[int]]:
+        values: list[int] = tensor.tolist()
         return lambda: values
 
 

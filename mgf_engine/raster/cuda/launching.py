@@ -35,8 +35,8 @@ class Launcher(Protocol):
     def launch(self, name: str, grid: Grid, *arguments: Any) -> None:
         """Start ``grid`` blocks of a kernel; a grid of nothing starts nothing. Arguments: see :func:`pack`."""
 
-    def read_later(self, tensor: Tensor) -> Callable[[], list[int] | None]:
-        """Begin to copy a small tensor to the host; ask the result for the numbers, None while they are on the way."""
+    def read_later(self, tensor: Tensor) -> Callable[[], list[int]]:
+        """Begin to copy a small tensor to the host; to ask the result for the numbers is to wait for them."""
 
 
 def blocks(items: int, each: int = THREADS) -> int:
@@ -83,6 +83,6 @@ def _address(value: Tensor | At | None, device: torch.device) -> int:
         _address(value.tensor[:0].contiguous(), device)
         return value.tensor.data_ptr() + value.offset * value.tensor.element_size()
     tensor = value
-    if tensor.device.type != device.type or not tensor.is_contiguous():
+    if tensor.device != device or not tensor.is_contiguous():  # of two cards, each has its own memory
         raise ValueError(f"a kernel on {device} was given a tensor on {tensor.device} that it cannot read")
     return tensor.data_ptr()

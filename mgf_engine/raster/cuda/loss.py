@@ -206,7 +206,7 @@ class DevicePass:
     def _finish(self, slopes: Tensor | None, edge_slope: float) -> None:
         photo, w, (base, edge) = self.on_device, self.weights, self._pixel_weights()
         l1 = base + w.multilevel * photo.shares / photo.area[0].clamp_min(1)
-        l1[0] = 0.0
+        l1[:1].zero_()  # l1[0] = 0.0 would copy a number from the host, and wait for it
         l1 = (w.l1 / 3 * l1).to(torch.float32)
         rates = (w.l1 * edge / 3, w.background / max(self.photo.ring_area, 1), w.distortion / self.inside, w.normals)
         factors = tuple(map(float, (*self.backdrop, *rates)))

@@ -8,6 +8,10 @@
 // The lists have room for `room` entries, which the host chose without knowing how many there are: asking would mean waiting for
 // the card in every iteration. A rendering that needs more draws nothing (tile_counts, lists and gradients are empty), leaves
 // the number it needs in total[0], and the host makes more room (raster/cuda/room.py).
+//
+// How many entries a Gaussian has was counted by another program (project.cu, points.cu), and the compiler may round the same formula
+// differently here, where a footprint ends at the edge of a tile. So the count decides: a Gaussian never writes beyond its slots, and
+// those it leaves over go to a tile after the last, which sorts to the end and which nobody draws.
 #include "cuda/block.cuh"
 
 #include "footprint.h"
@@ -64,22 +68,25 @@ KERNEL(list_fill, int n, const int *order, const Footprint *footprints, const ui
         if (total[NEEDED] != total[LISTED]) tile_counts[gid] = 0;
         int at = sums[BLOCK_X] + *slot;
         slot_starts[gid] = at;
-        if (!tile_counts[gid]) continue;
+        const int end = at + tile_counts[gid];
+        if (at == end) continue;
         const Footprint p = footprints[gid];
         int first_y, last_y, first, last;
         tile_rows(&p, tiles_y, &first_y, &last_y);
-        for (int ty = first_y; ty <= last_y; ty++) {
+        for (int ty = first_y; ty <= last_y && at < end; ty++) {
             tile_columns(&p, ty, tiles_x, &first, &last);
-            for (int t = ty * tiles_x + first; t <= ty * tiles_x + last; t++) {
+            for (int t = ty * tiles_x + first; t <= ty * tiles_x + last && at < end; t++) {
                 if (mask && !mask[t]) continue;
                 slot_tiles[at] = t, slot_gid[at] = gid, hits[at] = 0;
                 at++;
             }
         }
+        for (; at < end; at++) slot_tiles[at] = tiles_x * tiles_y, slot_gid[at] = gid, hits[at] = 0;
     }
 }
 
-// ranges [tiles + 1]: where each tile's list starts in the sorted slots; gid: the Gaussian of each of them.
+// ranges [tiles + 1]: where each tile's list starts in the sorted slots, and where the last one ends: before slots left over, whose
+// tile is `tiles`. gid: the Gaussian of each slot.
 KERNEL(list_ranges, int room, int tiles, const int *total, const uint32_t *sorted_tiles, const int *slots, const int *slot_gid,
        int *ranges, int *gid) {
     EACH(k, room + 1) {
