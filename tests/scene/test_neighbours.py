@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which photos are matched with which: those that share points, under an angle that shows depth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.scene import neighbours
+from mgf_engine.scene.model import Scene
+from scene.synthetic import load, reconstruction, write_scene
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    """Five photos; each of 300 points was observed by some of them, one point twice by the same photo."""
+    found = load(write_scene(reconstruction(), tmp_path / "scene"), tmp_path / "job")
+    rng = np.random.default_rng(0)
+    points = found.points.mean(0) + rng.normal(0, 0.2, (300, 3))
+    tracks = [np.flatnonzero(rng.random(len(found.views)) < 0.5) for _ in points]
+    tracks[0] = np.array([1, 1, 3])
+    count, seen = np.cumsum([0, *map(len, tracks)]), np.concatenate(tracks).astype(np.int32)
+    return replace(
+        found, points=points, colors=np.zeros((300, 3), np.uint8), errors=np.zeros(300, np.float32),
+        track_start=count.astype(np.int64), track_view=seen, track_uv=np.ones((len(seen), 2), np.float32),
+    )  # fmt: skip
+
+
+def test_overlap_is_that_of_the_points_both_photos_observed(scene: Scene) -> None:
+    kept = np.random.default_rng(1).random(300) < 0.8
+    views = [0, 1, 3, 4]
+    shared, angle = neighbours._overlap(scene, kept, views)
+    for a, i in enumerate(views):
+        for b, j in enumerate(views):
+            both = set(scene.track_point[scene.observations(i)]) & set(scene.track_point[scene.observations(j)])
+            common = sorted(p for p in both if kept[p])
+            assert shared[a, b] == (len(common) if i != j else 0)
+            if i != j:
+                rays = [scene.points[common] - scene.views[k].centre for k in (i, j)]
+                cosine = (rays[0] * rays[1]).sum(1) / np.prod([np.linalg.norm(r, axis=1) for r in rays], axis=0)
+                assert angle[a, b] == pytest.approx(np.degrees(np.median(np.arccos(cosine))), abs=0.05)
+
+
+def test_too_few_shared_points_make_no_pair(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(neighbours, "ANGLES", (0.0, 10.0, 180.0))
+    views, everything = list(range(len(scene.views))), np.ones(300, bool)
+    found = neighbours.matching_views(scene, everything, views, 2)
+    assert all(len(found[i]) == 2 and i not in found[i] for i in views)
+    few = np.arange(300) < 30  # any two photos share about a quarter of them
+    assert not any(neighbours.matching_views(scene, few, views, 2).values())
