@@ -25,7 +25,8 @@ def _look_of_labels() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     kept[UNKNOWN], added[UNKNOWN] = 0.4, 0.6 * np.array(_UNKNOWN_TINT)
     elements = np.arange(FIRST_ELEMENT, UNKNOWN)
     hue = elements * 67 % 180  # neighbours in number are far apart in hue
-    tint = cv2.cvtColor(np.stack([hue, hue * 0 + 200, hue * 0 + 255], 1)[None].astype(np.uint8), cv2.COLOR_HSV2RGB)[0]
+    colors = np.stack([hue, np.full_like(hue, 200), np.full_like(hue, 255)], 1).astype(np.uint8)
+    tint = cv2.cvtColor(colors[None], cv2.COLOR_HSV2RGB)[0]
     kept[elements], added[elements] = 0.55, 0.45 * tint
     return kept, added
 

@@ -61,7 +61,7 @@ def _overlap(
 
 def _rays(away: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit directions [N, 3]."""
-    return np.asarray(away / np.linalg.norm(away, axis=1, keepdims=True), np.float64)
+    return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12), np.float64)
 
 
 def _best(
