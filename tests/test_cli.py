@@ -132,6 +132,8 @@ def triangle(tmp_path: Path) -> str:
         (["--json", "{}"], "Cannot write the figures"),
         (["--json", __file__ + "/figures.json"], "Cannot write the figures"),
         (["--picture", "{}"], "Cannot write the picture"),
+        (["--leave-out", "{}/triangle.ply"], "to be judged"),
+        (["--leave-out", "{}/nothing.ply"], "There is no mesh"),
     ],
 )
 def test_evaluate_refuses_in_one_sentence(tmp_path: Path, triangle: str, capsys, args, part) -> None:
@@ -140,6 +142,16 @@ def test_evaluate_refuses_in_one_sentence(tmp_path: Path, triangle: str, capsys,
     said = capsys.readouterr().err
     assert part in said and said.count("\n") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["triangle.ply"]
+
+
+def test_evaluate_leaves_a_part_of_the_truth_out(tmp_path: Path, triangle: str, capsys) -> None:
+    far = np.eye(3) + 5
+    trimesh.Trimesh(far, [[0, 1, 2]]).export(tmp_path / "far.ply")
+    trimesh.Trimesh(np.r_[np.eye(3), far], [[0, 1, 2], [3, 4, 5]]).export(tmp_path / "both.ply")
+    command = ["evaluate", triangle, "--truth", str(tmp_path / "both.ply"), "--samples", "1000"]
+    assert main(command) == 0 and " 50.00%" in capsys.readouterr().out
+    assert main([*command, "--leave-out", str(tmp_path / "far.ply")]) == 0
+    assert " 50.00%" not in (said := capsys.readouterr().out) and said.count("100.00%") == 3
 
 
 def test_evaluate_writes_its_figures_where_no_folder_is_yet(tmp_path: Path, triangle: str) -> None:
