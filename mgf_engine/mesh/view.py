@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -92,19 +93,24 @@ def shaded(mesh: Mesh, view: View, color: bool = False, oversample: int = 2) -> 
         color: with the vertex colours instead of clay; faces seen from behind are reddish either way.
         oversample: samples per pixel in each direction.
     """
+    if not len(mesh.faces):
+        return np.full((view.height, view.width, 3), 255, np.uint8)
     fine = scaled_view(view, oversample)
-    sight = look(mesh, fine)
-    picture = np.full((fine.height, fine.width, 3), 255.0)
-    rows, columns = np.nonzero(sight.face >= 0)
-    faces = sight.face[rows, columns]
-    rays = pixel_rays(fine, rows, columns)
-    facing = -(face_normals(mesh)[faces] * rays).sum(1)
-    light = (0.35 + 0.65 * np.abs(facing))[:, None]
-    base = mesh.colors[mesh.faces[faces]].mean(1) if color else np.full((len(faces), 3), 225.0)
+    face = look(mesh, fine).face
+    seen, index = face >= 0, np.maximum(face, 0)
+    normals = (face_normals(mesh) @ fine.rotation.T).astype(np.float32)
+    u = ((np.arange(fine.width) + 0.5 - fine.cx) / fine.fx).astype(np.float32)
+    v = ((np.arange(fine.height) + 0.5 - fine.cy) / fine.fy).astype(np.float32)[:, None]
+    x, y, z = (normals[:, k].take(index) for k in range(3))  # unlike indexing, take lets other threads work meanwhile
+    facing = -(x * u + y * v + z) / np.sqrt(u * u + v * v + 1)
+    light = 0.35 + 0.65 * np.abs(facing)
     light = 0.6 + 0.4 * light if color else light
-    picture[rows, columns] = np.where(facing[:, None] >= 0, base * light, base * light * (1.0, 0.55, 0.5))
-    blocks = picture.reshape(view.height, oversample, view.width, oversample, 3)
-    return blocks.mean((1, 3)).round().astype(np.uint8)
+    base = mesh.colors[mesh.faces].mean(1).astype(np.float32) if color else None
+    picture = np.empty((*face.shape, 3), np.float32)
+    for k, behind in enumerate((1.0, 0.55, 0.5)):
+        own = np.float32(225.0) if base is None else base[:, k].take(index)
+        picture[..., k] = np.where(seen, own * light * np.where(facing >= 0, np.float32(1), np.float32(behind)), 255)
+    return cv2.resize(picture, (view.width, view.height), interpolation=cv2.INTER_AREA).round().astype(np.uint8)
 
 
 def scaled_view(view: View, factor: float) -> View:
@@ -112,12 +118,3 @@ def scaled_view(view: View, factor: float) -> View:
     width, height = round(view.width * factor), round(view.height * factor)
     sx, sy = width / view.width, height / view.height
     return replace(view, width=width, height=height, fx=view.fx * sx, fy=view.fy * sy, cx=view.cx * sx, cy=view.cy * sy)
-
-
-def pixel_rays(view: View, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Unit directions [N, 3] in the normalised frame of the rays through the centres of pixels."""
-    u, v = columns + 0.5, rows + 0.5
-    local = np.column_stack([(u - view.cx) / view.fx, (v - view.cy) / view.fy, np.ones(len(u))])
-    local /= np.linalg.norm(local, axis=1, keepdims=True)
-    rays: NDArray[np.float64] = local @ view.rotation
-    return rays

@@ -15,9 +15,10 @@ from mgf_engine.mesh.fusion import Photos
 from mgf_engine.mesh.opacity import judging_masks
 from mgf_engine.mesh.reduce import ground_pixels
 from mgf_engine.mesh.refine import SMOOTHING, refine
-from mgf_engine.mesh.view import look, pixel_rays
+from mgf_engine.mesh.view import look
 
 from .analytic import ball, camera, scene_of, sphere
+from .rays import pixel_rays
 from .test_extract import make_config, reporter
 
 FINE = 6  # subdivisions of the ball

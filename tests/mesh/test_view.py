@@ -10,10 +10,11 @@ import pytest
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.pixel_counts import count_pixels
-from mgf_engine.mesh.view import NEAR, corners, face_normals, look, pixel_rays, scaled_view, shaded
+from mgf_engine.mesh.view import NEAR, corners, face_normals, look, scaled_view, shaded
 from mgf_engine.raster import library
 
 from .analytic import ball, camera, cuboid, ring
+from .rays import pixel_rays
 
 
 def empty() -> Mesh:
