@@ -22,7 +22,7 @@ from mgf_engine.bench.job_scores import held_out_scores, mean_mask_iou
 from mgf_engine.bench.shelf import Stages, keep, lend, saved, shelf_of, stages_of
 from mgf_engine.bench.suites import Run
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.geometry import cameras_of, evaluate_mesh
+from mgf_engine.evaluate.geometry import cameras_of, compare_surfaces
 from mgf_engine.evaluate.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.masks.model import UNKNOWN
 from mgf_engine.mesh.export import read_ply, write_ply
@@ -154,10 +154,10 @@ def measure(
     thresholds = sorted({*THRESHOLDS, round(scene.ground_pixel, 4), round(2 * scene.ground_pixel, 4)})
     crop = scene.crop if whole_picture else above_ground(scene.crop)
     _to_true_frame(mesh, scene)
-    scores = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop)
+    found = compare_surfaces(read_surface(mesh), read_surface(scene.truth), samples, scene.cameras, crop)
+    scores = found.scores(thresholds)
     if scene.openwork is not None:
-        rest = evaluate_mesh(mesh, scene.truth, thresholds, samples, scene.cameras, crop, leave_out=scene.openwork)
-        row["without_openwork"] = rest.as_dict()
+        row["without_openwork"] = found.without(scene.openwork).scores(thresholds).as_dict()
     row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)
     if not run.command:
         row.update(job_figures(job))

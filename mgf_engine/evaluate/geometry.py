@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.align import align_to
-from mgf_engine.evaluate.surfaces import Hygiene, Points, SeeingCamera, Surface, read_surface
+from mgf_engine.evaluate.surfaces import Hygiene, Points, SeeingCamera, Surface
 
 MOST_SAMPLES = 100_000_000  # of a mesh: some 10 GB
 
@@ -56,20 +56,54 @@ class GeometryScores:
         return asdict(self)
 
 
-def evaluate_mesh(
-    mesh_path: Path,
-    truth_path: Path,
-    thresholds: Sequence[float] = (0.05,),
-    samples: int = 1_000_000,
-    cameras: Sequence[SeeingCamera] | None = None,
-    crop: Points | None = None,
-    align: str = "none",
-    seed: int = 0,
-    leave_out: Surface | None = None,
-) -> GeometryScores:
-    """Score a mesh file against a true mesh file; see :func:`score_surface`."""
-    mesh, truth = read_surface(Path(mesh_path)), read_surface(Path(truth_path))
-    return score_surface(mesh, truth, thresholds, samples, cameras, crop, align, seed, leave_out)
+@dataclass(frozen=True)
+class Comparison:
+    """Points sampled on a mesh and on its truth, and how far each lies from the other surface.
+
+    Attributes:
+        errors, gaps: distances of ``points`` [N, 3] to the truth, and of the seen ``true_points`` [M, 3] to the mesh.
+        truth: the true mesh. The others: as in :class:`GeometryScores`.
+    """
+
+    truth: Surface
+    points: Points
+    errors: Points
+    true_points: Points
+    gaps: Points
+    samples: int
+    truth_seen: float
+    outside_crop: float
+    hygiene: Hygiene
+    alignment: Points
+
+    def without(self, part: Surface) -> Comparison:
+        """The points of both meshes whose nearest part of the truth is not this one.
+
+        Raises:
+            BadInput: no true point is left.
+        """
+        rounding = 1e-6 * float(np.ptp(self.truth.vertices, axis=0).max())  # the part may come from a file of its own
+        found = _distances(part, self.points) > self.errors + rounding
+        true = part.distances(self.true_points) > rounding
+        _check_any(self.true_points[true])
+        return replace(
+            self, points=self.points[found], errors=self.errors[found], true_points=self.true_points[true],
+            gaps=self.gaps[true],
+        )  # fmt: skip
+
+    def scores(self, thresholds: Sequence[float]) -> GeometryScores:
+        """Accuracy, completeness and F1 at distances, in the units of the meshes."""
+        errors, gaps = self.errors if len(self.errors) else np.full(1, np.inf), self.gaps
+        accuracy = [100.0 * float((errors <= t).mean()) for t in thresholds]
+        completeness = [100.0 * float((gaps <= t).mean()) for t in thresholds]
+        return GeometryScores(
+            thresholds=tuple(float(t) for t in thresholds), accuracy=tuple(accuracy), completeness=tuple(completeness),
+            f1=tuple(_harmonic(a, c) for a, c in zip(accuracy, completeness, strict=True)),
+            mean_error=float(errors.mean()), median_error=float(np.median(errors)),
+            mean_gap=float(gaps.mean()), median_gap=float(np.median(gaps)), samples=self.samples,
+            truth_seen=self.truth_seen, outside_crop=self.outside_crop, hygiene=self.hygiene,
+            alignment=tuple(tuple(float(v) for v in row) for row in self.alignment),
+        )  # fmt: skip
 
 
 def score_surface(
@@ -100,6 +134,24 @@ def score_surface(
     """
     if samples < 1 or not thresholds or not all(0 < t < math.inf for t in thresholds):
         raise BadInput("Thresholds and the number of samples must be finite and larger than 0.")
+    found = compare_surfaces(mesh, truth, samples, cameras, crop, align, seed)
+    return (found if leave_out is None else found.without(leave_out)).scores(thresholds)
+
+
+def compare_surfaces(
+    mesh: Surface,
+    truth: Surface,
+    samples: int = 1_000_000,
+    cameras: Sequence[SeeingCamera] | None = None,
+    crop: Points | None = None,
+    align: str = "none",
+    seed: int = 0,
+) -> Comparison:
+    """What :func:`score_surface` takes its scores from; arguments as there.
+
+    Raises:
+        BadInput: too many samples, nothing inside the crop, or no true point seen.
+    """
     if samples > MOST_SAMPLES:
         raise BadInput(f"The number of samples must be at most {MOST_SAMPLES}, not {samples}.")
     rng = np.random.default_rng(seed)
@@ -111,29 +163,14 @@ def score_surface(
     true_points, _ = truth.sample(samples, rng)
     points, _ = mesh.sample(samples, rng)
     true_points, points = _inside(true_points, crop), _inside(points, crop)
-    outside = 100.0 * (1.0 - len(points) / samples)
     inside = len(true_points)
     if cameras is not None:
         true_points = true_points[truth.seen_by(true_points, cameras)]
-    seen = len(true_points)
-    if leave_out is not None:
-        true_points, points = (_judged(p, truth, leave_out) for p in (true_points, points))
-    if len(true_points) == 0:
-        raise BadInput(
-            "No point of the true mesh is inside the crop, seen by a camera and to be judged; check that all share one "
-            "frame."
-        )
-    errors = truth.distances(points) if len(points) else np.full(1, np.inf)
-    gaps = mesh.distances(true_points)
-    accuracy = [100.0 * float((errors <= t).mean()) for t in thresholds]
-    completeness = [100.0 * float((gaps <= t).mean()) for t in thresholds]
-    return GeometryScores(
-        thresholds=tuple(float(t) for t in thresholds), accuracy=tuple(accuracy), completeness=tuple(completeness),
-        f1=tuple(_harmonic(a, c) for a, c in zip(accuracy, completeness, strict=True)),
-        mean_error=float(errors.mean()), median_error=float(np.median(errors)),
-        mean_gap=float(gaps.mean()), median_gap=float(np.median(gaps)), samples=samples,
-        truth_seen=100.0 * seen / max(inside, 1), outside_crop=outside, hygiene=hygiene,
-        alignment=tuple(tuple(float(v) for v in row) for row in matrix),
+    _check_any(true_points)
+    return Comparison(
+        truth, points, _distances(truth, points), true_points, mesh.distances(true_points), samples,
+        truth_seen=100.0 * len(true_points) / max(inside, 1), outside_crop=100.0 * (1.0 - len(points) / samples),
+        hygiene=hygiene, alignment=matrix,
     )  # fmt: skip
 
 
@@ -194,12 +231,17 @@ def _inside(points: Points, crop: Points | None) -> Points:
     return points[((points >= crop[0]) & (points <= crop[1])).all(axis=1)]
 
 
-def _judged(points: Points, truth: Surface, leave_out: Surface) -> Points:
-    """Points whose nearest part of the truth is none of what is left out."""
-    if not len(points):
-        return points
-    rounding = 1e-6 * float(np.ptp(truth.vertices, axis=0).max())  # the part may come from a file of its own
-    return points[leave_out.distances(points) > truth.distances(points) + rounding]
+def _distances(surface: Surface, points: Points) -> Points:
+    """Of points [N, 3], which may be none, to a surface, [N]."""
+    return surface.distances(points) if len(points) else np.zeros(0)
+
+
+def _check_any(true_points: Points) -> None:
+    if len(true_points) == 0:
+        raise BadInput(
+            "No point of the true mesh is inside the crop, seen by a camera and to be judged; check that all share one "
+            "frame."
+        )
 
 
 def _harmonic(a: float, b: float) -> float:

@@ -25,6 +25,7 @@ from mgf_engine.mesh.opacity import outside_hull
 from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_surface, unmatched
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.camera import pose_and_intrinsics
+from mgf_engine.raster.device import each_view
 from mgf_engine.raster.library import parallel, side_by_side
 from mgf_engine.raster.points import INSIDE, NEAR
 from mgf_engine.scene.model import View
@@ -34,6 +35,7 @@ JUMP = 0.01  # share of the depth that neighbouring pixels of one surface differ
 MIXED = 0.01  # mean and median depth that differ by a larger share belong to several surfaces
 MIN_ALPHA = 0.5  # pixels that the field covers less show no surface,
 THROUGH, THROUGH_WEIGHT = 0.2, 0.25  # and less than this let the view through, with this share of the usual weight
+CPU = torch.device("cpu")
 FAR = 1e6  # depth of what lies behind everything
 UNMATCHED = 0.2  # weight of a depth that only the field vouches for, beside one that photos agree on
 
@@ -94,7 +96,7 @@ class FusedField:
         neighbours: per view the numbers of those to move its depths with to where their photos look most alike.
         search: how far, and in which steps.
         band: half width of the band in which distances are known, in pixels.
-        apart: whether ``show`` may be asked on several threads.
+        device: where ``show`` draws.
     """
 
     def __init__(
@@ -105,14 +107,14 @@ class FusedField:
         search: Search = WIDE,
         band: float = BAND_PIXELS,
         progress: Progress = lambda share: None,
-        apart: bool = True,
+        device: torch.device = CPU,
     ) -> None:
         self.offset, self.band = 0.0, band
         near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
         left = np.bincount([k for number in range(len(masks)) for k in (number, *near[number])], minlength=len(masks))
         surfaces: dict[int, Surface] = {}  # only those that a view still to come is matched with
         first_needed = list(dict.fromkeys(k for number in range(len(masks)) for k in (number, *near[number])))
-        shown = side_by_side(show, first_needed) if apart else map(show, first_needed)
+        shown = each_view(show, first_needed, device)
 
         def needed() -> Iterator[tuple[Surface, list[Surface], NDArray[np.uint8]]]:
             for number, mask in enumerate(masks):
@@ -262,8 +264,8 @@ def fuse_gaussians(
     def show(number: int) -> Surface:
         return render_surface(gaussians, views[number], photos.grey(number) if photos else None)
 
-    apart = gaussians.positions.device.type == "cpu"
-    return FusedField(show, masks, photos.neighbours if photos else (), progress=progress, apart=apart)
+    device = gaussians.positions.device
+    return FusedField(show, masks, photos.neighbours if photos else (), progress=progress, device=device)
 
 
 def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None) -> Surface:

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.geometry import evaluate_mesh, mask_iou, score_surface
+from mgf_engine.evaluate.geometry import mask_iou, score_surface
 from mgf_engine.evaluate.surfaces import SeeingCamera, Surface, read_surface
 
 
@@ -163,7 +163,7 @@ def test_files_give_the_same_scores_as_surfaces(tmp_path: Path) -> None:
     for end in ("ply", "obj", "glb"):
         path = tmp_path / f"straße ball.{end}"
         ball.export(path)
-        scores = evaluate_mesh(path, path, (0.001,), samples=1_000)
+        scores = score_surface(read_surface(path), read_surface(path), (0.001,), samples=1_000)
         assert scores.f1 == (100.0,)
         assert json.loads(json.dumps(scores.as_dict()))["hygiene"]["faces"] == len(ball.faces)
 
