@@ -19,6 +19,10 @@ static const v16 ROW_Y[4] = {PIXELS_Y(0), PIXELS_Y(4), PIXELS_Y(8), PIXELS_Y(12)
 
 #define INLINE static inline __attribute__((always_inline))
 
+// Has what a pointer points to read again from here on. A loop over the blocks would else keep two dozen copies of a record's floats,
+// spread out to vectors, for which there are no registers; instructions take a float of memory for all lanes at no cost.
+#define READ_ANEW(pointer) __asm__("" : "+r"(pointer))
+
 // The response of one Gaussian in the sixteen pixels of a block (records.h).
 typedef struct {
     v16 q, inv_a;          // q and 1 / A

@@ -25,123 +25,135 @@ typedef struct {
     int64_t width, height;
 } ImageGradients;
 
-// What the backward pass needs to know of each pixel of a tile.
+// What the backward pass needs to know of the pixels of a block, one block after the other as in blend.c.
 typedef struct {
-    v16 t[BLOCKS], rest[BLOCKS];                 // transmittance, R
-    v16 colour[3][BLOCKS], fixed[BLOCKS];        // gc; the part of G that is the same for every Gaussian
-    v16 depth[BLOCKS], median[BLOCKS], normal[3][BLOCKS];
-    v16 md2[BLOCKS], md1[BLOCKS], first[BLOCKS]; // gx W, 2 gx M1, as in shifted_depth
-    v16 error[BLOCKS];
-} Pixels;
+    v16 t, rest;                    // transmittance, R
+    v16 colour[3], fixed;           // gc; the part of G that is the same for every Gaussian
+    v16 depth, median, normal[3];
+    v16 md2, md1, first;            // gx W, 2 gx M1, as in shifted_depth
+    v16 error;
+} Block;
+
+enum { STEP = sizeof(Block) / sizeof(v16) };  // from a vector of one block to that of the next
 
 // One plane of a tile from an image whose rows are `stride` floats apart; zero outside width x height and for no image.
-INLINE void load_plane(v16 *blocks, const float *plane, int64_t stride, int64_t ox, int64_t oy, int64_t width, int64_t height) {
+INLINE void load_plane(v16 *to, int64_t step, const float *plane, int64_t stride, int64_t ox, int64_t oy, int64_t width,
+                       int64_t height) {
     if (!plane) {
-        memset(blocks, 0, BLOCKS * sizeof *blocks);
+        for (int b = 0; b < BLOCKS; b++) to[b * step] = splat(0.0f);
         return;
     }
     if (ox + TILE <= width && oy + TILE <= height) {
         for (int b = 0; b < BLOCKS; b++)
             for (int row = 0; row < 4; row++)
-                memcpy((float *)(blocks + b) + 4 * row, plane + (oy + (b >> 2) * 4 + row) * stride + ox + (b & 3) * 4,
+                memcpy((float *)(to + b * step) + 4 * row, plane + (oy + (b >> 2) * 4 + row) * stride + ox + (b & 3) * 4,
                        4 * sizeof(float));
         return;
     }
     for (int b = 0; b < BLOCKS; b++)
         for (int i = 0; i < 16; i++) {
             const int64_t x = ox + (b & 3) * 4 + (i & 3), y = oy + (b >> 2) * 4 + (i >> 2);
-            ((float *)(blocks + b))[i] = x < width && y < height ? plane[y * stride + x] : 0.0f;
+            ((float *)(to + b * step))[i] = x < width && y < height ? plane[y * stride + x] : 0.0f;
         }
 }
 
-INLINE void load_pixels(Pixels *s, const ImageGradients *in, const float *image, int64_t plane, int64_t tiles_x, int64_t tile,
-                        const int level, const int stats) {
+INLINE void load_blocks(Block *s, const ImageGradients *in, const float *image, int64_t plane, int64_t tiles_x, int64_t tile,
+                        const Camera *camera, const int level, const int stats) {
     const int64_t ox = tile % tiles_x * TILE, oy = tile / tiles_x * TILE, stride = tiles_x * TILE, w = in->width, h = in->height;
-    v16 alpha_gradient[BLOCKS], value[BLOCKS], alpha[BLOCKS];
-#define GRADIENT(to, from, c) load_plane(to, (from) ? (from) + (c) * w * h : 0, w, ox, oy, w, h)
-#define VALUE(to, c) load_plane(to, image + (c) * plane, stride, ox, oy, w, h)
+    v16 value[BLOCKS], alpha[BLOCKS];
+#define GRADIENT(to, from, c) load_plane(&s->to, STEP, (from) ? (from) + (c) * w * h : 0, w, ox, oy, w, h)
+#define VALUE(to, c) load_plane(to, 1, image + (c) * plane, stride, ox, oy, w, h)
     VALUE(alpha, OUT_ALPHA);
-    GRADIENT(alpha_gradient, in->alpha, 0);
+    GRADIENT(fixed, in->alpha, 0);
     for (int b = 0; b < BLOCKS; b++) {
-        s->t[b] = splat(1.0f);
-        s->fixed[b] = alpha_gradient[b], s->rest[b] = alpha_gradient[b] * alpha[b];
+        const i16 inside = (COLUMN_X[b & 3] + (float)ox < camera->width) & (ROW_Y[b >> 2] + (float)oy < camera->height);
+        s[b].t = keep(inside, splat(1.0f));  // as in blend_tile
+        s[b].rest = s[b].fixed * alpha[b];
     }
     for (int c = 0; c < 3; c++) {
-        GRADIENT(s->colour[c], in->colour, c);
+        GRADIENT(colour[c], in->colour, c);
         VALUE(value, OUT_R + c);
-        for (int b = 0; b < BLOCKS; b++) s->rest[b] += s->colour[c][b] * value[b];
+        for (int b = 0; b < BLOCKS; b++) s[b].rest += s[b].colour[c] * value[b];
     }
-    if (stats) GRADIENT(s->error, in->error, 0);
+    if (stats) GRADIENT(error, in->error, 0);
     if (level >= LEVEL_DEPTH) {
-        GRADIENT(s->depth, in->depth, 0);
+        GRADIENT(depth, in->depth, 0);
         VALUE(value, OUT_DEPTH);
-        for (int b = 0; b < BLOCKS; b++) s->rest[b] += s->depth[b] * value[b];
+        for (int b = 0; b < BLOCKS; b++) s[b].rest += s[b].depth * value[b];
     }
     if (level < LEVEL_ALL) return;
     for (int c = 0; c < 3; c++) {
-        GRADIENT(s->normal[c], in->normal, c);
+        GRADIENT(normal[c], in->normal, c);
         VALUE(value, OUT_NX + c);
-        for (int b = 0; b < BLOCKS; b++) s->rest[b] += s->normal[c][b] * value[b];
+        for (int b = 0; b < BLOCKS; b++) s[b].rest += s[b].normal[c] * value[b];
     }
-    v16 distortion[BLOCKS], m1[BLOCKS];
-    GRADIENT(s->median, in->median, 0);
-    GRADIENT(distortion, in->distortion, 0);
+    v16 m1[BLOCKS];
+    GRADIENT(median, in->median, 0);
+    GRADIENT(md2, in->distortion, 0);
     VALUE(m1, OUT_M1);
     VALUE(value, OUT_M2);
-    memset(s->first, 0, sizeof s->first);
     for (int b = 0; b < BLOCKS; b++) {
-        s->md2[b] = distortion[b] * alpha[b], s->md1[b] = 2.0f * distortion[b] * m1[b];
-        s->fixed[b] += distortion[b] * value[b];
-        s->rest[b] += 2.0f * distortion[b] * (value[b] * alpha[b] - m1[b] * m1[b]);
+        const v16 distortion = s[b].md2;
+        s[b].md2 = distortion * alpha[b], s[b].md1 = 2.0f * distortion * m1[b];
+        s[b].first = splat(0.0f);
+        s[b].fixed += distortion * value[b];
+        s[b].rest += 2.0f * distortion * (value[b] * alpha[b] - m1[b] * m1[b]);
     }
 #undef GRADIENT
 #undef VALUE
 }
 
-// Adds what one Gaussian gets from one block to its sums.
-INLINE void differentiate_block(Pixels *s, const float *g, v16 dx, v16 dy, int b, const Camera *camera, float map_scale, v16 *sum,
-                                const int level, const int stats) {
+// Gradients of q, A and B in the pixels of one block.
+typedef struct {
+    v16 q, a, b;
+} Slopes;
+
+// What one Gaussian gets from one block: its slopes, and all sums but those of the slopes.
+INLINE Slopes differentiate_block(Block *s, const float *g, v16 dx, v16 dy, const Camera *camera, float map_scale, v16 *sum,
+                                  const int level, const int stats) {
     const Response r = respond(g, dx, dy);
-    const v16 before = s->t[b];
+    const v16 before = s->t;
     const v16 t_star = response_depth(g, dx, dy, r.inv_a);
     const i16 taken = (r.power2 > g[REC_THRESHOLD]) & (before > T_STOP) & (t_star > camera->near);
     const v16 free_a = g[REC_OPACITY] * exp2_16(r.power2), a = vmin(free_a, splat(ALPHA_MAX));
     const v16 w = keep(taken, a * before), after = before - w;
     const v16 depth = choose(taken, t_star, splat(camera->near));
-    v16 gw = s->fixed[b], gt = splat(0.0f);
+    v16 gw = s->fixed, gt = splat(0.0f);
     for (int c = 0; c < 3; c++) {
-        gw += s->colour[c][b] * g[REC_R + c];
-        sum[SUM_R + c] += w * s->colour[c][b];
+        gw += s->colour[c] * g[REC_R + c];
+        sum[SUM_R + c] += w * s->colour[c];
     }
-    if (level >= LEVEL_DEPTH) gw += s->depth[b] * depth, gt = s->depth[b];
+    if (level >= LEVEL_DEPTH) gw += s->depth * depth, gt = s->depth;
     if (level >= LEVEL_ALL) {
         for (int c = 0; c < 3; c++) {
-            gw += s->normal[c][b] * g[REC_NX + c];
-            sum[SUM_NX + c] += w * s->normal[c][b];
+            gw += s->normal[c] * g[REC_NX + c];
+            sum[SUM_NX + c] += w * s->normal[c];
         }
-        const v16 inv_t = reciprocal(depth), m = shifted_depth(inv_t, before, &s->first[b], map_scale);
-        gw += m * (s->md2[b] * m - s->md1[b]);
-        gt += (2.0f * map_scale) * (s->md2[b] * m - 0.5f * s->md1[b]) * inv_t * inv_t;
+        const v16 inv_t = reciprocal(depth), m = shifted_depth(inv_t, before, &s->first, map_scale);
+        gw += m * (s->md2 * m - s->md1);
+        gt += (2.0f * map_scale) * (s->md2 * m - 0.5f * s->md1) * inv_t * inv_t;
     }
     gt = w * gt;
-    if (level >= LEVEL_ALL) gt += keep(taken & (before > 0.5f) & (after <= 0.5f), s->median[b]);
-    const v16 rest = s->rest[b] - w * gw;
-    s->rest[b] = rest, s->t[b] = after;
+    if (level >= LEVEL_ALL) gt += keep(taken & (before > 0.5f) & (after <= 0.5f), s->median);
+    const v16 rest = s->rest - w * gw;
+    s->rest = rest, s->t = after;
     // dL / d log(alpha); the clamp at ALPHA_MAX stops it
     const v16 ga = keep(taken & (free_a < ALPHA_MAX), (before * gw - rest * reciprocal(1.0f - a)) * a);
-    const v16 gq = -0.5f * ga * r.inv_a, gA = -(gq * r.q + gt * depth) * r.inv_a;
+    sum[SUM_OPACITY] += ga;
+    if (stats) sum[SUM_WEIGHT] += w, sum[SUM_ERROR] += w * s->error;
+    const v16 gq = -0.5f * ga * r.inv_a;
+    return (Slopes){gq, -(gq * r.q + gt * depth) * r.inv_a, gt * r.inv_a};
+}
+
+// Adds the sums of the slopes of one block.
+INLINE void add_slopes(const Slopes *of, const float *g, v16 dx, v16 dy, v16 *sum, const int level, const int stats) {
+    const v16 gq = of->q, gA = of->a, gB = level >= LEVEL_DEPTH ? of->b : splat(0.0f);
     const v16 gqx = gq * dx, gqy = gq * dy, gAx = gA * dx, gAy = gA * dy;
     sum[SUM_QX] += gqx, sum[SUM_QY] += gqy, sum[SUM_QXX] += gqx * dx, sum[SUM_QXY] += gqx * dy, sum[SUM_QYY] += gqy * dy;
     sum[SUM_A] += gA, sum[SUM_AX] += gAx, sum[SUM_AY] += gAy;
     sum[SUM_AXX] += gAx * dx, sum[SUM_AXY] += gAx * dy, sum[SUM_AYY] += gAy * dy;
-    sum[SUM_OPACITY] += ga;
-    v16 gB = splat(0.0f);
-    if (level >= LEVEL_DEPTH) {
-        gB = gt * r.inv_a;
-        sum[SUM_B0] += gB, sum[SUM_BX] += gB * dx, sum[SUM_BY] += gB * dy;
-    }
+    if (level >= LEVEL_DEPTH) sum[SUM_B0] += gB, sum[SUM_BX] += gB * dx, sum[SUM_BY] += gB * dy;
     if (!stats) return;
-    sum[SUM_WEIGHT] += w, sum[SUM_ERROR] += w * s->error[b];
     const v16 move_x = 2.0f * (g[REC_Q0] * gqx + g[REC_Q1] * gqy + g[REC_A3] * gAx + g[REC_A4] * gAy) + g[REC_A1] * gA + g[REC_B1] * gB;
     const v16 move_y = 2.0f * (g[REC_Q1] * gqx + g[REC_Q2] * gqy + g[REC_A4] * gAx + g[REC_A5] * gAy) + g[REC_A2] * gA + g[REC_B2] * gB;
     sum[SUM_MOTION] += vmax(move_x, -move_x) + vmax(move_y, -move_y);
@@ -154,22 +166,34 @@ INLINE void differentiate_tile(int64_t tile, const Camera *camera, const float *
     if (start == end) return;
     const float ox = (float)(tile % tiles_x) * TILE, oy = (float)(tile / tiles_x) * TILE;
     const float map_scale = camera->far * camera->near / (camera->far - camera->near);
-    Pixels s;
-    load_pixels(&s, in, image, plane, tiles_x, tile, level, stats);
-    for (int b = 0; b < BLOCKS; b++) {  // as in blend_tile
-        s.t[b] = keep((COLUMN_X[b & 3] + ox < camera->width) & (ROW_Y[b >> 2] + oy < camera->height), s.t[b]);
-    }
+    enum { AHEAD = 12 };
+    Block blocks[BLOCKS];
+    load_blocks(blocks, in, image, plane, tiles_x, tile, camera, level, stats);
     for (int32_t k = start; k < end; k++) {
-        uint32_t todo = hits[slots[k]];
-        if (!todo) continue;
+        const uint32_t hit = hits[slots[k]];
+        if (k + AHEAD < end) {
+            __builtin_prefetch(hits + slots[k + AHEAD]);
+            const float *later = sums + (int64_t)slots[k + AHEAD / 2] * SUM_SIZE;
+            __builtin_prefetch(later, 1);
+            __builtin_prefetch(later + 16, 1);
+        }
+        if (!hit) continue;
         const float *g = records + (int64_t)gid[k] * REC_SIZE;
         prefetch_record(records, gid, k, end);
         const float x = ox - g[REC_CX], y = oy - g[REC_CY];
+        Slopes slopes[BLOCKS], *of = slopes;
         v16 sum[SUM_SIZE];
         memset(sum, 0, sizeof sum);
-        for (; todo; todo &= todo - 1) {
+        for (uint32_t todo = hit; todo; todo &= todo - 1) {
             const int b = __builtin_ctz(todo);
-            differentiate_block(&s, g, COLUMN_X[b & 3] + x, ROW_Y[b >> 2] + y, b, camera, map_scale, sum, level, stats);
+            READ_ANEW(g);
+            *of++ = differentiate_block(blocks + b, g, COLUMN_X[b & 3] + x, ROW_Y[b >> 2] + y, camera, map_scale, sum, level, stats);
+        }
+        of = slopes;
+        for (uint32_t todo = hit; todo; todo &= todo - 1) {
+            const int b = __builtin_ctz(todo);
+            READ_ANEW(g);
+            add_slopes(of++, g, COLUMN_X[b & 3] + x, ROW_Y[b >> 2] + y, sum, level, stats);
         }
         float *out = sums + (int64_t)slots[k] * SUM_SIZE;
         const v16 low = sums16(sum);

@@ -3,6 +3,10 @@
 #pragma once
 #include "vector.h"
 
+#define SH_ROW 48  // floats per Gaussian: 16 coefficients of three colours
+#define SH_COUNT(degree) (((degree) + 1) * ((degree) + 1))
+#define SH_PARTS(degree) ((3 * SH_COUNT(degree) + 15) / 16)  // vectors that hold those of a degree
+
 #define SH_C0 0.28209479f
 #define SH_C1 0.48860251f
 #define SH_C2 1.09254843f

@@ -5,6 +5,7 @@
 
 #include "export.h"
 #include "harmonics.h"
+#include "rows.h"
 
 enum { PIECE = 256 };  // Gaussians per piece of work
 
@@ -14,16 +15,10 @@ static inline i16 colours(const Lanes *s, const Parameters *in, const Camera *ca
     v16 dir[3], inv_distance, basis[16];
     view_direction(s, camera, dir, &inv_distance);
     sh_basis(degree, dir[0], dir[1], dir[2], basis);
-    const int count = (degree + 1) * (degree + 1);
-    v16 sum[3] = {splat(0.5f), splat(0.5f), splat(0.5f)};
-    for (int b = 0; b < count; b++) {
-        v16 coefficient[3];
-        for (int l = 0; l < 16; l++) {
-            const float *row = in->sh + 48 * (first + l < n ? first + l : n - 1) + 3 * b;
-            for (int c = 0; c < 3; c++) ((float *)(coefficient + c))[l] = row[c];
-        }
-        for (int c = 0; c < 3; c++) sum[c] += basis[b] * coefficient[c];
-    }
+    v16 coefficients[SH_ROW], sum[3] = {splat(0.5f), splat(0.5f), splat(0.5f)};
+    load_columns(coefficients, SH_PARTS(degree), in->sh, SH_ROW, first, n);
+    for (int b = 0; b < SH_COUNT(degree); b++)
+        for (int c = 0; c < 3; c++) sum[c] += basis[b] * coefficients[3 * b + c];
     for (int c = 0; c < 3; c++) rgb[c] = vmax(sum[c], splat(0.0f));
     const v16 all = sum[0] + sum[1] + sum[2];
     return all - all == 0.0f;
@@ -42,6 +37,7 @@ MGF_API void mgf_project(int32_t *next, int64_t n, const Camera *camera, const f
         for (int64_t first = start; first < end; first += 16) {
             const int lanes = end - first < 16 ? (int)(end - first) : 16;
             for (int l = 0; l < lanes; l++) tile_counts[first + l] = 0;
+            fetch_rows(sh, SH_ROW, 3 * SH_COUNT(degree), first, n);
             Lanes s;
             v16 rec[REC_SIZE];
             prepare_lanes(&s, &in, camera, first, n);

@@ -7,6 +7,7 @@
 
 #include "export.h"
 #include "harmonics.h"
+#include "rows.h"
 
 enum { PIECE = 256 };
 
@@ -20,22 +21,23 @@ typedef struct {
     int32_t *count;
 } Statistics;
 
-// sums[c] lane l: column c added over the slots of Gaussian first + l; zero for lanes that are not drawn.
+// sums[c] lane l: column c added over the slots of Gaussian first + l; zero for lanes that are not drawn. Columns from 16 on
+// only where there are any (blend_backward.c).
 static inline void add_slots(v16 *sums, int64_t first, int lanes, const int64_t *slot_starts, const uint16_t *hits,
                              const float *slot_sums, int columns) {
-    memset(sums, 0, SUM_SIZE * sizeof *sums);
+    memset(sums, 0, 2 * 16 * sizeof *sums);
     for (int l = 0; l < lanes; l++) {
-        float total[SUM_SIZE] = {0};
-        int seen = 0;
+        v16 low = splat(0.0f), high = low;
         for (int64_t slot = slot_starts[first + l]; slot < slot_starts[first + l + 1]; slot++) {
             if (!hits[slot]) continue;
-            const float *from = slot_sums + slot * SUM_SIZE;
-            for (int c = 0; c < columns; c++) total[c] += from[c];
-            seen = 1;
+            v16 here, beyond = splat(0.0f);
+            memcpy(&here, slot_sums + slot * SUM_SIZE, sizeof here);
+            if (columns > 16) memcpy(&beyond, slot_sums + slot * SUM_SIZE + 16, (SUM_SIZE - 16) * sizeof(float));
+            low += here, high += beyond;
         }
-        if (seen)
-            for (int c = 0; c < columns; c++) ((float *)(sums + c))[l] = total[c];
+        sums[l] = low, sums[16 + l] = high;
     }
+    transpose16(sums), transpose16(sums + 16);
 }
 
 // Gradients of the harmonics' coefficients (into the result's rows) and of the position through the view direction.
@@ -47,21 +49,12 @@ static inline void colour_gradients(const Lanes *s, const Parameters *in, const 
     for (int i = 0; i < 3; i++) dir[i] = keep(drawn, dir[i] * inv_distance);
     sh_basis(degree, dir[0], dir[1], dir[2], basis);
     for (int c = 0; c < 3; c++) g[c] = keep(rec[REC_R + c] > 0.0f, sum[SUM_R + c]);  // max(0, ..) stops it
-    const int count = (degree + 1) * (degree + 1);
-    for (int b = 0; b < count; b++) {
-        v16 coefficient[3];
-        for (int l = 0; l < 16; l++) {
-            const float *row = in->sh + 48 * (first + l < n ? first + l : n - 1) + 3 * b;
-            for (int c = 0; c < 3; c++) ((float *)(coefficient + c))[l] = row[c];
-        }
-        along_basis[b] = g[0] * coefficient[0] + g[1] * coefficient[1] + g[2] * coefficient[2];
-    }
-    for (int l = 0; l < lanes; l++) {
-        float *row = out->sh + 48 * (first + l);
-        for (int b = 0; b < count; b++)
-            for (int c = 0; c < 3; c++) row[3 * b + c] = ((float *)(basis + b))[l] * ((float *)(g + c))[l];
-        memset(row + 3 * count, 0, (size_t)(48 - 3 * count) * sizeof *row);
-    }
+    v16 columns[SH_ROW];
+    load_columns(columns, SH_PARTS(degree), in->sh, SH_ROW, first, n);
+    for (int b = 0; b < SH_COUNT(degree); b++)
+        along_basis[b] = g[0] * columns[3 * b] + g[1] * columns[3 * b + 1] + g[2] * columns[3 * b + 2];
+    for (int c = 0; c < SH_ROW; c++) columns[c] = c < 3 * SH_COUNT(degree) ? basis[c / 3] * g[c % 3] : splat(0.0f);
+    store_columns(out->sh, SH_ROW, columns, SH_ROW / 16, first, lanes);
     sh_direction_gradient(degree, dir[0], dir[1], dir[2], along_basis, g_dir);
     const v16 along = g_dir[0] * dir[0] + g_dir[1] * dir[1] + g_dir[2] * dir[2];
     for (int i = 0; i < 3; i++) position[i] += (g_dir[i] - dir[i] * along) * inv_distance;
@@ -89,7 +82,7 @@ static inline void zero_rows(const ParameterGradients *out, int64_t first, int l
     memset(out->log_scales + 3 * first, 0, 3 * (size_t)lanes * sizeof(float));
     memset(out->rotations + 4 * first, 0, 4 * (size_t)lanes * sizeof(float));
     memset(out->opacity_logits + first, 0, (size_t)lanes * sizeof(float));
-    memset(out->sh + 48 * first, 0, 48 * (size_t)lanes * sizeof(float));
+    memset(out->sh + SH_ROW * first, 0, SH_ROW * (size_t)lanes * sizeof(float));
 }
 
 // All steps for Gaussians first..first + lanes - 1.
@@ -97,16 +90,14 @@ static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camer
                                 const float *records, const int32_t *tile_counts, const v16 *sum, const ParameterGradients *out,
                                 const Statistics *statistics) {
     v16 rec[REC_SIZE];
-    for (int c = 0; c < REC_SIZE; c++) rec[c] = splat(c == REC_OPACITY ? 1.0f : 0.0f);
-    for (int l = 0; l < lanes; l++)
-        if (tile_counts[first + l])
-            for (int c = 0; c < REC_SIZE; c++) ((float *)(rec + c))[l] = records[(first + l) * REC_SIZE + c];
+    i16 drawn = (i16){0};
+    for (int l = 0; l < lanes; l++) drawn[l] = tile_counts[first + l] ? -1 : 0;
+    load_columns(rec, REC_SIZE / 16, records, REC_SIZE, first, n);
+    for (int c = 0; c < REC_SIZE; c++) rec[c] = choose(drawn, rec[c], splat(c == REC_OPACITY ? 1.0f : 0.0f));
     Lanes s;
     LaneGradients g;
     v16 position[3], log_scales[3], rotation[4], logit;
     prepare_lanes(&s, in, camera, first, n);
-    i16 drawn = (i16){0};
-    for (int l = 0; l < lanes; l++) drawn[l] = tile_counts[first + l] ? -1 : 0;
     geometry_gradients(&s, rec, sum, camera, &g);
     const float *r = camera->rotation;
     for (int i = 0; i < 3; i++) position[i] = r[i] * g.m[0] + r[3 + i] * g.m[1] + r[6 + i] * g.m[2];
@@ -142,7 +133,8 @@ MGF_API void mgf_project_backward(int32_t *next, int64_t n, const Camera *camera
                 zero_rows(&out, first, lanes);
                 continue;
             }
-            v16 sum[SUM_SIZE];
+            fetch_rows(sh, SH_ROW, 3 * SH_COUNT(degree), first, n);
+            v16 sum[32];
             add_slots(sum, first, lanes, slot_starts, hits, slot_sums, (int)columns);
             differentiate_lanes(first, lanes, n, camera, &in, (int)degree, records, tile_counts, sum, &out, &statistics);
         }
