@@ -67,7 +67,7 @@ class Config:
     masked_points: bool = option(True, "masks", "Start from the points on the building only (ablation b)")
     segmenter: str = option("auto", "masks", "What draws the masks", choices=("auto", "grabcut", "efficientsam"))
     weights: str = option("", "masks", "Folder with the EfficientSAM weights; empty takes the user's cache folder")
-    second_level: bool = option(True, "masks", "Find elements inside the building (windows, doors, wall fields)")
+    second_level: str = option("auto", "masks", "Find elements inside the building (windows, doors, wall fields); auto: where a part was clicked or a loss uses them", choices=("auto", "on", "off"))
     strict_vote: bool = option(False, "masks", "Eq. 3 read literally: a point must lie in every root mask")
     vote_tolerance: float = option(0.1, "masks", "Share of root images that may vote against a point", low=0, high=1)
     vote_dilation: int = option(3, "masks", "Masks grow by this much before points are tested against them", low=0, high=100, unit="px")
@@ -119,6 +119,11 @@ class Config:
     export_glb: bool = option(False, "deliver", "Write mesh.glb beside mesh.ply")
     render_all: bool = option(False, "deliver", "Render every photo's view, not only the held-out ones")
     # fmt: on
+
+    def wants_elements(self, parts_clicked: bool) -> bool:
+        """Whether anything will use the second level of the masks."""
+        used = parts_clicked or self.multilevel_loss or self.boundary_loss
+        return self.second_level == "on" or (self.second_level == "auto" and used)
 
     def run_length(self, photos: int) -> int:
         """Iterations of a training on so many photos."""

@@ -56,7 +56,12 @@ _TAKEN = ("mesh", "deliver")  # the others' results are for later stages
 _CONTENT_KINDS = {".bin", ".txt", ".json"}
 _INPUT_KINDS = _CONTENT_KINDS | PHOTO_KINDS
 #: Options outside a stage's own section that decide its result.
-_EXTRA_OPTIONS = {"field": ("seed", "device"), "mesh": ("device",), "deliver": ("device",)}
+_EXTRA_OPTIONS = {
+    "masks": ("multilevel_loss", "boundary_loss"),
+    "field": ("seed", "device"),
+    "mesh": ("device",),
+    "deliver": ("device",),
+}
 
 
 class Job:

@@ -107,7 +107,7 @@ def measure_masks(folder: Path, scene: Scene, variant: str, out: Path, segmenter
     messages: list[Message] = []
     reporter = Reporter(messages.append)
     reporter.stage("masks")
-    config = make_config({"segmenter": segmenter})
+    config = make_config({"segmenter": segmenter, "second_level": "on"})
     row: Row = {"variant": variant, "clicked": len(json.loads((out / "prompts.json").read_text(encoding="utf-8")))}
     started = time.process_time()
     try:

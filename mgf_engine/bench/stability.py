@@ -36,7 +36,7 @@ Row = dict[str, Any]
 ROWS: dict[str, Perturbation | Series] = {**PERTURBATIONS, **SERIES}
 #: Small enough that a run takes less than a minute of one core.
 SMALL: Options = {
-    "preset": "draft", "resolution": 240, "iterations": 300, "max_gaussians": 8_000, "second_level": False,
+    "preset": "draft", "resolution": 240, "iterations": 300, "max_gaussians": 8_000, "second_level": "off",
     "texture": False, "sh_degree": 1, "refine_rounds": 0,
 }  # fmt: skip
 #: Where the F1 of the curves is taken, metres.

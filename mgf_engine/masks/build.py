@@ -73,7 +73,8 @@ def _build_masks(
         raise BadInput(_NO_CLICKS)
     _check(result)
     masks, parts = result.masks, list[Part]()
-    if segmenter is not None and config.second_level:
+    parts_clicked = any(photo.parts for photo in clicks.values())
+    if segmenter is not None and config.wants_elements(parts_clicked):
         masks, parts = _second_level(scene, masks, clicks, segmenter, threads, reporter)
     figures: dict[str, Any] = {
         "segmenter": segmenter.name if segmenter else "none",

@@ -25,7 +25,7 @@ from mgf_engine.scene.model import Scene
 from tests.house import OFFSET, House
 from tests.masks.conftest import quiet
 
-CONFIG = make_config({"segmenter": "grabcut", "device": "cpu", "second_level": False})
+CONFIG = make_config({"segmenter": "grabcut", "device": "cpu", "second_level": "off"})
 Clicks = dict[str, dict[str, Any]]
 
 
@@ -172,10 +172,18 @@ def test_user_parts_are_named_in_every_photo_that_clicked_them(scene: Scene, cli
     named = json.loads(json.dumps(clicks))
     for name in sorted(named)[:2]:
         named[name]["parts"] = {"roof": [named[name]["positive"][1]]}
-    run(scene, named, tmp_path, second_level=True)
+    run(scene, named, tmp_path, second_level="auto")
     parts = json.loads((tmp_path / "masks/parts.json").read_text())["parts"]
     roof = [p for p in parts if p["name"] == "roof"]
     assert len(roof) == 1 and {e[0] for e in roof[0]["elements"]} >= set(sorted(named)[:2])
+
+
+@pytest.mark.parametrize(
+    ("options", "elements"), [({}, False), ({"boundary_loss": True}, True), ({"second_level": "on"}, True)]
+)
+def test_elements_are_found_only_where_something_uses_them(scene, clicks, tmp_path, options, elements):
+    masks = run(scene, clicks, tmp_path, **{"second_level": "auto", **options})
+    assert any(((m >= 2) & (m < 255)).any() for m in masks.labels) == elements
 
 
 def test_masks_off(scene: Scene, tmp_path: Path):
