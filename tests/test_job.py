@@ -40,8 +40,8 @@ def test_a_finished_job_is_done_after_reopening(tmp_path: Path, source: Path) ->
 
 @pytest.mark.parametrize(
     ("options", "first_redone"),
-    [({"resolution": 100}, "scene"), ({"vote_dilation": 1}, "masks"), ({"boundary_loss": True}, "masks"), ({"seed": 5}, "field"),
-     ({"level_steps": 3}, "mesh"), ({"render_all": True}, "deliver")],
+    [({"resolution": 100}, "scene"), ({"vote_dilation": 1}, "masks"), ({"boundary_loss": True}, "masks"),
+     ({"seed": 5}, "field"), ({"level_steps": 3}, "mesh"), ({"render_all": True}, "deliver")],
 )  # fmt: skip
 def test_a_changed_option_redoes_its_stage_and_the_later_ones(tmp_path, source, options, first_redone) -> None:
     with Job.start(tmp_path / "job", source) as job:
