@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,14 @@ from mgf_engine.scene.model import Scene, View
 from mgf_engine.system import atomic_path, write_json
 from mgf_engine.texture.make import make_texture
 
-#: Shares of the stage, for the progress bar.
-_RENDERED, _PAINTED = 0.3, 0.6
+_RENDERED = 0.3  # share of the stage, for the progress bar
 
 
 def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
-    """Render, measure and write everything people look at; returns the headline figures."""
+    """Render, measure and write everything people look at; returns the headline figures.
+
+    The texture is made beside all that does not show it: both have long stretches that one core works on alone.
+    """
     from mgf_engine.evaluate.job_report import report_job
     from mgf_engine.pipeline import load_field, load_inputs, load_mesh
 
@@ -44,29 +47,34 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
         _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
         return name
 
-    renders: dict[int, str] = {}
-    for index, name in zip(chosen, each_view(one, chosen, field.positions.device), strict=True):
-        reporter.progress(_RENDERED * len(renders) / len(chosen))
-        renders[index] = name
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
-    texture = _texture(job, scene, masks, normalised, reporter) if job.config.texture else None
-    _write_other_formats(mesh, texture, job)
-    figures = report_job(job, scene, masks, field, normalised, texture, reporter)
-    write_json(job.path("deliver.json"), {**_manifest(scene, renders, figures), **_parts(job), **_painting(texture)})
+    with ThreadPoolExecutor(1, "mgf-texture") as beside:
+        painting = beside.submit(_texture, job, scene, masks, normalised, reporter) if job.config.texture else None
+        renders: dict[int, str] = {}
+        for index, name in zip(chosen, each_view(one, chosen, field.positions.device), strict=True):
+            reporter.progress(_RENDERED * len(renders) / len(chosen))
+            renders[index] = name
+
+        def texture() -> Texture | None:
+            made = painting.result() if painting else None
+            _write_other_formats(mesh, made, job)
+            return made
+
+        figures = report_job(job, scene, masks, field, normalised, texture, reporter)
+    write_json(job.path("deliver.json"), {**_manifest(scene, renders, figures), **_parts(job), **_painting(job)})
     return figures
 
 
 def _texture(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, reporter: Reporter) -> Texture:
     texture = make_texture(
-        mesh, scene, masks, job.config.texture_size, reporter.warning,
-        lambda share: reporter.progress(_RENDERED + (_PAINTED - _RENDERED) * share),
-    )  # fmt: skip
+        mesh, scene, masks, job.config.texture_size, reporter.warning, lambda share: reporter.check()
+    )
     write_texture(texture, job.folder)
     return texture
 
 
-def _painting(texture: Texture | None) -> dict[str, str]:
-    return {} if texture is None else {"texture": IMAGE, "texture_uv": COORDINATES}
+def _painting(job: Job) -> dict[str, str]:
+    return {"texture": IMAGE, "texture_uv": COORDINATES} if job.config.texture else {}
 
 
 def _parts(job: Job) -> dict[str, str]:

@@ -8,9 +8,12 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from mgf_engine.system import cpu_seconds
+
 
 class PartTimes:
-    """Seconds that pass in the parts of a stage, and seconds of processor time that all threads spend meanwhile."""
+    """Seconds that pass in the parts of a stage, and seconds of processor time that all threads, and
+    processes that end there, spend."""
 
     def __init__(self) -> None:
         self._seconds: dict[str, float] = defaultdict(float)
@@ -19,12 +22,12 @@ class PartTimes:
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
         """Counts what is done inside for the part ``name``."""
-        started, cpu = time.perf_counter(), time.process_time()
+        started, cpu = time.perf_counter(), cpu_seconds()
         try:
             yield
         finally:
             self._seconds[name] += time.perf_counter() - started
-            self._cpu[name] += time.process_time() - cpu
+            self._cpu[name] += cpu_seconds() - cpu
 
     def figures(self) -> dict[str, dict[str, float]]:
         """``seconds_per_part`` and ``cpu_seconds_per_part``, part -> seconds in the order in which parts began."""

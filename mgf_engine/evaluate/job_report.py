@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.view import shaded
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.device import choose_device, each_view
-from mgf_engine.raster.library import variant
+from mgf_engine.raster.library import side_by_side, variant
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
 from mgf_engine.texture.draw import draw_textured
@@ -37,32 +38,28 @@ def report_job(
     masks: MaskSet,
     field: Gaussians,
     mesh: Mesh,
-    texture: Texture | None,
+    texture: Callable[[], Texture | None],
     reporter: Reporter,
 ) -> dict[str, Any]:
     """Measure and write ``report.html`` and ``report.json``; returns the headline figures.
 
     Args:
         field, mesh: normalised frame.
+        texture: waits for the mesh's texture, which may still be in the making; all files it belongs to are there then.
     """
     shown = _shown_views(scene, masks)
 
-    def one(index: int) -> tuple[ViewReport, Scores | None]:
-        report, painted = _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown), None
-        if report.pictures and texture is not None:
-            picture = report.pictures["texture"] = draw_textured(mesh, texture, scene.views[index])[0]
-            if report.held_out and masks.used[index]:
-                painted = score(scene.photo(index), picture, building(masks.labels[index]))
-        return report, painted
+    def one(index: int) -> ViewReport:
+        return _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown)
 
     views: list[ViewReport] = []
-    textured: list[Scores] = []
-    for report, painted in each_view(one, range(len(scene.views)), field.positions.device):
-        reporter.progress(0.6 + 0.3 * len(views) / len(scene.views))
+    for report in each_view(one, range(len(scene.views)), field.positions.device):
+        reporter.progress(0.3 + 0.5 * len(views) / len(scene.views))
         views.append(report)
-        textured += [painted] if painted else []
+    made = texture()
+    reporter.progress(0.8)
+    quality = None if made is None else _show_texture(mesh, made, scene, masks, views)
     data = _report_data(job, scene, masks, mesh, views)
-    quality = mean_scores(textured).psnr
     if quality is not None:
         data.counts["PSNR of the textured mesh, held-out photos (dB)"] = round(quality, 2)
     data.turntable = list(turntable(mesh, scene))
@@ -72,6 +69,18 @@ def report_job(
         "psnr": _rounded(held_out.psnr, 2), "ssim": _rounded(held_out.ssim, 4), "held_out": len(scene.held_out),
         "gaussians": len(field), "faces": len(mesh.faces),
     }  # fmt: skip
+
+
+def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, views: list[ViewReport]) -> float | None:
+    """Adds a picture of the textured mesh to the views with pictures; returns its mean PSNR in held-out photos, dB."""
+
+    def one(index: int) -> Scores | None:
+        picture = views[index].pictures["texture"] = draw_textured(mesh, texture, scene.views[index])[0]
+        measured = views[index].held_out and masks.used[index]
+        return score(scene.photo(index), picture, building(masks.labels[index])) if measured else None
+
+    shown = [index for index, view in enumerate(views) if view.pictures]
+    return mean_scores([scores for scores in side_by_side(one, shown) if scores]).psnr
 
 
 def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:

@@ -65,12 +65,13 @@ def _thin(
     local = points - points.min(0)
     size = float(local.max()) / np.sqrt(limit) + 1e-4
     for _ in range(8):
-        cubes = _cubes(local, size)
-        found = int(cubes.max()) + 1
+        keys = _cubes(local, size)
+        found = len(np.unique(keys))
         if found <= limit and (found > 0.85 * limit or found > 0.99 * len(points)):
             break
         # Points lie on surfaces, so the number of cubes goes with the inverse square of their size.
         size *= float(np.sqrt(found / (0.93 * limit)))
+    cubes = np.unique(keys, return_inverse=True)[1].reshape(-1)
     count = np.bincount(cubes).astype(np.float64)
     mean = lambda a: np.stack([np.bincount(cubes, weights=a[:, k]) / count for k in range(3)], 1)  # noqa: E731
     first = np.zeros(len(count), np.int64)
@@ -79,8 +80,7 @@ def _thin(
 
 
 def _cubes(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:
-    """Consecutive number of the cube each point lies in."""
+    """Number of the cube each point lies in."""
     cell = np.floor(points / size).astype(np.int64)
     spans = cell.max(0) + 1
-    key = (cell[:, 0] * spans[1] + cell[:, 1]) * spans[2] + cell[:, 2]
-    return np.unique(key, return_inverse=True)[1].reshape(-1)
+    return np.asarray((cell[:, 0] * spans[1] + cell[:, 1]) * spans[2] + cell[:, 2])

@@ -20,6 +20,7 @@ from mgf_engine.mesh import clean
 from mgf_engine.mesh.apart import belongs
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos
+from mgf_engine.mesh.delaunay import begun
 from mgf_engine.mesh.face_votes import cut_background
 from mgf_engine.mesh.flat import merge_flat
 from mgf_engine.mesh.fusion import FusedField, Photos, fuse_gaussians
@@ -31,7 +32,7 @@ from mgf_engine.mesh.pixel_counts import count_pixels
 from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.screening import screen, voting_views
-from mgf_engine.mesh.tetrahedra import TetraPoints, delaunay, tetra_points
+from mgf_engine.mesh.tetrahedra import TetraPoints, tetra_points
 from mgf_engine.mesh.unconfirmed import stretch_unconfirmed
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.device import choose_device
@@ -89,15 +90,23 @@ def extract_mesh(
     times = times or PartTimes()
     judges = find_judges(scene, masks, config)
     reporter.progress(0.0)
-    with times.part("depth maps"):
-        kept = screen(gaussians, scene, masks, config)
-        field = surface_field(kept, judges, config, reporter)
-        if isinstance(field, FusedField):
-            sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
-            shift = field.calibrate(scene.points[sure])
-            log.info("mesh: surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
     box = crop_of(config.crop_box, scene)
-    mesh = level_set(kept if box is None else beside(kept, box), field, config, reporter, times)
+    with times.part("points"):
+        kept = screen(gaussians, scene, masks, config)
+        spanned = tetra_points(kept if box is None else beside(kept, box))
+    with begun(spanned.points) as made:
+        with times.part("depth maps"):
+            field = surface_field(kept, judges, config, reporter)
+            if isinstance(field, FusedField):
+                sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
+                shift = field.calibrate(scene.points[sure])
+                log.info("mesh: surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
+        with times.part("tetrahedra"):
+            tetrahedra = made(reporter.check)
+    reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
+    with times.part("level set"):
+        mesh = level_set(spanned, tetrahedra, field, config.level_steps, reporter)
+        del tetrahedra
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
         voting = judges.labels if config.use_masks and config.screening else None
@@ -174,29 +183,17 @@ def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:
 
 
 def level_set(
-    gaussians: Gaussians, field: OpacityField | FusedField, config: Config, reporter: Reporter, times: PartTimes
-) -> Mesh:
-    """The raw surface O(x) = level between the tetrahedral points of the Gaussians.
-
-    Raises:
-        BadInput: there is no surface: everything is free, solid or unseen.
-    """
-    with times.part("tetrahedra"):
-        spanned = tetra_points(gaussians)
-        tetrahedra = delaunay(spanned.points)
-    reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
-    with times.part("level set"):
-        return _between(spanned, tetrahedra, field, config.level_steps, reporter)
-
-
-def _between(
     spanned: TetraPoints,
     tetrahedra: NDArray[np.int32],
     field: OpacityField | FusedField,
     steps: int,
     reporter: Reporter,
 ) -> Mesh:
-    """The surface between solid and free corners of the tetrahedra."""
+    """The raw surface O(x) = level, between solid and free corners of the tetrahedra.
+
+    Raises:
+        BadInput: there is no surface: everything is free, solid or unseen.
+    """
     state = field.classify(spanned.points, lambda s: reporter.progress(_TETRAHEDRA + (_CLASSIFIED - _TETRAHEDRA) * s))
     crossing = march(tetrahedra, state, spanned.points)
     if len(crossing.faces) == 0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the opacity is asked: points spanned by the Gaussians, and the Delaunay tetrahedra between them.
+"""Where the opacity is asked: points spanned by the Gaussians, between which the tetrahedra lie (``delaunay.py``).
 
 Each Gaussian gives its centre and the corners of its box. The box reaches as far as the Gaussian is visible,
 sqrt(2 ln(255 alpha)) standard deviations (there its contribution falls below 1/255), and never beyond three.
@@ -7,7 +7,6 @@ sqrt(2 ln(255 alpha)) standard deviations (there its contribution falls below 1/
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from dataclasses import dataclass
 
@@ -21,9 +20,6 @@ from mgf_engine.raster.points import deviations
 
 MAX_SIGMA = 3.0
 MERGE = 1e-6  # of the points' bounding box: nearer points become one
-
-with contextlib.suppress(ModuleNotFoundError):  # one that is there and cannot be loaded says why itself
-    from igl.copyleft import tetgen
 
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # [8, 3]
 
@@ -70,49 +66,3 @@ def _merge(points: NDArray[np.float64], extent: NDArray[np.float64]) -> TetraPoi
     largest = np.zeros(len(first))
     np.maximum.at(largest, group, extent)
     return TetraPoints(points[first], largest)
-
-
-def delaunay(points: NDArray[np.float64], method: str = "tetgen") -> NDArray[np.int32]:
-    """Delaunay tetrahedra [T, 4] of distinct points [M, 3], all of positive volume.
-
-    Args:
-        method: "tetgen" (libigl; fast) or "qhull" (SciPy; permissive licence, about ten times slower).
-
-    Raises:
-        BadInput: fewer than four points, or all in one plane, or the chosen method is not installed.
-    """
-    if len(points) < 4 or _flat(points):
-        raise BadInput("The field is a point, a line or a plane, and no surface can be made of it; train longer.")
-    if method == "tetgen":
-        return _tetgen(points)
-    from scipy.spatial import Delaunay
-
-    return _positive(points, Delaunay(points).simplices.astype(np.int32))
-
-
-def _flat(points: NDArray[np.float64]) -> bool:
-    centred = points - points.mean(0)
-    spread = np.linalg.svd(centred.T @ centred, compute_uv=False)
-    return bool(spread[2] <= 1e-14 * spread[0])
-
-
-def _tetgen(points: NDArray[np.float64]) -> NDArray[np.int32]:
-    if "tetgen" not in globals():
-        raise BadInput("libigl is not installed; run 'pip install libigl' or choose the method 'qhull'.")
-    low, size = points.min(0), float(np.ptp(points, axis=0).max())
-    try:
-        result = tetgen.tetrahedralize(np.ascontiguousarray((points - low) / size), flags="Q")
-    except RuntimeError as error:
-        raise BadInput(f"The tetrahedra of the field could not be made ({error}); train longer.") from error
-    if len(result[0]) != len(points):
-        raise RuntimeError("tetgen changed the points")
-    return result[1].astype(np.int32)
-
-
-def _positive(points: NDArray[np.float64], tetrahedra: NDArray[np.int32]) -> NDArray[np.int32]:
-    """The tetrahedra that have a volume, turned so that it is positive."""
-    a, b, c, d = (points[tetrahedra[:, k]] for k in range(4))
-    volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
-    turned = tetrahedra.copy()
-    turned[volume < 0] = turned[volume < 0][:, [0, 1, 3, 2]]
-    return turned[volume != 0]

@@ -26,13 +26,13 @@ from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.images import read_info
 from mgf_engine.scene.sfm_worker import DATABASE, FEWEST, MODEL, NO_MODEL, TASK
 from mgf_engine.system import write_json
+from mgf_engine.workers import ended
 
 #: Up to this many photos every pair is matched; beyond it neighbours and photos that look alike.
 EXHAUSTIVE_LIMIT = 60
 _ADVICE = "take more photos with at least 60 % overlap, or give a COLMAP model"
 #: Share of the whole that is done when the features, the matches are there.
 _FEATURES_END, _MATCHES_END = 0.25, 0.6
-_POLL_SECONDS = 0.3
 
 Share = Callable[[float], float]
 
@@ -137,14 +137,6 @@ class _Worker:
                 connection.close()
         except sqlite3.Error:
             return 0
-
-
-def ended(process: subprocess.Popen[bytes]) -> bool:
-    try:
-        process.wait(_POLL_SECONDS)
-    except subprocess.TimeoutExpired:
-        return False
-    return True
 
 
 def _take_up(folder: Path, task: dict[str, Any]) -> None:

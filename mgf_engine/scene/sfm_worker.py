@@ -21,6 +21,7 @@ import pycolmap
 
 from mgf_engine.scene.pairs import choose_pairs
 from mgf_engine.system import write_json
+from mgf_engine.workers import end_with_the_job
 
 TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
 #: Fewest photos of a model.
@@ -112,12 +113,6 @@ def _number(image_id: int) -> str:
 
 def _say(line: str) -> None:
     print(line, flush=True)
-
-
-def end_with_the_job() -> None:
-    while os.read(0, 1024):  # not sys.stdin: its lock, held here, would stop the interpreter from ending
-        pass
-    os._exit(1)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.tetrahedra import delaunay, tetra_points
+from mgf_engine.mesh.delaunay import delaunay
+from mgf_engine.mesh.tetrahedra import tetra_points
 
 from .analytic import discs, sphere
 

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Processes of their own that work for a job: how the job waits for them, and how they end when it does."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable
+
+_POLL_SECONDS = 0.3
+
+
+def ended(process: subprocess.Popen[bytes]) -> bool:
+    """Waits a moment; whether the process has ended."""
+    try:
+        process.wait(_POLL_SECONDS)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
+def wait_for(process: subprocess.Popen[bytes], check: Callable[[], None]) -> None:
+    """Waits until the process has ended; ``check`` is called at once and every moment, and may raise to cancel."""
+    check()
+    while not ended(process):
+        check()
+
+
+def end_with_the_job() -> None:
+    """For a thread of the worker, whose stdin is a pipe that the job holds: ends the process when the job is gone."""
+    while os.read(0, 1024):  # not sys.stdin: its lock, held here, would stop the interpreter from ending
+        pass
+    os._exit(1)
