@@ -11,13 +11,14 @@
 // and reaches furthest right at y_right = -b/d half_x. So the tiles of one tile row that it touches are one interval.
 #pragma once
 #include "records.h"
+#include "vector.h"
 
 typedef struct {
     float x, y;            // centre of the ellipse, pixels
     float slope, width2, fall;  // span at height y: slope y +- sqrt(width2 - fall y^2)
     float y_right;
     float half_y;
-    int32_t whole;         // 1: no ellipse, listed everywhere
+    float whole;           // 1: no ellipse, listed everywhere
 } Footprint;
 
 // Rounding in the blending kernel must never find a pixel outside the listed tiles.
@@ -25,35 +26,33 @@ typedef struct {
 #define FOOTPRINT_MARGIN 0.02f
 #define FOOTPRINT_FAR 1e8f  // stands for infinity in the extents
 
-// Sets the footprint and the extent columns of the record.
-static inline void make_footprint(float *record, double k, const Camera *camera, Footprint *out) {
-    const double a = record[REC_Q0] - k * record[REC_A3], b = record[REC_Q1] - k * record[REC_A4],
-                 d = record[REC_Q2] - k * record[REC_A5], e = -0.5 * k * record[REC_A1], f = -0.5 * k * record[REC_A2];
-    const double det = a * d - b * b, inv = 1.0 / det;
-    const double mx = (b * f - d * e) * inv, my = (b * e - a * f) * inv;
-    const double v = (k - e * mx - f * my) * FOOTPRINT_GROWTH;
-    const double half_x = __builtin_sqrt(d * v * inv), half_y = __builtin_sqrt(a * v * inv);
-    const double x = record[REC_CX] + mx, y = record[REC_CY] + my;
+enum { SHAPE_SIZE = 8 };  // columns of a Footprint
+
+// The footprints of sixteen Gaussians, column by column as in Footprint, and the columns of their records that tell the extent;
+// k as above. In double: for Gaussians seen from the side a d and b^2 are nearly the same.
+static inline void footprint_columns(v16 *rec, d16 k, const Camera *camera, v16 *shape) {
+    const d16 a = widen(rec[REC_Q0]) - k * widen(rec[REC_A3]), b = widen(rec[REC_Q1]) - k * widen(rec[REC_A4]),
+              d = widen(rec[REC_Q2]) - k * widen(rec[REC_A5]), e = -0.5 * k * widen(rec[REC_A1]), f = -0.5 * k * widen(rec[REC_A2]);
+    const d16 det = a * d - b * b, inv = 1.0 / det, inv_a = 1.0 / a;
+    const d16 mx = (b * f - d * e) * inv, my = (b * e - a * f) * inv;
+    const d16 v = (k - e * mx - f * my) * FOOTPRINT_GROWTH;
+    const d16 half_x = dsqrt(d * v * inv), half_y = dsqrt(a * v * inv);
+    const d16 x = widen(rec[REC_CX]) + mx, y = widen(rec[REC_CY]) + my;
+    const v16 hx = narrow(half_x), hy = narrow(half_y), cx = narrow(x), cy = narrow(y), far = splat(FOOTPRINT_FAR);
     const float diagonal = 0.5f * __builtin_sqrtf(camera->width * camera->width + camera->height * camera->height);
-    if (!(a > 0.0 && det > 0.0 && half_x < FOOTPRINT_FAR && half_y < FOOTPRINT_FAR && __builtin_fabs(x) < FOOTPRINT_FAR &&
-          __builtin_fabs(y) < FOOTPRINT_FAR)) {
-        const Footprint everywhere = {0, 0, 0, 0, 0, 0, 0, 1};
-        *out = everywhere;
-        record[REC_X0] = record[REC_Y0] = -FOOTPRINT_FAR, record[REC_X1] = record[REC_Y1] = FOOTPRINT_FAR;
-        record[REC_SLOPE] = record[REC_FALL] = record[REC_Y_RIGHT] = 0.0f, record[REC_WIDTH2] = FOOTPRINT_FAR * FOOTPRINT_FAR;
-        record[REC_RADIUS] = diagonal;
-        return;
-    }
-    out->x = (float)x, out->y = (float)y;
-    out->slope = (float)(-b / a), out->width2 = (float)(v / a), out->fall = (float)(det / (a * a));
-    out->y_right = (float)(-b / d * half_x), out->half_y = (float)half_y;
-    out->whole = 0;
-    record[REC_SLOPE] = out->slope, record[REC_WIDTH2] = out->width2;
-    record[REC_FALL] = out->fall, record[REC_Y_RIGHT] = out->y_right;
-    record[REC_X0] = (float)(x - half_x) - FOOTPRINT_MARGIN, record[REC_X1] = (float)(x + half_x) + FOOTPRINT_MARGIN;
-    record[REC_Y0] = (float)(y - half_y) - FOOTPRINT_MARGIN, record[REC_Y1] = (float)(y + half_y) + FOOTPRINT_MARGIN;
-    const float radius = (float)(half_x > half_y ? half_x : half_y);
-    record[REC_RADIUS] = radius < diagonal ? radius : diagonal;
+    const i16 ellipse = (narrow(a) > 0.0f) & (narrow(det) > 0.0f) & (hx < far) & (hy < far) & (cx < far) & (cx > -far) &
+                        (cy < far) & (cy > -far);
+    rec[REC_SLOPE] = keep(ellipse, narrow(-b * inv_a)), rec[REC_FALL] = keep(ellipse, narrow(det * inv_a * inv_a));
+    rec[REC_WIDTH2] = narrow(v * inv_a), rec[REC_Y_RIGHT] = keep(ellipse, narrow(-b / d * half_x));
+    shape[0] = keep(ellipse, cx), shape[1] = keep(ellipse, cy), shape[2] = rec[REC_SLOPE];
+    shape[3] = keep(ellipse, rec[REC_WIDTH2]), shape[4] = rec[REC_FALL], shape[5] = rec[REC_Y_RIGHT];
+    shape[6] = keep(ellipse, hy), shape[7] = choose(ellipse, splat(0.0f), splat(1.0f));
+    rec[REC_WIDTH2] = choose(ellipse, rec[REC_WIDTH2], far * far);
+    rec[REC_X0] = choose(ellipse, narrow(x - half_x) - FOOTPRINT_MARGIN, -far);
+    rec[REC_X1] = choose(ellipse, narrow(x + half_x) + FOOTPRINT_MARGIN, far);
+    rec[REC_Y0] = choose(ellipse, narrow(y - half_y) - FOOTPRINT_MARGIN, -far);
+    rec[REC_Y1] = choose(ellipse, narrow(y + half_y) + FOOTPRINT_MARGIN, far);
+    rec[REC_RADIUS] = choose(ellipse, vmin(vmax(hx, hy), splat(diagonal)), splat(diagonal));
 }
 
 static inline int clamp_int(float x, int low, int high) { return x < (float)low ? low : x > (float)high ? high : (int)x; }
@@ -65,7 +64,7 @@ static inline void tile_interval(float low, float high, int tiles, int *first, i
 }
 
 static inline void tile_rows(const Footprint *p, int tiles_y, int *first, int *last) {
-    if (p->whole) {
+    if (p->whole > 0.0f) {
         *first = 0, *last = tiles_y - 1;
         return;
     }
@@ -76,7 +75,7 @@ static inline float within(float x, float low, float high) { return x < low ? lo
 
 // The tiles of row ty that the footprint touches.
 static inline void tile_columns(const Footprint *p, int ty, int tiles_x, int *first, int *last) {
-    if (p->whole) {
+    if (p->whole > 0.0f) {
         *first = 0, *last = tiles_x - 1;
         return;
     }

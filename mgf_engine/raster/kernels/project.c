@@ -3,6 +3,8 @@
 // The formulas and where they come from: project.h.
 #include "project.h"
 
+#include <string.h>
+
 #include "export.h"
 #include "harmonics.h"
 #include "rows.h"
@@ -25,7 +27,7 @@ static inline i16 colours(const Lanes *s, const Parameters *in, const Camera *ca
 }
 
 // Fills records [n, 32], footprints [n] (8 words each), tile_counts [n] (0: not drawn) and depth_keys [n] (bits of the depth).
-// Records and footprints of Gaussians that are not drawn are left as they were.
+// Records and footprints of Gaussians that are not drawn may hold anything.
 MGF_API void mgf_project(int32_t *next, int64_t n, const Camera *camera, const float *positions, const float *log_scales,
                          const float *rotations, const float *opacity_logits, const float *sh, const float *filter_3d,
                          int64_t degree, int64_t tiles_x, int64_t tiles_y, const int32_t *mask_sums, float *records,
@@ -49,17 +51,19 @@ MGF_API void mgf_project(int32_t *next, int64_t n, const Camera *camera, const f
             drawn &= (sum - sum == 0.0f);
             if (!any(drawn)) continue;
             drawn &= colours(&s, &in, camera, (int)degree, first, n, rec + REC_R);
+            d16 k;
+            for (int l = 0; l < 16; l++) k[l] = drawn[l] ? 2.0 * __builtin_log(255.0 * rec[REC_OPACITY][l]) : 1.0;
+            rec[REC_THRESHOLD] = narrow((-0.5 * 1.4426950408889634) * k), rec[REC_SIZE - 1] = splat(0.0f);
+            v16 shape[16] = {{0}};
+            footprint_columns(rec, k, camera, shape);
+            const v16 depth = rec[REC_B0];
+            store_columns(records, REC_SIZE, rec, REC_SIZE / 16, first, lanes);
+            transpose16(shape);
             for (int l = 0; l < lanes; l++) {
                 if (!drawn[l]) continue;
-                float *out = records + (first + l) * REC_SIZE;
-                for (int c = 0; c <= REC_NZ; c++) out[c] = ((float *)(rec + c))[l];
-                out[REC_RAY2] = ((float *)(rec + REC_RAY2))[l];
-                const double k = 2.0 * __builtin_log(255.0 * out[REC_OPACITY]);
-                out[REC_THRESHOLD] = (float)(-0.5 * 1.4426950408889634 * k);
-                make_footprint(out, k, camera, footprints + first + l);
+                memcpy(footprints + first + l, shape + l, sizeof *footprints);
                 tile_counts[first + l] = count_tiles(footprints + first + l, mask_sums, (int)tiles_x, (int)tiles_y);
-                union { float f; uint32_t u; } bits = {out[REC_B0]};
-                depth_keys[first + l] = bits.u;  // positive floats sort like their bits
+                depth_keys[first + l] = (uint32_t)((i16)depth)[l];  // bits of positive floats sort like them
             }
         }
     }

@@ -25,19 +25,19 @@ typedef struct {
 // only where there are any (blend_backward.c).
 static inline void add_slots(v16 *sums, int64_t first, int lanes, const int64_t *slot_starts, const uint16_t *hits,
                              const float *slot_sums, int columns) {
-    memset(sums, 0, 2 * 16 * sizeof *sums);
-    for (int l = 0; l < lanes; l++) {
-        v16 low = splat(0.0f), high = low;
+    enum { LAST = SUM_SIZE - 16 };  // the last sixteen columns begin here
+    v16 low[16], high[16];
+    for (int l = 0; l < 16; l++) {
+        low[l] = high[l] = splat(0.0f);
+        if (l >= lanes) continue;
         for (int64_t slot = slot_starts[first + l]; slot < slot_starts[first + l + 1]; slot++) {
             if (!hits[slot]) continue;
-            v16 here, beyond = splat(0.0f);
-            memcpy(&here, slot_sums + slot * SUM_SIZE, sizeof here);
-            if (columns > 16) memcpy(&beyond, slot_sums + slot * SUM_SIZE + 16, (SUM_SIZE - 16) * sizeof(float));
-            low += here, high += beyond;
+            low[l] += load16(slot_sums + slot * SUM_SIZE);
+            if (columns > 16) high[l] += load16(slot_sums + slot * SUM_SIZE + LAST);
         }
-        sums[l] = low, sums[16 + l] = high;
     }
-    transpose16(sums), transpose16(sums + 16);
+    transpose16(low), transpose16(high);
+    for (int c = 0; c < SUM_SIZE; c++) sums[c] = c < 16 ? low[c] : high[c - LAST];
 }
 
 // Gradients of the harmonics' coefficients (into the result's rows) and of the position through the view direction.
@@ -134,7 +134,7 @@ MGF_API void mgf_project_backward(int32_t *next, int64_t n, const Camera *camera
                 continue;
             }
             fetch_rows(sh, SH_ROW, 3 * SH_COUNT(degree), first, n);
-            v16 sum[32];
+            v16 sum[SUM_SIZE];
             add_slots(sum, first, lanes, slot_starts, hits, slot_sums, (int)columns);
             differentiate_lanes(first, lanes, n, camera, &in, (int)degree, records, tile_counts, sum, &out, &statistics);
         }

@@ -2,8 +2,6 @@
 // Between rows in memory, one Gaussian after the other, and columns in vectors, one number of sixteen Gaussians each. Whole
 // vectors of a row are read and written and turned in registers: number by number it would take three times as long.
 #pragma once
-#include <string.h>
-
 #include "vector.h"
 
 #define LOW_HALVES 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23
@@ -40,7 +38,7 @@ static inline void transpose16(v16 *a) {
 static inline void load_columns(v16 *columns, int parts, const float *rows, int64_t stride, int64_t first, int64_t n) {
     for (int l = 0; l < 16; l++) {
         const float *row = rows + (first + l < n ? first + l : n - 1) * stride;
-        for (int part = 0; part < parts; part++) memcpy(columns + 16 * part + l, row + 16 * part, sizeof *columns);
+        for (int part = 0; part < parts; part++) columns[16 * part + l] = load16(row + 16 * part);
     }
     for (int part = 0; part < parts; part++) transpose16(columns + 16 * part);
 }
@@ -49,7 +47,7 @@ static inline void load_columns(v16 *columns, int parts, const float *rows, int6
 static inline void store_columns(float *rows, int64_t stride, v16 *columns, int parts, int64_t first, int lanes) {
     for (int part = 0; part < parts; part++) {
         transpose16(columns + 16 * part);
-        for (int l = 0; l < lanes; l++) memcpy(rows + (first + l) * stride + 16 * part, columns + 16 * part + l, sizeof *columns);
+        for (int l = 0; l < lanes; l++) store16(rows + (first + l) * stride + 16 * part, columns[16 * part + l]);
     }
 }
 

@@ -24,6 +24,11 @@ enum { VECTOR = 16 };  // lanes
 
 static inline v16 splat(float x) { return (v16){x, x, x, x, x, x, x, x, x, x, x, x, x, x, x, x}; }
 
+// A vector anywhere in memory. (memcpy comes out in two halves, which are not at hand as a whole right after.)
+typedef float loose16 __attribute__((vector_size(64), aligned(4)));
+static inline v16 load16(const float *from) { return *(const loose16 *)from; }
+static inline void store16(float *to, v16 x) { *(loose16 *)to = x; }
+
 // Lanes of a where m is true, else of b.
 static inline v16 choose(i16 m, v16 a, v16 b) { return (v16)((m & (i16)a) | (~m & (i16)b)); }
 
@@ -77,6 +82,15 @@ static inline v16 vsqrt(v16 x) {
     for (int i = 0; i < 16; i++) x[i] = __builtin_sqrtf(x[i]);
     return x;
 #endif
+}
+
+// Sixteen doubles: for the few sums that float32 cannot hold.
+typedef double d16 __attribute__((vector_size(128), aligned(128)));
+static inline d16 widen(v16 x) { return __builtin_convertvector(x, d16); }
+static inline v16 narrow(d16 x) { return __builtin_convertvector(x, v16); }
+static inline d16 dsqrt(d16 x) {
+    for (int i = 0; i < 16; i++) x[i] = __builtin_sqrt(x[i]);
+    return x;
 }
 
 // 1/x to about 1e-7 for normal x (not for 0, infinity or subnormals). With AVX-512 an estimate and one Newton step; with

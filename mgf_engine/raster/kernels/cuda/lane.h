@@ -20,6 +20,11 @@ typedef float v16;
 typedef int i16;
 enum { VECTOR = 1 };  // lanes
 
+typedef double d16;
+static inline double widen(float x) { return x; }
+static inline float narrow(double x) { return (float)x; }
+static inline double dsqrt(double x) { return sqrt(x); }
+
 static inline float splat(float x) { return x; }
 static inline float choose(int m, float a, float b) { return m ? a : b; }
 static inline float keep(int m, float a) { return m ? a : 0.0f; }

@@ -54,11 +54,14 @@ KERNEL(project, int n, BY_VALUE Camera camera, const float *positions, const flo
         if (!(sum - sum == 0.0f)) continue;
         const double k = 2.0 * log(255.0 * record.of[REC_OPACITY]);
         record.of[REC_THRESHOLD] = (float)(-0.5 * 1.4426950408889634 * k), record.of[REC_SIZE - 1] = 0.0f;
-        Footprint footprint;
-        make_footprint(record.of, k, &camera, &footprint);
+        union {
+            float columns[SHAPE_SIZE];
+            Footprint footprint;
+        } shape;
+        footprint_columns(record.of, k, &camera, shape.columns);
         for (int f = 0; f < REC_SIZE / 4; f++) records[(int64_t)i * (REC_SIZE / 4) + f] = record.four[f];
-        footprints[i] = footprint;
-        tile_counts[i] = count_tiles(&footprint, mask_sums, tiles_x, tiles_y);
+        footprints[i] = shape.footprint;
+        tile_counts[i] = count_tiles(&shape.footprint, mask_sums, tiles_x, tiles_y);
         union { float f; uint32_t u; } bits = {record.of[REC_B0]};
         if (tile_counts[i]) depth_keys[i] = bits.u;  // positive floats sort like their bits
     }
