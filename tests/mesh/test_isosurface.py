@@ -8,7 +8,7 @@ import pytest
 
 from mgf_engine.mesh.isosurface import FREE, INVALID, NEAR_ENOUGH, SOLID, find_level, march
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.tetrahedra import delaunay
+from mgf_engine.mesh.delaunay import delaunay
 
 from .analytic import as_trimesh
 
