@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +51,9 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
 
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     with ThreadPoolExecutor(1, "mgf-texture") as beside:
-        painting = beside.submit(_texture, job, scene, masks, normalised, reporter) if job.config.texture else None
+        warnings: list[str] = []  # this thread reports them: who listens expects all messages from one
+        make = partial(_texture, job, scene, masks, normalised, warnings.append, reporter.check)
+        painting = beside.submit(make) if job.config.texture else None
         renders: dict[int, str] = {}
         for index, name in zip(chosen, each_view(one, chosen, field.positions.device), strict=True):
             reporter.progress(_RENDERED * len(renders) / len(chosen))
@@ -57,6 +61,8 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
 
         def texture() -> Texture | None:
             made = painting.result() if painting else None
+            for text in warnings:
+                reporter.warning(text)
             _write_other_formats(mesh, made, job)
             return made
 
@@ -65,10 +71,10 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     return figures
 
 
-def _texture(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, reporter: Reporter) -> Texture:
-    texture = make_texture(
-        mesh, scene, masks, job.config.texture_size, reporter.warning, lambda share: reporter.check()
-    )
+def _texture(
+    job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, warn: Callable[[str], None], check: Callable[[], None]
+) -> Texture:
+    texture = make_texture(mesh, scene, masks, job.config.texture_size, warn, lambda share: check())
     write_texture(texture, job.folder)
     return texture
 
