@@ -1,31 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Delaunay tetrahedra of points, made in a process of their own: ``python -m mgf_engine.mesh.delaunay FOLDER``.
+"""Delaunay tetrahedra of points, made in a process of their own: ``python -m mgf_engine.mesh.delaunay COUNT``.
 
 tetgen works on one core for seconds, and no other Python thread goes on meanwhile. A process of its own ends when the
-job is cancelled, and its memory goes with it. Points and result lie in a folder of the two of them.
+job is cancelled, and its memory goes with it. Points and result go through pipes.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
-from mgf_engine.workers import end_with_the_job, wait_for
+from mgf_engine.workers import end_with_the_job
 
 with contextlib.suppress(ModuleNotFoundError):  # one that is there and cannot be loaded says why itself
     from igl.copyleft import tetgen
 
 COMMAND = (sys.executable, "-m", "mgf_engine.mesh.delaunay")
-_POINTS, _TETRAHEDRA = "points.npy", "tetrahedra.npy"
+_POLL_SECONDS = 0.1
 
 Points = NDArray[np.float64]
 Tetrahedra = NDArray[np.int32]
@@ -41,23 +41,36 @@ def begun(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]
         BadInput: as :func:`delaunay`, here or from the function.
     """
     _check(points)
-    with tempfile.TemporaryDirectory(prefix="mgf-") as name:
-        folder = Path(name)
-        np.save(folder / _POINTS, points)
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-        with subprocess.Popen([*COMMAND, name], **pipes) as process:  # type: ignore[call-overload]
+    pipe = subprocess.PIPE
+    with (
+        ThreadPoolExecutor(1, "mgf-delaunay") as beside,
+        subprocess.Popen([*COMMAND, str(len(points))], stdin=pipe, stdout=pipe, stderr=pipe) as process,
+    ):
+        talk = beside.submit(_talk, process, points)
 
-            def result(check: Callable[[], None]) -> Tetrahedra:
-                wait_for(process, check)
-                if process.returncode != 0:
-                    raise BadInput(_why(process))
-                found: Tetrahedra = np.load(folder / _TETRAHEDRA)
-                return found
+        def result(check: Callable[[], None]) -> Tetrahedra:
+            check()
+            while not wait([talk], _POLL_SECONDS).done:
+                check()
+            found, said = talk.result()
+            code = process.wait()
+            if code != 0:
+                raise BadInput(_why(code, said.decode(errors="replace")))
+            return np.frombuffer(found, np.int32).reshape(-1, 4)
 
-            try:
-                yield result
-            finally:
-                process.kill()
+        try:
+            yield result
+        finally:
+            process.kill()
+
+
+def _talk(process: subprocess.Popen[bytes], points: Points) -> tuple[bytes, bytes]:
+    """Hands the points over; what the process then writes to stdout and stderr."""
+    assert process.stdin and process.stdout and process.stderr
+    with contextlib.suppress(OSError):  # it is gone already: its code says why
+        process.stdin.write(points.astype(np.float64).tobytes())
+        process.stdin.flush()
+    return process.stdout.read(), process.stderr.read()
 
 
 def delaunay(points: Points, method: str = "tetgen") -> Tetrahedra:
@@ -77,22 +90,27 @@ def delaunay(points: Points, method: str = "tetgen") -> Tetrahedra:
     return _positive(points, Delaunay(points).simplices.astype(np.int32))
 
 
-def main(folder: Path) -> int:
-    """The tetrahedra of the points in ``folder``; exit code 0, or EXIT_BAD_INPUT and a sentence on stderr."""
+def main(count: int) -> int:
+    """The tetrahedra of so many points on stdin, to stdout; exit code 0, or EXIT_BAD_INPUT and a sentence on stderr."""
+    answer = os.dup(1)
+    os.dup2(2, 1)  # what tetgen prints goes elsewhere
+    points = np.frombuffer(sys.stdin.buffer.read(3 * 8 * count)).reshape(-1, 3)
+    threading.Thread(target=end_with_the_job, daemon=True).start()
     try:
-        np.save(folder / _TETRAHEDRA, delaunay(np.load(folder / _POINTS)))
+        found = delaunay(points)
     except BadInput as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
+    with os.fdopen(answer, "wb") as stdout:
+        stdout.write(found.astype(np.int32).tobytes())
     return 0
 
 
-def _why(process: subprocess.Popen[bytes]) -> str:
-    said = b"" if process.stderr is None else process.stderr.read()
-    if process.returncode == EXIT_BAD_INPUT:
-        return said.decode(errors="replace").strip()
+def _why(code: int, said: str) -> str:
+    if code == EXIT_BAD_INPUT and said.strip():
+        return said.strip().splitlines()[-1]
     return (
-        f"The tetrahedra of the field could not be made (tetgen ended with code {process.returncode}); "
+        f"The tetrahedra of the field could not be made (tetgen ended with code {code}); "
         "if memory ran out, lower max_gaussians."
     )
 
@@ -131,5 +149,4 @@ def _positive(points: Points, tetrahedra: Tetrahedra) -> Tetrahedra:
 
 
 if __name__ == "__main__":
-    threading.Thread(target=end_with_the_job, daemon=True).start()
-    sys.exit(main(Path(sys.argv[1])))
+    sys.exit(main(int(sys.argv[1])))
