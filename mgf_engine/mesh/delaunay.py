@@ -97,7 +97,7 @@ def main(count: int) -> int:
     points = np.frombuffer(sys.stdin.buffer.read(3 * 8 * count)).reshape(-1, 3)
     threading.Thread(target=end_with_the_job, daemon=True).start()
     try:
-        found = delaunay(points)
+        found = _tetgen(points)  # `begun` has looked at the points
     except BadInput as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT

@@ -4,23 +4,18 @@
 #pragma once
 #include "vector.h"
 
-#define LOW_HALVES 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23
-#define HIGH_HALVES 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31
-#define EVEN_QUARTERS 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27
-#define ODD_QUARTERS 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31
-
 // Lane i of a[j] goes to lane j of a[i].
 static inline void transpose16(v16 *a) {
     v16 b[16];
     for (int i = 0; i < 16; i += 4) {  // 4 x 4 numbers in each quarter of four vectors
-        const v16 p = __builtin_shufflevector(a[i], a[i + 1], 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
-        const v16 q = __builtin_shufflevector(a[i], a[i + 1], 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
-        const v16 r = __builtin_shufflevector(a[i + 2], a[i + 3], 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
-        const v16 s = __builtin_shufflevector(a[i + 2], a[i + 3], 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
-        b[i] = __builtin_shufflevector(p, r, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
-        b[i + 1] = __builtin_shufflevector(p, r, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
-        b[i + 2] = __builtin_shufflevector(q, s, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
-        b[i + 3] = __builtin_shufflevector(q, s, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+        const v16 p = __builtin_shufflevector(a[i], a[i + 1], LOW_PAIRS);
+        const v16 q = __builtin_shufflevector(a[i], a[i + 1], HIGH_PAIRS);
+        const v16 r = __builtin_shufflevector(a[i + 2], a[i + 3], LOW_PAIRS);
+        const v16 s = __builtin_shufflevector(a[i + 2], a[i + 3], HIGH_PAIRS);
+        b[i] = __builtin_shufflevector(p, r, LOW_QUADS);
+        b[i + 1] = __builtin_shufflevector(p, r, HIGH_QUADS);
+        b[i + 2] = __builtin_shufflevector(q, s, LOW_QUADS);
+        b[i + 3] = __builtin_shufflevector(q, s, HIGH_QUADS);
     }
     for (int j = 0; j < 4; j++) {  // 4 x 4 quarters
         const v16 low01 = __builtin_shufflevector(b[j], b[4 + j], LOW_HALVES);

@@ -127,16 +127,24 @@ static inline v16 exp2_16(v16 x) {
 #endif
 }
 
+// Which lanes of two vectors make up a third: for sums and turns of sixteen vectors at a time (rows.h).
+#define LOW_PAIRS 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29
+#define HIGH_PAIRS 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31
+#define LOW_QUADS 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29
+#define HIGH_QUADS 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31
+#define LOW_HALVES 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23
+#define HIGH_HALVES 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31
+#define EVEN_QUARTERS 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27
+#define ODD_QUARTERS 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31
+
 // Adds neighbours of two vectors inside each group of four lanes: (a0+a2, b0+b2, a1+a3, b1+b3).
 static inline v16 fold_pairs(v16 a, v16 b) {
-    return __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29) +
-           __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
+    return __builtin_shufflevector(a, b, LOW_PAIRS) + __builtin_shufflevector(a, b, HIGH_PAIRS);
 }
 
 // Of two results of fold_pairs: in each group of four lanes the sums over that group of the four vectors behind them.
 static inline v16 fold_quads(v16 ab, v16 cd) {
-    return __builtin_shufflevector(ab, cd, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29) +
-           __builtin_shufflevector(ab, cd, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+    return __builtin_shufflevector(ab, cd, LOW_QUADS) + __builtin_shufflevector(ab, cd, HIGH_QUADS);
 }
 
 // Sums of the four vectors in each group of four lanes; group g holds the part of the sum that comes from lanes 4g..4g+3.
@@ -145,19 +153,15 @@ static inline v16 partial_sums4(const v16 *a) { return fold_quads(fold_pairs(a[0
 // Lane i = the sum of the lanes of a[i]: sixteen sums for the price of five.
 static inline v16 sums16(const v16 *a) {
     const v16 x0 = partial_sums4(a), x1 = partial_sums4(a + 4), x2 = partial_sums4(a + 8), x3 = partial_sums4(a + 12);
-    const v16 y0 = __builtin_shufflevector(x0, x1, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23) +
-                   __builtin_shufflevector(x0, x1, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);
-    const v16 y1 = __builtin_shufflevector(x2, x3, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23) +
-                   __builtin_shufflevector(x2, x3, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);
-    return __builtin_shufflevector(y0, y1, 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27) +
-           __builtin_shufflevector(y0, y1, 4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31);
+    const v16 y0 = __builtin_shufflevector(x0, x1, LOW_HALVES) + __builtin_shufflevector(x0, x1, HIGH_HALVES);
+    const v16 y1 = __builtin_shufflevector(x2, x3, LOW_HALVES) + __builtin_shufflevector(x2, x3, HIGH_HALVES);
+    return __builtin_shufflevector(y0, y1, EVEN_QUARTERS) + __builtin_shufflevector(y0, y1, ODD_QUARTERS);
 }
 
 // out[i] = the sum of the lanes of a[i], for eight vectors.
 static inline void sums8(const v16 *a, float *out) {
     const v16 x0 = partial_sums4(a), x1 = partial_sums4(a + 4);
-    const v16 y = __builtin_shufflevector(x0, x1, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23) +
-                  __builtin_shufflevector(x0, x1, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);
+    const v16 y = __builtin_shufflevector(x0, x1, LOW_HALVES) + __builtin_shufflevector(x0, x1, HIGH_HALVES);
     for (int i = 0; i < 4; i++) out[i] = y[i] + y[i + 4], out[i + 4] = y[i + 8] + y[i + 12];
 }
 #endif  // __cplusplus

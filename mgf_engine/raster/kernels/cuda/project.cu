@@ -48,7 +48,7 @@ KERNEL(project, int n, BY_VALUE Camera camera, const float *positions, const flo
         if (!s.front) continue;
         geometry_columns(&s, &camera, record.of);
         if (!(record.of[REC_OPACITY] > ALPHA_MIN)) continue;
-        if (!colour(&s, sh + 48 * (int64_t)i, &camera, degree, record.of + REC_R)) continue;
+        if (!colour(&s, sh + SH_ROW * (int64_t)i, &camera, degree, record.of + REC_R)) continue;
         float sum = 0.0f;  // not finite when any column is not
         for (int c = 0; c <= REC_NZ; c++) sum += record.of[c];
         if (!(sum - sum == 0.0f)) continue;

@@ -54,7 +54,7 @@ static inline void colour_gradient(const Lanes *s, const float *sh, const Camera
 static inline void zero_rows(const ParameterGradients &out, int64_t i) {
     for (int c = 0; c < 3; c++) out.positions[3 * i + c] = out.log_scales[3 * i + c] = 0.0f;
     for (int c = 0; c < 4; c++) out.rotations[4 * i + c] = 0.0f;
-    for (int c = 0; c < 48; c++) out.sh[48 * i + c] = 0.0f;
+    for (int c = 0; c < SH_ROW; c++) out.sh[SH_ROW * i + c] = 0.0f;
     out.opacity_logits[i] = 0.0f;
 }
 
@@ -90,7 +90,7 @@ KERNEL(project_backward, int n, BY_VALUE Camera camera, const float *positions, 
         for (int c = 0; c < 3; c++) position[c] = r[c] * g.m[0] + r[3 + c] * g.m[1] + r[6 + c] * g.m[2];
         quaternion_gradient(&s, &camera, g.axis, rotation);
         scale_gradients(&s, &g, log_scale, &logit);
-        colour_gradient(&s, sh + 48 * (int64_t)i, &camera, sum, record.of, degree, out.sh + 48 * (int64_t)i, position);
+        colour_gradient(&s, sh + SH_ROW * (int64_t)i, &camera, sum, record.of, degree, out.sh + SH_ROW * (int64_t)i, position);
         for (int c = 0; c < 3; c++) out.positions[3 * (int64_t)i + c] = position[c], out.log_scales[3 * (int64_t)i + c] = log_scale[c];
         for (int c = 0; c < 4; c++) out.rotations[4 * (int64_t)i + c] = rotation[c];
         out.opacity_logits[i] = logit;
