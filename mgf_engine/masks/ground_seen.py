@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mgf_engine.masks.around import distance, enlarge, mean_around
 from mgf_engine.masks.extent import ground_depth
 from mgf_engine.masks.ground import Ground
+from mgf_engine.masks.patches import Patches
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.threads import in_order
 
@@ -26,12 +27,10 @@ PHOTOS, FEWEST = 12, 4  # compared with at most, and at least
 #: Degrees between the directions in which two photos see the ground: nearer ones see the building in the same place
 #: too, farther ones see another texture. And how much farther away one of them may be.
 ANGLES, SCALES = (6.0, 45.0), (0.5, 2.0)
-PATCH = 5  # px
 #: Share of the photos that must agree, as a mean over the best: bars stand before the ground in the others.
 BEST = 0.3
 ALIKE = 0.5  # mean normalised cross-correlation of the lightness from which a patch is the same
 COLOUR = 12.0  # CIELAB distance, from which it is not
-TEXTURE = 0.5  # variance of the lightness below which a patch cannot be compared
 #: Planes over the ground that must fit worse, by how many pixels they move in the other photos: at the foot of a wall
 #: the ground fits nearly as well as the wall. And how many photos, those farthest aside, are asked.
 RAISED, ASIDE, BETTER = (1.5, 4.0, 9.0), 5, 0.05
@@ -106,23 +105,18 @@ class GroundSeen:
         others = self._others(index, mask, depth) if box is not None else []
         if box is None or len(others) < FEWEST:
             return result
-        patches = _Patches(self._lab(index)[box.part])
-        fits, colours = _Best(len(others), -1), _Best(len(others), -255)
-        level = _Best(ASIDE, -1)
-        for row, other in enumerate(others):
-            warped, seen = self._through(index, other, self._lab(other), box, self.ground)
-            correlation, away = np.where(seen, patches.correlate(warped[..., 0]), -1), patches.away(warped)
-            fits.add(np.where(away < COLOUR, correlation, np.minimum(correlation, 0)))
-            colours.add(np.where(seen, -away, -255))
-            if row >= len(others) - ASIDE:
-                level.add(correlation)
-        sure = np.isfinite(depth[box.part]) & (fits.mean() > ALIKE)
+        patches = Patches(self._lab(index)[box.part])
+        pictures, seen = self._through(index, others, self._lab, box, self.ground)
+        fits, colours, level = patches.compare(
+            pictures, seen, _counting(len(others)), COLOUR, min(ASIDE, len(others)), _counting(ASIDE)
+        )
+        sure = np.isfinite(depth[box.part]) & (fits > ALIKE)
         if not sure.any():
             return result
         middle = float(np.median(depth[box.part][sure]))
-        sure &= self._raised(index, others[-ASIDE:], box, patches, middle) <= level.mean() + BETTER
+        sure &= self._raised(index, others[-ASIDE:], box, patches, middle) <= level + BETTER
         dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), SPREAD) > DENSE
-        result[box.part] = mask[box.part] & dense & (colours.mean() > -COLOUR)
+        result[box.part] = mask[box.part] & dense & (colours > -COLOUR)
         return _without_specks(result)
 
     def _read(self, index: int) -> NDArray[np.uint8]:
@@ -131,7 +125,7 @@ class GroundSeen:
     def _others(self, index: int, mask: NDArray[np.bool_], depth: NDArray[np.float64]) -> list[int]:
         """Photos that see the ground behind the mask from beside, the nearest first."""
         rows, columns = np.nonzero(mask & np.isfinite(depth))
-        middle = np.argsort(depth[rows, columns])[len(rows) // 2]
+        middle = np.argpartition(depth[rows, columns], len(rows) // 2)[len(rows) // 2]
         view = self.scene.views[index]
         ray = np.array([(columns[middle] + 0.5 - view.cx) / view.fx, (rows[middle] + 0.5 - view.cy) / view.fy, 1.0])
         spot = view.centre + view.rotation.T @ ray * depth[rows[middle], columns[middle]]
@@ -143,7 +137,7 @@ class GroundSeen:
         good = (angle > ANGLES[0]) & (angle < ANGLES[1]) & (scale > SCALES[0]) & (scale < SCALES[1])
         return [int(i) for i in np.argsort(angle, kind="stable") if good[i]][:PHOTOS]
 
-    def _raised(self, index: int, others: list[int], box: _Box, patches: _Patches, depth: float) -> NDArray[np.float32]:
+    def _raised(self, index: int, others: list[int], box: _Box, patches: Patches, depth: float) -> NDArray[np.float32]:
         """How well planes a little over the ground fit at best, -1..1, [h, w]: the feet of walls lie on one of them."""
         view = self.scene.views[index]
         aside = np.median([np.linalg.norm(self.scene.views[i].centre - view.centre) for i in others])
@@ -153,29 +147,36 @@ class GroundSeen:
             # Raised by h, the plane comes nearer by h / over of the depth; seen from aside that is a parallax.
             raised = pixels * over * depth / (view.fx * float(aside))
             plane = Ground(self.ground.normal, self.ground.level + raised, self.ground.thickness)
-            fits = _Best(len(others), -1)
-            for other in others:
-                warped, seen = self._through(index, other, self._light(other), box, plane)
-                fits.add(np.where(seen, patches.correlate(warped), -1))
-            np.maximum(result, fits.mean(), out=result)
+            lights, seen = self._through(index, others, self._light, box, plane)
+            np.maximum(result, patches.correlate(lights, seen, _counting(len(others))), out=result)
         return result
 
     def _through(
-        self, index: int, other: int, picture: NDArray[np.uint8], box: _Box, ground: Ground
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """Another photo, or what was made of it [H, W] or [H, W, 3], as the plane puts it into the box, [h, w] or
-        [h, w, 3]; and where it shows anything."""
-        matrix = homography(self.scene.views[index], self.scene.views[other], ground)
-        matrix = matrix @ np.array([[1, 0, box.left], [0, 1, box.top], [0, 0, 1.0]])
+        self, index: int, others: list[int], picture: Callable[[int], NDArray[np.uint8]], box: _Box, ground: Ground
+    ) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+        """Other photos, or what was made of them [H, W] or [H, W, 3], as the plane puts them into the box.
+
+        Returns:
+            [n, h, w] or [n, h, w, 3], and where they show anything, [n, h, 2], see :func:`spans_inside`.
+        """
         size, flags = (box.width, box.height), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        warped = np.asarray(cv2.warpPerspective(picture, matrix, size, flags=flags), np.uint8)
-        return warped, inside_frame(matrix, self.scene.views[other], size)
+        corner = np.array([[1, 0, box.left], [0, 1, box.top], [0, 0, 1.0]])
+        warped = np.empty((len(others), box.height, box.width, *picture(index).shape[2:]), np.uint8)
+        seen = np.empty((len(others), box.height, 2), np.int32)
+        for row, other in enumerate(others):
+            matrix = homography(self.scene.views[index], self.scene.views[other], ground) @ corner
+            cv2.warpPerspective(picture(other), matrix, size, dst=warped[row], flags=flags)
+            seen[row] = spans_inside(matrix, self.scene.views[other], size)
+        return warped, seen
 
 
-def inside_frame(matrix: NDArray[np.float64], view: View, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels (x, y) of a picture of a size that a homography [3, 3] puts inside the frame of a view, before it, [h, w].
+def spans_inside(matrix: NDArray[np.float64], view: View, size: tuple[int, int]) -> NDArray[np.int32]:
+    """Pixels of a picture of a size (w, h) that a homography [3, 3] puts inside the frame of a view, before it.
 
     Along a row all that has to hold is linear in x, so what is inside is one span of it.
+
+    Returns:
+        the first and one past the last pixel of each row, [h, 2]; the same or less where there is none.
     """
     width, height = size
     u, v, w = matrix
@@ -186,58 +187,13 @@ def inside_frame(matrix: NDArray[np.float64], view: View, size: tuple[int, int])
         zero = -at_zero / slope
     first = np.where(slope > 0, zero, np.where((slope == 0) & (at_zero < 0), np.inf, -np.inf)).max(0)
     last = np.where(slope < 0, zero, np.inf).min(0)
-    x = np.arange(width)
-    return np.asarray((x >= first[:, None]) & (x <= last[:, None]), bool)
+    ends = np.stack([np.ceil(first), np.floor(last) + 1], 1)
+    return np.clip(ends, 0, width).astype(np.int32)
 
 
-class _Best:
-    """The mean of the best of some maps, kept while they come.
-
-    Args:
-        count: of the maps; the best :data:`BEST` of them count. worst: the value of a map that says nothing.
-    """
-
-    def __init__(self, count: int, worst: float) -> None:
-        self._wanted = max(FEWEST - 1, round(BEST * count))
-        self._worst = np.float32(worst)
-        self._ranked: list[NDArray[np.float32]] = []
-
-    def add(self, values: NDArray[np.floating]) -> None:
-        """One more map [h, w]."""
-        new = values.astype(np.float32)
-        for slot in self._ranked:
-            lower = np.minimum(slot, new)
-            np.maximum(slot, new, out=slot)
-            new = lower
-        if len(self._ranked) < self._wanted:
-            self._ranked.append(new)
-
-    def mean(self) -> NDArray[np.float32]:
-        """Of the best, [h, w]."""
-        missing = (self._wanted - len(self._ranked)) * self._worst
-        return np.asarray((np.sum(self._ranked, axis=0) + missing) / self._wanted, np.float32)
-
-
-class _Patches:
-    """A photo's patches, ready to be compared with others: uint8 CIELAB [h, w, 3]."""
-
-    def __init__(self, lab: NDArray[np.uint8]) -> None:
-        self.lightness, self.colour = _lightness(lab[..., 0]), _smooth(lab)
-        self.average = _mean(self.lightness)
-        self.variance = _mean(self.lightness**2) - self.average**2
-
-    def correlate(self, light: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Normalised cross-correlation with another lightness [h, w], -1..1, 0 where there is no texture, [h, w]."""
-        other = _lightness(light)
-        average = _mean(other)
-        variance = _mean(other**2) - average**2
-        shared = _mean(self.lightness * other) - self.average * average
-        enough = (self.variance > TEXTURE) & (variance > TEXTURE)
-        return np.where(enough, shared / np.sqrt(np.maximum(self.variance * variance, TEXTURE**2)), 0)
-
-    def away(self, lab: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """CIELAB distance, [h, w]."""
-        return distance(self.colour, _smooth(lab))
+def _counting(photos: int) -> int:
+    """How many of so many photos, the best, count: at least :data:`FEWEST` are compared."""
+    return max(FEWEST - 1, round(BEST * photos))
 
 
 def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -273,19 +229,9 @@ def _box_of(mask: NDArray[np.bool_]) -> _Box | None:
     return _Box(int(rows[0]), int(columns[0]), int(rows[-1] - rows[0] + 1), int(columns[-1] - columns[0] + 1))
 
 
-def _lightness(light: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """0..100."""
-    return light.astype(np.float32) * np.float32(100 / 255)
-
-
 def _smooth(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
     """CIELAB, means of 3 x 3 pixels."""
     return np.asarray(cv2.transform(cv2.blur(lab, (3, 3)).astype(np.float32), np.diag([100 / 255, 1, 1])), np.float32)
-
-
-def _mean(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Over the patch around each pixel."""
-    return np.asarray(cv2.blur(image, (PATCH, PATCH)), np.float32)
 
 
 def _without_specks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

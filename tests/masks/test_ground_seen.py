@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.extent import ground_depth
 from mgf_engine.masks.ground import Ground
-from mgf_engine.masks.ground_seen import GroundSeen, homography, inside_frame
+from mgf_engine.masks.ground_seen import GroundSeen, homography, spans_inside
 from mgf_engine.scene.model import View
 
 WIDTH, HEIGHT, FOCAL = 300, 240, 500.0
@@ -107,7 +107,8 @@ def test_what_lies_in_another_frame_is_one_span_of_each_row(seed: int) -> None:
     u, v, w = np.einsum("ij,jhw->ihw", matrix, np.stack([x, y, np.ones_like(x)]).astype(float))
     expected = (w > 1e-9) & (u >= 0) & (v >= 0) & (u <= 69 * w) & (v <= 49 * w)
     assert 0 < expected.sum() < expected.size or seed == 1
-    np.testing.assert_array_equal(inside_frame(matrix, view, (90, 60)), expected)
+    first, end = spans_inside(matrix, view, (90, 60)).T[:, :, None]
+    np.testing.assert_array_equal((np.arange(90) >= first) & (np.arange(90) < end), expected)
 
 
 def test_depth_of_the_ground_is_that_of_its_points() -> None:
