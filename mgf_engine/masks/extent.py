@@ -85,8 +85,8 @@ class Extent:
             empty, nowhere = np.zeros((h, w), bool), np.full((h, w), np.inf, np.float32)
             return Place(empty, empty, empty.astype(np.float32), empty, empty, empty, nowhere)
         near = self.body.depth(view, h, w)
-        pixels, _, radius = self.posts.project(view, h, w)
-        core = _close(pixels, CORE * radius, h, w)
+        places, _, radius = self.posts.project(view, h, w)
+        core = _close(places, CORE * radius, h, w)
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
         reach = core | np.isfinite(near)
         outside = (~enclosed(reach)).astype(np.uint8)
@@ -250,10 +250,10 @@ def _lowest(scene: Scene, shape: Shape, keep: NDArray[np.bool_]) -> Ground | Non
     return Ground(shape.up, level, float(np.median(shape.spacing[keep])))
 
 
-def _close(pixels: NDArray[np.int64], radius: NDArray, h: int, w: int) -> Map:
-    """The samples' pixels and the gaps between them, without reaching beyond the outermost ones."""
+def _close(places: NDArray[np.int32], radius: NDArray, h: int, w: int) -> Map:
+    """The samples' pixels (y * w + x) and the gaps between them, without reaching beyond the outermost ones."""
     spots = np.zeros((h, w), np.uint8)
-    spots[pixels[:, 1], pixels[:, 0]] = 1
+    spots.reshape(-1)[places] = 1
     if not len(radius):
         return spots.astype(bool)
     size = 2 * round(max(1.0, float(np.percentile(radius, 80)))) + 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -39,23 +40,30 @@ class Surface:
     cell: float
     tolerance: float
 
-    def project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int64], Points, Points]:
-        """Map pixels [N, 2] (x, y), depths and spacings in map pixels of the samples inside the frame."""
-        frame = np.array([[view.fx * w / view.width, 0, view.cx * w / view.width],
-                          [0, view.fy * h / view.height, view.cy * h / view.height], [0, 0, 1]])  # fmt: skip
-        matrix = frame @ np.column_stack([view.rotation, view.translation])
-        x, y, depth = matrix.astype(np.float32) @ self._columns
-        before = depth > np.float32(1e-6)
-        nearness = np.divide(np.float32(1), depth, out=np.full_like(depth, -1), where=before)
-        u, v = x * nearness, y * nearness
-        seen = np.flatnonzero(before & (u >= 0) & (u < w) & (v >= 0) & (v < h))
-        radius = self._spacing[seen] * np.float32(view.fx * w / view.width) * nearness[seen]
-        return np.stack([u[seen], v[seen]], axis=1).astype(np.int64), depth[seen], radius
+    def project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
+        """Map pixels (y * w + x), depths and spacings in map pixels of the samples inside the frame, [N] each."""
+        count = len(self.samples)
+        places, depth, radius = np.empty(count, np.int32), *np.empty((2, count), np.float32)
+        unit = float(view.fx * w / view.width)
+        seen = _call(
+            "project_samples",
+            count,
+            self._columns,
+            self._spacing,
+            _matrix(view, h, w),
+            h,
+            w,
+            unit,
+            places,
+            depth,
+            radius,
+        )
+        return places[:seen], depth[:seen], radius[:seen]
 
     @cached_property
     def _columns(self) -> NDArray[np.float32]:
-        """The samples as [4, M], contiguous, the last row ones: every photo projects all of them in every round."""
-        return np.concatenate([self.samples.T, np.ones((1, len(self.samples)))]).astype(np.float32)
+        """The samples as [3, M], contiguous: every photo projects all of them in every round."""
+        return np.ascontiguousarray(self.samples.T, np.float32)
 
     @cached_property
     def _spacing(self) -> NDArray[np.float32]:
@@ -63,11 +71,42 @@ class Surface:
 
     def depth(self, view: View, h: int, w: int) -> NDArray[np.float32]:
         """Depth at which each map pixel meets the surface first, infinite where it does not, [h, w]."""
-        pixels, depth, _ = self.project(view, h, w)
-        near = _splat(pixels, depth, SPLAT * self.cell * view.fx / depth * w / view.width, h, w)
+        near = self._splat(view, h, w)
         if self.cell > self.tolerance:  # few samples: where they lie unevenly, a pixel between them is missed
             near = np.asarray(cv2.morphologyEx(near, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.float32)
         return near
+
+    def _splat(self, view: View, h: int, w: int) -> NDArray[np.float32]:
+        """The nearest depth among discs around the samples; infinite where there is none, [h, w]."""
+        most = max(0, int(2 * np.log2(max(h, w) / 4)))
+        # Discs get larger by the square root of two from one level to the next.
+        limits = SPLAT * self.cell * view.fx * w / view.width / 2 ** ((np.arange(most) + 0.5) / 2)
+        spots = np.full((most + 1, h, w), np.inf, np.float32)
+        used = _call(
+            "nearest_samples", len(self.samples), self._columns, _matrix(view, h, w), h, w, most + 1,
+            limits.astype(np.float32), spots,
+        )  # fmt: skip
+        result = np.full((h, w), np.inf, np.float32)
+        for level in range(most + 1):
+            if used >> level & 1:
+                size = 2 * round(2 ** (level / 2)) + 1
+                disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+                grown = cv2.erode(spots[level], disc, borderType=cv2.BORDER_CONSTANT, borderValue=float("inf"))
+                result = np.minimum(result, grown)
+        return result
+
+
+def _matrix(view: View, h: int, w: int) -> NDArray[np.float32]:
+    """From the normalised frame to the pixels of a map of the view, [3, 4]."""
+    frame = np.array([[view.fx * w / view.width, 0, view.cx * w / view.width],
+                      [0, view.fy * h / view.height, view.cy * h / view.height], [0, 0, 1]])  # fmt: skip
+    return np.ascontiguousarray(frame @ np.column_stack([view.rotation, view.translation]), np.float32)
+
+
+def _call(name: str, *arguments: Any) -> int:
+    from mgf_engine.raster.library import call  # brings torch, which not all that uses the masks needs
+
+    return call(name, *arguments)
 
 
 def make_surface(
@@ -153,21 +192,3 @@ def _thin(samples: Points, owner: NDArray[np.int64], cell: float) -> tuple[Point
     spans = cells.max(0) + 1
     _, first = np.unique((cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2], return_index=True)
     return samples[first], owner[first]
-
-
-def _splat(
-    pixels: NDArray[np.int64], depth: NDArray[np.floating], radius: NDArray[np.floating], h: int, w: int
-) -> NDArray[np.float32]:
-    """The nearest depth among discs around pixels; infinite where there is none, [h, w]."""
-    result = np.full((h, w), np.inf, np.float32)
-    most = max(0.0, 2 * np.log2(max(h, w) / 4))
-    level = np.clip(np.round(2 * np.log2(np.maximum(radius.astype(np.float32), 1))), 0, most).astype(np.int64)
-    place, depth = pixels[:, 1] * w + pixels[:, 0], depth.astype(np.float32)
-    for step in np.flatnonzero(np.bincount(level)):
-        rows = level == step
-        spots = np.full((h, w), np.inf, np.float32)
-        np.minimum.at(spots.reshape(-1), place[rows], depth[rows])  # several times faster than with two indices
-        size = 2 * round(2 ** (step / 2)) + 1
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        result = np.minimum(result, cv2.erode(spots, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=float("inf")))
-    return result

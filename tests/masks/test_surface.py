@@ -10,8 +10,8 @@ import pytest
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.overhang import Overhangs
 from mgf_engine.masks.shape import measure_shape
-from mgf_engine.masks.surface import Surface, make_surface
-from mgf_engine.scene.model import Scene, Similarity
+from mgf_engine.masks.surface import SPLAT, Surface, make_surface
+from mgf_engine.scene.model import Scene, Similarity, View
 from tests.masks.test_extent import camera
 
 SIZE = (100, 150)
@@ -48,7 +48,8 @@ def test_coarse_samples_are_fewer_and_show_the_same_wall():
 
 def test_projection_is_that_of_the_view():
     surface, view = wall(0.06), camera(0.3)
-    pixels, depth, radius = surface.project(view, *SIZE)
+    places, depth, radius = surface.project(view, *SIZE)
+    pixels = np.stack([places % SIZE[1], places // SIZE[1]], 1)
     uv, true = view.project(surface.samples)
     seen = (true > 0) & (uv >= 0).all(1) & (uv < (view.width, view.height)).all(1)
     assert abs(len(pixels) - seen.sum()) < 5
@@ -57,6 +58,35 @@ def test_projection_is_that_of_the_view():
     assert (pixels == inside).all(1).mean() > 0.999
     assert depth == pytest.approx(true[seen], rel=1e-5)
     assert radius == pytest.approx(surface.spacing[seen] * view.fx / true[seen] / 2, rel=1e-4)
+
+
+def nearest_disc(surface: Surface, view: View, h: int, w: int) -> np.ndarray:
+    """Plain twin: each sample's disc, its radius one of a few, drawn with its depth where nothing nearer is."""
+    places, depth, _ = surface.project(view, h, w)
+    radius = SPLAT * surface.cell * view.fx / depth * w / view.width
+    level = np.clip(np.round(2 * np.log2(np.maximum(radius, 1))), 0, 2 * np.log2(max(h, w) / 4)).astype(int)
+    result = np.full((h, w), np.inf, np.float32)
+    for step in np.unique(level):
+        spots = np.full(h * w, np.inf, np.float32)
+        np.minimum.at(spots, places[level == step], depth[level == step])
+        size = 2 * round(2 ** (step / 2)) + 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        result = np.minimum(result, cv2.erode(spots.reshape(h, w), disc, borderValue=float("inf")))
+    return result
+
+
+@pytest.mark.parametrize("away", [3.0, 0.0, -3.5])
+def test_depth_is_that_of_the_nearest_disc(away: float):
+    wide = wall(0.0)
+    rng = np.random.default_rng(1)
+    rough = wide.samples + rng.normal(0, 0.3, wide.samples.shape) * (0, 1, 0) + (0, away, 0)
+    surface = Surface(rough, wide.spacing, wide.cell, wide.tolerance)
+    expected = nearest_disc(surface, camera(0.3), *SIZE)
+    found = surface.depth(camera(0.3), *SIZE)
+    assert np.isfinite(expected).mean() > 0.1
+    both = np.isfinite(found) & np.isfinite(expected)
+    assert both.sum() > 0.999 * max(np.isfinite(found).sum(), np.isfinite(expected).sum())
+    assert (np.abs(found[both] - expected[both]) > 1e-5).mean() < 1e-3
 
 
 def test_what_is_behind_the_camera_is_not_seen():
