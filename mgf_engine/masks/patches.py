@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.raster.library import call
+
 Map = NDArray[np.float32]
 
 PATCH = 5  # px, the side; the kernel's, too
@@ -59,8 +61,6 @@ class Patches:
         self, others: NDArray[np.uint8], seen: NDArray[np.int32], count: int, fits: Map | None, colours: Map | None,
         most: float, last: int, count_last: int, alone: Map,
     ) -> None:  # fmt: skip
-        from mgf_engine.raster.library import call  # brings torch, which a preview of one photo does not need
-
         failed = call(
             "compare_patches", len(others), *self.lightness.shape, 1 if others.ndim == 3 else others.shape[3], others,
             seen, self.lightness, self.average, self.variance, None if fits is None else self.smooth, TEXTURE,

@@ -14,10 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.appearance import lab_of
+from mgf_engine.raster.library import call
 
 #: Longest side of the reduced photo on which regions are cut, and their mean side there, in pixels.
 REDUCED_SIDE = 500
 REGION_SIDE = 10
+#: Difference of colour (8-bit CIELAB) that parts pixels like a region's side; how often the regions are drawn anew; and
+#: percent of their usual size below which pieces join another.
+COMPACT, ROUNDS, SPECK = 12.0, 6, 20
 
 
 @dataclass(frozen=True)
@@ -90,13 +94,11 @@ def _superpixels(small: NDArray[np.uint8]) -> NDArray[np.int32]:
         ys, xs = np.mgrid[0:h, 0:w] // 2
         return (ys * ((w + 1) // 2) + xs).astype(np.int32)
     smooth = cv2.GaussianBlur(small, (3, 3), 0.7)
-    slic = cv2.ximgproc.createSuperpixelSLIC(
-        cv2.cvtColor(smooth, cv2.COLOR_RGB2LAB), cv2.ximgproc.SLIC, REGION_SIDE, 12.0
-    )
-    slic.iterate(6)
-    slic.enforceLabelConnectivity(20)
-    _, labels = np.unique(slic.getLabels(), return_inverse=True)
-    return labels.reshape(small.shape[:2]).astype(np.int32)
+    labels = np.empty(small.shape[:2], np.int32)
+    picture = np.ascontiguousarray(cv2.cvtColor(smooth, cv2.COLOR_RGB2LAB))
+    if call("superpixels", *labels.shape, picture, REGION_SIDE, COMPACT, ROUNDS, SPECK, labels):
+        raise MemoryError
+    return labels
 
 
 def _features(lab: NDArray[np.float32], flat: NDArray[np.int32], pixels: NDArray[np.float32]) -> NDArray[np.float32]:

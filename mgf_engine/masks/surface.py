@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.overhang import Overhangs
 from mgf_engine.masks.shape import Shape
+from mgf_engine.raster.library import call
 from mgf_engine.scene.model import Scene, View
 
 Map = NDArray[np.bool_]
@@ -45,7 +45,7 @@ class Surface:
         count = len(self.samples)
         places, depth, radius = np.empty(count, np.int32), *np.empty((2, count), np.float32)
         unit = float(view.fx * w / view.width)
-        seen = _call(
+        seen = call(
             "project_samples",
             count,
             self._columns,
@@ -82,7 +82,7 @@ class Surface:
         # Discs get larger by the square root of two from one level to the next.
         limits = SPLAT * self.cell * view.fx * w / view.width / 2 ** ((np.arange(most) + 0.5) / 2)
         spots = np.full((most + 1, h, w), np.inf, np.float32)
-        used = _call(
+        used = call(
             "nearest_samples", len(self.samples), self._columns, _matrix(view, h, w), h, w, most + 1,
             limits.astype(np.float32), spots,
         )  # fmt: skip
@@ -101,12 +101,6 @@ def _matrix(view: View, h: int, w: int) -> NDArray[np.float32]:
     frame = np.array([[view.fx * w / view.width, 0, view.cx * w / view.width],
                       [0, view.fy * h / view.height, view.cy * h / view.height], [0, 0, 1]])  # fmt: skip
     return np.ascontiguousarray(frame @ np.column_stack([view.rotation, view.translation]), np.float32)
-
-
-def _call(name: str, *arguments: Any) -> int:
-    from mgf_engine.raster.library import call  # brings torch, which not all that uses the masks needs
-
-    return call(name, *arguments)
 
 
 def make_surface(

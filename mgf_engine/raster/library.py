@@ -19,7 +19,6 @@ from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
-import torch
 
 from mgf_engine.errors import BadInput
 from mgf_engine.raster.build import TARGETS, VARIANTS, host_target, library_path
@@ -189,9 +188,6 @@ def _to_c(value: Any) -> Any:
     """The argument as ctypes wants it; see the convention in ``kernels/export.h``."""
     if value is None:
         return ctypes.c_void_p(None)
-    if isinstance(value, torch.Tensor):
-        assert value.is_contiguous() and value.device.type == "cpu"
-        return ctypes.c_void_p(value.data_ptr())
     if isinstance(value, np.ndarray):
         assert value.flags.c_contiguous
         return ctypes.c_void_p(value.ctypes.data)
@@ -199,4 +195,7 @@ def _to_c(value: Any) -> Any:
         return ctypes.c_int64(value)
     if isinstance(value, float):
         return ctypes.c_float(value)
+    if hasattr(value, "data_ptr"):  # a tensor; torch takes a second to load, which arrays alone do not need
+        assert value.is_contiguous() and value.device.type == "cpu"
+        return ctypes.c_void_p(value.data_ptr())
     return value

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import cv2
 import numpy as np
 import pytest
 
 from mgf_engine.masks.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
-from mgf_engine.masks.regions import REDUCED_SIDE, cut_regions
+from mgf_engine.masks.regions import COMPACT, REDUCED_SIDE, REGION_SIDE, ROUNDS, SPECK, cut_regions
+from mgf_engine.raster.library import call
 
 
 def halves(height: int, width: int) -> np.ndarray:
@@ -32,6 +34,22 @@ def test_regions_keep_to_edges_and_contrast_shows_them():
     side = regions.centres[:, 0] > 120
     across = side[regions.pairs[:, 0]] != side[regions.pairs[:, 1]]
     assert regions.contrast[across].min() > 10 * regions.contrast[~across].mean()
+
+
+@pytest.mark.parametrize("size", [(20, 20), (23, 89), (66, 88), (150, 201)])
+@pytest.mark.parametrize("grain", [0.7, 3.0, 12.0])
+def test_superpixels_are_those_of_opencv(size: tuple[int, int], grain: float):
+    """OpenCV's is the plain twin of the kernel: the same to the pixel."""
+    rng = np.random.default_rng(round(grain) + size[1])
+    noise = cv2.GaussianBlur(rng.uniform(0, 255, (*size, 3)).astype(np.float32), (0, 0), grain)
+    picture = np.clip(128 + (noise - 128) * (1 + grain), 0, 255).astype(np.uint8)
+    picture[: size[0] // 3, : size[1] // 2] = (200, 120, 130)  # even: nothing to choose by but place
+    twin = cv2.ximgproc.createSuperpixelSLIC(picture, cv2.ximgproc.SLIC, REGION_SIDE, COMPACT)
+    twin.iterate(ROUNDS)
+    twin.enforceLabelConnectivity(SPECK)
+    labels = np.empty(size, np.int32)
+    assert call("superpixels", *size, picture, REGION_SIDE, COMPACT, ROUNDS, SPECK, labels) == 0
+    np.testing.assert_array_equal(labels, twin.getLabels())
 
 
 def test_lookup_clamps_to_the_frame():
