@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
-from scipy.sparse.linalg import cg
+from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import cKDTree
 
 from mgf_engine.masks.appearance import FEATURE_SCALE, Mixture, fit_mixture, log_ratio, plants
@@ -111,6 +111,8 @@ class SceneGraph:
         self.added_count = len(self.full.points) - self.point_count
         self.added_owner = self.full.track_point[len(scene.track_view) :] - self.point_count
         self.laplacian, self.degree = self._laplacian(shape)
+        rows = np.repeat(np.arange(len(self.degree)), np.diff(self.laplacian.indptr))
+        self._diagonal = np.flatnonzero(self.laplacian.indices == rows)  # of the matrix, in its data
         self.point_features = self._point_features(shape)
         counts = [self.region_count, self.point_count]
         self.evidence_weight = np.repeat([EVIDENCE_WEIGHT, POINT_EVIDENCE_WEIGHT], counts)
@@ -298,9 +300,12 @@ class SceneGraph:
 
     def _flow(self, stiffness: Array, source: Array, start: Array | None) -> Array:
         """Solve (L + diag(stiffness)) x = source."""
-        matrix = self.laplacian + sparse.diags(stiffness)
-        inverse = sparse.diags(1.0 / matrix.diagonal())
-        result, _ = cg(matrix, source, x0=start, rtol=1e-4, maxiter=400, M=inverse)
+        data = self.laplacian.data.copy()
+        data[self._diagonal] += stiffness
+        inverse = 1.0 / data[self._diagonal]
+        matrix = sparse.csr_matrix((data, self.laplacian.indices, self.laplacian.indptr), self.laplacian.shape)
+        scaled = LinearOperator(matrix.shape, matvec=lambda r: inverse * r, dtype=np.float64)
+        result, _ = cg(matrix, source, x0=start, rtol=1e-4, maxiter=400, M=scaled)
         return np.clip(result, 0.0, 1.0)
 
     def _looks(self, belief: Array, teach: Array, seed: int) -> Array:
