@@ -10,7 +10,7 @@ import pytest
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.overhang import Overhangs
 from mgf_engine.masks.shape import measure_shape
-from mgf_engine.masks.surface import SPLAT, Surface, make_surface
+from mgf_engine.masks.surface import SPLAT, Surface, _first_of_each, make_surface
 from mgf_engine.scene.model import Scene, Similarity, View
 from tests.masks.test_extent import camera
 
@@ -87,6 +87,12 @@ def test_depth_is_that_of_the_nearest_disc(away: float):
     both = np.isfinite(found) & np.isfinite(expected)
     assert both.sum() > 0.999 * max(np.isfinite(found).sum(), np.isfinite(expected).sum())
     assert (np.abs(found[both] - expected[both]) > 1e-5).mean() < 1e-3
+
+
+@pytest.mark.parametrize("most", [1, 50, 2**40, 2**62])
+def test_the_first_of_each_key_is_that_of_unique(most: int):
+    keys = np.random.default_rng(0).integers(0, most, 300)
+    np.testing.assert_array_equal(_first_of_each(keys), np.unique(keys, return_index=True)[1])
 
 
 def test_what_is_behind_the_camera_is_not_seen():
