@@ -57,11 +57,12 @@ def _tile(photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note:
 
 def overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The photo (RGB) with everything outside dimmed and the outline drawn; BGR uint8 [H, W, 3]."""
-    picture = np.ascontiguousarray(photo[..., ::-1]).astype(np.float32)
+    result = np.ascontiguousarray(photo[..., ::-1])
     inside = building(labels)
+    values = np.arange(256, dtype=np.float32)[:, None]
     for where, colour in ((~inside & (labels != UNKNOWN), OUTSIDE), (labels == UNKNOWN, OCCLUDER)):
-        picture[where] = 0.35 * picture[where] + 0.5 * np.array(colour, np.float32)
-    result = picture.clip(0, 255).astype(np.uint8)
+        dimmed = (0.35 * values + 0.5 * np.array(colour, np.float32)).clip(0, 255).astype(np.uint8)
+        cv2.copyTo(cv2.LUT(result, dimmed[None]), where.astype(np.uint8), result)
     outlines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(result, outlines, -1, OUTLINE, max(1, round(max(photo.shape[:2]) / 400)))
     return result
