@@ -118,23 +118,24 @@ def _median(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.
     return np.asarray(np.ma.median(masked, axis=0).filled(0), np.float32)
 
 
-def _alike(photo: NDArray[np.uint8], level: NDArray[np.int64], levels: Levels) -> NDArray[np.bool_]:
+def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: Levels) -> NDArray[np.bool_]:
     """Pixels that have the colour of their level, [H, W]."""
     away = distance(_colour(photo), levels.colour[level])
     return np.asarray((level >= 0) & (away < levels.near[level]), bool)
 
 
-def _holds_points(alike: NDArray[np.bool_], level: NDArray[np.int64], points: NDArray[np.floating]) -> bool:
+def _holds_points(alike: NDArray[np.bool_], level: NDArray[np.int16], points: NDArray[np.floating]) -> bool:
     """Whether the building's own points lie in what looks like background."""
     y, x = pixel_at(alike.shape, points)
     here = shrink(alike, RIM)[y, x][level[y, x] >= 0]
     return bool(len(here) >= ENOUGH_POINTS and here.mean() > ALIKE_POINTS)
 
 
-def _level_of(view: View, up: NDArray[np.float64]) -> NDArray[np.int64]:
+def _level_of(view: View, up: NDArray[np.float64]) -> NDArray[np.int16]:
     """Row of each pixel's level, -1 below and above all, [H, W]."""
-    level = np.floor((elevation(view, up) - LOWEST) / STEP).astype(np.int64)
-    return np.where((level >= 0) & (level < LEVELS), level, -1)
+    level = np.floor((elevation(view, up) - LOWEST) / STEP).astype(np.int16)  # sorted fast
+    level[level >= LEVELS] = -1
+    return np.maximum(level, -1)
 
 
 def _colour(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
