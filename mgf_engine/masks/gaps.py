@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.around import distance, enlarge, mean_around
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.silhouette import OVER_HORIZON, outline, over_horizon
@@ -36,7 +35,7 @@ AROUND = 0.03  # share of the longer side: the building around a gap
 
 
 def sky_through(
-    photo: NDArray[np.uint8],
+    lab: NDArray[np.float32],
     mask: NDArray[np.bool_],
     sky: NDArray[np.bool_],
     view: View,
@@ -46,7 +45,8 @@ def sky_through(
     """Pixels that are sky behind the building, [H, W].
 
     Args:
-        photo: RGB uint8 [H, W, 3]; mask: [H, W], where the building is or may be; sky: [H, W], regions that are sky.
+        lab: CIELAB [H, W, 3], see :func:`lab_of`.
+        mask: [H, W], where the building is or may be; sky: [H, W], regions that are sky.
         up: [3], normalised frame.
         points: [N, 2], pixels in which this photo observed sparse points: a window that mirrors the sky has as many as
             the wall around it.
@@ -54,12 +54,11 @@ def sky_through(
     none = np.zeros_like(mask)
     if not sky.any():
         return none
-    seen = outline(photo, sky, view, up, degrees=-90)
+    seen = outline(lab, sky, view, up, degrees=-90)
     over, under = over_horizon(view, up, HORIZON), ~over_horizon(view, up, -OVER_HORIZON)
     gaps = seen.empty & mask
     if not (gaps & over).any():
         return none
-    lab = lab_of(photo)
     clear = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((9, 9), np.uint8), borderValue=1) > 0
     if _pale(lab, mask & under, clear & over_horizon(view, up)) > PALE:
         return none
@@ -86,11 +85,15 @@ def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int) -> NDAr
 def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_]) -> float:
     """Share of the pixels of ``body`` that have a colour of the sky, give or take a bin."""
     size = int(256 / BIN)
-    places = np.clip((lab + np.array([0, 128, 128], np.float32)) / BIN, 0, size - 1).astype(np.uint8)
+
+    def places(where: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], ...]:
+        bins = (lab[where] + np.array([0, 128, 128], np.float32)) / BIN
+        return tuple(np.clip(bins, 0, size - 1).astype(np.uint8).T)
+
     known = np.zeros((size,) * 3, np.uint8)
-    known[tuple(places[sky].T)] = 1
+    known[places(sky)] = 1
     grown = maximum_filter(known, 3)
-    return float(grown[tuple(places[body].T)].mean()) if body.any() else 0.0
+    return float(grown[places(body)].mean()) if body.any() else 0.0
 
 
 def _contrasts(

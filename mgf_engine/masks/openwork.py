@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.ground_seen import GroundSeen, near_ground
 from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN, building
@@ -82,7 +83,7 @@ def find_openwork(
         return None
     outlines = []
     for index, view in enumerate(scene.views):
-        seen = outline(scene.photo(index), sky(index), view, up)
+        seen = outline(lab_of(scene.photo(index)), sky(index), view, up)
         unexplained = seen.solid & ~building(labels[index]) & (leafy(index) < LEAFY)
         outlines.append(Outline(seen.empty, unexplained))
     hull = _hull(scene, outlines, accepted)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
-from mgf_engine.masks.appearance import plants
+from mgf_engine.masks.appearance import lab_of, plants
 from mgf_engine.masks.bare import with_bare_points
 from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.distant import cut_distant
@@ -260,9 +260,9 @@ class _Work:
         core = cv2.resize(place.core.astype(np.uint8), size) > 0
         seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
         labels, sky = self.labels[index], self._sky(index)
-        photo = self.scene.photo(index)
-        drawn = draw_skyline(photo, building(labels), sky)
-        through = sky_through(photo, drawn | seen, sky, view, self.shape.up, self._observed(index))
+        lab = lab_of(self.scene.photo(index))
+        drawn = draw_skyline(lab, building(labels), sky)
+        through = sky_through(lab, drawn | seen, sky, view, self.shape.up, self._observed(index))
         labels[:], sky = drawn & ~through, sky | through
         labels[self._strays(index, core, accepted)] = BACKGROUND
         labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN

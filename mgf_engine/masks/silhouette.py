@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.around import distance
 from mgf_engine.masks.ground import Ground
 from mgf_engine.scene.model import View
@@ -48,7 +47,7 @@ class Outline:
 
 
 def outline(
-    photo: NDArray[np.uint8],
+    lab: NDArray[np.float32],
     sky: NDArray[np.bool_],
     view: View,
     up: NDArray[np.float64],
@@ -58,7 +57,7 @@ def outline(
     """Tell sky from what stands before it, over the horizon of the photo.
 
     Args:
-        photo: RGB uint8 [H, W, 3]; sky: [H, W], regions that are sky; up: [3], normalised frame.
+        lab: CIELAB [H, W, 3], see :func:`lab_of`; sky: [H, W], regions that are sky; up: [3], normalised frame.
         widths: how far around a pixel sky may be to know its colour, see :data:`WIDTHS`.
         degrees: over the horizon from which anything is told.
     """
@@ -66,7 +65,6 @@ def outline(
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not (sure & over).any():
         return Outline(np.zeros_like(sky), np.zeros_like(sky))
-    lab = lab_of(photo)
     around, known = _sky_around(lab, sure, widths)
     away = distance(lab, around)
     most = max(SKY_STEP, SKY_SPREAD * float(np.percentile(away[sure], 95)))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.around import distance, enlarge, grow, mean_around, shrink
 from mgf_engine.masks.regions import Regions
 
@@ -59,15 +58,14 @@ def find_sky(regions: Regions, observed: NDArray[np.int64]) -> NDArray[np.int64]
     return _with_rim(regions, result, points)
 
 
-def draw_skyline(photo: NDArray[np.uint8], mask: NDArray[np.bool_], sky: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def draw_skyline(lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The mask with its edge against the sky drawn pixel by pixel: regions are coarser than roof edges and chimneys.
 
     Args:
-        photo: RGB uint8 [H, W, 3]; mask: [H, W]; sky: [H, W], the regions that are sky.
+        lab: CIELAB [H, W, 3], see :func:`lab_of`; mask: [H, W]; sky: [H, W], the regions that are sky.
     """
     if not (sky & ~mask).any():
         return mask
-    lab = lab_of(photo)
     near, like, clear = _like_sky(lab, mask, sky, 2 * SKYLINE_STEPS[0], SKYLINE_STEPS[1])
     # Half as far: at the horizon the land beside the building is near the sky, too.
     reach = _reach(mask)

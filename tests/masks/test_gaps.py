@@ -11,6 +11,7 @@ import numpy as np
 from mast import HEIGHT, LAND, SKY, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
+from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.gaps import HORIZON, sky_through
 from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN
 from mgf_engine.masks.propagate import _Work
@@ -42,7 +43,7 @@ def land_under_sky() -> NDArray[np.uint8]:
 def test_the_sky_between_bars_is_no_building() -> None:
     photo, hut, mast = photograph(VIEW)
     mask = around(mast) | hut
-    found = sky_through(photo, mask, large_sky(mask), VIEW, UP, NO_POINTS)
+    found = sky_through(lab_of(photo), mask, large_sky(mask), VIEW, UP, NO_POINTS)
     air = mask & over_horizon(VIEW, UP, HORIZON) & ~mast & ~hut
     assert air.sum() > 200
     assert (found & ~air).sum() == 0
@@ -55,7 +56,7 @@ def test_a_wall_as_pale_as_the_sky_stays() -> None:
     wall[30:78, 60:120] = True
     photo[wall] = (186, 206, 231)
     photo[50:60, 80:90] = (160, 180, 205)  # a shaded recess, darker than the sky but not by much
-    assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
 
 
 def test_a_white_wall_under_a_dark_cornice_stays() -> None:
@@ -64,9 +65,9 @@ def test_a_white_wall_under_a_dark_cornice_stays() -> None:
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[30:130, 40:200] = True
     photo[wall], photo[30:36, 40:200] = SKY, 10
-    assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
     photo[85:130, 40:200] = (150, 70, 55)  # on a brick foot it could as well be a gap
-    assert sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
 
 
 def test_a_pale_column_before_bricks_stays() -> None:
@@ -75,9 +76,10 @@ def test_a_pale_column_before_bricks_stays() -> None:
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[50:150, 20:220] = True
     photo[wall], photo[50:150, 118:122] = (150, 70, 55), SKY
-    assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
     photo[75:150, 118:122] = (150, 70, 55)
-    assert sky_through(photo, wall, large_sky(wall), VIEW, UP, NO_POINTS).any()  # a gap that ends over the horizon
+    found = sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS)
+    assert found.any()  # a gap that ends over the horizon
 
 
 def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
@@ -89,16 +91,21 @@ def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
     photo[pane] = SKY
     y, x = np.mgrid[22:78:4, 62:140:4]
     points = np.stack([x.ravel(), y.ravel()], 1).astype(float)
-    assert not sky_through(photo, wall, large_sky(wall), VIEW, UP, points).any()
+    assert not sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, points).any()
     found = sky_through(
-        photo, wall, large_sky(wall), VIEW, UP, points[~pane[points[:, 1].astype(int), points[:, 0].astype(int)]]
+        lab_of(photo),
+        wall,
+        large_sky(wall),
+        VIEW,
+        UP,
+        points[~pane[points[:, 1].astype(int), points[:, 0].astype(int)]],
     )
     assert (found == pane).all()
 
 
 def test_without_sky_nothing_is_cut() -> None:
     photo, hut, mast = photograph(VIEW)
-    assert not sky_through(photo, hut | mast, np.zeros_like(hut), VIEW, UP, NO_POINTS).any()
+    assert not sky_through(lab_of(photo), hut | mast, np.zeros_like(hut), VIEW, UP, NO_POINTS).any()
 
 
 class _Everywhere:

@@ -10,6 +10,7 @@ import pytest
 from mast import HEIGHT, LEGS, TOP, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
+from mgf_engine.masks.appearance import lab_of
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.ground_seen import Through
 from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN
@@ -67,7 +68,7 @@ def draw(found: Openwork, scene: Scene, labels: list[NDArray[np.uint8]]) -> None
 def test_bars_before_the_sky_are_told_from_it_to_the_pixel() -> None:
     view = VIEWS[1]
     photo, hut, mast = photograph(view)
-    found = outline(photo, sky_of(view), view, UP)
+    found = outline(lab_of(photo), sky_of(view), view, UP)
     over = over_horizon(view, UP)
     assert (found.solid[over] == (hut | mast)[over]).all()
     assert (found.empty[over] == ~(hut | mast)[over]).all()
@@ -75,7 +76,7 @@ def test_bars_before_the_sky_are_told_from_it_to_the_pixel() -> None:
 
 
 def test_a_photo_without_sky_tells_nothing() -> None:
-    found = outline(photograph(VIEWS[0])[0], np.zeros((HEIGHT, WIDTH), bool), VIEWS[0], UP)
+    found = outline(lab_of(photograph(VIEWS[0])[0]), np.zeros((HEIGHT, WIDTH), bool), VIEWS[0], UP)
     assert not found.empty.any() and not found.solid.any()
 
 
