@@ -6,6 +6,7 @@ It separates paving from walls of the same stone, and tells how far walls reach 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,8 +55,8 @@ def find_ground(scene: Scene, shape: Shape, outside: NDArray[np.floating], seed:
     centres = np.stack([v.centre for v in scene.views])
     points, best, best_score = scene.points, None, 0.0
     share = weight[pool] / weight[pool].sum()
-    for _ in range(TRIALS):
-        plane = _through(points[rng.choice(pool, 3, replace=False, p=share)], shape.up)
+    for three in _draws(rng, share, TRIALS):
+        plane = _through(points[pool[three]], shape.up)
         if plane is None:
             continue
         score = _support(plane, points, weight, thickness, centres)
@@ -64,6 +65,19 @@ def find_ground(scene: Scene, shape: Shape, outside: NDArray[np.floating], seed:
     if best is None or best_score < MIN_SUPPORT / 2:
         return None
     return _refit(best, points, weight, thickness)
+
+
+def _draws(rng: np.random.Generator, share: NDArray[np.float64], count: int) -> Iterator[NDArray[np.int64]]:
+    """So many times three different rows by their shares [N]: ``rng.choice``, but the shares are summed up once."""
+    below = np.cumsum(share)
+    below /= below[-1]
+    for _ in range(count):
+        before = rng.bit_generator.state
+        three = below.searchsorted(rng.random(3), side="right")
+        if len(set(three.tolist())) < 3:
+            rng.bit_generator.state = before
+            three = rng.choice(len(share), 3, replace=False, p=share)
+        yield three
 
 
 def _through(three: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:

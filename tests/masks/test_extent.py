@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.masks.extent import Extent, Sight, ground_depth, map_size, over_building
-from mgf_engine.masks.ground import find_ground
+from mgf_engine.masks.ground import _draws, find_ground
 from mgf_engine.masks.shape import clicked_groups, measure_shape, up_direction
 from mgf_engine.scene.model import Scene, Similarity, View
 
@@ -77,6 +77,16 @@ def test_ground_is_found_and_holds_its_own_points(scene: Scene):
 
 def test_no_ground_without_points_outside(scene: Scene):
     assert find_ground(scene, measure_shape(scene), np.zeros(WALL + GROUND), 0) is None
+
+
+@pytest.mark.parametrize("count", [4, 30, 2000])
+def test_rows_are_drawn_as_numpy_draws_them(count: int):
+    share = np.random.default_rng(count).random(count) ** 3
+    share /= share.sum()
+    rng, drawn = np.random.default_rng(1), list(_draws(np.random.default_rng(1), share, 200))
+    assert len({tuple(three.tolist()) for three in drawn}) > 3
+    for three in drawn:
+        np.testing.assert_array_equal(three, rng.choice(count, 3, replace=False, p=share))
 
 
 def test_core_reaches_down_to_the_ground_and_not_beyond_the_wall(scene: Scene, extent: Extent):
