@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.threads import in_order
+
 #: Expected scatter of each feature within one material; keeps components from collapsing onto few samples.
 FEATURE_SCALE = np.array([6.0, 2.5, 2.5, 0.25, 0.25, 0.3])
 MAX_SAMPLES = 5_000
@@ -35,7 +37,8 @@ class Mixture:
 
     def log_density(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """log p(x) for scaled features [N, F] -> [N]."""
-        return _log_sum(self.terms(x))
+        starts = range(0, max(1, len(x)), ROWS)
+        return np.concatenate([_log_sum(self.terms(x[start : start + ROWS])) for start in starts])
 
     def terms(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """log(weight_k p_k(x)), [N, K]."""
@@ -120,15 +123,17 @@ def log_ratio(
     building: Mixture | None,
     background: Mixture | None,
     scale: NDArray[np.float64] = FEATURE_SCALE,
+    threads: int = 1,
 ) -> NDArray[np.float64]:
     """log p(x | building) - log p(x | background) for features [N, F] -> [N]; 0 where both are strangers."""
     if building is None or background is None:
         return np.zeros(len(features))
     x = features / scale
     stranger = -0.5 * x.shape[1] * np.log(2 * np.pi) - 12.0
-    a = np.logaddexp(building.log_density(x), stranger)
-    b = np.logaddexp(background.log_density(x), stranger)
-    return a - b
+    models = building, background
+    known = in_order(lambda k: np.logaddexp(models[k].log_density(x), stranger), range(2), threads)
+    first, second = (density for _, density in known)
+    return first - second
 
 
 def plants(features: NDArray[np.floating]) -> NDArray[np.float64]:

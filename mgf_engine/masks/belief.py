@@ -324,7 +324,7 @@ class SceneGraph:
             return fit_mixture(features, own / max(own.max(initial=0.0), 1e-12), components, seed, scale)
 
         models = [model for _, model in in_order(fit, range(4), self.threads)]
-        ratios = [log_ratio(k[0], models[2 * n], models[2 * n + 1], k[3]) for n, k in enumerate(kinds)]
+        ratios = [log_ratio(k[0], models[2 * n], models[2 * n + 1], k[3], self.threads) for n, k in enumerate(kinds)]
         return np.clip(np.concatenate(ratios) / 2, -LOOKS_LIMIT, LOOKS_LIMIT)
 
     def _observed_regions(self) -> NDArray[np.int64]:
