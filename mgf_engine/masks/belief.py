@@ -249,8 +249,9 @@ class SceneGraph:
         here = self.scene.observations(index)
         if not len(clicks) or not len(here):
             return np.zeros(0, np.int64)
-        distance, nearest = cKDTree(self.scene.track_uv[here]).query(clicks)
-        near = distance < NEAR_CLICK * self.scene.views[index].width
+        away = np.linalg.norm(self.scene.track_uv[here] - clicks[:, None], axis=2)  # few clicks: no tree is worth it
+        nearest = away.argmin(1)
+        near = away.min(1) < NEAR_CLICK * self.scene.views[index].width
         return self.scene.track_point[here][nearest[near]]
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,10 +106,12 @@ def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64
     cell = max(float((high - low).max()) / 12, 1e-9)
     cells = np.clip(np.floor((plan - low) / cell), -3, 15).astype(np.int64) + 3
     floor = np.full((19, 19), np.inf)
-    for key in np.unique(cells, axis=0):
-        inside = (cells == key).all(1)
-        if inside.sum() >= 3:
-            floor[key[0], key[1]] = np.percentile(level[inside], 5)
+    number = cells @ (19, 1)
+    order = np.argsort(number)
+    cuts = np.searchsorted(number[order], np.arange(floor.size + 1))
+    for key, (start, end) in enumerate(pairwise(cuts)):
+        if end - start >= 3:
+            floor.flat[key] = np.percentile(level[order[start:end]], 5)
     padded = np.pad(floor, 1, constant_values=np.inf)
     lowest = np.min([padded[i : i + 19, j : j + 19] for i in range(3) for j in range(3)], axis=0)
     lowest[~np.isfinite(lowest)] = np.percentile(level, 5)
