@@ -134,11 +134,11 @@ def _neighbours(
         high = wide[4 : 4 + n] if axis == 0 else wide[:, 4 : 4 + n]
         if low.shape != high.shape:
             high = np.take(wide, np.minimum(np.arange(n) + 4, wide.shape[axis] - 1), axis=axis)
-        step = np.sqrt(((high - low) ** 2).sum(-1))
         touching = a != b
-        firsts.append(np.minimum(a, b)[touching])
-        seconds.append(np.maximum(a, b)[touching])
-        steps.append(step[touching])
+        one, other = a[touching], b[touching]
+        firsts.append(np.minimum(one, other))
+        seconds.append(np.maximum(one, other))
+        steps.append(np.sqrt(((high[touching] - low[touching]) ** 2).sum(-1)))
     first, second, step = np.concatenate(firsts), np.concatenate(seconds), np.concatenate(steps)
     count = int(labels.max()) + 1
     key, inverse, border = np.unique(first.astype(np.int64) * count + second, return_inverse=True, return_counts=True)
