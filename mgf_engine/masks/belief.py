@@ -237,8 +237,11 @@ class SceneGraph:
 
     def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Points farther from all kept ones than a wall is from the roof on it, [P]."""
-        distance, _ = cKDTree(self.scene.points[keep]).query(self.scene.points, workers=self.threads)
-        return np.asarray(distance > OTHER_GAP * np.median(self.shape.spacing[keep]), bool)
+        gap = float(OTHER_GAP * np.median(self.shape.spacing[keep]))
+        distance, _ = cKDTree(self.scene.points[keep]).query(
+            self.scene.points, distance_upper_bound=np.nextafter(gap, np.inf), workers=self.threads
+        )
+        return np.asarray(distance > gap, bool)  # infinite beyond the bound
 
     def _clicked_points(self, prompts: Prompts) -> NDArray[np.int64]:
         """The sparse points nearest to the positive clicks, where any is near."""
