@@ -198,11 +198,17 @@ def _counting(photos: int) -> int:
 
 def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Pixels near to the ground whose colour is as near to its mean around them as most of its own, [H, W]."""
-    if not ground.any():
-        return ground
-    colour = _smooth(lab)
-    away = distance(colour, enlarge(mean_around(colour, ground, REACH).colour, ground.shape))
-    return np.asarray(near_ground(ground) & (away < np.percentile(away[ground], USUAL)), bool)
+    result, near = np.zeros_like(ground), near_ground(ground)
+    box = _box_of(near)
+    if box is None:
+        return result
+    # A mean reaches less far than this: what is beyond the part changes nothing.
+    top, left = max(0, box.top - 5 * REACH), max(0, box.left - 5 * REACH)
+    part = slice(top, box.top + box.height + 5 * REACH), slice(left, box.left + box.width + 5 * REACH)
+    here, colour = ground[part], _smooth(np.ascontiguousarray(lab[part]))
+    away = distance(colour, enlarge(mean_around(colour, here, REACH).colour, here.shape))
+    result[part] = near[part] & (away < np.percentile(away[here], USUAL))
+    return result
 
 
 def near_ground(ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
