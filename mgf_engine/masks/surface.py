@@ -46,18 +46,8 @@ class Surface:
         places, depth, radius = np.empty(count, np.int32), *np.empty((2, count), np.float32)
         unit = float(view.fx * w / view.width)
         seen = call(
-            "project_samples",
-            count,
-            self._columns,
-            self._spacing,
-            _matrix(view, h, w),
-            h,
-            w,
-            unit,
-            places,
-            depth,
-            radius,
-        )
+            "project_samples", count, self._columns, self._spacing, _matrix(view, h, w), h, w, unit, places, depth, radius
+        )  # fmt: skip
         return places[:seen], depth[:seen], radius[:seen]
 
     @cached_property
