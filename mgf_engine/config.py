@@ -75,7 +75,7 @@ class Config:
     mask_margin: float = option(0.008, "masks", "Rim of background that is trained along with the building, as a share of the photo's longest side", low=0, high=0.2)
 
     # field
-    iterations: int = option(0, "field", "Training iterations; 0 goes over the photos as often as 'passes' says", low=0, high=1_000_000)
+    iterations: int = option(0, "field", "Training iterations; 0 takes as many as the passes over the photos come to", low=0, high=1_000_000)
     passes: int = option(50, "field", "Iterations for each photo trained on, as for 20 photos where there are fewer and 60 where there are more", low=1, high=1000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
     dense_start: bool = option(True, "field", "Start from dense points by stereo between neighbouring photos, not from sparse points alone")
