@@ -17,9 +17,9 @@ from typing import Any
 from mgf_engine.errors import BadInput
 
 SECTIONS = ("run", "scene", "masks", "field", "mesh", "deliver")
-#: Iterations for each photo trained on, unless the user gives a number, and their limits. The surface is best after some
-#: tens of passes over the photos; then the field goes on to explain what mirrors, and digs dents behind panes.
-RUN_LENGTH = {"passes": 50, "fewest": 1000, "most": 3000}
+#: Fewer photos are trained on for as long as so many, and more are too. The surface is best after some tens of passes
+#: over the photos; then the field goes on to explain what mirrors, and digs dents behind panes.
+RUN_LENGTH = {"fewest": 20, "most": 60}
 
 
 def option(
@@ -75,7 +75,8 @@ class Config:
     mask_margin: float = option(0.008, "masks", "Rim of background that is trained along with the building, as a share of the photo's longest side", low=0, high=0.2)
 
     # field
-    iterations: int = option(0, "field", "Training iterations; 0 takes 50 for each photo trained on, from 1,000 to 3,000", low=0, high=1_000_000)
+    iterations: int = option(0, "field", "Training iterations; 0 takes as many as the passes over the photos come to", low=0, high=1_000_000)
+    passes: int = option(50, "field", "Iterations for each photo trained on, as for 20 photos where there are fewer and 60 where there are more", low=1, high=1000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
     dense_start: bool = option(True, "field", "Start from dense points by stereo between neighbouring photos, not from sparse points alone")
     sh_degree: int = option(2, "field", "Degree of the spherical harmonics that make colour depend on the view", low=0, high=3)
@@ -127,13 +128,12 @@ class Config:
 
     def run_length(self, photos: int) -> int:
         """Iterations of a training on so many photos."""
-        by_photos = RUN_LENGTH["passes"] * photos
-        return self.iterations or min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], by_photos))
+        return self.iterations or self.passes * min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], photos))
 
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
-    "draft": {"iterations": 500, "resolution": 600, "max_photos": 60},
+    "draft": {"passes": 20, "max_photos": 60},
     "standard": {},
     "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
 }

@@ -63,10 +63,12 @@ def test_text_values_are_converted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("photos", "given", "wanted"), [(10, 0, 1000), (30, 0, 1500), (146, 0, 3000), (30, 7, 7), (146, 9000, 9000)]
-)
-def test_few_photos_train_shorter_unless_a_number_is_given(photos: int, given: int, wanted: int) -> None:
-    assert make_config({"iterations": given}).run_length(photos) == wanted
+    ("photos", "given", "wanted"),
+    [(10, {}, 1000), (30, {}, 1500), (146, {}, 3000), (30, {"iterations": 7}, 7), (146, {"iterations": 9000}, 9000),
+     (10, {"passes": 20}, 400), (30, {"passes": 20}, 600), (146, {"passes": 20}, 1200)],
+)  # fmt: skip
+def test_few_photos_train_shorter_unless_a_number_is_given(photos: int, given: dict[str, int], wanted: int) -> None:
+    assert make_config(given).run_length(photos) == wanted
 
 
 def test_schema_lists_every_option_once_with_help() -> None:

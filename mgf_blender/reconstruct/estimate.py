@@ -135,8 +135,8 @@ def _seconds(options: bpy.types.PropertyGroup, count: int, megapixels: float) ->
 def _iterations(options: bpy.types.PropertyGroup, count: int) -> int:
     """Of the training; the engine's own choice where the option is 0."""
     held_out = count // options.holdout_every if options.holdout_every else 0
-    by_photos = RUN_LENGTH["passes"] * (count - held_out)
-    return options.iterations or min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], by_photos))
+    photos = min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], count - held_out))
+    return options.iterations or options.passes * photos
 
 
 def _around(count: int) -> float:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from mgf_engine import __version__
-from mgf_engine.config import PRESETS, RUN_LENGTH
+from mgf_engine.config import PRESETS, RUN_LENGTH, Config
 from mgf_engine.errors import BadInput
 
 Options = dict[str, Any]
@@ -133,7 +133,7 @@ def suite_runs(
 
 def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
     if suite == "ablation":
-        longer = round(int(base.get("iterations", RUN_LENGTH["most"])) * 30 / 7)
+        longer = round(int(base.get("iterations", Config().run_length(RUN_LENGTH["most"]))) * 30 / 7)
         table = {**ABLATION, "(f) 30/7 of the iterations": {**_LOSSES, "iterations": longer}, **SWITCHES}
         return [Run(name, "", options, group="ablation") for name, options in table.items()]
     if suite == "resolution":

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -63,7 +64,7 @@ def loss_weights(target: Target, config: Config, geometry: bool) -> LossWeights:
     return LossWeights(
         plain=config.multilevel_lambda + config.boundary_lambda - multilevel - boundary,
         multilevel=multilevel,
-        labels=target.label_weight.double().numpy(),
+        labels=target.label_weight.double().numpy() if multilevel > 0 else np.zeros(target.count + 1),
         boundary=boundary,
         edge=target.w_edge,
         l1=config.l1_weight,

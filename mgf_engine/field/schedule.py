@@ -13,6 +13,7 @@ from mgf_engine.config import Config
 _LEVELS = ((4, 0.15), (2, 0.45), (1, 1.0))
 #: Time of an iteration at each reduction, beside one at full resolution; a part of the work does not depend on pixels.
 _COST = {4: 0.25, 2: 0.4, 1: 1.0}
+_MOST_HASTE = 2.0  # beyond it discs jump off the surface
 _SMALLEST_SIDE = 160  # px; no level makes the longest side shorter than this
 
 
@@ -32,17 +33,27 @@ class LearningRates:
 RATES = LearningRates()
 
 
-def rates_at(share: float) -> dict[str, float]:
-    """Learning rate per parameter name at a share of the run (0..1)."""
+def haste_of(iterations: int, usual: int) -> float:
+    """Factor on the learning rates of a run of so many iterations, where so many are usual.
+
+    A run cut short must go as far in fewer steps. Below the usual length rates grow with the root of what is left
+    out, as they do in stochastic gradient descent for a given distance of a random walk; longer runs keep theirs.
+    """
+    return min(max(usual / max(iterations, 1), 1.0) ** 0.5, _MOST_HASTE)
+
+
+def rates_at(share: float, haste: float = 1.0) -> dict[str, float]:
+    """Learning rate per parameter name at a share of the run (0..1), all times ``haste``."""
     positions = RATES.positions * (RATES.positions_final / RATES.positions) ** share
     calm = 1.0 if share < 0.6 else 1.0 - 0.8 * (share - 0.6) / 0.4
-    return {
+    rates = {
         "positions": positions,
         "log_scales": RATES.log_scales * calm,
         "rotations": RATES.rotations * calm,
         "opacity_logits": RATES.opacity_logits * calm,
         "sh": RATES.sh_constant * calm,
     }
+    return {name: haste * rate for name, rate in rates.items()}
 
 
 def reduction_at(share: float, longest_side: int, config: Config) -> int:

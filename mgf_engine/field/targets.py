@@ -53,7 +53,7 @@ class Target:
         box: y0, y1, x0, x1, aligned to tiles.
         image: uint8 [3, h, w].
         labels: uint8 [h, w], see :class:`Pixels`.
-        label_weight: float32 [count + 1]; area share times delta of eq. 19, summing to one.
+        count: highest of the labels.
         edges, ring: bool [h, w].
         w_edge: eq. 12.
     """
@@ -63,7 +63,7 @@ class Target:
     box: tuple[int, int, int, int]
     image: Tensor
     labels: Tensor
-    label_weight: Tensor
+    count: int
     edges: Tensor
     ring: Tensor
     w_edge: float
@@ -81,7 +81,13 @@ class Target:
     def photo_side(self) -> PhotoSide:
         """The same maps as the loss kernels take them."""
         origin = (self.box[0], self.box[2])
-        return photo_side(self.image, self.labels, self.edges, self.ring, len(self.label_weight), origin)
+        return photo_side(self.image, self.labels, self.edges, self.ring, self.count + 1, origin)
+
+    @cached_property
+    def label_weight(self) -> Tensor:
+        """Area share times delta of eq. 19 per label, summing to one: float32 [count + 1]."""
+        photo = np.ascontiguousarray(self.image.numpy().transpose(1, 2, 0))
+        return torch.from_numpy(_label_weights(photo, self.labels.numpy(), self.count))
 
     def pixels(self, dtype: torch.dtype = torch.float32) -> Pixels:
         """The maps as floats."""
@@ -117,14 +123,14 @@ def make_target(
     box = _tile_box(inside | ring)
     cut = (slice(*box[:2]), slice(*box[2:]))
     photo, labels, inside, ring = photo[cut], labels[cut], inside[cut], ring[cut]
-    compact, label_weight = _label_weights(photo, labels, inside)
+    compact, count = _consecutive(labels, inside)
     return Target(
         camera=camera,
         tile_mask=_tile_mask(inside | ring, box, camera),
         box=box,
         image=torch.from_numpy(np.ascontiguousarray(photo.transpose(2, 0, 1))),
-        labels=torch.from_numpy(compact.astype(np.uint8)),
-        label_weight=torch.from_numpy(label_weight),
+        labels=torch.from_numpy(compact),
+        count=count,
         edges=torch.from_numpy(boundaries(labels)),
         ring=torch.from_numpy(np.ascontiguousarray(ring)),
         w_edge=config.boundary_weight,
@@ -179,28 +185,29 @@ def _tile_mask(counts: NDArray[np.bool_], box: tuple[int, int, int, int], camera
     return torch.from_numpy(tiles.astype(np.uint8))
 
 
-def _label_weights(
-    photo: NDArray[np.uint8], labels: NDArray[np.uint8], inside: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Consecutive labels and, per label, its area share times delta_k (eq. 19).
+def _consecutive(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], int]:
+    """Labels inside numbered 1..count in their order, 0 outside; and that count."""
+    number = np.bincount(labels[inside], minlength=256) > 0
+    name = np.cumsum(number).astype(np.uint8)
+    return np.where(inside, name[labels], 0).astype(np.uint8), int(number.sum())
+
+
+def _label_weights(photo: NDArray[np.uint8], labels: NDArray[np.uint8], count: int) -> NDArray[np.float32]:
+    """Per label, its area share times delta_k (eq. 19).
 
     delta_k is the inverse of the mean gradient inside the eroded mask (so that the mask's own outline does not
     count), clipped, and scaled so that the shares sum to one.
     """
-    ids, compact = np.unique(np.where(inside, labels, 0), return_inverse=True)
-    compact = compact.reshape(labels.shape) + (0 if ids[0] == 0 else 1)
-    count = int(compact.max())
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255.0
     magnitude = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
-    flat = compact.astype(np.float32)
     kernel = np.ones((3, 3), np.uint8)
-    core = (cv2.erode(flat, kernel) == flat) & (cv2.dilate(flat, kernel) == flat) & (compact > 0)
-    area = np.bincount(compact.ravel(), minlength=count + 1).astype(np.float64)
-    core_area = np.bincount(compact[core], minlength=count + 1)
-    gradient = np.bincount(compact[core], weights=magnitude[core], minlength=count + 1) / np.maximum(core_area, 1)
+    core = (cv2.erode(labels, kernel) == labels) & (cv2.dilate(labels, kernel) == labels) & (labels > 0)
+    area = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)
+    core_area = np.bincount(labels[core], minlength=count + 1)
+    gradient = np.bincount(labels[core], weights=magnitude[core], minlength=count + 1) / np.maximum(core_area, 1)
     typical = (gradient * core_area).sum() / max(core_area.sum(), 1)
     delta = np.clip((typical + 1e-6) / (gradient + 1e-6), *_GRADIENT_LIMITS)
     delta[core_area == 0] = 1.0
     weight = delta * area
     weight[0] = 0.0
-    return compact.astype(np.int64), (weight / weight.sum()).astype(np.float32)
+    return np.asarray(weight / weight.sum(), np.float32)

@@ -27,7 +27,7 @@ from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.initialise import initial_field
 from mgf_engine.field.losses import LossTerms, total_loss
 from mgf_engine.field.optimiser import Optimiser
-from mgf_engine.field.schedule import RATES, rates_at, reduction_at, sh_degree_at, view_order, work_at
+from mgf_engine.field.schedule import RATES, haste_of, rates_at, reduction_at, sh_degree_at, view_order, work_at
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import vote
@@ -69,6 +69,7 @@ class _Trainer:
         folder.mkdir(parents=True, exist_ok=True)
         self.views = training_views(scene, masks)
         self.total = config.run_length(len(self.views))
+        self.haste = haste_of(self.total, Config().run_length(len(self.views)))
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
         self.factor = 0
@@ -153,7 +154,7 @@ class _Trainer:
         with self._timed("backward"):
             terms.total.backward()
         with self._timed("optimiser"):
-            self.optimiser.step(rates_at(share), rendering.visible, RATES.sh_rest / RATES.sh_constant)
+            self.optimiser.step(rates_at(share, self.haste), rendering.visible, RATES.sh_rest / RATES.sh_constant)
         return rendering, terms
 
     def _refine(self, share: float) -> None:
