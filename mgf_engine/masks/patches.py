@@ -67,7 +67,7 @@ class Patches:
             float(most), count, fits, colours, last, count_last, alone,
         )  # fmt: skip
         if failed:
-            raise MemoryError
+            raise MemoryError("Not enough memory to compare patches of the photos; work at a lower resolution.")
 
 
 def _mean(image: Map) -> Map:

@@ -45,9 +45,8 @@ class Surface:
         count = len(self.samples)
         places, depth, radius = np.empty(count, np.int32), *np.empty((2, count), np.float32)
         unit = float(view.fx * w / view.width)
-        seen = call(
-            "project_samples", count, self._columns, self._spacing, _matrix(view, h, w), h, w, unit, places, depth, radius
-        )  # fmt: skip
+        given = count, self._columns, self._spacing, _matrix(view, h, w), h, w, unit
+        seen = call("project_samples", *given, places, depth, radius)
         return places[:seen], depth[:seen], radius[:seen]
 
     @cached_property
