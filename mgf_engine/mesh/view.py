@@ -55,9 +55,9 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
     return Sight(depth_map, face)
 
 
-def seen_faces(mesh: Mesh, view: View, at: NDArray[np.float64]) -> NDArray[np.int32]:
-    """The faces alone of :func:`look`, [H, W]; ``at``: :func:`corners` of the vertices."""
-    return _zbuffer(at, mesh.faces, view.height, view.width)[1]
+def seen_faces(faces: NDArray[np.int32], view: View, at: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Index of the face [F, 3] that each pixel sees, as in :func:`look`; ``at``: :func:`corners` of the vertices."""
+    return _zbuffer(at, faces, view.height, view.width)[1]
 
 
 def draw_triangles(at: NDArray[np.float64], height: int, width: int) -> NDArray[np.int32]:
