@@ -50,9 +50,7 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
     height, width = view.height, view.width
     at = corners(mesh.vertices, view) if at is None else at
     inverse, face = _zbuffer(at, mesh.faces, height, width)
-    seen = face >= 0
-    depth_map = np.where(seen, 1.0 / np.where(seen, inverse, 1.0), 0.0).astype(np.float32)
-    return Sight(depth_map, face)
+    return Sight(np.divide(1.0, inverse, out=np.zeros_like(inverse), where=face >= 0), face)
 
 
 def seen_faces(faces: NDArray[np.int32], view: View, at: NDArray[np.float64]) -> NDArray[np.int32]:
