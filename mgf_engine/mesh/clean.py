@@ -10,16 +10,21 @@ from numpy.typing import NDArray
 
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.order import arrange, cells_of, morton
+from mgf_engine.raster.library import side_by_side
 
 DRAWN_BACK = 0.01  # share of the way to the middle between a vertex and its neighbours
+CHUNK = 1 << 15  # faces that are measured at a time
 SEEN_PIXELS = 3  # parts of which all views together see fewer pixels are dropped
 
 
 def face_areas(mesh: Mesh) -> NDArray[np.float64]:
     """Areas [F]."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    areas: NDArray[np.float64] = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return areas
+
+    def some(start: int) -> NDArray[np.float64]:
+        a, b, c = (mesh.vertices[mesh.faces[start : start + CHUNK, k]] for k in range(3))
+        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+    return np.concatenate([np.zeros(0), *side_by_side(some, range(0, len(mesh.faces), CHUNK))])
 
 
 def vertex_areas(mesh: Mesh) -> NDArray[np.float64]:

@@ -13,11 +13,12 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import corners, look
-from mgf_engine.raster.library import side_by_side
+from mgf_engine.raster.library import call, side_by_side
 from mgf_engine.scene.model import View
 
 BEST = 5  # photos that share in the colour of a vertex: those that see it largest and straightest
 SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
+LEAST_FACING = 0.1  # cosine of the angle at which a photo sees a vertex
 CHUNK = 1 << 15  # vertices that are blended at a time
 STRIP = 4096  # pixels in a row of what is looked up at once; OpenCV takes fewer than 32,768 columns and rows
 OUTLIER = 40.0  # grey levels from the median beyond which a photo is left out (reflections, passers-by)
@@ -68,20 +69,26 @@ def _samples(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
     """Vertices that a view sees, how well, and the colour it sees there."""
     at = corners(mesh.vertices, view)
-    u, v, inverse = at.T
-    index = np.flatnonzero((inverse > 0) & (u > 1) & (v > 1) & (u < view.width - 1) & (v < view.height - 1))
-    x, y = at[index, :2].astype(np.int64).T
     # the largest depth around the pixel: a vertex on a rim must not be hidden by its own neighbours
     farthest = cv2.dilate(look(mesh, view, at).depth, np.ones((3, 3), np.uint8))
-    index = index[inside[y, x] & (farthest[y, x] * (1 + SLACK) * inverse[index] >= 1)]
-    toward = view.centre - mesh.vertices[index]
-    distance = np.linalg.norm(toward, axis=1)
-    facing = (normals[index] * toward).sum(1) / np.maximum(distance, 1e-12)
-    faced = facing > 0.1
-    index, distance, facing = index[faced], distance[faced], facing[faced]
-    colors = sample(photo, at[index, :2])
-    weight = (facing**2 * (view.fx / distance) ** 2).astype(np.float32)
-    return index, weight, colors
+    index, weight = np.empty(len(at), np.int64), np.empty(len(at), np.float32)
+    points, shown = np.ascontiguousarray(mesh.vertices, dtype=np.float64), np.ascontiguousarray(inside)
+    camera = np.array([*view.centre, view.fx, LEAST_FACING])
+    count = call(
+        "seen_vertices",
+        len(at),
+        at,
+        points,
+        normals,
+        camera,
+        farthest,
+        shown,
+        *farthest.shape,
+        1.0 + SLACK,
+        index,
+        weight,
+    )
+    return index[:count], weight[:count], sample(photo, at[index[:count], :2])
 
 
 def sample(

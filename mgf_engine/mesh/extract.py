@@ -238,9 +238,10 @@ def cleaned(
     counts = count_pixels(mesh, views, labels)
     mesh = clean.orient_outward(mesh, counts.front, counts.back)
     seen = clean.seen_parts(mesh, counts.front + counts.back, config.min_component)
-    mesh = clean.with_faces(mesh, mesh.faces[seen])
-    if labels is not None:
-        mesh = clean.drop_small_parts(cut_background(mesh, views, labels, counts.select(seen)), config.min_component)
+    if labels is None:
+        mesh = clean.with_faces(mesh, mesh.faces[seen])
+    else:
+        mesh = clean.drop_small_parts(cut_background(mesh, views, labels, counts, seen), config.min_component)
         mesh = clean.split_nonmanifold(mesh)
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")

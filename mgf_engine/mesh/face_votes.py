@@ -9,13 +9,14 @@ On the surface it is known which photos really see a face, and the vote can be t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.mesh.clean import with_faces
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.pixel_counts import PixelCounts, count_pixels
+from mgf_engine.mesh.pixel_counts import PixelCounts, count_pixels, count_uncovered
 from mgf_engine.scene.model import View
 
 ROUNDS = 3  # what lies behind a face that went is seen, and judged, in the next round
@@ -24,7 +25,11 @@ SPREAD = 2  # times each vote is shared with the next faces, so that single face
 
 
 def cut_background(
-    mesh: Mesh, views: Sequence[View], labels: Sequence[NDArray[np.uint8]], counts: PixelCounts | None = None
+    mesh: Mesh,
+    views: Sequence[View],
+    labels: Sequence[NDArray[np.uint8]],
+    counts: PixelCounts | None = None,
+    left: NDArray[np.bool_] | None = None,
 ) -> Mesh:
     """The mesh without faces that lie on background in most of the pixels that see them.
 
@@ -32,14 +37,19 @@ def cut_background(
         views: photos that vote, normalised frame.
         labels: label map of each view, uint8 [H, W]; unknown pixels do not vote. Faces that no view sees stay.
         counts: those of the mesh, where they are known already.
+        left: faces of whole parts that are left from the beginning, bool [F]; None for all.
     """
-    for _ in range(ROUNDS):
-        counts = counts or count_pixels(mesh, views, labels)
-        keep = _shared(mesh, counts.inside) >= MAJORITY * _shared(mesh, counts.known)
-        if keep.all():
+    counts = counts or count_pixels(mesh, views, labels)
+    left = np.ones(len(mesh.faces), bool) if left is None else left.copy()
+    for number in range(ROUNDS):
+        if number > 0:
+            counts = count_uncovered(mesh, left, counts, views, labels)
+        part = replace(mesh, faces=mesh.faces[left])
+        keep = _shared(part, counts.inside[left]) >= MAJORITY * _shared(part, counts.known[left])
+        left[left] = keep
+        if keep.all() or not keep.any():
             break
-        mesh, counts = with_faces(mesh, mesh.faces[keep]), None
-    return mesh
+    return with_faces(mesh, mesh.faces[left])
 
 
 def _shared(mesh: Mesh, count: NDArray[np.int32]) -> NDArray[np.float64]:

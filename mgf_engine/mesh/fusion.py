@@ -38,6 +38,7 @@ THROUGH, THROUGH_WEIGHT = 0.2, 0.25  # and less than this let the view through, 
 CPU = torch.device("cpu")
 FAR = 1e6  # depth of what lies behind everything
 UNMATCHED = 0.2  # weight of a depth that only the field vouches for, beside one that photos agree on
+LEAST_SLOPE = 0.1  # distance along the normal per unit of depth, of surfaces that a view sees from the side
 
 CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
 ENOUGH_VIEWS = 3  # photos that must show a spot for full confidence
@@ -54,7 +55,9 @@ _BELIEF = [
     *((name, "<i4") for name in ("covered", "outside", "seen", "near", "judging", "behind")),
 ]
 _JUDGE = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
-    (name, kind) for names, kind in (("labels map rows height width", "<i8"), ("band", "<f8")) for name in names.split()
+    (name, kind)
+    for names, kind in (("labels map rows height width", "<i8"), ("band least_slope", "<f8"))
+    for name in names.split()
 ]
 
 
@@ -235,7 +238,7 @@ class FusedField:
     def _judge(self, m: DepthMap) -> tuple[Any, ...]:
         """A depth map as ``raster/kernels/fuse.c`` takes it (struct Judge)."""
         arrays = m.mask.ctypes.data, m.pixels.ctypes.data, m.rows.ctypes.data
-        return (*pose_and_intrinsics(m.view), *arrays, m.view.height, m.view.width, self.band / m.view.fx)
+        return (*pose_and_intrinsics(m.view), *arrays, m.view.height, m.view.width, self.band / m.view.fx, LEAST_SLOPE)
 
 
 def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[Any]:
@@ -286,7 +289,7 @@ def depth_map(surface: Surface, mask: NDArray[np.uint8], matched: Matched) -> De
     view, normal, depth = surface.view, surface.normal, matched.depth
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
-    slope = np.clip(-(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), 0.1, None)
+    slope = np.clip(-(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), LEAST_SLOPE, None)
     weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
     weight *= np.where(_rim(depth), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, UNMATCHED)
     shown = depth > 0

@@ -15,8 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.raster.library import side_by_side
+
 FREE, SOLID, INVALID = 0, 1, 2
 NEAR_ENOUGH = 0.02  # signed distance at which the search for the level ends
+PIECES = 8  # ranges of points whose edges are numbered side by side
 LEAST_STEP = 0.05  # share of what is left of a segment by which each try shortens it at least
 
 
@@ -86,10 +89,19 @@ def _cut(quads: NDArray[np.int32], points: NDArray[np.float64]) -> NDArray[np.in
 
 def _number(triangles: NDArray[np.int32], count: int) -> Crossing:
     """Give each distinct edge (solid, free) of triangles [F, 3, 2] one number."""
-    key = triangles[..., 0].astype(np.int64) * count + triangles[..., 1]
-    unique, inverse = np.unique(key.ravel(), return_inverse=True)
-    edges = np.stack([unique // max(count, 1), unique % max(count, 1)], 1).astype(np.int32)
-    return Crossing(edges, inverse.reshape(-1, 3).astype(np.int32))
+    key = (triangles[..., 0].astype(np.int64) * count + triangles[..., 1]).ravel()
+    limits = np.linspace(0, count, PIECES + 1).astype(np.int64) * count
+
+    def distinct(piece: int) -> tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.intp]]:
+        place = np.flatnonzero((key >= limits[piece]) & (key < limits[piece + 1]))
+        return place, *np.unique(key[place], return_inverse=True)
+
+    unique, corner = [np.zeros(0, np.int64)], np.empty(len(key), np.int32)
+    for place, found, inverse in side_by_side(distinct, range(PIECES)):
+        corner[place] = inverse + sum(map(len, unique))
+        unique.append(found)
+    edges = np.stack(np.divmod(np.concatenate(unique), max(count, 1)), 1).astype(np.int32)
+    return Crossing(edges, corner.reshape(-1, 3))
 
 
 def find_level(

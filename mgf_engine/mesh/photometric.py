@@ -132,12 +132,12 @@ def _intrinsics(view: View) -> NDArray[np.float64]:
 
 def _peak(scores: Array, counts: Array) -> tuple[Array, Array]:
     """Where the mean correlation peaks, in steps from the start, and how high, [N] each; 0, 0 where nothing is sure."""
-    rows = np.arange(len(scores))
-    best = np.clip(scores.argmax(1), 1, scores.shape[1] - 2)
-    mean = np.maximum(counts, 1)
-    low, top, high = (scores[rows, best + k] / mean for k in (-1, 0, 1))
+    count, steps = scores.shape
+    best = np.clip(scores.argmax(1), 1, steps - 2)
+    at, mean = np.arange(0, count * steps, steps) + best, np.maximum(counts, 1)
+    low, top, high = (scores.ravel().take(at + k) / mean for k in (-1, 0, 1))
     curvature = low - 2 * top + high
     sure = (counts > 0) & (top >= SURE) & (top >= low) & (top >= high) & (curvature < 0)
     offset = 0.5 * (low - high) / np.where(sure, curvature, 1.0)
-    shift = best - scores.shape[1] // 2 + offset
+    shift = best - steps // 2 + offset
     return np.where(sure, shift, 0).astype(np.float32), np.where(sure, top, 0).astype(np.float32)

@@ -60,15 +60,15 @@ def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDA
         grey: the photo's brightness, [H, W].
     """
     sight = look(mesh, view)
-    seen = sight.face >= 0
+    pixels = np.flatnonzero(sight.face >= 0)
     normal = np.zeros((*sight.face.shape, 3), np.float32)
-    normal[seen] = normals[sight.face[seen]] @ view.rotation.T
+    normal.reshape(-1, 3)[pixels] = normals.take(sight.face.ravel().take(pixels), axis=0) @ view.rotation.T
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     front = normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2] < 0
     depth = np.where(front, sight.depth, 0.0).astype(np.float32)
     # Where the mesh has a hole nothing is known: it may be missing there.
-    return Surface(view, grey, depth, normal, np.zeros_like(seen))
+    return Surface(view, grey, depth, normal, np.zeros(sight.face.shape, bool))
 
 
 def _matched(

@@ -50,14 +50,12 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
     height, width = view.height, view.width
     at = corners(mesh.vertices, view) if at is None else at
     inverse, face = _zbuffer(at, mesh.faces, height, width)
-    seen = face >= 0
-    depth_map = np.where(seen, 1.0 / np.where(seen, inverse, 1.0), 0.0).astype(np.float32)
-    return Sight(depth_map, face)
+    return Sight(np.divide(1.0, inverse, out=np.zeros_like(inverse), where=face >= 0), face)
 
 
-def seen_faces(mesh: Mesh, view: View, at: NDArray[np.float64]) -> NDArray[np.int32]:
-    """The faces alone of :func:`look`, [H, W]; ``at``: :func:`corners` of the vertices."""
-    return _zbuffer(at, mesh.faces, view.height, view.width)[1]
+def seen_faces(faces: NDArray[np.int32], view: View, at: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Index of the face [F, 3] that each pixel sees, as in :func:`look`; ``at``: :func:`corners` of the vertices."""
+    return _zbuffer(at, faces, view.height, view.width)[1]
 
 
 def draw_triangles(at: NDArray[np.float64], height: int, width: int) -> NDArray[np.int32]:

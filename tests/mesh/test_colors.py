@@ -3,10 +3,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
-from mgf_engine.mesh.colors import color_from_photos, vertex_normals
-from mgf_engine.mesh.view import look
+from mgf_engine.mesh.colors import LEAST_FACING, SLACK, _samples, color_from_photos, sample, vertex_normals
+from mgf_engine.mesh.view import corners, look
 
 from .analytic import ball, camera, ring
 from .test_clean import empty, merged
@@ -76,3 +77,28 @@ def test_nothing_seen_and_nothing_there():
 def test_vertex_normals_of_a_sphere():
     mesh = ball(subdivisions=3)
     assert np.abs(vertex_normals(mesh) - mesh.vertices).max() < 0.02
+
+
+def test_vertices_are_seen_as_the_plain_formulas_say() -> None:
+    mesh, view = ball(subdivisions=4), camera((2.5, -2.0, 1.0))
+    rng = np.random.default_rng(3)
+    photo = rng.integers(0, 256, (view.height, view.width, 3), dtype=np.uint8)
+    inside = rng.random((view.height, view.width)) < 0.9
+    normals = vertex_normals(mesh)
+    index, weight, shown = _samples(mesh, normals, view, photo, inside)
+
+    at = corners(mesh.vertices, view)
+    farthest = cv2.dilate(look(mesh, view).depth, np.ones((3, 3), np.uint8))
+    expected = []
+    for i, (u, v, inverse) in enumerate(at):
+        if not (inverse > 0 and 1 < u < view.width - 1 and 1 < v < view.height - 1 and inside[int(v), int(u)]):
+            continue
+        toward = view.centre - mesh.vertices[i]
+        distance = np.linalg.norm(toward)
+        facing = normals[i] @ toward / distance
+        if farthest[int(v), int(u)] * (1 + SLACK) * inverse >= 1 and facing > LEAST_FACING:
+            expected.append((i, (facing * view.fx / distance) ** 2))
+    assert 300 < len(expected) < len(at) / 2
+    np.testing.assert_array_equal(index, [i for i, _ in expected])
+    np.testing.assert_allclose(weight, [w for _, w in expected], rtol=1e-6)
+    np.testing.assert_array_equal(shown, sample(photo, at[index, :2]))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from mgf_engine.mesh import fusion
-from mgf_engine.mesh.fusion import FusedField
+from mgf_engine.mesh.fusion import JUMP, LEAST_SLOPE, DepthMap, FusedField
 from mgf_engine.mesh.isosurface import FREE, SOLID
 from mgf_engine.mesh.photometric import Surface
-from mgf_engine.raster.points import INSIDE
+from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
 from mgf_engine.scene.model import View
 
-from .analytic import HEIGHT, WIDTH, camera
+from .analytic import HEIGHT, WIDTH, camera, ring
 
 COUNT = 24
 DEEPER = 10.0  # pixels
@@ -104,3 +104,60 @@ def test_spans_hold_what_is_inside_and_its_neighbours(seed: int) -> None:
 
 def test_a_mask_without_an_inside_needs_no_map() -> None:
     assert not fusion._spans(np.zeros((4, 5), bool))[1].any()
+
+
+def plain_beliefs(
+    points: np.ndarray, views: list[View], maps: list[np.ndarray], mask: np.ndarray, band: float
+) -> list[dict[str, float]]:
+    """What ``raster/kernels/fuse.c`` does, point by point: a dict per point."""
+    result = []
+    for point in points:
+        said = dict.fromkeys(("weight", "sum", "covered", "outside", "seen", "near", "judging", "behind"), 0.0)
+        for view, pixels in zip(views, maps, strict=True):
+            x, y, z = view.rotation @ point + view.translation
+            u, v = x / z * view.fx + view.cx, y / z * view.fy + view.cy
+            if not (z > NEAR and 0 <= u < view.width and 0 <= v < view.height):
+                continue
+            said["outside"] += mask[int(v), int(u)] == OUTSIDE
+            if mask[int(v), int(u)] != INSIDE:
+                continue
+            said["seen"] += 1
+            here, left, top = pixels[int(v), int(u)], int(np.floor(u - 0.5)), int(np.floor(v - 0.5))
+            if here[2] > 0 and left >= 0 and top >= 0 and left + 1 < view.width and top + 1 < view.height:
+                four, a, b = pixels[top : top + 2, left : left + 2], u - 0.5 - left, v - 0.5 - top
+                if (four[..., 2] > 0).all() and (np.abs(four[..., 0] - here[0]) <= JUMP * here[0]).all():
+                    here = np.einsum("i,j,ijk->k", [1 - b, b], [1 - a, a], four)
+            if not here[2] > 0:
+                continue
+            s = (here[0] - z) * here[1] / (band / view.fx * here[0])
+            said["near"] += abs(s) < 0.5
+            said["covered"] += s < -1
+            said["behind"] += -4 < s < -1
+            if s >= -1:
+                said["judging"] += 1
+                said["weight"] += here[2]
+                said["sum"] += here[2] * min(s, 1.0)
+        result.append(said)
+    return result
+
+
+def test_beliefs_are_those_of_the_plain_sum_over_views() -> None:
+    rng = np.random.default_rng(4)
+    views, shape = ring(5), (HEIGHT, WIDTH)
+    mask = rng.choice(np.array([INSIDE, INSIDE, INSIDE, OUTSIDE, 2], np.uint8), shape)
+    maps = []
+    for view in views:
+        depth = np.linalg.norm(view.centre) * (0.85 + 0.2 * (rng.random(shape) < 0.1) + 0.004 * rng.random(shape))
+        slope, weight = rng.uniform(LEAST_SLOPE, 1, shape), rng.uniform(0.5, 1, shape) * (rng.random(shape) < 0.9)
+        maps.append(np.stack([depth, slope, weight, np.zeros(shape)], -1).astype(np.float32))
+    field = FusedField(lambda number: pytest.fail("nothing to show"), [])
+    rows = np.arange(HEIGHT, dtype=np.int64) * WIDTH
+    field.maps = [DepthMap(view, mask, rows, m.reshape(-1, 4)) for view, m in zip(views, maps, strict=True)]
+    points = rng.uniform(-1, 1, (3000, 3)).astype(np.float32).astype(np.float64)
+    found = np.concatenate(list(field._ask(points, lambda belief: belief)))
+    expected = plain_beliefs(points, views, maps, mask, field.band)
+    for name in ("covered", "outside", "seen", "near", "judging", "behind"):
+        assert found[name].sum() > 50
+        np.testing.assert_array_equal(found[name], [said[name] for said in expected])
+    for name in ("weight", "sum"):
+        np.testing.assert_allclose(found[name], [said[name] for said in expected], rtol=1e-4, atol=1e-4)

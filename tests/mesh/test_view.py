@@ -9,7 +9,7 @@ import pytest
 
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.pixel_counts import count_pixels
+from mgf_engine.mesh.pixel_counts import count_pixels, count_uncovered
 from mgf_engine.mesh.view import NEAR, corners, face_normals, look, scaled_view, shaded
 from mgf_engine.raster import library
 
@@ -141,3 +141,27 @@ def test_pixels_are_counted_by_side_and_by_label(threads: int):
     for row, column in zip(expected, (found.front, found.back, found.inside, found.known), strict=True):
         assert row.sum() > 1000 and np.array_equal(row, column)
     assert np.array_equal(blind.front, found.front) and not blind.known.any()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_pixels_behind_faces_that_go_are_counted_as_if_all_were_drawn_again(threads: int):
+    outer, views = ball(subdivisions=4), ring(5)
+    faces = np.concatenate([outer.faces, outer.faces[::3], outer.faces[::5] + len(outer.vertices)])  # some twice
+    mesh = Mesh(
+        np.concatenate([outer.vertices, 0.7 * outer.vertices]), faces, np.zeros((2 * len(outer.vertices), 3), np.uint8)
+    )
+    views.append(replace(views[0], translation=-views[0].rotation @ np.array([0.85, 0.0, 0.0])))  # between both
+    rng = np.random.default_rng(0)
+    labels = [rng.choice([BACKGROUND, 1, UNKNOWN], (v.height, v.width)).astype(np.uint8) for v in views]
+    middle = mesh.vertices[mesh.faces].mean(1)
+    library.set_threads(threads)
+    before = count_pixels(mesh, views, labels)
+    for left in (middle[:, 2] < 0.5, rng.random(len(mesh.faces)) < 0.9, middle[:, 2] < -0.6):
+        expected = count_pixels(replace(mesh, faces=mesh.faces[left]), views, labels)
+        found = count_uncovered(mesh, left, before, views, labels)
+        for name in ("front", "back", "inside", "known"):
+            assert np.array_equal(getattr(found, name)[left], getattr(expected, name))
+        for some, all_ in zip(found.pictures, expected.pictures, strict=True):
+            seen = all_.unpacked()
+            assert np.array_equal(some.unpacked(), np.where(seen >= 0, np.flatnonzero(left)[seen], -1))
+    library.set_threads(0)

@@ -114,13 +114,14 @@ static int rim_edges(const Mesh *m, const Star *star, int i) {
     return bits;
 }
 
-// The nearest place on the new faces, or on the open rims among them; the face is -1 where there is none.
-static Foot nearest(const Star *star, const int *rims, Point p, int *face) {
-    Foot best = {{0, 0, 0}, HUGE_VAL};
+// The nearest place on the new faces, or on the open rims among them; the face is -1 where there is none as near as the
+// square root of `limit`.
+static Foot nearest(const Star *star, const int *rims, Point p, double limit, int *face) {
+    Foot best = {{0, 0, 0}, limit};
     *face = -1;
     for (int i = star->shared; i < star->count; i++) {
         if (!rims) {
-            const Foot foot = on_triangle(p, star->now[i]);
+            const Foot foot = on_triangle_within(p, star->now[i], best.squared);
             if (foot.squared < best.squared) best = foot, *face = i;
             continue;
         }
@@ -161,7 +162,7 @@ static int note(Mesh *m, int32_t sample, int32_t face) {
 // Whether every sample stays near the new faces and their colours are right on average; notes where each would lie.
 static int faithful(Mesh *m, const Star *star, int32_t a, int32_t b, Point where, const float color[3]) {
     double near = HUGE_VAL;
-    for (int i = 0; i < star->count; i++) near = fmin(near, on_triangle(where, star->old[i]).squared);
+    for (int i = 0; i < star->count; i++) near = fmin(near, on_triangle_within(where, star->old[i], near).squared);
     const double allowed = fmin(tolerance(m, a), tolerance(m, b));
     if (near > allowed * allowed) return 0;
     int rims[STAR], known = 0;
@@ -173,8 +174,9 @@ static int faithful(Mesh *m, const Star *star, int32_t a, int32_t b, Point where
             if (on_rim && !known++)
                 for (int j = star->shared; j < star->count; j++) rims[j] = rim_edges(m, star, j);
             int face;
-            const Foot foot = nearest(star, on_rim ? rims : NULL, given(m, s), &face);
-            if (face < 0 || foot.squared > tolerance(m, s) * tolerance(m, s)) return 0;
+            const double squared = tolerance(m, s) * tolerance(m, s);
+            const Foot foot = nearest(star, on_rim ? rims : NULL, given(m, s), 1.001 * squared, &face);
+            if (face < 0 || foot.squared > squared) return 0;
             if (m->color_tolerance >= 0) wrong += color_error(m, star, face, &foot, color, s);
             if (!note(m, s, star->face[face])) return 0;
         }

@@ -127,12 +127,14 @@ static i16 in_picture(const Photo *o, const Homography *h) {
 static v16 correlate(const Patch *patch, Homography h, i16 good, const Photo *o, float texture) {
     for (int r = 0; r < 3; r++)  // the lanes that are not good read the first pixels
         h.centre[r] = choose(good, h.centre[r], splat(1.0f)), h.across[r] = keep(good, h.across[r]), h.down[r] = keep(good, h.down[r]);
-    v16 sum = splat(0.0f), squares = splat(0.0f), products = splat(0.0f);
+    v16 sum = splat(0.0f), squares = splat(0.0f), products = splat(0.0f), column[SIDE][3];
+    for (int x = 0; x < SIDE; x++)
+        for (int r = 0; r < 3; r++) column[x][r] = h.centre[r] + (float)(x - RADIUS) * h.across[r];
     for (int k = 0; k < SAMPLES; k++) {
-        const float dx = k % SIDE - RADIUS, dy = k / SIDE - RADIUS;
-        const v16 inverse = reciprocal(h.centre[2] + dx * h.across[2] + dy * h.down[2]);
-        const v16 u = (h.centre[0] + dx * h.across[0] + dy * h.down[0]) * inverse - 0.5f;
-        const v16 v = (h.centre[1] + dx * h.across[1] + dy * h.down[1]) * inverse - 0.5f;
+        const float dy = k / SIDE - RADIUS;
+        const v16 *c = column[k % SIDE];
+        const v16 inverse = reciprocal(c[2] + dy * h.down[2]);
+        const v16 u = (c[0] + dy * h.down[0]) * inverse - 0.5f, v = (c[1] + dy * h.down[1]) * inverse - 0.5f;
         const i16 i = __builtin_convertvector(u, i16), j = __builtin_convertvector(v, i16);
         const v16 a = u - __builtin_convertvector(i, v16), b = v - __builtin_convertvector(j, v16);
         const i16 quad = gather(o->quads, j * (int32_t)o->width + i);

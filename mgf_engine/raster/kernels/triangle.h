@@ -30,13 +30,20 @@ static inline Foot on_segment(Point p, Point a, Point b) {
     return (Foot){{1 - t, t, 0}, dot(rest, rest)};
 }
 
-// The point of the triangle nearest to p.
-static inline Foot on_triangle(Point p, const Point v[3]) {
+// The point of the triangle nearest to p; or one at an endless distance, where it is clear that none is nearer than the
+// square root of `limit`.
+static inline Foot on_triangle_within(Point p, const Point v[3], double limit) {
     const Point e = minus(v[1], v[0]), f = minus(v[2], v[0]), r = minus(p, v[0]);
     const double ee = dot(e, e), ef = dot(e, f), ff = dot(f, f), re = dot(r, e), rf = dot(r, f);
     const double area = ee * ff - ef * ef;
+    // Beyond an edge it is at least as far as the line through that; all with room for what rounding does.
+    const double of_b = ff * re - ef * rf, of_c = ee * rf - ef * re, of_a = area - of_b - of_c;  // shares times the area
+    const double far = (limit + 1e-14 * (ee + ff)) * 1.01 * area;
+    const int beyond = ((of_b < 0) & (of_b * of_b > far * ff)) | ((of_c < 0) & (of_c * of_c > far * ee)) |
+                       ((of_a < 0) & (of_a * of_a > far * (ee - 2 * ef + ff)));
+    if (beyond && area > 1e-8 * ee * ff) return (Foot){{0, 0, 0}, HUGE_VAL};
     if (area > 1e-12 * ee * ff) {
-        const double b = (ff * re - ef * rf) / area, c = (ee * rf - ef * re) / area;
+        const double b = of_b / area, c = of_c / area;
         if (b >= 0 && c >= 0 && b + c <= 1) {
             const Point rest = plus(plus(r, e, -b), f, -c);
             return (Foot){{1 - b - c, b, c}, dot(rest, rest)};
