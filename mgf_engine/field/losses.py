@@ -36,7 +36,7 @@ def total_loss(
     target: Target,
     config: Config,
     backdrop: Tensor,
-    geometry: bool,
+    geometry: float,
     error_map: Tensor | None = None,
     backend: str | None = None,
 ) -> LossTerms:
@@ -45,7 +45,7 @@ def total_loss(
     Args:
         rendering: maps of the whole frame.
         backdrop: [3] colour behind the field for this iteration.
-        geometry: whether the distortion and normal terms act yet.
+        geometry: factor on the distortion and normal terms; 0 where they do not act.
         error_map: float32 [H, W]; its box receives the error, which is a view of it then.
         backend: see :func:`mgf_engine.raster.loss.image_loss`.
     """
@@ -57,7 +57,7 @@ def total_loss(
     return LossTerms(terms.total, color, geometric, background, error)
 
 
-def loss_weights(target: Target, config: Config, geometry: bool) -> LossWeights:
+def loss_weights(target: Target, config: Config, geometry: float) -> LossWeights:
     """Factors of the terms; a colour term that is switched off hands its weight to the plain eq. 16."""
     multilevel = config.multilevel_lambda if config.multilevel_loss else 0.0
     boundary = config.boundary_lambda if config.boundary_loss else 0.0
@@ -70,6 +70,6 @@ def loss_weights(target: Target, config: Config, geometry: bool) -> LossWeights:
         l1=config.l1_weight,
         ssim=config.ssim_weight,
         background=config.background_lambda,
-        distortion=config.distortion_lambda if geometry else 0.0,
-        normals=config.normal_lambda if geometry else 0.0,
+        distortion=config.distortion_lambda * geometry,
+        normals=config.normal_lambda * geometry,
     )

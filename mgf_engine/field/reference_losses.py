@@ -18,7 +18,7 @@ from mgf_engine.raster.loss import FLOOR, MS_SSIM_WEIGHTS, WINDOW
 from mgf_engine.raster.reference_losses import normal_consistency, ssim_maps
 
 
-def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: Tensor, geometry: bool) -> LossTerms:
+def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: Tensor, geometry: float) -> LossTerms:
     """Twin of :func:`mgf_engine.field.losses.total_loss`, in the type of ``rendering.color``."""
     pixels = target.pixels(rendering.color.dtype)
     alpha = target.crop(rendering.alpha)
@@ -27,7 +27,9 @@ def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: T
     color = torch.where(pixels.inside > 0, color, pixels.photo)
     l1 = (color - pixels.photo).abs().mean(0)
     color_loss = _color_loss(color, l1, pixels, target.label_weight, config)
-    geometry_loss = _geometry_loss(rendering, target, pixels, alpha, config) if geometry else alpha.new_zeros(())
+    geometry_loss = alpha.new_zeros(())
+    if geometry:
+        geometry_loss = geometry * _geometry_loss(rendering, target, pixels, alpha, config)
     background = config.background_lambda * (alpha * pixels.ring).sum() / pixels.ring.sum().clamp_min(1.0)
     error = l1.detach() + alpha.detach() * pixels.ring
     total = color_loss + geometry_loss + background

@@ -27,7 +27,16 @@ from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.initialise import initial_field
 from mgf_engine.field.losses import LossTerms, total_loss
 from mgf_engine.field.optimiser import Optimiser
-from mgf_engine.field.schedule import RATES, haste_of, rates_at, reduction_at, sh_degree_at, view_order, work_at
+from mgf_engine.field.schedule import (
+    RATES,
+    geometry_at,
+    haste_of,
+    rates_at,
+    reduction_at,
+    sh_degree_at,
+    view_order,
+    work_at,
+)
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import vote
@@ -139,7 +148,7 @@ class _Trainer:
 
     def _step(self, target: Target, share: float) -> tuple[Rendering, LossTerms]:
         config = self.config
-        geometry = share >= config.geometry_from
+        geometry = geometry_at(self.iteration, share, config)
         generator = torch.Generator().manual_seed(config.seed * 7_919 + self.iteration)
         backdrop = torch.rand(3, generator=generator)
         error_map = torch.zeros(target.camera.height, target.camera.width, device=self.device)

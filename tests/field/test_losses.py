@@ -105,7 +105,7 @@ def compare(request):
     return partial(compare_backends, ("cuda",) if request.param == "cuda" else ("cpu", "cuda-source-on-cpu"))
 
 
-def compare_backends(backends, target, config=CONFIG, geometry=True, render=None, factor=1.0):
+def compare_backends(backends, target, config=CONFIG, geometry=1.0, render=None, factor=1.0):
     """The kernels of the backends agree with the twin."""
     render = render or rendering(target)
     twin = differentiate(reference_losses.total_loss, target, config, geometry, torch.float64, render, factor)
@@ -174,7 +174,8 @@ def test_every_switch_matches_the_twin(switches, compare):
 
 def test_without_geometry_and_with_an_outer_factor(compare):
     target = make(70, 150)
-    compare(target, geometry=False)
+    compare(target, geometry=0.0)
+    compare(target, geometry=3.0)
     compare(target, factor=3.0)
 
 

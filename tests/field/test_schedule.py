@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.config import make_config
-from mgf_engine.field.schedule import haste_of, rates_at, reduction_at, work_at
+from mgf_engine.field.schedule import geometry_at, haste_of, rates_at, reduction_at, work_at
 
 
 @pytest.mark.parametrize(("side", "levels"), [(750, [4, 2, 1]), (400, [2, 1]), (200, [1])])
@@ -44,3 +44,10 @@ def test_a_run_cut_short_takes_larger_steps() -> None:
     assert haste_of(1000, 2000) == pytest.approx(2**0.5)
     assert haste_of(1, 2000) == haste_of(2, 2000) > haste_of(1000, 2000)  # but not without limit
     assert rates_at(0.7, 1.5) == pytest.approx({name: 1.5 * rate for name, rate in rates_at(0.7).items()})
+
+
+def test_geometry_terms_have_their_weight_on_average() -> None:
+    config = make_config({"geometry_from": 0.4})
+    assert not any(geometry_at(i, 0.39, config) for i in range(30))
+    factors = [geometry_at(i, 0.4, config) for i in range(30)]
+    assert np.mean(factors) == pytest.approx(1.0) and 0.0 in factors
