@@ -22,16 +22,16 @@ from ..scene_import.cameras import SIZE_KEY
 from ..scene_import.tree import Tree
 
 #: Seconds on two cores with AVX-512. MP: megapixels of a working photo, G: 100,000 Gaussians.
-_MASK_PHOTO, _MASK_PIXELS = 0.24, 1.57  # per photo; per photo and MP
-_STEP, _STEP_GAUSSIANS, _STEP_PIXELS = 0.010, 0.035, 0.12  # per iteration; and G; and MP
-_STEREO = 1.05  # per photo and MP
-_MESH, _MESH_GAUSSIANS, _MESH_VIEWS = 2.2, 13.3, 1.36  # once; per G; per G and photo
-_START, _DELIVER_PHOTO = 10.0, 0.15  # once; per photo
+_MASK_PHOTO, _MASK_PIXELS = 0.12, 0.65  # per photo; per photo and MP
+_STEP, _STEP_GAUSSIANS, _STEP_PIXELS = 0.002, 0.015, 0.085  # per iteration; and G; and MP
+_STEREO = 0.3  # per photo and MP
+_MESH, _MESH_GAUSSIANS, _MESH_VIEWS = 2.0, 7.5, 0.365  # once; per G; per G and photo
+_START, _DELIVER_PHOTO = 7.0, 0.07  # once; per photo
 _CORES = 2
 #: Bytes: the engine at rest, per Gaussian, per pixel of all photos together.
-_REST, _PER_GAUSSIAN, _PER_PIXEL = 0.42e9, 11_700.0, 33.0
+_REST, _PER_GAUSSIAN, _PER_PIXEL = 0.42e9, 8_500.0, 33.0
 _GROWN = 0.9  # share of the allowed Gaussians that a field usually reaches
-_PER_PHOTO_PIXEL = 0.02  # and no more than this per pixel of all photos
+_PER_PHOTO_PIXEL = 0.015  # and no more than this per pixel of all photos
 _FILE = "speed.json"
 _LEARN = 0.5  # weight of the newest job
 _LIMITS = (0.05, 20.0)

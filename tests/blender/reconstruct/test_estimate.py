@@ -11,17 +11,12 @@ import pytest
 from mgf_blender.reconstruct import estimate as module
 from mgf_blender.reconstruct.estimate import Photos, duration, estimate, learn, photos_of, speed_factor
 
-#: Reports of jobs on two cores with AVX-512: preset, options, photos, seconds of the first four stages, peak GB
-#: (None: not measured).
-_LONG = {"iterations": 3000}
+#: Reports of jobs on two cores with AVX-512: preset, photos and their size, seconds of the first four stages, peak GB.
 MEASURED = [
-    ("standard", _LONG, 11, 343.5, 1.93),
-    ("standard", _LONG, 64, 438.0, 2.57),
-    ("standard", _LONG, 11, 288.3, 1.49),
-    ("standard", _LONG, 25, 450.5, 2.00),
-    ("standard", _LONG, 11, 350.5, 1.74),
-    ("draft", {"resolution": 320, "iterations": 150}, 11, 16.6, 0.61),
-    ("draft", {"resolution": 300, "iterations": 150}, 30, 50.0, None),
+    ("standard", Photos(146, (750, 500)), 288.8, 3.06),  # dortmund
+    ("draft", Photos(146, (750, 500)), 100.9, 2.09),
+    ("draft", Photos(25, (3072, 2048)), 53.0, 1.45),  # herzjesu
+    ("draft", Photos(30, (480, 320)), 26.5, 0.99),  # demo
 ]
 
 
@@ -31,16 +26,13 @@ def folder(addon, tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("preset", "options", "photos", "seconds", "memory"), MEASURED)
-def test_measured_jobs(addon, folder, preset, options, photos, seconds, memory):
+@pytest.mark.parametrize(("preset", "photos", "seconds", "memory"), MEASURED)
+def test_measured_jobs(addon, folder, preset, photos, seconds, memory):
     addon.options.preset = preset
-    for name, value in options.items():
-        setattr(addon.options, name, value)
-    found = estimate(addon.options, Photos(photos), factor=1.0)
-    whole = seconds + module._START + module._DELIVER_PHOTO * photos
+    found = estimate(addon.options, photos, factor=1.0)
+    whole = seconds + module._START + module._DELIVER_PHOTO * photos.at_work(addon.options)[0]
     assert found.seconds == pytest.approx(whole, rel=0.2)
-    if memory is not None:
-        assert found.memory / 1e9 == pytest.approx(memory, rel=0.2)
+    assert found.memory / 1e9 == pytest.approx(memory, rel=0.2)
 
 
 def test_more_work_costs_more(addon, folder):
