@@ -13,7 +13,7 @@ from mgf_engine.config import Config
 _LEVELS = ((4, 0.15), (2, 0.45), (1, 1.0))
 #: Time of an iteration at each reduction, beside one at full resolution; a part of the work does not depend on pixels.
 _COST = {4: 0.25, 2: 0.4, 1: 1.0}
-_MOST_HASTE = 2.0  # beyond it discs jump off the surface
+_MOST_HASTE = 2.0  # more was not tried
 _GEOMETRY_EVERY = 3  # iterations
 _SMALLEST_SIDE = 160  # px; no level makes the longest side shorter than this
 
@@ -37,8 +37,8 @@ RATES = LearningRates()
 def haste_of(iterations: int, usual: int) -> float:
     """Factor on the learning rates of a run of so many iterations, where so many are usual.
 
-    A run cut short must go as far in fewer steps. Below the usual length rates grow with the root of what is left
-    out, as they do in stochastic gradient descent for a given distance of a random walk; longer runs keep theirs.
+    A run cut short must go as far in fewer steps, which go to and fro with the photos: a walk of n random steps goes
+    as far as the root of n of them. Longer runs keep the usual rates.
     """
     return min(max(usual / max(iterations, 1), 1.0) ** 0.5, _MOST_HASTE)
 

@@ -74,20 +74,8 @@ def _samples(
     index, weight = np.empty(len(at), np.int64), np.empty(len(at), np.float32)
     points, shown = np.ascontiguousarray(mesh.vertices, dtype=np.float64), np.ascontiguousarray(inside)
     camera = np.array([*view.centre, view.fx, LEAST_FACING])
-    count = call(
-        "seen_vertices",
-        len(at),
-        at,
-        points,
-        normals,
-        camera,
-        farthest,
-        shown,
-        *farthest.shape,
-        1.0 + SLACK,
-        index,
-        weight,
-    )
+    given = (len(at), at, points, normals, camera, farthest, shown, *farthest.shape, 1.0 + SLACK)
+    count = call("seen_vertices", *given, index, weight)
     return index[:count], weight[:count], sample(photo, at[index[:count], :2])
 
 
