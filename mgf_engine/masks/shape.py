@@ -106,7 +106,7 @@ def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64
     cell = max(float((high - low).max()) / 12, 1e-9)
     cells = np.clip(np.floor((plan - low) / cell), -3, 15).astype(np.int64) + 3
     floor = np.full((19, 19), np.inf)
-    number = cells @ (19, 1)
+    number = np.ravel_multi_index(tuple(cells.T), floor.shape)
     order = np.argsort(number)
     cuts = np.searchsorted(number[order], np.arange(floor.size + 1))
     for key, (start, end) in enumerate(pairwise(cuts)):
