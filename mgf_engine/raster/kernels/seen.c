@@ -3,7 +3,6 @@
 #include "export.h"
 #include "triangle.h"
 
-#pragma STDC FP_CONTRACT OFF  // to the bit what the plain twin in the tests says
 
 typedef struct {
     Point centre;
