@@ -5,6 +5,7 @@ import time
 
 import pytest
 
+from mgf_engine.system import cpu_seconds
 from mgf_engine.timing import PartTimes
 
 
@@ -14,8 +15,8 @@ def test_time_adds_up_per_part_also_when_it_fails() -> None:
         with times.part("waiting"):
             time.sleep(0.05)
     with pytest.raises(ValueError, match="no"), times.part("working"):
-        ends = time.process_time() + 0.05
-        while time.process_time() < ends:
+        ends = cpu_seconds() + 0.05  # the clock that counts the parts, coarser than process_time's
+        while cpu_seconds() < ends:
             pass
         raise ValueError("no")
     figures = times.figures()
