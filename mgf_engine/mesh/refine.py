@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.clean import smooth
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.fusion import FusedField, Photos
 from mgf_engine.mesh.model import Mesh
@@ -28,7 +27,7 @@ BAND_PIXELS = 1.5  # half width of the band: narrower than at first, because the
 REACH_PIXELS = 1.0  # a vertex moves this far at most in a round
 STEPS = 3  # of the search for the surface along a vertex's normal
 SURE = 0.5  # of the band: vertices for which the search ends further from the surface stay
-SMOOTHING = 2  # rounds of smoothing afterwards
+SMOOTHING = 2  # rounds in which each move is drawn half way to those around it
 
 
 def refine(
@@ -48,7 +47,7 @@ def refine(
     for number in range(rounds):
         normals = vertex_normals(mesh)
         field = _matched(mesh, normals, views, masks, photos, lambda share, n=number: progress((n + share) / rounds))  # type: ignore[misc]
-        mesh = smooth(_onto(mesh, normals, field, ground_pixels(mesh, views)), SMOOTHING)
+        mesh = _onto(mesh, normals, field, ground_pixels(mesh, views))
     return mesh
 
 
@@ -92,6 +91,8 @@ def _matched(
 def _onto(mesh: Mesh, normals: NDArray[np.float64], field: FusedField, pixel: NDArray[np.float32]) -> Mesh:
     """Every vertex moved along its normal onto the surface of ``field``, where that is near enough.
 
+    The moves are smoothed, not the surface: it keeps its edges, and bars of a few pixels do not shrink.
+
     Args:
         normals: of the vertices, [N, 3].
         pixel: size of a pixel at each vertex, [N].
@@ -103,4 +104,7 @@ def _onto(mesh: Mesh, normals: NDArray[np.float64], field: FusedField, pixel: ND
         step = np.nan_to_num(off) * field.band * pixel
         shift = np.clip(shift - step, -REACH_PIXELS * pixel, REACH_PIXELS * pixel)
     shift[~(np.abs(off) < SURE)] = 0.0
-    return replace(mesh, vertices=mesh.vertices + shift[:, None] * normals)
+    moves, none = shift[:, None] * normals, np.zeros(len(shift), bool)
+    for _ in range(SMOOTHING):
+        moves = mesh.around.smooth(moves, none)
+    return replace(mesh, vertices=mesh.vertices + moves)
