@@ -32,8 +32,9 @@ from mgf_engine.mesh.pixel_counts import count_pixels
 from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.screening import screen, voting_views
+from mgf_engine.mesh.shadows import drop_shadows
 from mgf_engine.mesh.tetrahedra import TetraPoints, tetra_points
-from mgf_engine.mesh.unconfirmed import stretch_unconfirmed
+from mgf_engine.mesh.unconfirmed import UNCONFIRMED, stretch_unconfirmed
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
@@ -233,6 +234,7 @@ def cleaned(
         BadInput: nothing is left.
     """
     mesh = merge_flat(clean.weld(clean.with_faces(mesh, mesh.faces)), views)
+    mesh = without_shadows(mesh, field, views)
     mesh = clean.drop_unconfirmed(mesh, field.confirmed(mesh.vertices), MADE_UP)
     mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
     counts = count_pixels(mesh, views, labels)
@@ -248,6 +250,15 @@ def cleaned(
     pixel = ground_pixels(mesh, views)
     mesh = fill_holes(mesh, SMALL_HOLE * pixel, lambda points: field.classify(points) == FREE)
     return clean.smooth(mesh, config.smoothing)
+
+
+def without_shadows(mesh: Mesh, field: OpacityField | FusedField, views: Sequence[View]) -> Mesh:
+    """The mesh without the space behind thin things that no photo shows, where the field knows what photos show."""
+    confidence = field.confidence(mesh.vertices).get("confidence")
+    if confidence is None:
+        return mesh
+    free = lambda points: field.classify(points) == FREE  # noqa: E731
+    return drop_shadows(mesh, confidence >= UNCONFIRMED, ground_pixels(mesh, views), free)
 
 
 def of_the_clicked(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter) -> Mesh:
