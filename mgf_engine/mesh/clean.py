@@ -86,6 +86,16 @@ def seen_parts(mesh: Mesh, seen: NDArray[np.integer], share: float) -> NDArray[n
     return visible[label]
 
 
+def unconfirmed_patches(
+    mesh: Mesh, confirmed: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
+    """Faces without a confirmed vertex (bool [N]): their rows [K], the patch of each [K], and the patches' areas."""
+    rows = np.flatnonzero(~confirmed[mesh.faces].any(1))
+    patch = replace(mesh, faces=mesh.faces[rows])
+    label = parts(patch)
+    return rows, label, np.asarray(np.bincount(label, weights=face_areas(patch)), np.float64)
+
+
 def drop_unconfirmed(mesh: Mesh, confirmed: NDArray[np.bool_], largest: float) -> Mesh:
     """Drop patches that no view shows, such as a skirt below the building; small ones stay and close holes.
 
@@ -93,15 +103,11 @@ def drop_unconfirmed(mesh: Mesh, confirmed: NDArray[np.bool_], largest: float) -
         confirmed: bool [N], vertices near which a view shows a surface.
         largest: share of the mesh's area up to which such a patch may stay.
     """
-    made_up = ~confirmed[mesh.faces].any(1)
-    if not made_up.any():
+    made_up, patch, area = unconfirmed_patches(mesh, confirmed)
+    if not len(made_up):
         return mesh
-    patch = replace(mesh, faces=mesh.faces[made_up])
-    label, areas = parts(patch), face_areas(patch)
-    too_large = (np.bincount(label, weights=areas) > largest * face_areas(mesh).sum())[label]
-    keep = np.ones(len(mesh.faces), bool)
-    keep[np.flatnonzero(made_up)[too_large]] = False
-    return with_faces(mesh, mesh.faces[keep])
+    too_large = area > largest * face_areas(mesh).sum()
+    return with_faces(mesh, np.delete(mesh.faces, made_up[too_large[patch]], axis=0))
 
 
 def smooth(mesh: Mesh, rounds: int) -> Mesh:

@@ -234,7 +234,10 @@ def cleaned(
         BadInput: nothing is left.
     """
     mesh = merge_flat(clean.weld(clean.with_faces(mesh, mesh.faces)), views)
-    mesh = without_shadows(mesh, field, views)
+    free = lambda points: field.classify(points) == FREE  # noqa: E731
+    confidence = field.confidence(mesh.vertices).get("confidence")
+    if confidence is not None:
+        mesh = drop_shadows(mesh, confidence >= UNCONFIRMED, ground_pixels(mesh, views), free)
     mesh = clean.drop_unconfirmed(mesh, field.confirmed(mesh.vertices), MADE_UP)
     mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
     counts = count_pixels(mesh, views, labels)
@@ -248,17 +251,8 @@ def cleaned(
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
     pixel = ground_pixels(mesh, views)
-    mesh = fill_holes(mesh, SMALL_HOLE * pixel, lambda points: field.classify(points) == FREE)
+    mesh = fill_holes(mesh, SMALL_HOLE * pixel, free)
     return clean.smooth(mesh, config.smoothing)
-
-
-def without_shadows(mesh: Mesh, field: OpacityField | FusedField, views: Sequence[View]) -> Mesh:
-    """The mesh without the space behind thin things that no photo shows, where the field knows what photos show."""
-    confidence = field.confidence(mesh.vertices).get("confidence")
-    if confidence is None:
-        return mesh
-    free = lambda points: field.classify(points) == FREE  # noqa: E731
-    return drop_shadows(mesh, confidence >= UNCONFIRMED, ground_pixels(mesh, views), free)
 
 
 def of_the_clicked(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter) -> Mesh:

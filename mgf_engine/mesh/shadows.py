@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.clean import face_areas, open_edges, parts, with_faces
+from mgf_engine.mesh.clean import face_areas, open_edges, unconfirmed_patches, with_faces
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.model import Mesh
 
@@ -39,13 +39,11 @@ def drop_shadows(
         pixel: size of a pixel at each vertex, [N].
         free: whether points [N, 3] lie in free space, [N].
     """
-    made_up = np.flatnonzero(~confirmed[mesh.faces].any(1))
+    made_up, patch, area = unconfirmed_patches(mesh, confirmed)
     if not len(made_up):
         return mesh
-    areas, torn = face_areas(mesh), replace(mesh, faces=mesh.faces[made_up])
-    patch = parts(torn)
-    area = np.bincount(patch, weights=areas[made_up])
-    wide = 2 * area > LEAST_WIDTH * _rims(torn, patch, pixel)
+    areas = face_areas(mesh)
+    wide = 2 * area > LEAST_WIDTH * _rims(replace(mesh, faces=mesh.faces[made_up]), patch, pixel)
     large = (wide & (area > SMALLEST * areas.sum()))[patch]
     made_up, patch = made_up[large], patch[large]
     asked = np.unique(mesh.faces[made_up])
@@ -54,9 +52,7 @@ def drop_shadows(
     thin = np.zeros(len(mesh.vertices))
     thin[asked] = np.any([free(spots + depth * inward) for depth in PROBES], axis=0)
     before = np.bincount(patch, weights=areas[made_up] * thin[mesh.faces[made_up]].mean(1), minlength=len(area))
-    keep = np.ones(len(mesh.faces), bool)
-    keep[made_up[(before > MOST * area)[patch]]] = False
-    return with_faces(mesh, mesh.faces[keep])
+    return with_faces(mesh, np.delete(mesh.faces, made_up[(before > MOST * area)[patch]], axis=0))
 
 
 def _rims(mesh: Mesh, patch: NDArray[np.integer], pixel: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from mgf_engine.mesh.reduce import ground_pixels
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.view import look
 
-from .analytic import ball, camera, scene_of, sphere
+from .analytic import as_trimesh, ball, camera, scene_of, sphere
 from .rays import pixel_rays
 from .test_extract import make_config, reporter
 
@@ -77,11 +77,6 @@ def off(mesh, pixel, rows) -> float:
     return float(np.sqrt(np.mean(((np.linalg.norm(mesh.vertices, axis=1) - 1) / pixel)[rows] ** 2)))
 
 
-def volume(mesh) -> float:
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
-
 def test_dents_go_where_photos_show_texture(setting):
     _, _, _, dented, pixel = setting
     rows = seen_well(setting)
@@ -106,7 +101,7 @@ def test_a_thin_bar_does_not_shrink(setting):
     thin = replace(bar, vertices=bar.vertices * (width, width, 1.0))
     greys = [painted(view, plain=True) for view in views]
     refined_bar = refine(thin, views, verdicts, Photos(lambda k: greys[k], [[] for _ in views]), 1)
-    before, after, smoothed = (volume(mesh) for mesh in (thin, refined_bar, smooth(thin, 2)))
+    before, after, smoothed = (as_trimesh(mesh).volume for mesh in (thin, refined_bar, smooth(thin, 2)))
     assert smoothed < 0.93 * before and after > 0.98 * before
 
 

@@ -3,7 +3,6 @@
 #include "export.h"
 #include "triangle.h"
 
-
 typedef struct {
     Point centre;
     double focal, least;  // pixels; least cosine between normal and direction to the camera
