@@ -133,7 +133,7 @@ class Config:
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
-    "draft": {"passes": 15, "max_photos": 60},
+    "draft": {"passes": 13, "max_photos": 60, "holdout_every": 0, "densify_every": 75},
     "standard": {},
     "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
 }

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import as_dict
 from mgf_engine.deliver import render_view
+from mgf_engine.evaluate.curve import curve_svg
 from mgf_engine.evaluate.images import Scores, mean_scores, score
 from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
 from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, write_report
@@ -56,13 +57,14 @@ def report_job(
     for report in each_view(one, range(len(scene.views)), field.positions.device):
         reporter.progress(0.3 + 0.5 * len(views) / len(scene.views))
         views.append(report)
+    drawing, turned = curve_svg(job.stages["field"]["figures"]["curve"]), turntable(mesh, scene)  # beside the texture
     made = texture()
     reporter.progress(0.8)
     quality = None if made is None else _show_texture(mesh, made, scene, masks, views)
     data = _report_data(job, scene, masks, mesh, views)
+    data.curve_drawing, data.turntable = drawing, list(turned)
     if quality is not None:
         data.counts["PSNR of the textured mesh, held-out photos (dB)"] = round(quality, 2)
-    data.turntable = list(turntable(mesh, scene))
     write_report(job.folder, data)
     held_out = mean_scores([v.scores for v in views if v.held_out and v.scores])
     return {
@@ -154,7 +156,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
 
 
 def _trust(job: Job) -> dict[str, float]:
-    """How far the mesh is to be trusted, where its surface tells (see ``FusedField.confidence``)."""
+    """How far the mesh is to be trusted, where its surface tells (see ``FusedField.known``)."""
     figures = job.stages["mesh"]["figures"]
     names = {"confidence": "confidence of the mesh (0..1, mean)", "unseen_share": "share of it that no photo shows"}
     return {text: figures[name] for name, text in names.items() if name in figures}

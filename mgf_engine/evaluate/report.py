@@ -78,6 +78,7 @@ class ReportData:
         seconds_per_part: part of a training iteration -> seconds over the whole run.
         mesh_seconds_per_part: part of the mesh stage -> seconds.
         curve: training curve; entries with ``iteration``, ``psnr``, ``gaussians`` and anything else.
+        curve_drawing: what :func:`mgf_engine.evaluate.curve.curve_svg` makes of it, where that was drawn before.
         versions: name -> version of Python, system and packages.
         machine: label -> text (processor, cores, memory, device).
         kernel: the kernel variant that ran.
@@ -100,6 +101,7 @@ class ReportData:
     seconds_per_part: dict[str, float] = field(default_factory=dict)
     mesh_seconds_per_part: dict[str, float] = field(default_factory=dict)
     curve: list[dict[str, Any]] = field(default_factory=list)
+    curve_drawing: str | None = None
     versions: dict[str, str] = field(default_factory=dict)
     machine: dict[str, str] = field(default_factory=dict)
     kernel: str = ""
@@ -173,7 +175,7 @@ def _render(data: ReportData) -> str:
         shown=[(v, [(caption, embed(p)) for caption, p in v.pictures.items()]) for v in shown],
         turntable=[embed(p) for p in data.turntable],
         contact_sheet=embed(data.contact_sheet, _CONTACT_SIDE) if data.contact_sheet else "",
-        curve=curve_svg(data.curve),
+        curve=curve_svg(data.curve) if data.curve_drawing is None else data.curve_drawing,
         error_limit=round(255 * ERROR_LIMIT),
     )  # fmt: skip
 

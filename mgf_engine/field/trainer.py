@@ -41,6 +41,7 @@ from mgf_engine.field.targets import Target, make_target
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import vote
 from mgf_engine.messages import Reporter
+from mgf_engine.order import along_curve
 from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.raster.device import choose_device, rendered_nothing, restore_room, room_state
 from mgf_engine.scene.model import Scene
@@ -264,7 +265,9 @@ def start_field(scene: Scene, masks: MaskSet, views: list[int], config: Config, 
     if config.dense_start:
         limit = int(_DENSE_SHARE * config.max_gaussians)
         parts.append(dense_points(scene, masks, views, limit, reporter, config.threads))
-    return initial_field(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    points, colors, towards = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = along_curve(points)  # what one tile shows lies close together in memory
+    return initial_field(points[order], colors[order], towards[order])
 
 
 def _seen_from(scene: Scene, index: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from mgf_engine.masks.points import pixel_at
 from mgf_engine.mesh.clean import parts
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import look
+from mgf_engine.raster.library import side_by_side
 from mgf_engine.scene.model import View
 
 #: Share of the diagonal of what was clicked: what is nearer to it belongs to it; a tree may hide what joins them.
@@ -33,7 +34,11 @@ def belongs(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArray[np.float
         All faces where no click meets the mesh.
     """
     part = parts(mesh)
-    hit = np.concatenate([np.zeros(0, np.int32), *(_met(mesh, v, c) for v, c in zip(views, clicks, strict=True))])
+    if part.max(initial=0) == 0:
+        return np.ones(len(mesh.faces), bool)
+    clicked = [(view, spots) for view, spots in zip(views, clicks, strict=True) if len(spots)]
+    met = side_by_side(lambda given: _met(mesh, *given), clicked)
+    hit = np.concatenate([np.zeros(0, np.int32), *met])
     kept = np.isin(np.arange(part.max(initial=-1) + 1), part[hit])
     if not len(hit) or kept.all():
         return np.ones(len(mesh.faces), bool)
@@ -51,8 +56,6 @@ def belongs(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArray[np.float
 
 def _met(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:
     """The faces that clicks [K, 2] in a view meet, at most [K]."""
-    if not len(clicks):
-        return np.zeros(0, np.int32)
     face = look(mesh, view).face
     met = face[pixel_at(face.shape, clicks)]
     return met[met >= 0]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.order import arrange, cells_of, morton
+from mgf_engine.order import arrange, cells_of, morton
 from mgf_engine.raster.library import side_by_side
 
 DRAWN_BACK = 0.01  # share of the way to the middle between a vertex and its neighbours

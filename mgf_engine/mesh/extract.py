@@ -124,7 +124,8 @@ def extract_mesh(
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
     with times.part("reduction"):
         mesh = reduced(colored, judges.views, config, reporter)
-        mesh = replace(mesh, values=field.confidence(mesh.vertices))
+        values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
+        mesh = replace(mesh, values=values)
         return stretch_unconfirmed(mesh, mesh.values["confidence"]) if "confidence" in mesh.values else mesh
 
 
@@ -235,10 +236,10 @@ def cleaned(
     """
     mesh = merge_flat(clean.weld(clean.with_faces(mesh, mesh.faces)), views)
     free = lambda points: field.classify(points) == FREE  # noqa: E731
-    confidence = field.confidence(mesh.vertices).get("confidence")
-    if confidence is not None:
-        mesh = drop_shadows(mesh, confidence >= UNCONFIRMED, ground_pixels(mesh, views), free)
-    mesh = clean.drop_unconfirmed(mesh, field.confirmed(mesh.vertices), MADE_UP)
+    mesh = replace(mesh, values=field.known(mesh.vertices))
+    if "confidence" in mesh.values:
+        mesh = drop_shadows(mesh, mesh.values["confidence"] >= UNCONFIRMED, ground_pixels(mesh, views), free)
+    mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], MADE_UP), values={})
     mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
     counts = count_pixels(mesh, views, labels)
     mesh = clean.orient_outward(mesh, counts.front, counts.back)

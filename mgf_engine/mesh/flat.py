@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.mesh.clean import weld
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.order import BITS, arrange, morton
 from mgf_engine.mesh.topology import Around
+from mgf_engine.order import BITS, arrange, morton
 from mgf_engine.raster.library import call
 from mgf_engine.scene.model import View
 

@@ -186,33 +186,25 @@ class FusedField:
 
         return _joined(self._ask(points, off), np.float32)
 
-    def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Points [N, 3] near which at least one view really shows a surface, bool [N]."""
-
-        def near(belief: NDArray[np.void]) -> NDArray[np.bool_]:
-            return (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
-
-        return _joined(self._ask(points, near), np.bool_)
-
-    def confidence(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """How far to trust a surface at points [N, 3].
+    def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """What the views show near points [N, 3] of a surface.
 
         Returns:
-            ``views``: how many photos show a surface there, uint8 [N]; ``confidence``: 0..1, float32 [N]. Three photos
-            that show it are worth 0.5, three whose patches look alike there 1; 0 is made up to close a gap.
+            ``confirmed``: whether at least one view really shows a surface there, bool [N]. ``views``: how many do,
+            uint8 [N]. ``confidence``: how far to trust it, 0..1, float32 [N]: three photos that show it are worth 0.5,
+            three whose patches look alike there 1; 0 is made up to close a gap.
         """
 
-        def trust(belief: NDArray[np.void]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        def trust(belief: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
             alike = belief["likeness"] / np.maximum(belief["near"], 1)
             enough = np.minimum(belief["near"] / ENOUGH_VIEWS, 1.0)
             confidence = enough * (0.5 + 0.5 * np.clip(alike, 0, 1))
-            return np.minimum(belief["near"], 255).astype(np.uint8), confidence.astype(np.float32)
+            shown = (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
+            return shown, np.minimum(belief["near"], 255).astype(np.uint8), confidence.astype(np.float32)
 
         found = list(self._ask(points, trust))
-        return {
-            "views": _joined((f[0] for f in found), np.uint8),
-            "confidence": _joined((f[1] for f in found), np.float32),
-        }
+        kinds = {"confirmed": np.bool_, "views": np.uint8, "confidence": np.float32}
+        return {name: _joined((f[k] for f in found), kind) for k, (name, kind) in enumerate(kinds.items())}
 
     def _ask(
         self,

@@ -80,13 +80,9 @@ class OpacityField:
         """Minus infinity in what is solid, else plus infinity, [N]: eq. 25 bounds the opacity and stops there."""
         return np.where(self.classify(points, progress) == SOLID, -np.inf, np.inf).astype(np.float32)
 
-    def confirmed(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """All true: eq. 25 does not tell what was seen from what was only not ruled out."""
-        return np.ones(len(points), bool)
-
-    def confidence(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """Nothing: eq. 25 does not tell how many views show a surface."""
-        return {}
+    def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """All ``confirmed``, and no more: eq. 25 does not tell what was seen from what was only not ruled out."""
+        return {"confirmed": np.ones(len(points), bool)}
 
     def _hull(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """State of each point from where it falls in the masks alone, and how many views see it on the building."""

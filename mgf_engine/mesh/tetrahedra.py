@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.mesh.order import morton
+from mgf_engine.order import morton
 from mgf_engine.raster.points import deviations
 
 MAX_SIGMA = 3.0

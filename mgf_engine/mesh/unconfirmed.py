@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from mgf_engine.mesh.clean import edges, open_edges, with_faces
 from mgf_engine.mesh.model import Mesh
 
-#: Below what one photo alone gives (:meth:`mgf_engine.mesh.fusion.FusedField.confidence`).
+#: Below what one photo alone gives (:meth:`mgf_engine.mesh.fusion.FusedField.known`).
 UNCONFIRMED = 0.2
 #: Share of the mesh's size beyond which a patch stays as it is: too few photos there to say that it is wrong.
 LARGEST = 0.2

@@ -98,10 +98,13 @@ def _correlation(
     window: tuple[Array, Array, Array], plane: Array, between: Array, other: Array, texture: float
 ) -> float | None:
     places, weight, grey = window
-    q = places @ (between[:9].reshape(3, 3) + np.outer(between[9:], plane)).T
-    if (q[:, 2] <= 0).any():
+    carried = between[:9].reshape(3, 3) + np.outer(between[9:], plane)
+    centre = carried @ places.mean(0)
+    if centre[2] <= 0:
         return None
-    uv = q[:, :2] / q[:, 2:] - 0.5
+    middle = centre[:2] / centre[2]
+    slope = (carried[:2, :2] - np.outer(middle, carried[2, :2])) / centre[2]  # the homography's derivative there
+    uv = middle + (places - places.mean(0))[:, :2] @ slope.T - 0.5
     height, width = other.shape
     if (uv < 0).any() or (uv[:, 0] >= width - 1).any() or (uv[:, 1] >= height - 1).any():
         return None

@@ -19,6 +19,7 @@ from scipy import sparse
 
 from mgf_engine.scene.images import read_rgb, write_png
 from mgf_engine.scene.model import Scene
+from mgf_engine.scene.photo_cache import PHOTOS
 from mgf_engine.threads import in_order
 
 DARKEST, BRIGHTEST = 12.0, 240.0  # grey values outside are noise or clipped
@@ -42,7 +43,7 @@ def even_exposure(scene: Scene, folder: Path, threads: int = 1) -> Array:
 
     def rewrite(index: int) -> None:
         path = folder / Path(scene.views[index].file).name
-        write_png(path, with_gain(read_rgb(path), gains[index]))
+        write_png(path, with_gain(PHOTOS.get(path, read_rgb), gains[index]))
 
     for _ in in_order(rewrite, np.flatnonzero((gains != 1.0).any(1)).tolist(), threads):
         pass
@@ -104,7 +105,7 @@ def observed_colors(scene: Scene, folder: Path, threads: int = 1) -> Array:
 
     def look(index: int) -> None:
         mine = scene.observations(index)
-        calm = cv2.blur(read_rgb(folder / Path(scene.views[index].file).name), (3, 3))
+        calm = cv2.blur(PHOTOS.get(folder / Path(scene.views[index].file).name, read_rgb), (3, 3))
         x, y = np.floor(scene.track_uv[mine]).astype(int).T
         colors[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]
 

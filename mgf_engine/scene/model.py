@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.scene.photo_cache import PhotoCache
+from mgf_engine.scene.photo_cache import PHOTOS, PhotoCache
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class Scene:
     held_out: tuple[int, ...]
     folder: Path
     left_out: tuple[str, ...] = ()
-    _photos: PhotoCache = field(default_factory=PhotoCache, repr=False, compare=False)
+    _photos: PhotoCache = field(default=PHOTOS, repr=False, compare=False)
 
     @cached_property
     def track_point(self) -> NDArray[np.int64]:

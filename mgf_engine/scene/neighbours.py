@@ -12,12 +12,13 @@ from mgf_engine.scene.model import Scene
 
 ANGLES = (2.0, 10.0, 35.0)  # degrees between rays: least, best, most
 LEAST_SHARED = 20  # sparse points two views must share
+LEAST_SCORE = 0.45  # of the best neighbour's: those that fit far worse mislead more often than they help
 
 
 def matching_views(
     scene: Scene, kept: NDArray[np.bool_], views: Sequence[int], count: int, best_angle: float = ANGLES[1]
 ) -> dict[int, list[int]]:
-    """For each of ``views`` up to ``count`` others of them to match it with, best first.
+    """For each of ``views`` up to ``count`` others of them that are worth matching with, best first.
 
     Args:
         kept: [P], the sparse points that count.
@@ -71,4 +72,4 @@ def _best(
     fits = (shared >= LEAST_SHARED) & (angle >= least) & (angle <= most)
     score = np.where(fits, np.sqrt(shared) * np.exp(-(np.log(np.maximum(angle, 1e-3) / best_angle) ** 2)), 0)
     order = np.argsort(-score, kind="stable")[:count]
-    return [views[k] for k in order if score[k] > 0]
+    return [views[k] for k in order if score[k] > LEAST_SCORE * score[order[0]]]

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Decoded photos, the ones used last: every stage goes through all photos several times."""
+"""Decoded photos, the ones used last: every stage goes through all photos several times.
+
+All scenes share one cache (:data:`PHOTOS`), so that a stage finds what the one before it has read.
+"""
 
 from __future__ import annotations
 
@@ -22,22 +25,30 @@ class PhotoCache:
 
     def __init__(self, room: int = _ROOM) -> None:
         self.room = room
-        self._held: OrderedDict[Path, NDArray[np.uint8]] = OrderedDict()
+        self._held: OrderedDict[tuple[Path, int, int], NDArray[np.uint8]] = OrderedDict()
         self._bytes = 0
         self._lock = threading.Lock()
 
     def get(self, path: Path, read: Callable[[Path], NDArray[np.uint8]]) -> NDArray[np.uint8]:
-        """The photo at ``path``, by ``read`` where it is not held; it may not be written to."""
+        """The photo at ``path``, by ``read`` where it is not held as the file is now; it may not be written to."""
+        try:
+            state = path.stat()
+        except OSError:
+            return read(path)  # which says what is wrong
+        key = path, state.st_mtime_ns, state.st_size
         with self._lock:
-            if path in self._held:
-                self._held.move_to_end(path)
-                return self._held[path]
+            if key in self._held:
+                self._held.move_to_end(key)
+                return self._held[key]
         photo = read(path)  # outside the lock: others decode at the same time
         photo.flags.writeable = False
         with self._lock:
-            if path not in self._held and photo.nbytes <= self.room:
-                self._held[path] = photo
+            if key not in self._held and photo.nbytes <= self.room:
+                self._held[key] = photo
                 self._bytes += photo.nbytes
             while self._bytes > self.room:
                 self._bytes -= self._held.popitem(last=False)[1].nbytes
         return photo
+
+
+PHOTOS = PhotoCache()

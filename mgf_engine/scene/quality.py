@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.scene.images import read_rgb
 from mgf_engine.scene.model import Scene
+from mgf_engine.scene.photo_cache import PHOTOS
 from mgf_engine.threads import in_order
 
 Array = NDArray[np.float64]
@@ -47,7 +48,8 @@ def photo_quality(scene: Scene, folder: Path, threads: int = 1) -> Quality:
     """Noise and sharpness of the working photos in ``folder``."""
 
     def measure(index: int) -> tuple[float, float]:
-        green = read_rgb(folder / Path(scene.views[index].file).name)[..., 1].astype(np.float32)
+        photo = PHOTOS.get(folder / Path(scene.views[index].file).name, read_rgb)
+        green = photo[..., 1].astype(np.float32)
         return noise_of(green), sharpness_of(green, scene.track_uv[scene.observations(index)])
 
     found = [both for _, both in in_order(measure, range(len(scene.views)), threads)]

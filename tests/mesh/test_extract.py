@@ -245,12 +245,12 @@ def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
     field = surface_field(sphere(200), find_judges(scene, masks, config), config, reporter())
     points = np.random.default_rng(0).normal(size=(1000, 3))
     shares: list[float] = []
-    whole = field.classify(points), field.confirmed(points), field.confidence(points)
+    whole = field.classify(points), field.known(points)
     monkeypatch.setattr(fusion, "CHUNK", 128)
     monkeypatch.setattr(opacity, "CHUNK", 128)
-    parts = field.classify(points, shares.append), field.confirmed(points), field.confidence(points)
-    assert len(np.unique(whole[0])) > 1 and np.array_equal(whole[0], parts[0]) and np.array_equal(whole[1], parts[1])
-    assert all(np.array_equal(whole[2][name], parts[2][name]) for name in whole[2])
+    parts = field.classify(points, shares.append), field.known(points)
+    assert len(np.unique(whole[0])) > 1 and np.array_equal(whole[0], parts[0])
+    assert whole[1].keys() == parts[1].keys() and all(np.array_equal(whole[1][k], parts[1][k]) for k in whole[1])
     assert shares == sorted(shares) and shares[0] >= 0 and 0.9 < shares[-1] <= 1
 
 

@@ -14,8 +14,8 @@ from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.order import arrange, cells_of, morton
 from mgf_engine.mesh.topology import Around
+from mgf_engine.order import arrange, cells_of, morton
 from mgf_engine.raster import library
 
 from .analytic import ball, cuboid

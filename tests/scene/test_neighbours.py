@@ -46,8 +46,16 @@ def test_overlap_is_that_of_the_points_both_photos_observed(scene: Scene) -> Non
 
 def test_too_few_shared_points_make_no_pair(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(neighbours, "ANGLES", (0.0, 10.0, 180.0))
+    monkeypatch.setattr(neighbours, "LEAST_SCORE", 0.0)
     views, everything = list(range(len(scene.views))), np.ones(300, bool)
     found = neighbours.matching_views(scene, everything, views, 2)
     assert all(len(found[i]) == 2 and i not in found[i] for i in views)
     few = np.arange(300) < 30  # any two photos share about a quarter of them
     assert not any(neighbours.matching_views(scene, few, views, 2).values())
+
+
+def test_neighbours_that_fit_far_worse_than_the_best_are_left_out() -> None:
+    shared, angle = np.array([400.0, 400.0, 400.0, 40.0]), np.array([10.0, 12.0, 30.0, 10.0])
+    assert neighbours._best(shared, angle, [5, 6, 7, 8], 4, 10.0) == [5, 6]
+    assert neighbours._best(shared[2:], angle[2:], [7, 8], 4, 10.0) == [8, 7]  # where there are none that fit better
+    assert neighbours._best(shared, angle + 30, [5, 6, 7, 8], 4, 10.0) == []

@@ -110,31 +110,40 @@ static i16 sees(const Photo *o, const Pixels *pixels, const v16 here[3], float h
     return seen & (off < hidden * depth) & (off > -hidden * depth);
 }
 
-// Lanes whose patch lies in the frame: where all is in front of the camera, its corners are where it reaches farthest.
-static i16 in_picture(const Photo *o, const Homography *h) {
-    i16 inside = ~(i16){0};
-    for (int k = 0; k < 4; k++) {
-        const float dx = k & 1 ? RADIUS : -RADIUS, dy = k & 2 ? RADIUS : -RADIUS;
-        v16 q[3];
-        for (int r = 0; r < 3; r++) q[r] = h->centre[r] + dx * h->across[r] + dy * h->down[r];
-        inside &= (q[2] > 0.0f) & (q[0] >= 0.5f * q[2]) & (q[1] >= 0.5f * q[2]);
-        inside &= (q[0] < ((float)o->width - 0.5f) * q[2]) & (q[1] < ((float)o->height - 0.5f) * q[2]);
+// Where a patch falls in a photo: u = at[0] + dx across[0] + dy down[0] pixels from the middle of its first pixel, v alike.
+//
+// The homography is replaced by its derivative at the middle of the patch: what that leaves out goes with the square of
+// the patch's size by the distance, hundredths of a pixel.
+typedef struct {
+    v16 at[2], across[2], down[2];
+    i16 inside;  // lanes that lie in the picture as a whole; the others stand still at one pixel
+} Place;
+
+static Place place_of(const Photo *o, const Homography *h, i16 good) {
+    Place p;
+    p.inside = good & (h->centre[2] > 0.0f);
+    const v16 inverse = 1.0f / choose(p.inside, h->centre[2], splat(1.0f));
+    for (int r = 0; r < 2; r++) {
+        const v16 middle = h->centre[r] * inverse;
+        p.at[r] = middle - 0.5f;
+        p.across[r] = (h->across[r] - middle * h->across[2]) * inverse;
+        p.down[r] = (h->down[r] - middle * h->down[2]) * inverse;
+        const v16 reach = (float)RADIUS * (vmax(p.across[r], -p.across[r]) + vmax(p.down[r], -p.down[r]));
+        const float limit = (float)(r ? o->height : o->width) - 1.0f;
+        p.inside &= (p.at[r] - reach >= 0.0f) & (p.at[r] + reach < limit);
     }
-    return inside;
+    for (int r = 0; r < 2; r++)
+        p.at[r] = keep(p.inside, p.at[r]), p.across[r] = keep(p.inside, p.across[r]), p.down[r] = keep(p.inside, p.down[r]);
+    return p;
 }
 
-// Correlation of the patches with a photo seen through `h`; anything in lanes that are not good.
-static v16 correlate(const Patch *patch, Homography h, i16 good, const Photo *o, float texture) {
-    for (int r = 0; r < 3; r++)  // the lanes that are not good read the first pixels
-        h.centre[r] = choose(good, h.centre[r], splat(1.0f)), h.across[r] = keep(good, h.across[r]), h.down[r] = keep(good, h.down[r]);
-    v16 sum = splat(0.0f), squares = splat(0.0f), products = splat(0.0f), column[SIDE][3];
-    for (int x = 0; x < SIDE; x++)
-        for (int r = 0; r < 3; r++) column[x][r] = h.centre[r] + (float)(x - RADIUS) * h.across[r];
+// Correlation of the patches with those at `place`; anything in lanes that are not inside.
+static v16 correlate(const Patch *patch, const Place *place, const Photo *o, float texture) {
+    v16 sum = splat(0.0f), squares = splat(0.0f), products = splat(0.0f);
     for (int k = 0; k < SAMPLES; k++) {
-        const float dy = k / SIDE - RADIUS;
-        const v16 *c = column[k % SIDE];
-        const v16 inverse = reciprocal(c[2] + dy * h.down[2]);
-        const v16 u = (c[0] + dy * h.down[0]) * inverse - 0.5f, v = (c[1] + dy * h.down[1]) * inverse - 0.5f;
+        const float dx = k % SIDE - RADIUS, dy = k / SIDE - RADIUS;
+        const v16 u = place->at[0] + (dx * place->across[0] + dy * place->down[0]);
+        const v16 v = place->at[1] + (dx * place->across[1] + dy * place->down[1]);
         const i16 i = __builtin_convertvector(u, i16), j = __builtin_convertvector(v, i16);
         const v16 a = u - __builtin_convertvector(i, v16), b = v - __builtin_convertvector(j, v16);
         const i16 quad = gather(o->quads, j * (int32_t)o->width + i);
@@ -195,8 +204,9 @@ MGF_API void match_photos_work(int32_t *next, int64_t n, const int32_t *pixels, 
                 i16 said = sees(others + k, &here, at, hidden);
                 for (int64_t s = 0; s < steps && any(said); s++) {
                     const Homography h = at_depth(others + k, &here, at, 1.0f + (float)(s - steps / 2) * stride);
-                    said &= in_picture(others + k, &h);
-                    found[s] = correlate(&patch, h, said, others + k, texture);
+                    const Place place = place_of(others + k, &h, said);
+                    said = place.inside;
+                    found[s] = correlate(&patch, &place, others + k, texture);
                 }
                 if (!any(said)) continue;
                 for (int64_t s = 0; s < steps; s++) sum[s] += keep(said, found[s]);

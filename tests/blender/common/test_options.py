@@ -69,7 +69,7 @@ def test_tooltips_call_options_by_their_names_in_the_panel(addon):
     shown = addon.options.bl_rna.properties
     assert "Max Faces" in shown["face_error"].description and "max_faces" not in shown["face_error"].description
     preset = {item.identifier: item.description for item in shown["preset"].enum_items}
-    assert "Max Photos 60" in preset["draft"] and "Passes 15" in preset["draft"]
+    assert "Max Photos 60" in preset["draft"] and "Passes 13" in preset["draft"]
     for prop in shown:
         words = set(re.findall(r"[a-z]+(?:_[a-z]+)+", prop.description))
         assert not words & set(options.OPTIONS), prop.identifier

@@ -33,6 +33,12 @@ def cells_of(points: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.asarray((points - low) / cell).astype(np.int64)
 
 
+def along_curve(points: NDArray[np.floating]) -> NDArray[np.int64]:
+    """The order [N] of points [N, 3] along that curve; equal places and those that are not finite by index."""
+    finite = np.nan_to_num(points.astype(np.float64), posinf=0.0, neginf=0.0)
+    return np.argsort(morton(cells_of(finite)), kind="stable") if len(points) else np.zeros(0, np.int64)
+
+
 def arrange(key: NDArray[np.uint64], *minor: NDArray[np.generic]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The order [N] by key, then each of ``minor``, then index; and which of them, so ordered, differ from the last."""
     order = np.argsort(key)
