@@ -23,6 +23,7 @@ from mgf_engine.scene.exposure import even_exposure
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
+from mgf_engine.scene.photo_cache import PHOTOS
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
 from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out, standpoints
 from mgf_engine.scene.sfm import reconstruct
@@ -115,6 +116,7 @@ def _load(
         scene = replace(scene, views=tuple(views))
         log.info("scene: photos brought to one exposure, factors %.2f to %.2f", gains.min(), gains.max())
     _replace(working, folder / "images")
+    PHOTOS.clear()  # nobody asks for them under their old names
     save_scene(scene)
     return scene
 

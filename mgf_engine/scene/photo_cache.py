@@ -25,30 +25,42 @@ class PhotoCache:
 
     def __init__(self, room: int = _ROOM) -> None:
         self.room = room
-        self._held: OrderedDict[tuple[Path, int, int], NDArray[np.uint8]] = OrderedDict()
+        self._held: OrderedDict[Path, tuple[tuple[int, int], NDArray[np.uint8]]] = OrderedDict()
         self._bytes = 0
         self._lock = threading.Lock()
 
     def get(self, path: Path, read: Callable[[Path], NDArray[np.uint8]]) -> NDArray[np.uint8]:
         """The photo at ``path``, by ``read`` where it is not held as the file is now; it may not be written to."""
         try:
-            state = path.stat()
+            found = path.stat()
         except OSError:
             return read(path)  # which says what is wrong
-        key = path, state.st_mtime_ns, state.st_size
+        state = found.st_mtime_ns, found.st_size
         with self._lock:
-            if key in self._held:
-                self._held.move_to_end(key)
-                return self._held[key]
+            held = self._held.get(path)
+            if held is not None and held[0] == state:
+                self._held.move_to_end(path)
+                return held[1]
         photo = read(path)  # outside the lock: others decode at the same time
         photo.flags.writeable = False
         with self._lock:
-            if key not in self._held and photo.nbytes <= self.room:
-                self._held[key] = photo
+            if photo.nbytes <= self.room:
+                self._drop(path)
+                self._held[path] = state, photo
                 self._bytes += photo.nbytes
             while self._bytes > self.room:
-                self._bytes -= self._held.popitem(last=False)[1].nbytes
+                self._drop(next(iter(self._held)))
         return photo
+
+    def clear(self) -> None:
+        """Let go of all photos."""
+        with self._lock:
+            self._held.clear()
+            self._bytes = 0
+
+    def _drop(self, path: Path) -> None:
+        if path in self._held:
+            self._bytes -= self._held.pop(path)[1].nbytes
 
 
 PHOTOS = PhotoCache()

@@ -8,6 +8,7 @@ from mgf_engine.config import make_config
 from mgf_engine.field.density import budget_at, refine, split
 from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.order import along_curve
 from mgf_engine.raster.api import RenderStats
 
 
@@ -53,6 +54,22 @@ def test_those_that_answer_for_most_error_are_split_within_the_budget() -> None:
     assert not any(bool((optimiser.field.positions == m).all(1).any()) for m in marked)
     for first, second in optimiser.moments.values():
         assert len(first) == len(second) == 23
+    assert along_curve(optimiser.field.positions.numpy()).tolist() == list(range(23))
+
+
+def test_what_belongs_to_a_gaussian_moves_with_it() -> None:
+    optimiser = Optimiser(gaussians())
+    tags = torch.arange(20.0)
+    optimiser.field.opacity_logits[:] = tags / 100
+    for first, _ in optimiser.moments.values():
+        first.view(20, -1)[:] = tags[:, None]
+    before = optimiser.field.positions.clone()
+    refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 22, make_config(), grow=True)
+    kept = [int((optimiser.field.positions == place).all(1).nonzero()) for place in before[:18]]
+    assert kept != sorted(kept)  # they did change places
+    torch.testing.assert_close(optimiser.field.opacity_logits[kept], tags[:18] / 100)
+    for first, _ in optimiser.moments.values():
+        torch.testing.assert_close(first[kept].reshape(18, -1)[:, 0], tags[:18])
 
 
 def test_the_unseen_the_faint_and_the_outvoted_are_dropped() -> None:

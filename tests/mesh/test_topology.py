@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.topology import Around
-from mgf_engine.order import arrange, cells_of, morton
+from mgf_engine.order import along_curve, arrange, cells_of, morton
 from mgf_engine.raster import library
 
 from .analytic import ball, cuboid
@@ -140,6 +140,17 @@ def test_cells_get_places_of_their_own_and_neighbours_are_near() -> None:
     grid = np.stack(np.meshgrid(*[np.arange(8.0)] * 3), -1).reshape(-1, 3)
     ordered = grid[np.argsort(morton(cells_of(grid)))]
     assert np.linalg.norm(np.diff(ordered, axis=0), axis=1).mean() < 1.6
+
+
+def test_points_along_the_curve_have_their_neighbours_near() -> None:
+    points = np.random.default_rng(0).normal(size=(2000, 3))
+    order = along_curve(points)
+    assert np.array_equal(np.sort(order), np.arange(2000)) and len(along_curve(points[:0])) == 0
+    apart = [np.linalg.norm(np.diff(p, axis=0), axis=1).mean() for p in (points[order], points)]
+    assert apart[0] < 0.4 * apart[1]
+    assert np.array_equal(along_curve(np.zeros((5, 3))), np.arange(5))
+    points[7] = np.nan, np.inf, 0.0
+    assert np.array_equal(np.sort(along_curve(points)), np.arange(2000))
 
 
 def test_order_by_key_then_by_the_others() -> None:

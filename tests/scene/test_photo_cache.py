@@ -65,7 +65,9 @@ def test_many_threads_stay_within_the_room(files: Path) -> None:
             range(200), pool.map(lambda n: cache.get(files / str(n % 9), disk.read), range(200)), strict=True
         ):
             assert photo[0, 0, 0] == name % 9
-    assert cache._bytes == sum(p.nbytes for p in cache._held.values()) <= 1500
+    assert cache._bytes == sum(photo.nbytes for _, photo in cache._held.values()) <= 1500
+    cache.clear()
+    assert cache._bytes == len(cache._held) == 0
 
 
 def test_a_file_that_was_written_anew_is_read_anew(files: Path) -> None:
@@ -74,7 +76,7 @@ def test_a_file_that_was_written_anew_is_read_anew(files: Path) -> None:
     (files / "3").write_text("another photo")
     for _ in range(2):
         cache.get(files / "3", disk.read)
-    assert disk.read_paths == ["3", "3"]
+    assert disk.read_paths == ["3", "3"] and cache._bytes == 300  # what the file was before is let go
 
 
 def test_a_file_that_is_gone_is_asked_of_the_reader(tmp_path: Path) -> None:
