@@ -83,7 +83,9 @@ def _parser() -> argparse.ArgumentParser:
     weights = commands.add_parser("weights", help="download the EfficientSAM weights and check them")
     weights.add_argument("--model", choices=("vitt", "vits"), default="vitt", help="size of the model")
     weights.add_argument("--folder", type=_path, help="where to put them (default: the user's cache folder)")
-    evaluate = commands.add_parser("evaluate", help="compare a mesh with a true mesh: accuracy, completeness, F1")
+    evaluate = commands.add_parser(
+        "evaluate", help="compare a mesh with a true mesh, or measure how even its walls are"
+    )
     _add_evaluate_arguments(evaluate)
     preview = commands.add_parser("preview", help="the mask of one photo from its own clicks, within seconds")
     _add_preview_arguments(preview)

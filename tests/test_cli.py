@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from scene.synthetic import reconstruction, write_model
 
 from mgf_engine import cli
 from mgf_engine.cli import main
@@ -134,6 +135,8 @@ def triangle(tmp_path: Path) -> str:
         (["--picture", "{}"], "Cannot write the picture"),
         (["--leave-out", "{}/triangle.ply"], "to be judged"),
         (["--leave-out", "{}/nothing.ply"], "There is no mesh"),
+        (["--scene", "{}"], "There is no COLMAP model"),
+        (["--photo-size", "0"], "--photo-size must be"),
     ],
 )
 def test_evaluate_refuses_in_one_sentence(tmp_path: Path, triangle: str, capsys, args, part) -> None:
@@ -152,6 +155,32 @@ def test_evaluate_leaves_a_part_of_the_truth_out(tmp_path: Path, triangle: str, 
     assert main(command) == 0 and " 50.00%" in capsys.readouterr().out
     assert main([*command, "--leave-out", str(tmp_path / "far.ply")]) == 0
     assert " 50.00%" not in (said := capsys.readouterr().out) and said.count("100.00%") == 3
+
+
+def test_evaluate_says_what_it_needs(triangle: str, capsys) -> None:
+    for given, part in (
+        ([], "nothing to measure"),
+        (["--scene", "x", "--picture", "a.png"], "compare with a true mesh"),
+    ):
+        assert main(["evaluate", triangle, *given]) == 2
+        said = capsys.readouterr().err
+        assert part in said and said.count("\n") == 1
+
+
+def test_evaluate_gives_materials_and_evenness(tmp_path: Path, triangle: str, capsys) -> None:
+    (tmp_path / "triangle_materials.json").write_text('["brick", "glass"]', encoding="utf-8")
+    np.save(tmp_path / "triangle_materials.npy", np.array([1], np.int32))
+    scene, figures = tmp_path / "scene", tmp_path / "figures.json"
+    write_model(reconstruction(), scene / "sparse" / "0")
+    assert main(["evaluate", triangle, "--truth", triangle, "--samples", "100", "--json", str(figures)]) == 0
+    said = capsys.readouterr().out
+    assert "glass" in said and "brick" not in said and "normals: median 0.0" in said and "plane" not in said
+    assert json.loads(figures.read_text())["materials"]["glass"]["f1"] == [100.0]
+    assert main(["evaluate", triangle, "--scene", str(scene), "--json", str(figures)]) == 0
+    said = capsys.readouterr().out
+    assert "  all 100.0%         0.000            0.0   0.0" in said and "accuracy" not in said
+    (plane,) = json.loads(figures.read_text())["evenness"]["planes"]
+    assert plane["share"] == 1.0 and plane["rms"] < 1e-6
 
 
 def test_evaluate_writes_its_figures_where_no_folder_is_yet(tmp_path: Path, triangle: str) -> None:

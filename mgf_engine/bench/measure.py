@@ -23,6 +23,7 @@ from mgf_engine.bench.shelf import Stages, keep, lend, saved, shelf_of, stages_o
 from mgf_engine.bench.suites import Run
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.geometry import cameras_of, compare_surfaces
+from mgf_engine.evaluate.materials import read_materials
 from mgf_engine.evaluate.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.masks.model import UNKNOWN
 from mgf_engine.mesh.export import read_ply, write_ply
@@ -154,8 +155,9 @@ def measure(
     thresholds = sorted({*THRESHOLDS, round(scene.ground_pixel, 4), round(2 * scene.ground_pixel, 4)})
     crop = scene.crop if whole_picture else above_ground(scene.crop)
     _to_true_frame(mesh, scene)
-    found = compare_surfaces(read_surface(mesh), read_surface(scene.truth), samples, scene.cameras, crop)
-    scores = found.scores(thresholds)
+    truth = read_surface(scene.truth)
+    found = compare_surfaces(read_surface(mesh), truth, samples, scene.cameras, crop)
+    scores = found.scores(thresholds, read_materials(scene.truth, len(truth.faces)))
     if scene.openwork is not None:
         row["without_openwork"] = found.without(scene.openwork).scores(thresholds).as_dict()
     row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)

@@ -1,26 +1,40 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``mgf evaluate``: compare any mesh with a true one."""
+"""``mgf evaluate``: compare any mesh with a true one, and measure how even its walls are."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.system import write_json
 
 if TYPE_CHECKING:
-    from mgf_engine.evaluate.geometry import GeometryScores
+    from mgf_engine.evaluate.evenness import Evenness
+    from mgf_engine.evaluate.geometry import GeometryScores, MaterialScores
+    from mgf_engine.evaluate.surfaces import Surface
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of ``mgf evaluate``."""
     parser.add_argument("mesh", type=Path, help="the mesh to judge (PLY, OBJ, GLB)")
-    parser.add_argument("--truth", type=Path, required=True, help="the true mesh, in the same coordinates")
+    parser.add_argument(
+        "--truth", type=Path,
+        help="the true mesh, in the same coordinates; with NAME_materials.json and .npy beside it, scores by material",
+    )  # fmt: skip
     parser.add_argument("--thresholds", type=float, nargs="+", default=[0.05], help="distances that count as right")
     parser.add_argument("--samples", type=int, default=1_000_000, help="points sampled on each mesh")
-    parser.add_argument("--scene", type=Path, help="COLMAP scene: true points that no camera saw are left out")
+    parser.add_argument(
+        "--scene", type=Path,
+        help="COLMAP scene: true points that no camera saw are left out, and evenness is measured in its pixels",
+    )  # fmt: skip
+    parser.add_argument(
+        "--photo-size",
+        type=int,
+        default=750,
+        help="longest side of the photos that evenness is measured in the pixels of",
+    )
     parser.add_argument("--leave-out", type=Path, help="mesh of a part of the truth that is not judged, on either side")
     parser.add_argument("--align", choices=("none", "rigid", "similarity"), default="none", help="register first (ICP)")
     parser.add_argument("--picture", type=Path, help="draw both meshes coloured by distance into this file (z is up)")
@@ -34,23 +48,54 @@ def evaluate_command(args: argparse.Namespace) -> int:
         BadInput: a mesh or scene that cannot be used, impossible numbers, or a place that cannot be written.
     """
     # The command line asks this module for its arguments; it need not load scipy and igl for that.
-    from mgf_engine.evaluate.error_map import write_error_map
-    from mgf_engine.evaluate.geometry import colmap_cameras, moved, score_surface
+    from mgf_engine.evaluate.evenness import measure_evenness
+    from mgf_engine.evaluate.geometry import colmap_pixel
     from mgf_engine.evaluate.surfaces import read_surface
 
-    cameras = colmap_cameras(args.scene) if args.scene else None
-    mesh, truth = read_surface(args.mesh), read_surface(args.truth)
-    leave_out = read_surface(args.leave_out) if args.leave_out else None
-    scores = score_surface(mesh, truth, args.thresholds, args.samples, cameras, align=args.align, leave_out=leave_out)
-    print(table(scores))
-    if args.picture:
-        write_error_map(args.picture, moved(mesh, scores.alignment), truth, min(args.thresholds))
+    _check(args)
+    mesh, figures = read_surface(args.mesh), dict[str, Any]()
+    if args.truth is not None:
+        scores = _compare(args, mesh)
+        print(table(scores))
+        figures = scores.as_dict()
+    if args.scene is not None:
+        evenness = measure_evenness(mesh, colmap_pixel(args.scene, args.photo_size))
+        print(evenness_table(evenness))
+        figures["evenness"] = evenness.as_dict()
     if args.json:
         try:
-            write_json(args.json, scores.as_dict())
+            write_json(args.json, figures)
         except OSError as error:
             raise BadInput(f"Cannot write the figures '{args.json}' ({error.strerror}); give another place.") from error
     return EXIT_DONE
+
+
+def _check(args: argparse.Namespace) -> None:
+    if args.truth is None and args.scene is None:
+        raise BadInput("There is nothing to measure the mesh by; give --truth MESH, --scene FOLDER or both.")
+    if args.truth is None and (args.picture or args.leave_out or args.align != "none"):
+        raise BadInput("--picture, --leave-out and --align compare with a true mesh; give --truth MESH, too.")
+    if not 1 <= args.photo_size <= 100_000:
+        raise BadInput(f"--photo-size must be 1 to 100000 pixels, not {args.photo_size}.")
+
+
+def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
+    """Scores against the truth, with the picture that was asked for."""
+    from mgf_engine.evaluate.error_map import write_error_map
+    from mgf_engine.evaluate.geometry import colmap_cameras, moved, score_surface
+    from mgf_engine.evaluate.materials import read_materials
+    from mgf_engine.evaluate.surfaces import read_surface
+
+    cameras = colmap_cameras(args.scene) if args.scene else None
+    truth = read_surface(args.truth)
+    materials = read_materials(args.truth, len(truth.faces))
+    leave_out = read_surface(args.leave_out) if args.leave_out else None
+    scores = score_surface(
+        mesh, truth, args.thresholds, args.samples, cameras, align=args.align, leave_out=leave_out, materials=materials
+    )
+    if args.picture:
+        write_error_map(args.picture, moved(mesh, scores.alignment), truth, min(args.thresholds))
+    return scores
 
 
 def table(scores: GeometryScores) -> str:
@@ -67,4 +112,31 @@ def table(scores: GeometryScores) -> str:
         f"{clean.faces} faces in {clean.components} parts, {clean.holes} holes, {clean.non_manifold_edges} "
         f"non-manifold edges; {scores.truth_seen:.1f}% of the truth seen"
     )
+    if scores.normal_median is not None:
+        rows.append(f"normals: median {scores.normal_median:.1f}, 90% below {scores.normal_90:.1f} degrees off")
+    if scores.materials:
+        rows.append("")
+        head = "".join(f"  {f'F1 at {t:g}':>12}" for t in scores.thresholds)
+        rows.append(f"{'material':20}  share{head}  normals: median   90%")
+        rows += [_material_row(name, material) for name, material in scores.materials.items()]
     return "\n".join(rows)
+
+
+def _material_row(name: str, scores: MaterialScores) -> str:
+    known = scores.normal_median is not None and scores.normal_90 is not None
+    normals = f"{scores.normal_median:15.1f} {scores.normal_90:5.1f}" if known else f"{'-':>15} {'-':>5}"
+    return f"{name:20} {scores.share:5.1f}%" + "".join(f"  {value:11.2f}%" for value in scores.f1) + f"  {normals}"
+
+
+def evenness_table(evenness: Evenness) -> str:
+    """The largest planes as people read them."""
+    mean = evenness.mean
+    if mean is None:
+        return "evenness: the mesh has no plane to measure"
+    rows = ["plane  share  RMS (pixels)  angle: median   90%"]
+    planes = [(str(k + 1), plane) for k, plane in enumerate(evenness.planes)]
+    for name, plane in [*planes, ("all", mean)]:
+        rows.append(
+            f"{name:>5} {100 * plane.share:5.1f}% {plane.rms:13.3f} {plane.angle_median:14.1f} {plane.angle_90:5.1f}"
+        )
+    return "\n".join([*rows, f"a pixel of the photos covers {evenness.ground_pixel:.4g}"])

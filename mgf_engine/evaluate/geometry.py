@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How right a mesh is: accuracy, completeness and F1 against a true mesh (eq. 30-32), and mask IoU.
+"""How right a mesh is: accuracy, completeness and F1 against a true mesh (eq. 30-32), normals, and mask IoU.
 
 Points are sampled uniformly by area on both meshes; each is measured to the other *surface*, so the truth against
-itself gives 100 at every threshold. True points that no camera saw are left out of completeness.
+itself gives 100 at every threshold. True points that no camera saw are left out of completeness. A point of the mesh is
+of the material of the true face nearest to it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +20,28 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.align import align_to
-from mgf_engine.evaluate.surfaces import Hygiene, Points, SeeingCamera, Surface
+from mgf_engine.evaluate.evenness import typical_pixel
+from mgf_engine.evaluate.materials import Materials
+from mgf_engine.evaluate.surfaces import Faces, Hygiene, Points, SeeingCamera, Surface
 
+MEASURED_POINTS = 400  # of a photo, which tell how far away what it shows is
 MOST_SAMPLES = 100_000_000  # of a mesh: some 10 GB
+
+
+@dataclass(frozen=True)
+class MaterialScores:
+    """Scores of the parts of one material: as in :class:`GeometryScores`.
+
+    Attributes:
+        share: percentage of the seen true points that are of this material.
+    """
+
+    share: float
+    accuracy: tuple[float, ...]
+    completeness: tuple[float, ...]
+    f1: tuple[float, ...]
+    normal_median: float | None
+    normal_90: float | None
 
 
 @dataclass(frozen=True)
@@ -35,6 +56,10 @@ class GeometryScores:
         truth_seen: percentage of the truth that at least one camera saw.
         outside_crop: percentage of the mesh's points left out because they lie outside the crop box.
         alignment: 4x4 matrix that moved the mesh onto the truth before scoring.
+        normal_median, normal_90: angle between the mesh's faces and the true ones nearest to them, degrees, the median
+            and what 90 % stay below, over the mesh's points within the largest threshold of the truth; None without
+            such points. Which side is out does not matter.
+        materials: the same by material, where the truth has materials.
     """
 
     thresholds: tuple[float, ...]
@@ -50,6 +75,9 @@ class GeometryScores:
     outside_crop: float
     hygiene: Hygiene
     alignment: tuple[tuple[float, ...], ...]
+    normal_median: float | None = None
+    normal_90: float | None = None
+    materials: dict[str, MaterialScores] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -62,13 +90,18 @@ class Comparison:
 
     Attributes:
         errors, gaps: distances of ``points`` [N, 3] to the truth, and of the seen ``true_points`` [M, 3] to the mesh.
+        turns: [N], angle between the mesh's face and the nearest true one, degrees.
+        faces, true_faces: [N] the true face nearest to each point, and [M] the one each true point lies on.
         truth: the true mesh. The others: as in :class:`GeometryScores`.
     """
 
     truth: Surface
     points: Points
     errors: Points
+    turns: Points
+    faces: Faces
     true_points: Points
+    true_faces: Faces
     gaps: Points
     samples: int
     truth_seen: float
@@ -87,22 +120,48 @@ class Comparison:
         true = part.distances(self.true_points) > rounding
         _check_any(self.true_points[true])
         return replace(
-            self, points=self.points[found], errors=self.errors[found], true_points=self.true_points[true],
+            self, points=self.points[found], errors=self.errors[found], turns=self.turns[found],
+            faces=self.faces[found], true_points=self.true_points[true], true_faces=self.true_faces[true],
             gaps=self.gaps[true],
         )  # fmt: skip
 
-    def scores(self, thresholds: Sequence[float]) -> GeometryScores:
-        """Accuracy, completeness and F1 at distances, in the units of the meshes."""
+    def scores(self, thresholds: Sequence[float], materials: Materials | None = None) -> GeometryScores:
+        """Accuracy, completeness, F1 and normals at distances, in the units of the meshes.
+
+        Args:
+            materials: of the truth's faces; None for no scores by material.
+        """
         errors, gaps = self.errors if len(self.errors) else np.full(1, np.inf), self.gaps
-        accuracy = [100.0 * float((errors <= t).mean()) for t in thresholds]
-        completeness = [100.0 * float((gaps <= t).mean()) for t in thresholds]
+        whole = self._part(thresholds, np.ones(len(self.errors), bool), np.ones(len(gaps), bool))
         return GeometryScores(
-            thresholds=tuple(float(t) for t in thresholds), accuracy=tuple(accuracy), completeness=tuple(completeness),
-            f1=tuple(_harmonic(a, c) for a, c in zip(accuracy, completeness, strict=True)),
+            thresholds=tuple(float(t) for t in thresholds), accuracy=whole.accuracy, completeness=whole.completeness,
+            f1=whole.f1, normal_median=whole.normal_median, normal_90=whole.normal_90,
+            materials={} if materials is None else self._by_material(thresholds, materials),
             mean_error=float(errors.mean()), median_error=float(np.median(errors)),
             mean_gap=float(gaps.mean()), median_gap=float(np.median(gaps)), samples=self.samples,
             truth_seen=self.truth_seen, outside_crop=self.outside_crop, hygiene=self.hygiene,
             alignment=tuple(tuple(float(v) for v in row) for row in self.alignment),
+        )  # fmt: skip
+
+    def _by_material(self, thresholds: Sequence[float], materials: Materials) -> dict[str, MaterialScores]:
+        """Scores of each material that some true point is of, the largest first."""
+        of_points, of_true = materials.faces[self.faces], materials.faces[self.true_faces]
+        count = np.bincount(of_true, minlength=len(materials.names))
+        order = [k for k in np.argsort(-count, kind="stable").tolist() if count[k]]
+        return {materials.names[k]: self._part(thresholds, of_points == k, of_true == k) for k in order}
+
+    def _part(self, thresholds: Sequence[float], mine: NDArray[np.bool_], true: NDArray[np.bool_]) -> MaterialScores:
+        """Scores of some points of the mesh [N] and some true ones [M]; what is not there is not accurate."""
+        errors, gaps = self.errors[mine] if mine.any() else np.full(1, np.inf), self.gaps[true]
+        accuracy = [100.0 * float((errors <= t).mean()) for t in thresholds]
+        completeness = [100.0 * float((gaps <= t).mean()) for t in thresholds]
+        turns = self.turns[mine & (self.errors <= max(thresholds))]
+        turns = turns[np.isfinite(turns)]
+        return MaterialScores(
+            100.0 * float(true.mean()), tuple(accuracy), tuple(completeness),
+            tuple(_harmonic(a, c) for a, c in zip(accuracy, completeness, strict=True)),
+            float(np.median(turns)) if len(turns) else None,
+            float(np.percentile(turns, 90)) if len(turns) else None,
         )  # fmt: skip
 
 
@@ -116,6 +175,7 @@ def score_surface(
     align: str = "none",
     seed: int = 0,
     leave_out: Surface | None = None,
+    materials: Materials | None = None,
 ) -> GeometryScores:
     """Accuracy, completeness and F1 (eq. 30-32).
 
@@ -128,6 +188,7 @@ def score_surface(
         align: ``none``, ``rigid`` or ``similarity``: register the mesh first.
         leave_out: a part of the truth that is not judged: points of both meshes that it is the nearest part to are left
             out (the paper leaves out Dortmund's steel framework so, section 4.3.1).
+        materials: of the truth's faces; None for no scores by material.
 
     Raises:
         BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point left to judge.
@@ -135,7 +196,7 @@ def score_surface(
     if samples < 1 or not thresholds or not all(0 < t < math.inf for t in thresholds):
         raise BadInput("Thresholds and the number of samples must be finite and larger than 0.")
     found = compare_surfaces(mesh, truth, samples, cameras, crop, align, seed)
-    return (found if leave_out is None else found.without(leave_out)).scores(thresholds)
+    return (found if leave_out is None else found.without(leave_out)).scores(thresholds, materials)
 
 
 def compare_surfaces(
@@ -160,15 +221,17 @@ def compare_surfaces(
     if align != "none":
         matrix = align_to(mesh, truth, scale=align == "similarity")
         mesh = moved(mesh, matrix)
-    true_points, _ = truth.sample(samples, rng)
-    points, _ = mesh.sample(samples, rng)
-    true_points, points = _inside(true_points, crop), _inside(points, crop)
+    true_points, true_faces = _inside(*truth.sample(samples, rng), crop)
+    points, own = _inside(*mesh.sample(samples, rng), crop)
     inside = len(true_points)
     if cameras is not None:
-        true_points = true_points[truth.seen_by(true_points, cameras)]
+        seen = truth.seen_by(true_points, cameras)
+        true_points, true_faces = true_points[seen], true_faces[seen]
     _check_any(true_points)
+    errors, faces = _nearest(truth, points)
     return Comparison(
-        truth, points, _distances(truth, points), true_points, mesh.distances(true_points), samples,
+        truth, points, errors, _turns(mesh.normals(own), truth.normals(faces)), faces, true_points, true_faces,
+        mesh.distances(true_points), samples,
         truth_seen=100.0 * len(true_points) / max(inside, 1), outside_crop=100.0 * (1.0 - len(points) / samples),
         hygiene=hygiene, alignment=matrix,
     )  # fmt: skip
@@ -188,12 +251,25 @@ def colmap_cameras(scene: Path) -> list[SeeingCamera]:
     Raises:
         BadInput: no model is found or it has no registered image.
     """
-    for place in (scene, scene / "sparse/0", scene / "sparse", scene / "sparse_truth"):
-        if any((place / f"cameras{end}").exists() for end in (".bin", ".txt")):
-            break
-    else:
-        raise BadInput(f"There is no COLMAP model in '{scene}'; give the folder that holds 'sparse/0'.")
-    return cameras_of(place)
+    return cameras_of(_model_folder(scene))
+
+
+def colmap_pixel(scene: Path, longest_side: int) -> float:
+    """Length that a pixel of photos with this longest side covers on what they show, in the units of the scene.
+
+    Raises:
+        BadInput: no model is found, or it has no registered image or no point.
+    """
+    distances, focals = [], []
+    whole, images = _read_model(_model_folder(scene))
+    for image in images:
+        seen = (whole.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D())
+        points = np.array(list(islice(seen, MEASURED_POINTS))).reshape(-1, 3)
+        distances.append(np.linalg.norm(points - image.projection_center(), axis=1))
+        focals.append(
+            image.camera.calibration_matrix()[0, 0] * longest_side / max(image.camera.width, image.camera.height)
+        )
+    return typical_pixel(distances, focals)
 
 
 def cameras_of(
@@ -207,16 +283,29 @@ def cameras_of(
     Raises:
         BadInput: the model cannot be read or has no registered image.
     """
+    _, images = _read_model(model)
+    return [SeeingCamera.of_image(image, mask_of(str(image.name))) for image in images]
+
+
+def _model_folder(scene: Path) -> Path:
+    for place in (scene, scene / "sparse/0", scene / "sparse", scene / "sparse_truth"):
+        if any((place / f"cameras{end}").exists() for end in (".bin", ".txt")):
+            return place
+    raise BadInput(f"There is no COLMAP model in '{scene}'; give the folder that holds 'sparse/0'.")
+
+
+def _read_model(model: Path) -> tuple[Any, list[Any]]:
+    """A model of pycolmap, which owns its images, and those that have a pose, in the order of their names."""
     import pycolmap
 
     try:
-        whole = pycolmap.Reconstruction(model)  # owns its images
+        whole = pycolmap.Reconstruction(model)
     except Exception as error:  # pycolmap raises several kinds
         raise BadInput(f"Cannot read the COLMAP model in '{model}' ({error}); export it again.") from error
     images = sorted((i for i in whole.images.values() if i.has_pose), key=lambda i: str(i.name))
     if not images:
         raise BadInput(f"The COLMAP model in '{model}' has no registered image; run structure from motion again.")
-    return [SeeingCamera.of_image(image, mask_of(str(image.name))) for image in images]
+    return whole, images
 
 
 def moved(mesh: Surface, matrix: Any) -> Surface:
@@ -225,15 +314,33 @@ def moved(mesh: Surface, matrix: Any) -> Surface:
     return Surface(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)
 
 
-def _inside(points: Points, crop: Points | None) -> Points:
+def _inside(points: Points, faces: Faces, crop: Points | None) -> tuple[Points, Faces]:
+    """Points [N, 3] and their faces [N], those in the crop alone."""
     if crop is None:
-        return points
-    return points[((points >= crop[0]) & (points <= crop[1])).all(axis=1)]
+        return points, faces
+    kept = ((points >= crop[0]) & (points <= crop[1])).all(axis=1)
+    return points[kept], faces[kept]
+
+
+def _nearest(surface: Surface, points: Points) -> tuple[Points, Faces]:
+    """Distance of points [N, 3], which may be none, to a surface [N], and the face it is taken to [N]."""
+    if not len(points):
+        return np.zeros(0), np.zeros(0, np.int64)
+    squared, face, _ = surface.closest(points)
+    return np.sqrt(squared), face.astype(np.int64)
 
 
 def _distances(surface: Surface, points: Points) -> Points:
-    """Of points [N, 3], which may be none, to a surface, [N]."""
-    return surface.distances(points) if len(points) else np.zeros(0)
+    return _nearest(surface, points)[0]
+
+
+def _turns(normals: Points, others: Points) -> Points:
+    """Angles between unit normals [N, 3] of either sign, degrees [N]; NaN where one is zero."""
+    known = (np.abs(normals).sum(1) > 0) & (np.abs(others).sum(1) > 0)
+    # From the chord: near zero the arc cosine would lose half of the digits.
+    sign = np.where(np.einsum("ni,ni->n", normals, others) < 0, -1.0, 1.0)
+    chord = np.linalg.norm(normals - sign[:, None] * others, axis=1)
+    return np.where(known, np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1.0))), np.nan)
 
 
 def _check_any(true_points: Points) -> None:

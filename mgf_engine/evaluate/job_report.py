@@ -6,6 +6,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,13 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import as_dict
 from mgf_engine.deliver import render_view
+from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.curve import curve_svg
+from mgf_engine.evaluate.evenness import Evenness, measure_evenness, typical_pixel
 from mgf_engine.evaluate.images import Scores, mean_scores, score
 from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
 from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, write_report
+from mgf_engine.evaluate.surfaces import Surface
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
 from mgf_engine.masks.model import MaskSet, building
@@ -31,6 +35,7 @@ from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versio
 from mgf_engine.texture.draw import draw_textured
 
 _TRAINING_VIEWS_SHOWN = 3
+_RELIEF_SIDES = 4
 
 
 def report_job(
@@ -58,11 +63,13 @@ def report_job(
         reporter.progress(0.3 + 0.5 * len(views) / len(scene.views))
         views.append(report)
     drawing, turned = curve_svg(job.stages["field"]["figures"]["curve"]), turntable(mesh, scene)  # beside the texture
+    relief, evenness = turntable(mesh, scene, _RELIEF_SIDES, relief=True), _evenness(mesh, scene)
     made = texture()
     reporter.progress(0.8)
     quality = None if made is None else _show_texture(mesh, made, scene, masks, views)
     data = _report_data(job, scene, masks, mesh, views)
     data.curve_drawing, data.turntable = drawing, list(turned)
+    data.relief, data.evenness = list(relief), evenness
     if quality is not None:
         data.counts["PSNR of the textured mesh, held-out photos (dB)"] = round(quality, 2)
     write_report(job.folder, data)
@@ -83,6 +90,19 @@ def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, vi
 
     shown = [index for index, view in enumerate(views) if view.pictures]
     return mean_scores([scores for scores in side_by_side(one, shown) if scores]).psnr
+
+
+def _evenness(mesh: Mesh, scene: Scene) -> Evenness | None:
+    """How even the mesh (normalised frame) is, in working pixels; None where nothing tells their size or no area is."""
+    points, owner = scene.points, scene.track_point
+    seen = [owner[scene.observations(index)] for index in range(len(scene.views))]
+    away = [np.linalg.norm(points[s] - v.centre, axis=1) for s, v in zip(seen, scene.views, strict=True)]
+    try:
+        pixel = typical_pixel(away, [view.fx for view in scene.views])
+        found = measure_evenness(Surface(mesh.vertices, mesh.faces.astype(np.int64)), pixel)
+    except BadInput:
+        return None
+    return replace(found, ground_pixel=pixel / scene.to_normalised.scale)
 
 
 def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:
@@ -112,7 +132,7 @@ def _view_report(
         "mask": mask_overlay(photo, masks.labels[index]),
         "render": on_white(render, mask),
         "normals": normal_picture(normals, rendering.alpha.numpy()),
-        "mesh": shaded(mesh, view),
+        "mesh": shaded(mesh, view, from_side=True),
         "error": error_picture(photo, render, mask),
     }
     return report

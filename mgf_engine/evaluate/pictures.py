@@ -70,8 +70,13 @@ def on_white(render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.u
     return np.where(mask[..., None], render, 255).astype(np.uint8)
 
 
-def turntable(mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = (480, 360)) -> list[NDArray[np.uint8]]:
+def turntable(
+    mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = (480, 360), relief: bool = False
+) -> list[NDArray[np.uint8]]:
     """The mesh (normalised frame) from ``count`` sides; up is where the photographers' cameras say it is.
+
+    Args:
+        relief: without colours and lit from the side, so that pits show.
 
     Returns:
         RGB uint8 [height, width, 3] each; nothing for a mesh without faces.
@@ -80,7 +85,8 @@ def turntable(mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = 
 
     if not len(mesh.faces):
         return []
-    return list(side_by_side(lambda view: shaded(mesh, view, color=True), turntable_views(mesh, scene, count, size)))
+    views = turntable_views(mesh, scene, count, size)
+    return list(side_by_side(lambda view: shaded(mesh, view, color=not relief, from_side=relief), views))
 
 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.evaluate.curve import curve_svg
+from mgf_engine.evaluate.evenness import Evenness
 from mgf_engine.evaluate.images import Scores, mean_scores
 from mgf_engine.evaluate.pictures import ERROR_LIMIT
 from mgf_engine.scene.images import read_rgb
@@ -85,6 +86,8 @@ class ReportData:
         peak_memory: bytes, of the whole job.
         warnings: sentences the user should read.
         turntable: RGB pictures of the mesh from all around.
+        relief: pictures of it from fewer sides, without colours and lit from the side.
+        evenness: its largest planes and how even they are, or None.
         contact_sheet: picture of all masks, or None.
         files: label -> path of a result, relative to the job folder.
         figures: further figures that only go into ``report.json``.
@@ -108,6 +111,8 @@ class ReportData:
     peak_memory: int | None = None
     warnings: list[str] = field(default_factory=list)
     turntable: list[Picture] = field(default_factory=list)
+    relief: list[Picture] = field(default_factory=list)
+    evenness: Evenness | None = None
     contact_sheet: Path | None = None
     files: dict[str, str] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)
@@ -133,7 +138,7 @@ def report_figures(data: ReportData) -> dict[str, Any]:
 
     Keys: ``format, title, command, seed, config, given, held_out`` and ``training`` (mean scores), ``views`` (scores
     per view), ``counts, stages, seconds, iterations, seconds_per_part, mesh_seconds_per_part, curve, versions, machine,
-    kernel, peak_memory, warnings, files, figures``.
+    kernel, peak_memory, warnings, files, figures, evenness``.
     """
     held_out, training = _means(data)
     result = {
@@ -149,6 +154,7 @@ def report_figures(data: ReportData) -> dict[str, Any]:
         "mesh_seconds_per_part": data.mesh_seconds_per_part, "curve": data.curve,
         "versions": data.versions, "machine": data.machine, "kernel": data.kernel, "peak_memory": data.peak_memory,
         "warnings": data.warnings, "files": data.files, "figures": data.figures,
+        "evenness": data.evenness.as_dict() if data.evenness else None,
     }  # fmt: skip
     plain: dict[str, Any] = _plain(result)
     return plain
@@ -174,6 +180,7 @@ def _render(data: ReportData) -> str:
         mesh_parts=_bars(list(data.mesh_seconds_per_part.items())),
         shown=[(v, [(caption, embed(p)) for caption, p in v.pictures.items()]) for v in shown],
         turntable=[embed(p) for p in data.turntable],
+        relief=[embed(p) for p in data.relief],
         contact_sheet=embed(data.contact_sheet, _CONTACT_SIDE) if data.contact_sheet else "",
         curve=curve_svg(data.curve) if data.curve_drawing is None else data.curve_drawing,
         error_limit=round(255 * ERROR_LIMIT),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -88,13 +89,16 @@ class Surface:
         if not np.isfinite(self.vertices).all():
             raise BadInput(f"The mesh '{name}' has coordinates that are not numbers; write it again.")
         corners = self.vertices[self.faces]
-        self.areas = 0.5 * np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        )
+        self._double = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self.areas = 0.5 * np.linalg.norm(self._double, axis=1)
         if self.areas.sum() <= 0:
             raise BadInput(f"The mesh '{name}' has no area; all its faces are degenerate.")
-        self._tree = igl.AABB()
-        self._tree.init(self.vertices, self.faces)
+
+    @cached_property
+    def _tree(self) -> Any:
+        tree = igl.AABB()
+        tree.init(self.vertices, self.faces)
+        return tree
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Points, Faces]:
         """Points uniform by area, systematic over the faces: points [count, 3], face of each [count]."""
@@ -104,6 +108,11 @@ class Surface:
         root = np.sqrt(u)
         weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
         return np.einsum("nk,nkd->nd", weights, self.vertices[self.faces[face]]), face.astype(np.int64)
+
+    def normals(self, faces: Faces) -> Points:
+        """Unit normals of faces [N], [N, 3]; zero for those without area."""
+        double = 2.0 * self.areas[faces, None]
+        return np.divide(self._double[faces], double, out=np.zeros((len(faces), 3)), where=double > 0)
 
     def distances(self, points: Points) -> Points:
         """Distance of each point to the surface, [N]."""

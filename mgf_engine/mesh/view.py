@@ -17,6 +17,7 @@ from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.library import own_threads, parallel
 from mgf_engine.scene.model import View
 
+SIDE = (-0.86, -0.40, -0.32)  # where the light is that shows relief, camera axes: left of the camera and above it
 NEAR = 1e-3  # of the normalised frame: faces with a vertex nearer than this are not drawn
 
 
@@ -84,12 +85,15 @@ def face_normals(mesh: Mesh) -> NDArray[np.float64]:
     return normals / np.where(length > 0, length, 1.0)
 
 
-def shaded(mesh: Mesh, view: View, color: bool = False, oversample: int = 2) -> NDArray[np.uint8]:
-    """A picture of the mesh, RGB uint8 [H, W, 3] on white, lit from the camera.
+def shaded(
+    mesh: Mesh, view: View, color: bool = False, oversample: int = 2, from_side: bool = False
+) -> NDArray[np.uint8]:
+    """A picture of the mesh, RGB uint8 [H, W, 3] on white.
 
     Args:
         color: with the vertex colours instead of clay; faces seen from behind are reddish either way.
         oversample: samples per pixel in each direction.
+        from_side: lit from the upper left, so that pits in a wall show; else from the camera.
     """
     if not len(mesh.faces):
         return np.full((view.height, view.width, 3), 255, np.uint8)
@@ -101,14 +105,26 @@ def shaded(mesh: Mesh, view: View, color: bool = False, oversample: int = 2) -> 
     v = ((np.arange(fine.height) + 0.5 - fine.cy) / fine.fy).astype(np.float32)[:, None]
     x, y, z = (normals[:, k].take(index) for k in range(3))  # unlike indexing, take lets other threads work meanwhile
     facing = -(x * u + y * v + z) / np.sqrt(u * u + v * v + 1)
-    light = 0.35 + 0.65 * np.abs(facing)
+    light = _from_side(x, y, z, facing) if from_side else 0.35 + 0.65 * np.abs(facing)
     light = 0.6 + 0.4 * light if color else light
     base = mesh.colors[mesh.faces].mean(1).astype(np.float32) if color else None
     picture = np.empty((*face.shape, 3), np.float32)
     for k, behind in enumerate((1.0, 0.55, 0.5)):
         own = np.float32(225.0) if base is None else base[:, k].take(index)
-        picture[..., k] = np.where(seen, own * light * np.where(facing >= 0, np.float32(1), np.float32(behind)), 255)
+        picture[..., k] = np.where(
+            seen, own * np.minimum(light, 1) * np.where(facing >= 0, np.float32(1), np.float32(behind)), 255
+        )
     return cv2.resize(picture, (view.width, view.height), interpolation=cv2.INTER_AREA).round().astype(np.uint8)
+
+
+def _from_side(
+    x: NDArray[np.float32], y: NDArray[np.float32], z: NDArray[np.float32], facing: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Brightness in 0..1 of normals in the camera's frame by :data:`SIDE` and, weaker, by its mirror on the right."""
+    outward = np.sign(facing)
+    across = outward * x * np.float32(SIDE[0])
+    rest = outward * (y * np.float32(SIDE[1]) + z * np.float32(SIDE[2]))
+    return np.asarray(0.15 + 0.85 * np.maximum(rest + across, 0) + 0.55 * np.maximum(rest - across, 0), np.float32)
 
 
 def scaled_view(view: View, factor: float) -> View:

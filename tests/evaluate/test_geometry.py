@@ -12,6 +12,7 @@ import trimesh
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.geometry import mask_iou, score_surface
+from mgf_engine.evaluate.materials import Materials, read_materials
 from mgf_engine.evaluate.surfaces import SeeingCamera, Surface, read_surface
 
 
@@ -185,3 +186,61 @@ def test_bad_input_is_one_clear_sentence(tmp_path: Path) -> None:
         score_surface(plane(0), plane(0), (0.1,), samples=10, crop=far)
     with pytest.raises(BadInput, match="not numbers"):
         Surface(np.full((3, 3), np.nan), np.array([[0, 1, 2]]))
+
+
+def bent(degrees: float) -> Surface:
+    """The plane turned about the y axis."""
+    turn, flat = np.radians(degrees), plane(0.0)
+    x, y, _ = flat.vertices.T
+    return Surface(np.stack([x * np.cos(turn), y, x * np.sin(turn)], 1), flat.faces)
+
+
+def test_normals_are_measured_where_the_mesh_is_near_the_truth() -> None:
+    scores = score_surface(bent(3.0), plane(0.0), (10.0,), samples=5_000)
+    assert scores.normal_median == pytest.approx(3.0) and scores.normal_90 == pytest.approx(3.0)
+    turned = Surface(bent(3.0).vertices, bent(3.0).faces[:, ::-1])
+    assert score_surface(turned, plane(0.0), (10.0,), samples=5_000).normal_90 == pytest.approx(3.0)
+    assert score_surface(plane(0.0), plane(0.0), (0.1,), samples=5_000).normal_90 == pytest.approx(0.0, abs=1e-6)
+    assert score_surface(plane(1.0), plane(0.0), (0.1,), samples=5_000).normal_median is None
+
+
+def test_scores_by_material() -> None:
+    wall, roof = plane(0.0), plane(5.0, size=2.0)
+    both = Surface(np.r_[wall.vertices, roof.vertices], np.r_[wall.faces, roof.faces + len(wall.vertices)])
+    names = np.r_[np.full(len(wall.faces), 2), np.zeros(len(roof.faces))].astype(np.int64)
+    poor = Surface(np.r_[wall.vertices, plane(5.3, size=2.0).vertices], both.faces)
+    scores = score_surface(
+        poor, both, (0.01, 0.5), samples=10_000, materials=Materials(("slate", "glass", "brick"), names)
+    )
+    assert list(scores.materials) == ["brick", "slate"]  # the largest first; no face is of glass
+    brick, slate = scores.materials.values()
+    assert brick.share == pytest.approx(80, abs=0.5) and brick.f1 == (100.0, 100.0)
+    assert slate.f1 == (0.0, 100.0) and slate.normal_90 == pytest.approx(0.0, abs=1e-6)
+    nothing = score_surface(
+        wall, both, (0.01,), samples=10_000, materials=Materials(("slate", "glass", "brick"), names)
+    )
+    assert nothing.materials["slate"].f1 == (0.0,) and nothing.materials["slate"].normal_median is None
+    json.dumps(nothing.as_dict(), allow_nan=False)
+    without = score_surface(
+        poor, both, (0.01,), samples=10_000, leave_out=roof, materials=Materials(("a", "b", "c"), names)
+    )
+    assert list(without.materials) == ["c"]
+
+
+def test_materials_beside_a_truth(tmp_path: Path) -> None:
+    truth, names, faces = (tmp_path / f"truth{end}" for end in (".ply", "_materials.json", "_materials.npy"))
+    assert read_materials(truth, 3) is None
+    np.save(faces, np.array([1, 0, 1], np.int32))
+    with pytest.raises(BadInput, match="Cannot read the materials"):
+        read_materials(truth, 3)
+    names.write_text('["brick", "glass"]', encoding="utf-8")
+    found = read_materials(truth, 3)
+    assert found is not None and found.names == ("brick", "glass") and found.faces.tolist() == [1, 0, 1]
+    for bad_names, count in (('["brick"]', 3), ('["brick", "glass"]', 4), ("{}", 3), ("[1, 2]", 3)):
+        names.write_text(bad_names, encoding="utf-8")
+        with pytest.raises(BadInput, match="are not those of its"):
+            read_materials(truth, count)
+    for damaged in (b"", b"\x93NUMPY", b"no array"):
+        faces.write_bytes(damaged)
+        with pytest.raises(BadInput, match="Cannot read the materials"):
+            read_materials(truth, 3)

@@ -16,6 +16,7 @@ import pytest
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.curve import curve_svg, smoothed
+from mgf_engine.evaluate.evenness import Evenness, Plane
 from mgf_engine.evaluate.images import score
 from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
 from mgf_engine.scene.images import write_png
@@ -41,6 +42,7 @@ def data(tmp_path: Path) -> ReportData:
         curve=[{"iteration": i, "psnr": 20 + i / 100, "gaussians": 1000 + i} for i in range(0, 1500, 10)],
         versions={"python": "3.11"}, machine={"processor": "Fast One"}, kernel="avx2", peak_memory=2_100_000_000,
         warnings=["One photo is <odd>; look at it."], turntable=[np.zeros((12, 16, 3), np.uint8)] * 8,
+        relief=[np.zeros((12, 16, 3), np.uint8)] * 4, evenness=Evenness(0.02, (Plane(0.5, 0.61, 3.25, 11.5),)),
         contact_sheet=tmp_path / "sheet.png", files={"mesh": "mesh.ply"}, figures={"f1": np.float32(0.5)},
     )  # fmt: skip
 
@@ -79,11 +81,20 @@ def test_page(data: ReportData, tmp_path: Path) -> None:
     _, path = write_report(tmp_path, data)
     html = path.read_text(encoding="utf-8")
     page = Page(html)
-    for text in ("St. <Mary> & Söhne", "One photo is <odd>", "123\u202f456", "b.jpg", "2.10 GB", "4 min 02 s", "avx2"):
+    for text in (
+        "St. <Mary> & Söhne",
+        "One photo is <odd>",
+        "123\u202f456",
+        "b.jpg",
+        "2.10 GB",
+        "4 min 02 s",
+        "avx2",
+        "11.5°",
+    ):
         assert text in page.text
     assert page.text.index("b.jpg") < page.text.index("a.jpg")  # held-out views come first
     pictures = [s for s in page.sources if s.startswith("data:")]
-    assert len(pictures) == 6 + 8 + 1
+    assert len(pictures) == 6 + 8 + 4 + 1
     assert "cleaning" in page.text and "81.1 %" in page.text
     assert "80.0 ms" in page.text  # 120 s of backward in 1500 iterations
     for name in data.config:
@@ -104,6 +115,7 @@ def test_figures(data: ReportData, tmp_path: Path) -> None:
     assert figures["held_out"]["psnr"] == pytest.approx(np.mean(held_out))
     assert figures["training"]["lpips"] is None
     assert figures["seconds"] == 241.5 and figures["seed"] == 0 and figures["figures"] == {"f1": 0.5}
+    assert figures["evenness"]["planes"][0]["angle_90"] == figures["evenness"]["mean"]["angle_90"] == 11.5
     assert figures["config"]["preset"] == "draft" and len(figures["views"]) == 4
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "report.json", "sheet.png"]
 
@@ -111,7 +123,7 @@ def test_figures(data: ReportData, tmp_path: Path) -> None:
 def test_a_bare_report(tmp_path: Path) -> None:
     figures, page = write_report(tmp_path, ReportData("empty", "", {}))
     Page(page.read_text(encoding="utf-8"))
-    assert json.loads(figures.read_text())["held_out"] is None
+    assert json.loads(figures.read_text())["held_out"] is json.loads(figures.read_text())["evenness"] is None
 
 
 def test_odd_values(data: ReportData, tmp_path: Path) -> None:

@@ -90,6 +90,18 @@ def test_picture_is_lit_from_the_camera_and_marks_back_faces():
     assert turned[view.height // 2, view.width // 2, 0] > turned[view.height // 2, view.width // 2, 2] + 30
 
 
+def test_light_from_the_side_shows_what_light_from_the_camera_hides():
+    view = camera((4.0, 0, 0), width=200, height=200)
+    y, z = np.meshgrid(np.linspace(-0.8, 0.8, 33), np.linspace(-0.8, 0.8, 33))
+    row = np.arange(32 * 33).reshape(32, 33)[:, :-1].ravel()
+    faces = np.concatenate([np.stack([row, row + 1, row + 34], 1), np.stack([row, row + 34, row + 33], 1)])
+    bumps = 0.004 * np.random.default_rng(0).standard_normal(y.size)  # slopes of a few degrees
+    wall = Mesh(np.c_[bumps, y.ravel(), z.ravel()], faces.astype(np.int32), np.zeros((y.size, 3), np.uint8))
+    front, side = (shaded(wall, view, from_side=lit)[60:140, 60:140, 0].astype(float) for lit in (False, True))
+    assert side.std() / side.mean() > 5 * front.std() / front.mean()
+    assert (shaded(wall, view, from_side=True)[0, 0] == 255).all()
+
+
 def test_scaled_view_keeps_directions():
     view = camera((4.0, 0, 0))
     twice = scaled_view(view, 2)

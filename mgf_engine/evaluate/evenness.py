@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How even the walls of a mesh are, without any truth: its largest planes, and how far from flat they lie.
+
+Points are sampled by area; the plane that holds most of them within three ground pixels is found, fitted to what it
+holds and taken away, then the next one. Distances tell of waves, angles between the faces and their plane of grain and
+pits: a clean wall has a few degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.errors import BadInput
+from mgf_engine.evaluate.surfaces import Points, Surface
+
+PLANES = 8
+REACH = 3.0  # ground pixels that a point of a plane may lie beside it
+SAMPLES = 100_000
+FEWEST = 0.01  # share of all points below which no further plane is looked for
+#: Planes tried, points they are tried on, how many of the best are fitted, and how often.
+TRIES, TRIED_ON, FITTED, FITS = 4000, 4000, 12, 3
+NEAR = 30.0  # ground pixels within which the points lie that half of the planes are laid through
+
+
+@dataclass(frozen=True)
+class Plane:
+    """One plane: share of the mesh's area, RMS distance of what lies in it (ground pixels), median and 90 % of the
+    angle between its faces and it (degrees).
+    """
+
+    share: float
+    rms: float
+    angle_median: float
+    angle_90: float
+
+
+@dataclass(frozen=True)
+class Evenness:
+    """The largest planes of a mesh, the largest first; ``ground_pixel`` is the length of a pixel, units of the mesh."""
+
+    ground_pixel: float
+    planes: tuple[Plane, ...]
+
+    @property
+    def mean(self) -> Plane | None:
+        """What all planes share of the mesh, and the means of their measures weighted by area; None without any."""
+        if not self.planes:
+            return None
+        values = np.array([(plane.rms, plane.angle_median, plane.angle_90) for plane in self.planes])
+        shares = [plane.share for plane in self.planes]
+        rms, median, most = np.average(values, axis=0, weights=shares).tolist()
+        return Plane(sum(shares), rms, median, most)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON: ``mean`` (or null) and ``planes``, each as :class:`Plane`, and ``ground_pixel``."""
+        mean = None if self.mean is None else asdict(self.mean)
+        return {"ground_pixel": self.ground_pixel, "mean": mean, "planes": [asdict(plane) for plane in self.planes]}
+
+
+def measure_evenness(mesh: Surface, ground_pixel: float, samples: int = SAMPLES, seed: int = 0) -> Evenness:
+    """The largest planes of a mesh and how even they are.
+
+    Args:
+        ground_pixel: length that a pixel of the photos covers on the building, in the units of the mesh.
+        samples: points sampled on the mesh.
+
+    Raises:
+        BadInput: the pixel's length or the number of samples is not a number above 0.
+    """
+    if not (0 < ground_pixel < np.inf and samples > 0):
+        raise BadInput("A ground pixel and the number of samples must be finite and larger than 0.")
+    rng = np.random.default_rng(seed)
+    points, face = mesh.sample(samples, rng)
+    points = points - points.mean(0)
+    normals, reach = mesh.normals(face), REACH * ground_pixel
+    left, planes = np.arange(samples), list[Plane]()
+    while len(planes) < PLANES and len(left) >= max(FEWEST * samples, 3):
+        centre, normal, held = _largest_plane(points[left], reach, ground_pixel, rng)
+        if len(held) < 3:
+            break
+        held = left[held]
+        away = (points[held] - centre) @ normal
+        angles = np.degrees(np.arccos(np.clip(np.abs(normals[held] @ normal), 0.0, 1.0)))
+        planes.append(
+            Plane(
+                len(held) / samples, float(np.sqrt((away**2).mean())) / ground_pixel,
+                float(np.median(angles)), float(np.percentile(angles, 90)),
+            )
+        )  # fmt: skip
+        left = np.setdiff1d(left, held, assume_unique=True)
+    return Evenness(ground_pixel, tuple(planes))
+
+
+def typical_pixel(distances: Sequence[Points], focals: Sequence[float]) -> float:
+    """Length that a pixel covers on what the photos show: the median over the photos.
+
+    Args:
+        distances: per photo, how far the sparse points are that it observed; none of photos without any.
+        focals: of each photo, in pixels.
+
+    Raises:
+        BadInput: no photo observed a point.
+    """
+    sizes = [np.median(away) / focal for away, focal in zip(distances, focals, strict=True) if len(away)]
+    if not sizes:
+        raise BadInput(
+            "No photo of the scene observed a sparse point, so the size of a pixel on the building is unknown."
+        )
+    return float(np.median(sizes))
+
+
+def _largest_plane(
+    points: Points, reach: float, near: float, rng: np.random.Generator
+) -> tuple[Points, Points, NDArray[np.int64]]:
+    """A point on the plane and its normal, [3] each, and the rows of points [N, 3] within reach of it."""
+    some = points[rng.choice(len(points), min(TRIED_ON, len(points)), replace=False)]
+    middle, normals = _planes_through(some, NEAR * near, rng)
+    counts = _counts(some, normals, np.einsum("ti,ti->t", middle, normals), reach)
+    best = np.argsort(-counts, kind="stable")[:FITTED]
+    fitted = [_fit(some, middle[k], normals[k], reach) for k in best]
+    counts = _counts(some, np.stack([n for _, n in fitted]), np.array([c @ n for c, n in fitted]), reach)
+    centre, normal = fitted[int(np.argmax(counts))]
+    centre, normal = _fit(points, centre, normal, reach)
+    return centre, normal, np.flatnonzero(np.abs((points - centre) @ normal) < reach)
+
+
+def _planes_through(points: Points, near: float, rng: np.random.Generator) -> tuple[Points, Points]:
+    """Planes through three points each, half of them near each other: where they are and their normals, [T, 3] each."""
+    first, second, third = rng.integers(0, len(points), (3, TRIES))
+    for row, around in enumerate(cKDTree(points).query_ball_point(points[first[: TRIES // 2]], near)):
+        second[row], third[row] = rng.choice(around, 2)
+    normals = np.cross(points[second] - points[first], points[third] - points[first])
+    length = np.linalg.norm(normals, axis=1)
+    good = length > 0
+    if not good.any():
+        return points[first[:1]], np.array([[0.0, 0.0, 1.0]])
+    return points[first[good]], normals[good] / length[good, None]
+
+
+def _counts(points: Points, normals: Points, offsets: Points, reach: float) -> NDArray[np.int64]:
+    """How many of points [N, 3] lie within reach of each plane ``normal . x = offset``, [T]."""
+    flat = points.astype(np.float32)
+    result = np.empty(len(normals), np.int64)
+    for start in range(0, len(normals), 500):
+        part = slice(start, start + 500)
+        away = flat @ normals[part].T.astype(np.float32) - offsets[part].astype(np.float32)
+        result[part] = np.count_nonzero(np.abs(away) < reach, axis=0)
+    return result
+
+
+def _fit(points: Points, centre: Points, normal: Points, reach: float) -> tuple[Points, Points]:
+    """The plane of least squares through the points within reach of it, a few times over."""
+    for _ in range(FITS):
+        held = points[np.abs((points - centre) @ normal) < reach]
+        if len(held) < 3:
+            break
+        centre = held.mean(0)
+        local = held - centre
+        normal = np.linalg.eigh(local.T @ local)[1][:, 0]
+    return centre, normal

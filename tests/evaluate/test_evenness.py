@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evenness of walls whose waves and grain are known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pycolmap
+import pytest
+
+from mgf_engine.errors import BadInput
+from mgf_engine.evaluate.evenness import Evenness, measure_evenness, typical_pixel
+from mgf_engine.evaluate.geometry import colmap_pixel
+from mgf_engine.evaluate.surfaces import Surface
+
+PIXEL = 0.05
+
+
+def grid(origin: tuple[float, ...], across: tuple[float, ...], up: tuple[float, ...], relief: np.ndarray) -> Surface:
+    """A wall of faces: relief [n, m] along its normal; ``across`` and ``up`` are its sides."""
+    n, m = relief.shape
+    s, t = np.meshgrid(np.linspace(0, 1, m), np.linspace(0, 1, n))
+    normal = np.cross(across, up) / np.linalg.norm(np.cross(across, up))
+    spread = s[..., None] * across + t[..., None] * up + relief[..., None] * normal + np.array(origin)
+    row = np.arange((n - 1) * m).reshape(n - 1, m)[:, :-1].ravel()
+    faces = np.concatenate([np.stack([row, row + 1, row + m + 1], 1), np.stack([row, row + m + 1, row + m], 1)])
+    return Surface(spread.reshape(-1, 3), faces)
+
+
+def joined(*parts: Surface) -> Surface:
+    shift = np.cumsum([0, *(len(p.vertices) for p in parts)])
+    return Surface(
+        np.concatenate([p.vertices for p in parts]),
+        np.concatenate([p.faces + k for p, k in zip(parts, shift, strict=False)]),
+    )
+
+
+def house(relief: float = 0.0) -> Surface:
+    """Four walls of 10 x 4 and 6 x 4 and two roofs of 10 x 5 on them."""
+    noise = lambda: relief * np.random.default_rng(0).standard_normal((60, 90))  # noqa: E731
+    walls = [((0, 0, 0), (10, 0, 0)), ((10, 0, 0), (0, 6, 0)), ((10, 6, 0), (-10, 0, 0)), ((0, 6, 0), (0, -6, 0))]
+    parts = [grid(at, across, (0, 0, 4), noise()) for at, across in walls]
+    parts += [grid((0, y, 4), (10, 0, 0), (0, 3 - y, 4), noise()) for y in (0, 6)]
+    return joined(*parts)
+
+
+def test_a_house_has_its_planes_and_they_are_flat() -> None:
+    found = measure_evenness(house(), PIXEL / 5)  # strips of other walls within three pixels of a plane are small
+    areas = np.array([50, 50, 40, 40, 24, 24]) / 228
+    assert [p.share for p in found.planes] == pytest.approx(areas, abs=0.01)
+    mean = found.mean
+    assert mean is not None and mean.share == pytest.approx(1.0, abs=0.02)
+    assert mean.rms < 0.25 and mean.angle_median < 0.01 and mean.angle_90 < 0.01
+
+
+def test_grain_shows_in_distance_and_angle() -> None:
+    amplitude, wall = 0.004, np.array([10.0, 4.0])
+    rough = grid((0, 0, 0), (10, 0, 0), (0, 0, 4), amplitude * np.random.default_rng(1).standard_normal((81, 201)))
+    (plane,) = measure_evenness(rough, PIXEL).planes
+    corners = rough.vertices[rough.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    angle = np.degrees(np.arccos(np.abs(normals[:, 1]) / np.linalg.norm(normals, axis=1)))
+    assert plane.share > 0.99 and rough.areas.sum() > wall.prod()
+    # Within a face the heights of its three corners are averaged: half of their variance is left.
+    assert plane.rms == pytest.approx(amplitude / PIXEL * np.sqrt(0.5), rel=0.03)
+    assert plane.angle_median == pytest.approx(np.median(angle), rel=0.03)
+    assert plane.angle_90 > 1.5 * plane.angle_median
+
+
+def test_the_same_whatever_the_seed_and_where_the_scene_lies() -> None:
+    mesh = house(0.01)
+    far = Surface(7 * mesh.vertices + [3e6, 5e6, 100], mesh.faces)
+    first, second, moved = (
+        measure_evenness(mesh, PIXEL),
+        measure_evenness(mesh, PIXEL, seed=5),
+        measure_evenness(far, 0.35),
+    )
+    for other in (second, moved):
+        assert other.mean is not None and first.mean is not None
+        assert other.mean.rms == pytest.approx(first.mean.rms, abs=0.02)
+        assert other.mean.angle_median == pytest.approx(first.mean.angle_median, abs=0.2)
+        assert other.mean.angle_90 == pytest.approx(first.mean.angle_90, abs=0.3)
+
+
+def test_odd_meshes_give_figures_or_a_sentence() -> None:
+    needle = Surface(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1e-9, 0]]), np.array([[0, 1, 2]]))
+    assert json.loads(json.dumps(measure_evenness(needle, PIXEL).as_dict(), allow_nan=False))["mean"]["rms"] < 1e-6
+    ball = np.random.default_rng(0).standard_normal((3000, 3))
+    soup = Surface(50 * ball, np.arange(3000).reshape(-1, 3))
+    json.dumps(measure_evenness(soup, 1e-6, samples=2000).as_dict(), allow_nan=False)
+    assert Evenness(1.0, ()).as_dict()["mean"] is None
+    for pixel in (0.0, np.nan, np.inf):
+        with pytest.raises(BadInput, match="larger than 0"):
+            measure_evenness(house(), pixel)
+
+
+def test_the_pixel_is_the_median_photos(tmp_path) -> None:
+    assert typical_pixel([np.array([9.0, 10, 11]), np.zeros(0), np.array([30.0])], [100, 1, 100]) == pytest.approx(0.2)
+    with pytest.raises(BadInput, match="observed a sparse point"):
+        typical_pixel([np.zeros(0)], [100.0])
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera(camera_id=1, model="PINHOLE", width=1000, height=500, params=[800, 800, 500, 250])
+    )
+    for k in range(2):
+        image = pycolmap.Image(name=f"{k}.jpg", camera_id=1, image_id=k + 1, keypoints=np.full((1, 2), 5.0))
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(), np.array([0, 0, 8.0 * k])))
+    model.add_point3D(np.array([0.0, 0, 8]), pycolmap.Track([pycolmap.TrackElement(1, 0), pycolmap.TrackElement(2, 0)]))
+    (tmp_path / "sparse/0").mkdir(parents=True)
+    model.write(tmp_path / "sparse/0")
+    assert colmap_pixel(tmp_path, 500) == pytest.approx((8 / 400 + 16 / 400) / 2)
