@@ -8,6 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from mgf_engine.bench.houses import bungalow, half_timber, plain_house, slate_villa
+from mgf_engine.bench.landmarks import balcony_tower, chapel, glass_office, sheet_hall, warehouse
+from mgf_engine.bench.roofs import band, gable_roof
 from mgf_engine.bench.shapes import Builder, Opening, Part, wall_row
 
 
@@ -27,7 +30,7 @@ def town_hall(wall: str = "brick") -> list[Part]:
         ("west", (-x, y), (-x, -y), gable_holes, ridge - eaves),
     ):
         b.wall(a, c, 0, eaves, wall, holes, name, gable=gable)
-    _gable_roof(b, x, y, eaves, ridge, 0.45)
+    gable_roof(b, x, y, eaves, ridge, 0.45)
     _bay(b, wall, y)
     for px in (-7.0, 5.5):
         b.box((px, 1.6, 11.4), (px + 0.9, 2.5, 15.6), wall, "chimneys")
@@ -37,31 +40,9 @@ def town_hall(wall: str = "brick") -> list[Part]:
     _turret(b, ridge)
     for sx, sy in ((-x, -y), (x, -y), (x, y), (-x, y)):
         b.box((sx - 0.06, sy - 0.06, 0), (sx + 0.06, sy + 0.06, eaves), "stone", "quoins")
-    _band(b, x, y, (0.0, 0.08), (0.0, 0.7), "stone", "plinth")
-    _band(b, x, y, (0.0, 0.06), (3.7, 3.95), "stone", "string_course")
+    band(b, x, y, (0.0, 0.08), (0.0, 0.7), "stone", "plinth")
+    band(b, x, y, (0.0, 0.06), (3.7, 3.95), "stone", "string_course")
     return b.parts()
-
-
-def _band(
-    b: Builder, x: float, y: float, out: tuple[float, float], z: tuple[float, float], material: str, element: str
-) -> None:
-    """Four boxes around a rectangle of half sizes x, y, from ``out[0]`` to ``out[1]`` off its sides."""
-    i, o = out
-    for s in (-1, 1):
-        low, high = sorted((s * (y + i), s * (y + o)))
-        b.box((-x - o, low, z[0]), (x + o, high, z[1]), material, element)
-        low, high = sorted((s * (x + i), s * (x + o)))
-        b.box((low, -y - i, z[0]), (high, y + i, z[1]), material, element)
-
-
-def _gable_roof(b: Builder, x: float, y: float, eaves: float, ridge: float, over: float) -> None:
-    slope = (ridge - eaves) / y
-    low, lift = eaves - slope * over, 0.22
-    for side, sign in (("south", -1.0), ("north", 1.0)):
-        quad = [(-x - over, sign * (y + over), low + lift), (x + over, sign * (y + over), low + lift),
-                (x + over, 0.0, ridge + lift), (-x - over, 0.0, ridge + lift)]  # fmt: skip
-        b.roof_slab(quad if sign < 0 else quad[::-1], 0.2, "tiles", "wood_trim", f"roof.{side}")
-    b.beam((-x - over, 0, ridge + 0.24), (x + over, 0, ridge + 0.24), 0.22, "ridge_tiles", "roof.ridge")
 
 
 def _bay(b: Builder, wall: str, y: float) -> None:
@@ -152,7 +133,7 @@ def flat_block(wall: str = "plaster") -> list[Part]:
     b.polygon(
         [(-x, -y, height - 0.6), (x, -y, height - 0.6), (x, y, height - 0.6), (-x, y, height - 0.6)], "gravel", "roof"
     )
-    _band(b, x, y, (-0.3, 0.0), (height - 0.6, height + 0.1), "concrete", "parapet")
+    band(b, x, y, (-0.3, 0.0), (height - 0.6, height + 0.1), "concrete", "parapet")
     for px, sx, sy, sz in ((-11, 3.0, 2.2, 1.9), (2, 4.5, 3.0, 2.6), (11.5, 1.6, 1.6, 1.3)):
         b.box((px, -sy / 2, height - 0.6), (px + sx, sy / 2, height - 0.6 + sz), "metal", "equipment")
     b.box((-1.8, -y - 1.7, 2.8), (1.8, -y, 3.05), "concrete", "canopy")
@@ -290,4 +271,13 @@ BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "tower": tower,
     "steel_frame": steel_frame,
     "curved_hall": curved_hall,
+    "plain_house": plain_house,
+    "half_timber": half_timber,
+    "slate_villa": slate_villa,
+    "bungalow": bungalow,
+    "warehouse": warehouse,
+    "sheet_hall": sheet_hall,
+    "glass_office": glass_office,
+    "balcony_tower": balcony_tower,
+    "chapel": chapel,
 }

@@ -16,24 +16,35 @@ class SceneSpec:
 
     Attributes:
         building, wall: key of :data:`mgf_engine.bench.buildings.BUILDINGS` and its wall material.
+        roof: material of everything that is an element ``roof.*``, instead of the building's own.
         photos, width, aspect, field_of_view: count, pixels, width over height, horizontal degrees.
-        rings, nadir: the flight, see :mod:`mgf_engine.bench.flight`.
+        rings, arc, nadir: the flight; of each ring only the arc is flown, degrees from east over north, see :mod:`mgf_engine.bench.flight`.
         texture_strength: 1 as designed, 0 plain colours.
         trees, trees_in_front, neighbours, cars: surroundings; trees in front hide parts of the building.
         sun_elevation, sun_azimuth: degrees; sun_strength, sky_strength: light in Blender's units.
         exposure, exposure_spread: mean and standard deviation of the photos' exposure in stops.
+        exposure_drift: stops that the exposure swings up and down by over the flight, in development, so that it clips.
+        highlights: stops by which photos are overexposed in development; what is brighter than white clips.
+        white_balance: stops that red and blue swing by over the flight.
+        lens: k1, k2, p1, p2 of COLMAP's camera model OPENCV; all 0 is a pinhole.
+        vignetting: stops that the corners lose.
+        motion_blur: mean length of the blur in pixels; jpeg: quality of the files.
         noise: standard deviation of the sensor noise in grey values of 255.
         pose_error: standard deviation of the error put on true camera centres in ``sparse_truth``, metres.
-        samples: Cycles samples per pixel (a denoiser follows).
+        pixel_filter: width of the renderer's filter in pixels; below 1 fine patterns turn into moire.
+        samples: Cycles samples per pixel; a denoiser follows, ``accurate`` or ``fast`` (half the time).
+        held_out: for reporting only; nothing may be tuned on it.
     """
 
     building: str = "town_hall"
     wall: str = "brick"
+    roof: str = ""
     photos: int = 30
     width: int = 480
     aspect: float = 1.5
     field_of_view: float = 58.0
     rings: tuple[Ring, ...] = (Ring(0.55, 9.0, 24.0), Ring(0.45, 23.0, 21.0))
+    arc: tuple[float, float] = (0.0, 360.0)
     nadir: tuple[float, float, float] | None = None  # height, half extent x, half extent y
     texture_strength: float = 1.0
     trees: int = 8
@@ -46,10 +57,20 @@ class SceneSpec:
     sky_strength: float = 0.12
     exposure: float = 1.0
     exposure_spread: float = 0.0
+    exposure_drift: float = 0.0
+    highlights: float = 0.0
+    white_balance: float = 0.0
+    lens: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    vignetting: float = 0.0
+    motion_blur: float = 0.0
+    jpeg: int = 95
     noise: float = 1.0
     pose_error: float = 0.0
     samples: int = 12
+    denoiser: str = "accurate"
+    pixel_filter: float = 1.5
     seed: int = 0
+    held_out: bool = False
 
     @property
     def height(self) -> int:
@@ -90,6 +111,59 @@ SCENES: dict[str, SceneSpec] = {
         _LARGE, building="curved_hall", rings=(Ring(0.5, 9.0, 26.0), Ring(0.5, 26.0, 20.0)), seed=16,
     ),
 }  # fmt: skip
+# What `mgf bench surfaces` is measured on: materials and shapes that are hard on photogrammetry, each half of them with
+# the faults of a real camera. Those that are held out are for reporting only: nothing may be tuned on them.
+_SMALL = SceneSpec(photos=28, width=500, samples=6, denoiser="fast", rings=(Ring(0.5, 9.0, 24.0), Ring(0.5, 22.0, 20.0)))
+_FAULTY: dict[str, Any] = {
+    "lens": (-0.11, 0.025, 0.0008, -0.0006), "vignetting": 0.5, "motion_blur": 0.8, "noise": 2.5, "jpeg": 88,
+    "exposure_drift": 0.25, "highlights": 0.3, "white_balance": 0.1,
+}  # fmt: skip
+#: Straight down at about 7 cm a pixel from 6 x 5 places, which overlap by 75 % along and 70 % across.
+_NADIR: dict[str, Any] = {
+    "photos": 30, "width": 530, "field_of_view": 66.0, "rings": (), "nadir": (38.0, 27.0, 18.0), "samples": 6,
+    "denoiser": "fast", "cars": 4, "trees": 10,
+}  # fmt: skip
+SURFACES: dict[str, SceneSpec] = {
+    # Clean walls and a roof of one colour, ten metres wide: nothing but edges to go by.
+    "white_house": replace(
+        _LARGE, building="plain_house", wall="clean_white", exposure=1.2, highlights=0.4, neighbours=2, seed=31, samples=5,
+        denoiser="fast", rings=(Ring(0.5, 9.0, 25.0, 5.0), Ring(0.5, 23.0, 21.0, 4.0)),
+    ),
+    "ochre_house": replace(
+        _SMALL, building="plain_house", wall="clean_ochre", roof="clean_grey", sun_azimuth=-120.0, trees_in_front=2,
+        seed=32, held_out=True, **_FAULTY,
+    ),
+    "warehouse": replace(_SMALL, building="warehouse", seed=33, **_FAULTY),
+    "half_timber": replace(
+        _SMALL, building="half_timber", wall="clay", rings=(Ring(0.6, 7.0, 17.0, 5.0), Ring(0.4, 18.0, 15.0, 5.0)), seed=34,
+        held_out=True, **_FAULTY,
+    ),
+    "slate_villa": replace(_SMALL, building="slate_villa", wall="slate", seed=35),
+    "sheet_hall": replace(_SMALL, building="sheet_hall", wall="shiny_sheet", neighbours=2, seed=36, **_FAULTY),
+    "sheet_hall_low_sun": replace(
+        _SMALL, building="sheet_hall", wall="shiny_sheet", sun_elevation=24.0, sun_azimuth=70.0, seed=37, held_out=True,
+    ),
+    "glass_office": replace(
+        _SMALL, building="glass_office", wall="mirror_glass", rings=(Ring(0.5, 12.0, 28.0, 9.0), Ring(0.5, 27.0, 24.0, 8.0)),
+        seed=38, held_out=True, **_FAULTY,
+    ),
+    "balcony_tower": replace(
+        _SMALL, building="balcony_tower", wall="raw_concrete", aspect=2 / 3, width=400,
+        rings=(Ring(0.5, 12.0, 28.0, 12.0), Ring(0.5, 28.0, 25.0, 14.0)), seed=39,
+    ),
+    "chapel": replace(_SMALL, building="chapel", wall="sandstone", trees_in_front=2, seed=40, held_out=True, **_FAULTY),
+    # Low among trees, seen from the street and both sides only.
+    "bungalow": replace(
+        _SMALL, building="bungalow", wall="cladding", trees=18, trees_in_front=6, rings=(Ring(1.0, 1.9, 15.0, 2.6),),
+        arc=(-200.0, 20.0), seed=41, **_FAULTY,
+    ),
+    "nadir_tiles": SceneSpec(building="town_hall", seed=42, **_NADIR),
+    # Shingles as fine as a pixel, photographed without a filter: moire, another in each photo.
+    "nadir_shingles": SceneSpec(
+        building="slate_villa", wall="clean_white", roof="shingles", pixel_filter=0.6, seed=43, held_out=True, **_NADIR
+    ),
+}  # fmt: skip
+SCENES |= SURFACES
 # What masks are measured on (`mgf bench masks`): small pictures; trees, cars and houses of the same colour around. The
 # flights with 20 photos are thinner than anybody should fly: few points, and 36 degrees from photo to photo.
 _MASKS = replace(_LARGE, width=480, samples=8)

@@ -11,24 +11,28 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from mgf_engine.bench.develop import Frame, Lens
 from mgf_engine.bench.flight import Shot
 from mgf_engine.errors import BadInput
 
-Pinhole = tuple[int, int, float, float, float, float]  # width, height, fx, fy, cx, cy
+_NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0)
 _ROUNDS = 50  # of reweighting
 _TIED = 1e-4  # metres; closer than this counts as exact
 
 
-def match_features(folder: Path, camera: Pinhole) -> Path:
-    """SIFT features of ``folder/images`` matched exhaustively; returns the database."""
+def match_features(folder: Path, camera: Frame, lens: Lens = _NO_LENS) -> Path:
+    """SIFT features of ``folder/images`` matched exhaustively; returns the database.
+
+    The camera in it is what a photo's EXIF could tell: the focal length, and with a lens nothing of its distortion.
+    """
     database = folder / "work/features.db"
     if database.exists():
         return database
     partial = database.with_suffix(".partial.db")
     partial.unlink(missing_ok=True)
     reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = "PINHOLE"
-    reader.camera_params = ",".join(str(v) for v in camera[2:])
+    reader.camera_model = "OPENCV" if any(lens) else "PINHOLE"
+    reader.camera_params = ",".join(str(v) for v in (*camera[2:], *(_NO_LENS if any(lens) else ())))
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.use_gpu, extraction.num_threads = False, 2
     extraction.sift.max_num_features, extraction.sift.peak_threshold = 6000, 0.004
@@ -45,18 +49,20 @@ def match_features(folder: Path, camera: Pinhole) -> Path:
 
 
 def truth_model(
-    folder: Path, shots: list[Shot], camera: Pinhole, shift: NDArray[np.float64]
+    folder: Path, shots: list[Shot], camera: Frame, shift: NDArray[np.float64], lens: Lens = _NO_LENS
 ) -> pycolmap.Reconstruction:
     """``sparse_truth``: the true cameras with points triangulated from the real features.
 
     Args:
         shift: [N, 3] error put on the camera centres, metres.
     """
-    database = match_features(folder, camera)
+    database = match_features(folder, camera, lens)
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as db:
         images = {image.name: image for image in db.read_all_images()}
-        model.add_camera_with_trivial_rig(db.read_all_cameras()[0])
+        true = db.read_all_cameras()[0]
+    true.params = [*camera[2:], *(lens if any(lens) else ())]
+    model.add_camera_with_trivial_rig(true)
     for shot, error in zip(shots, shift, strict=True):
         image = images[shot.name]
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(shot.rotation), shot.translation - shot.rotation @ error)
@@ -76,13 +82,15 @@ class NoModel(BadInput):
     """Structure from motion could not place the photos: where a method may fail, that is a result."""
 
 
-def sfm_model(folder: Path, shots: list[Shot], camera: Pinhole) -> pycolmap.Reconstruction:
+def sfm_model(
+    folder: Path, shots: list[Shot], camera: Frame, lens: Lens = _NO_LENS
+) -> pycolmap.Reconstruction:
     """``sparse/0``: structure from motion from the photos alone, then the similarity onto the true camera centres.
 
     Raises:
         NoModel: no two photos could be placed.
     """
-    database = match_features(folder, camera)
+    database = match_features(folder, camera, lens)
     options = pycolmap.IncrementalPipelineOptions()
     options.ba_refine_principal_point = False
     options.num_threads = 2

@@ -47,7 +47,7 @@ def look_at(
 
 def plan(
     photos: int, extent: NDArray[np.float64], rings: tuple[Ring, ...], nadir: dict[str, Any] | None,
-    exposure: float, exposure_spread: float, rng: Generator,
+    exposure: float, exposure_spread: float, rng: Generator, arc: tuple[float, float] = (0.0, 360.0),
 ) -> list[Shot]:  # fmt: skip
     """The shots of one flight.
 
@@ -57,17 +57,19 @@ def plan(
         rings: orbits; shares that do not add up to 1 leave the rest to the nadir rows.
         nadir: ``{"height", "half_x", "half_y"}`` of rows straight down, or None.
         exposure, exposure_spread: mean and standard deviation of the exposure in stops.
+        arc: part of each ring that is flown, degrees counter-clockwise from the x axis.
     """
     middle, half = extent.mean(0), (extent[1] - extent[0]) / 2
     counts = [round(photos * ring.share) for ring in rings]
     rest = photos - sum(counts)
+    whole, first = np.radians(arc[1] - arc[0]), np.radians(arc[0])
     if nadir is None:
         counts[-1] += rest
         rest = 0
     eyes: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
     for number, (ring, count) in enumerate(zip(rings, counts, strict=True)):
         for i in range(count):
-            angle = 2 * np.pi * (i + 0.5 * number) / count + rng.normal(0, 0.02)
+            angle = first + whole * (i + 0.5 * number) / count + rng.normal(0, 0.02)
             around = np.array([np.cos(angle), np.sin(angle)])
             ground = middle + (half + ring.distance * (1 + rng.normal(0, 0.02))) * around
             eye = np.array([*ground, ring.height * (1 + rng.normal(0, 0.02))])

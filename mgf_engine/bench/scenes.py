@@ -2,7 +2,8 @@
 """Synthetic building scenes with truth: described here, rendered by a Python that has ``bpy``, cached on disk.
 
 ``python -m mgf_engine.bench.scenes demo`` makes a folder with ``images/``, ``masks/`` (0 background, 1 building,
-255 occluder), ``elements/`` (the same with 2..254 for windows, doors, roof planes ...), ``truth.ply``,
+255 occluder), ``elements/`` (the same with 2..254 for windows, doors, roof planes ...), ``truth.ply`` with the
+material of each face (:mod:`mgf_engine.bench.truth`, which also gives depth, normal and material per pixel),
 ``sparse_truth/`` (true cameras), ``sparse/0`` (structure from motion from the photos, put onto the true frame),
 ``prompts.json`` and ``scene.json``. The frame is metres, z up, ground at 0. A stopped run goes on where it was.
 """
@@ -16,7 +17,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +29,15 @@ from numpy.typing import NDArray
 from mgf_engine.bench.arguments import count
 from mgf_engine.bench.buildings import BUILDINGS
 from mgf_engine.bench.catalogue import SCENES, SceneSpec, scene_spec, spec_dict
+from mgf_engine.bench.develop import bend, develop, photo_frame, render_frame, write_photo
 from mgf_engine.bench.flight import Shot, plan
 from mgf_engine.bench.prompts import click_prompts
-from mgf_engine.bench.shapes import Part, true_mesh
+from mgf_engine.bench.shapes import Part
 from mgf_engine.bench.surroundings import surroundings
+from mgf_engine.bench.truth import MATERIALS, write_truth
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
-from mgf_engine.system import atomic_path, user_cache, write_json
+from mgf_engine.system import user_cache, write_json
 
 #: Part of the cache key: raise it when the same spec gives other pictures than before.
 GENERATOR_VERSION = 1
@@ -49,7 +52,7 @@ def cache_root() -> Path:
 def scene_folder(name: str, spec: SceneSpec) -> Path:
     """The cache folder of a spec; its name ends in a hash of every control that is not at its default."""
     plain = spec_dict(SceneSpec())
-    changed = {k: v for k, v in spec_dict(spec).items() if v != plain[k]}
+    changed = {k: v for k, v in spec_dict(spec).items() if v != plain[k] and k != "held_out"}
     key = json.dumps([GENERATOR_VERSION, changed], sort_keys=True)
     return cache_root() / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"
 
@@ -66,6 +69,8 @@ def make_scene(name: str, spec: SceneSpec, blender: Path | None = None, threads:
     """
     folder = scene_folder(name, spec)
     if (folder / "scene.json").exists():
+        if not (folder / MATERIALS).exists():  # made by an earlier version
+            write_truth(folder, building_parts(spec))
         return folder
     (folder / "work").mkdir(parents=True, exist_ok=True)
     with FileLock(str(folder / "work/lock")):
@@ -76,16 +81,16 @@ def make_scene(name: str, spec: SceneSpec, blender: Path | None = None, threads:
 
 def _make(folder: Path, name: str, spec: SceneSpec, blender: Path | None, threads: int, say: Say) -> None:
     building, extent, shots, labels = render_views(folder, spec, blender, threads, say)
-    _write_truth(folder / "truth.ply", building)
+    write_truth(folder, building)
     _write_models(folder, spec, shots, say)
     click_prompts(folder / "prompts.json", [s.name for s in shots], _poses(shots), labels)
     middle = [*extent.mean(0), 5.0]
     distance = float(np.median([np.linalg.norm(eye - middle) for eye in _poses(shots)[:, :3]]))
-    camera = camera_of(spec)
+    camera = photo_frame(spec)
     record = {
         "name": name, "version": GENERATOR_VERSION, "unit": "metre", "up": "z", "spec": spec_dict(spec),
-        "camera": dict(zip(("width", "height", "fx", "fy", "cx", "cy"), camera, strict=True)),
-        "ground_pixel": distance / camera[2],
+        "camera": {**camera._asdict(), "lens": list(spec.lens)},
+        "ground_pixel": distance / camera.fx,
         "elements": {key: value for key, value in element_ids(building).items() if value >= FIRST_ELEMENT},
     }  # fmt: skip
     write_json(folder / "scene.json", record)
@@ -101,23 +106,25 @@ def render_views(
     """
     (folder / "work").mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(spec.seed)
-    building = BUILDINGS[spec.building](spec.wall)
+    building = building_parts(spec)
     corners = np.concatenate([p.vertices[:, :2] for p in building])
     extent = np.stack([corners.min(0), corners.max(0)])
     nadir = None if spec.nadir is None else dict(zip(("height", "half_x", "half_y"), spec.nadir, strict=True))
-    shots = plan(spec.photos, extent, spec.rings, nadir, spec.exposure, spec.exposure_spread, rng)
+    shots = plan(spec.photos, extent, spec.rings, nadir, spec.exposure, spec.exposure_spread, rng, spec.arc)
     eyes = _poses(shots)[:, :3]
     around = surroundings(extent, eyes, rng, spec.trees, spec.trees_in_front, spec.neighbours, spec.cars, spec.wall)
     _write_job(folder, spec, [*building, *around], element_ids(building), shots, threads)
     _run_blender(folder, blender, say)
     _develop(folder, spec, shots)
-    return building, extent, shots, _write_masks(folder, shots)
+    return building, extent, shots, _write_masks(folder, spec, shots)
 
 
-def camera_of(spec: SceneSpec) -> tuple[int, int, float, float, float, float]:
-    """Width, height, fx, fy, cx, cy in pixels; the principal point is a little off the middle, as in life."""
-    fx = spec.width / 2 / np.tan(np.radians(spec.field_of_view) / 2)
-    return spec.width, spec.height, float(fx), float(fx), spec.width / 2 + 1.25, spec.height / 2 - 0.75
+def building_parts(spec: SceneSpec) -> list[Part]:
+    """The building of a scene, its roof in the wanted material."""
+    parts = BUILDINGS[spec.building](spec.wall)
+    if not spec.roof:
+        return parts
+    return [replace(p, material=spec.roof) if p.element.startswith("roof.") else p for p in parts]
 
 
 def element_ids(parts: Sequence[Part]) -> dict[str, int]:
@@ -142,8 +149,9 @@ def _write_job(
         table.append({"name": part.name, "material": part.material, "building": part.building,
                       "id": ids[part.element] if part.building else BACKGROUND})  # fmt: skip
     np.savez_compressed(folder / "work/parts.npz", table=np.array(json.dumps(table)), **arrays)  # type: ignore[arg-type]
-    job = dict(zip(("width", "height", "fx", "fy", "cx", "cy"), camera_of(spec), strict=True))
-    keys = ("texture_strength", "sun_elevation", "sun_azimuth", "sun_strength", "sky_strength", "samples", "seed")
+    job = render_frame(spec)._asdict()
+    keys = ("texture_strength", "sun_elevation", "sun_azimuth", "sun_strength", "sky_strength", "samples", "seed", "denoiser",
+            "pixel_filter")  # fmt: skip
     rows = [{**asdict(s), "rotation": s.rotation.tolist(), "translation": s.translation.tolist()} for s in shots]
     write_json(
         folder / "work/job.json", {**job, **{k: getattr(spec, k) for k in keys}, "threads": threads, "shots": rows}
@@ -187,14 +195,11 @@ def _run_blender(folder: Path, blender: Path | None, say: Say) -> None:
 
 
 def _develop(folder: Path, spec: SceneSpec, shots: list[Shot]) -> None:
-    """Rendered pictures -> photos: sensor noise, JPEG."""
+    """Rendered pictures -> photos."""
     (folder / "images").mkdir(exist_ok=True)
     for i, shot in enumerate(shots):
         picture = _read_png(folder / "work/photos" / (Path(shot.name).stem + ".png"), cv2.IMREAD_COLOR)
-        rng = np.random.default_rng([spec.seed, 1, i])
-        noisy = picture + rng.normal(0, spec.noise, picture.shape) if spec.noise > 0 else picture
-        photo = np.asarray(np.clip(np.round(noisy), 0, 255), dtype=np.uint8)
-        cv2.imwrite(str(folder / "images" / shot.name), photo, [cv2.IMWRITE_JPEG_QUALITY, 95])
+        write_photo(folder / "images" / shot.name, develop(spec, picture, i), spec.jpeg)
 
 
 def _read_png(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[np.uint8]:
@@ -204,7 +209,7 @@ def _read_png(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[np.uint8
     return np.asarray(picture, dtype=np.uint8)
 
 
-def _write_masks(folder: Path, shots: list[Shot]) -> list[NDArray[np.uint8]]:
+def _write_masks(folder: Path, spec: SceneSpec, shots: list[Shot]) -> list[NDArray[np.uint8]]:
     """True label maps: what the photo shows of the building, and what hides it."""
     result = []
     for kind in ("masks", "elements"):
@@ -212,7 +217,7 @@ def _write_masks(folder: Path, shots: list[Shot]) -> list[NDArray[np.uint8]]:
     for shot in shots:
         stem = Path(shot.name).stem + ".png"
         seen, alone = _read_png(folder / "work/ids" / stem), _read_png(folder / "work/alone" / stem)
-        seen, alone = (a if a.ndim == 2 else a[..., 0] for a in (seen, alone))
+        seen, alone = (bend(spec, a if a.ndim == 2 else a[..., 0], labels=True) for a in (seen, alone))
         elements = np.where((seen == BACKGROUND) & (alone != BACKGROUND), UNKNOWN, seen).astype(np.uint8)
         level_one = np.where((elements >= FIRST_ELEMENT) & (elements != UNKNOWN), BUILDING, elements).astype(np.uint8)
         cv2.imwrite(str(folder / "elements" / stem), elements)
@@ -221,26 +226,13 @@ def _write_masks(folder: Path, shots: list[Shot]) -> list[NDArray[np.uint8]]:
     return result
 
 
-def _write_truth(path: Path, building: Sequence[Part]) -> None:
-    vertices, faces = true_mesh(building)
-    head = [
-        "ply", "format binary_little_endian 1.0", "comment metres, z up",
-        f"element vertex {len(vertices)}", "property float x", "property float y", "property float z",
-        f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header\n",
-    ]  # fmt: skip
-    rows = np.empty(len(faces), dtype=[("n", "u1"), ("i", "<i4", (3,))])
-    rows["n"], rows["i"] = 3, faces
-    with atomic_path(path) as partial:
-        partial.write_bytes("\n".join(head).encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
-
-
 def _write_models(folder: Path, spec: SceneSpec, shots: list[Shot], say: Say) -> None:
     from mgf_engine.bench.features import sfm_model, truth_model
 
     shift = np.random.default_rng([spec.seed, 2]).normal(0, spec.pose_error, (len(shots), 3))
-    true = truth_model(folder, shots, camera_of(spec), shift)
+    true = truth_model(folder, shots, photo_frame(spec), shift, spec.lens)
     say(f"true cameras: {true.num_reg_images()} photos, {true.num_points3D()} points")
-    found = sfm_model(folder, shots, camera_of(spec))
+    found = sfm_model(folder, shots, photo_frame(spec), spec.lens)
     say(f"structure from motion: {found.num_reg_images()} photos, {found.num_points3D()} points")
 
 

@@ -110,16 +110,19 @@ class Builder:
         depth: float = 0.18,
         trim: str = "stone",
         gable: float = 0.0,
+        surround: bool = True,
     ) -> None:
-        """Add a vertical wall with real openings: reveals, frames, panes and a stone surround.
+        """Add a vertical wall with real openings: reveals, frames, panes and a surround.
 
         Args:
             left, right: ground points [2] as seen from outside.
             foot, top: heights.
             openings: holes in the wall's frame; they must not overlap.
+            trim: material of reveals and surrounds.
             gable: height of a triangle on top of the wall.
+            surround: whether a band runs around each opening.
         """
-        frame = _WallFrame.make(left, right, foot)
+        frame = WallFrame.make(left, right, foot)
         height = top - foot
         cuts_u = sorted({0.0, frame.length, *(o.u0 for o in openings), *(o.u1 for o in openings)})
         cuts_v = sorted({0.0, height, *(o.v0 for o in openings), *(o.v1 for o in openings)})
@@ -132,11 +135,10 @@ class Builder:
             apex = frame.point(frame.length / 2, height + gable, 0.0)
             self.polygon([frame.point(0, height, 0), frame.point(frame.length, height, 0), apex], material, element)
         for number, hole in enumerate(openings):
-            self._fill(
-                frame, hole, f"{element}.{hole.kind}{number}" if element else f"{hole.kind}{number}", depth, trim
-            )
+            name = f"{element}.{hole.kind}{number}" if element else f"{hole.kind}{number}"
+            self._fill(frame, hole, name, depth, trim, surround)
 
-    def _fill(self, frame: _WallFrame, hole: Opening, element: str, depth: float, trim: str) -> None:
+    def _fill(self, frame: WallFrame, hole: Opening, element: str, depth: float, trim: str, surround: bool) -> None:
         """Reveals, a surround, and the window or door itself."""
         u0, v0, u1, v1 = hole.u0, hole.v0, hole.u1, hole.v1
         p = frame.point
@@ -157,7 +159,7 @@ class Builder:
                 bars.append((u0, u1, cross - bar / 2, cross + bar / 2))
         for a, b, c, d in bars:
             self._slab(frame, a, c, b, d, -depth, -depth + 0.06, "frame", element)
-        if trim:
+        if surround:
             t, out = 0.16, 0.05
             self._slab(frame, u0 - t, v1, u1 + t, v1 + t, 0.0, out, trim, "")
             self._slab(frame, u0 - t, v0, u0, v1, 0.0, out, trim, "")
@@ -165,7 +167,7 @@ class Builder:
             if hole.kind == "window":
                 self._slab(frame, u0 - t, v0 - 0.12, u1 + t, v0, 0.0, 2 * out, trim, "")
 
-    def _slab(self, frame: _WallFrame, u0: float, v0: float, u1: float, v1: float, back: float, front: float,
+    def _slab(self, frame: WallFrame, u0: float, v0: float, u1: float, v1: float, back: float, front: float,
               material: str, element: str) -> None:  # fmt: skip
         """A box lying on a wall."""
         axes = np.stack([frame.along, np.array([0.0, 0.0, 1.0]), frame.out])
@@ -193,7 +195,7 @@ class Builder:
 
 
 @dataclass(frozen=True)
-class _WallFrame:
+class WallFrame:
     """Coordinates on a wall: u along, v up, w outwards."""
 
     origin: Points
@@ -202,7 +204,7 @@ class _WallFrame:
     length: float
 
     @classmethod
-    def make(cls, left: Sequence[float], right: Sequence[float], foot: float) -> _WallFrame:
+    def make(cls, left: Sequence[float], right: Sequence[float], foot: float) -> WallFrame:
         a, b = np.array([*left[:2], foot], dtype=float), np.array([*right[:2], foot], dtype=float)
         length = float(np.linalg.norm(b - a))
         along = (b - a) / length
@@ -228,8 +230,15 @@ def wall_row(
 
 def true_mesh(parts: Iterable[Part]) -> tuple[Points, NDArray[np.int32]]:
     """The building's triangles as one mesh with equal corners merged: vertices [N, 3], faces [F, 3]."""
-    corners = np.concatenate([p.triangles() for p in parts if p.building]).reshape(-1, 3)
-    keys, index = np.unique(np.round(corners, 5), axis=0, return_inverse=True)
+    vertices, faces, _ = labelled_mesh([p for p in parts if p.building])
+    return vertices, faces
+
+
+def labelled_mesh(parts: Sequence[Part]) -> tuple[Points, NDArray[np.int32], NDArray[np.int32]]:
+    """All triangles as one mesh with equal corners merged: vertices [N, 3], faces [F, 3], each face's part [F]."""
+    triangles = [p.triangles() for p in parts]
+    keys, index = np.unique(np.round(np.concatenate(triangles).reshape(-1, 3), 5), axis=0, return_inverse=True)
     faces = index.reshape(-1, 3).astype(np.int32)
+    owner = np.repeat(np.arange(len(triangles), dtype=np.int32), [len(t) for t in triangles])
     good = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return keys, faces[good]
+    return keys, faces[good], owner[good]

@@ -12,9 +12,9 @@ import pytest
 
 from mgf_engine.bench import scenes
 from mgf_engine.bench.catalogue import SCENES
+from mgf_engine.bench.develop import photo_frame
 from mgf_engine.bench.flight import Ring
 from mgf_engine.bench.scenes import (
-    camera_of,
     find_blender_python,
     make_scene,
     render_views,
@@ -78,7 +78,7 @@ def test_rendered_masks_agree_with_the_true_mesh_to_the_pixel(tmp_path: Path) ->
     truth = Surface(vertices, faces.astype(np.int64))
     unknown = 0
     for shot, label in zip(shots, labels, strict=True):
-        camera = SeeingCamera(*camera_of(TINY), shot.rotation, shot.translation)
+        camera = SeeingCamera(*photo_frame(TINY), shot.rotation, shot.translation)
         assert np.array_equal(hits(truth, camera), label != 0)
         unknown += int((label == UNKNOWN).sum())
         elements = cv2.imread(str(folder / "elements" / (Path(shot.name).stem + ".png")), cv2.IMREAD_UNCHANGED)

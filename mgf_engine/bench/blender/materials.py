@@ -217,6 +217,60 @@ def _steel(s: float) -> bpy.types.Material:
     return m.stains((0.7, 0.7, 0.7), (1.15, 1.15, 1.15), 9.0, 0.7).done(0.1)
 
 
+def _ashlar(s: float) -> bpy.types.Material:
+    m = Layers("ashlar", s).bricks((0.40, 0.36, 0.30), (0.27, 0.25, 0.22), (0.33, 0.31, 0.28), 0.85, 0.42, 0.012, 0.015)
+    m.stains((0.62, 0.6, 0.56), (1.15, 1.14, 1.1), 1.3, 0.8)
+    return m.stains((0.7, 0.69, 0.66), (1.1, 1.1, 1.1), 5.0, 0.8).rough(22.0, 0.01).done()
+
+
+def _sandstone(s: float) -> bpy.types.Material:
+    m = Layers("sandstone", s).bricks((0.52, 0.36, 0.22), (0.44, 0.30, 0.19), (0.36, 0.26, 0.18), 0.6, 0.3, 0.008, 0.008)
+    m.stains((0.6, 0.58, 0.56), (1.1, 1.08, 1.05), 0.7, 0.85, stretch=(1, 1, 0.5))
+    return m.stains((0.75, 0.74, 0.72), (1.08, 1.08, 1.08), 4.0, 0.7).rough(25.0, 0.004).done()
+
+
+def _clay(s: float) -> bpy.types.Material:
+    m = Layers("clay", s).plain((0.72, 0.66, 0.52)).stains((0.85, 0.84, 0.82), (1.04, 1.04, 1.03), 0.8, 0.7)
+    return m.rough(30.0, 0.003).done()
+
+
+def _timber(s: float) -> bpy.types.Material:
+    m = Layers("timber", s, 0.8).plain((0.085, 0.05, 0.03))
+    return m.stains((0.55, 0.55, 0.55), (1.3, 1.25, 1.2), 3.0, 0.9, stretch=(4, 4, 1)).rough(20.0, 0.004).done()
+
+
+def _cladding(s: float) -> bpy.types.Material:
+    m = Layers("cladding", s, 0.8).bricks((0.30, 0.17, 0.09), (0.23, 0.13, 0.07), (0.07, 0.04, 0.03), 4.0, 0.16, 0.008, 0.02)
+    return m.stains((0.7, 0.68, 0.66), (1.15, 1.12, 1.1), 1.0, 0.8, stretch=(0.3, 0.3, 3)).rough(25.0, 0.003).done()
+
+
+def _dark_metal(s: float) -> bpy.types.Material:
+    """Sheets with standing seams half a metre apart, dull and dark."""
+    m = Layers("dark_metal", s, 0.4).bricks(
+        (0.055, 0.06, 0.065), (0.05, 0.055, 0.06), (0.02, 0.022, 0.025), 0.5, 40.0, 0.015, 0.03
+    )
+    return m.stains((0.85, 0.85, 0.85), (1.1, 1.1, 1.1), 0.8, 0.7).done(0.7, 0.5)
+
+
+def _shiny_sheet(s: float) -> bpy.types.Material:
+    """Corrugated bright metal: mirrors sky and ground, broken by its ribs."""
+    m = Layers("shiny_sheet", s, 0.18).plain((0.62, 0.64, 0.66)).stains((0.93, 0.93, 0.93), (1.03, 1.03, 1.03), 0.5, 0.7)
+    return m.waves(1.6, 0.02).done(0.95, 0.5)
+
+
+def _raw_concrete(s: float) -> bpy.types.Material:
+    """Boarded panels with joints and runs of dirt."""
+    m = Layers("raw_concrete", s).bricks((0.36, 0.35, 0.33), (0.33, 0.325, 0.31), (0.22, 0.21, 0.2), 2.4, 1.2, 0.012, 0.008)
+    m.stains((0.72, 0.7, 0.67), (1.08, 1.08, 1.07), 0.6, 0.8, stretch=(1.5, 1.5, 0.25))
+    return m.stains((0.82, 0.82, 0.8), (1.05, 1.05, 1.05), 3.0, 0.6).rough(30.0, 0.002).done()
+
+
+def _shingles(s: float) -> bpy.types.Material:
+    """Shingles all alike, as fine as a pixel of a flight high above: their pattern differs from photo to photo."""
+    m = Layers("shingles", s, 0.85)
+    return m.bricks((0.24, 0.22, 0.20), (0.24, 0.22, 0.20), (0.05, 0.045, 0.04), 0.16, 0.14, 0.03, 0.01).done()
+
+
 def _even(
     name: str, color: Color, roughness: float, metallic: float = 0.0, patches: float = 4.0, specular: float = 0.4
 ) -> Callable[[float], bpy.types.Material]:
@@ -227,10 +281,38 @@ def _even(
     return make
 
 
+def _clean(
+    name: str, color: Color, roughness: float = 0.9, metallic: float = 0.0, specular: float = 0.3
+) -> Callable[[float], bpy.types.Material]:
+    """One colour and nothing else: no stain, no grain, no bump."""
+
+    def make(s: float) -> bpy.types.Material:
+        return Layers(name, s, roughness).plain(color).done(metallic, specular)
+
+    return make
+
+
 MATERIALS: dict[str, Callable[[float], bpy.types.Material]] = {
     "brick": _brick,
     "plaster": _plaster,
     "white": _white,
+    "clean_white": _clean("clean_white", (0.86, 0.86, 0.84)),
+    "clean_red": _clean("clean_red", (0.30, 0.075, 0.045), 0.8),
+    "clean_ochre": _clean("clean_ochre", (0.72, 0.50, 0.20)),
+    "clean_grey": _clean("clean_grey", (0.075, 0.08, 0.085), 0.7),
+    "mirror_glass": _clean("mirror_glass", (0.42, 0.50, 0.54), 0.02, 0.9, 0.8),
+    "spandrel": _clean("spandrel", (0.03, 0.05, 0.06), 0.08, 0.0, 0.8),
+    "alu": _clean("alu", (0.55, 0.56, 0.57), 0.35, 0.8),
+    "ashlar": _ashlar,
+    "sandstone": _sandstone,
+    "clay": _clay,
+    "timber": _timber,
+    "cladding": _cladding,
+    "felt": _ground("felt", (0.10, 0.095, 0.09), (0.5, 3.0, 12.0), 0.01, 0.35),
+    "dark_metal": _dark_metal,
+    "shiny_sheet": _shiny_sheet,
+    "raw_concrete": _raw_concrete,
+    "shingles": _shingles,
     "tiles": _tiles,
     "ridge_tiles": _even("ridge_tiles", (0.27, 0.09, 0.055), 0.8),
     "slate": _slate,

@@ -115,8 +115,10 @@ def _set_engine(job: dict[str, Any]) -> None:
     c = scene.cycles
     c.device, c.samples, c.use_adaptive_sampling, c.seed = "CPU", int(job["samples"]), False, int(job["seed"])
     c.use_denoising, c.denoiser, c.denoising_input_passes = True, "OPENIMAGEDENOISE", "RGB_ALBEDO_NORMAL"
+    if job["denoiser"] == "fast":
+        c.denoising_prefilter, c.denoising_quality = "FAST", "FAST"
     c.max_bounces, c.diffuse_bounces, c.glossy_bounces, c.transmission_bounces = 4, 2, 2, 2
-    c.sample_clamp_indirect = 4.0
+    c.sample_clamp_indirect, c.filter_width = 4.0, float(job["pixel_filter"])
     scene.view_settings.view_transform = "AgX"
     scene.view_settings.look = "AgX - Medium High Contrast"
     scene.render.image_settings.file_format = "PNG"
