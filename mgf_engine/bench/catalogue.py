@@ -18,7 +18,8 @@ class SceneSpec:
         building, wall: key of :data:`mgf_engine.bench.buildings.BUILDINGS` and its wall material.
         roof: material of everything that is an element ``roof.*``, instead of the building's own.
         photos, width, aspect, field_of_view: count, pixels, width over height, horizontal degrees.
-        rings, arc, nadir: the flight; of each ring only the arc is flown, degrees from east over north, see :mod:`mgf_engine.bench.flight`.
+        rings, arc, nadir: the flight, see :mod:`mgf_engine.bench.flight`; of each ring only the arc is flown, degrees
+            from east over north.
         texture_strength: 1 as designed, 0 plain colours.
         trees, trees_in_front, neighbours, cars: surroundings; trees in front hide parts of the building.
         sun_elevation, sun_azimuth: degrees; sun_strength, sky_strength: light in Blender's units.
@@ -113,7 +114,9 @@ SCENES: dict[str, SceneSpec] = {
 }  # fmt: skip
 # What `mgf bench surfaces` is measured on: materials and shapes that are hard on photogrammetry, each half of them with
 # the faults of a real camera. Those that are held out are for reporting only: nothing may be tuned on them.
-_SMALL = SceneSpec(photos=36, width=500, samples=6, denoiser="fast", rings=(Ring(0.5, 9.0, 24.0), Ring(0.5, 22.0, 20.0)))
+_SMALL = SceneSpec(
+    photos=36, width=500, samples=6, denoiser="fast", rings=(Ring(0.5, 9.0, 24.0), Ring(0.5, 22.0, 20.0))
+)
 _FAULTY: dict[str, Any] = {
     "lens": (-0.11, 0.025, 0.0008, -0.0006), "vignetting": 0.5, "motion_blur": 0.5, "noise": 2.0, "jpeg": 90,
     "exposure_drift": 0.25, "highlights": 0.3, "white_balance": 0.1,
@@ -126,8 +129,8 @@ _NADIR: dict[str, Any] = {
 SURFACES: dict[str, SceneSpec] = {
     # Clean walls and a roof of one colour, ten metres wide: nothing but edges to go by.
     "white_house": replace(
-        _LARGE, building="plain_house", wall="clean_white", exposure=1.2, highlights=0.4, neighbours=2, seed=31, samples=5,
-        denoiser="fast", rings=(Ring(0.5, 9.0, 25.0, 5.0), Ring(0.5, 23.0, 21.0, 4.0)),
+        _LARGE, building="plain_house", wall="clean_white", exposure=1.2, highlights=0.4, neighbours=2, seed=31,
+        samples=5, denoiser="fast", rings=(Ring(0.5, 9.0, 25.0, 5.0), Ring(0.5, 23.0, 21.0, 4.0)),
     ),
     "ochre_house": replace(
         _SMALL, building="plain_house", wall="clean_ochre", roof="clean_grey", sun_azimuth=-120.0, trees_in_front=2,
@@ -135,8 +138,8 @@ SURFACES: dict[str, SceneSpec] = {
     ),
     "warehouse": replace(_SMALL, building="warehouse", seed=33, **_FAULTY),
     "half_timber": replace(
-        _SMALL, building="half_timber", wall="clay", rings=(Ring(0.6, 7.0, 17.0, 5.0), Ring(0.4, 18.0, 15.0, 5.0)), seed=34,
-        held_out=True, **_FAULTY,
+        _SMALL, building="half_timber", wall="clay", rings=(Ring(0.6, 7.0, 17.0, 5.0), Ring(0.4, 18.0, 15.0, 5.0)),
+        seed=34, held_out=True, **_FAULTY,
     ),
     "slate_villa": replace(_SMALL, building="slate_villa", wall="slate", seed=35),
     "sheet_hall": replace(_SMALL, building="sheet_hall", wall="shiny_sheet", neighbours=2, seed=36, **_FAULTY),
@@ -144,8 +147,8 @@ SURFACES: dict[str, SceneSpec] = {
         _SMALL, building="sheet_hall", wall="shiny_sheet", sun_elevation=24.0, sun_azimuth=70.0, seed=37, held_out=True,
     ),
     "glass_office": replace(
-        _SMALL, building="glass_office", wall="mirror_glass", rings=(Ring(0.5, 12.0, 28.0, 9.0), Ring(0.5, 27.0, 24.0, 8.0)),
-        seed=38, held_out=True, **_FAULTY,
+        _SMALL, building="glass_office", wall="mirror_glass", seed=38, held_out=True,
+        rings=(Ring(0.5, 12.0, 28.0, 9.0), Ring(0.5, 27.0, 24.0, 8.0)), **_FAULTY,
     ),
     "balcony_tower": replace(
         _SMALL, building="balcony_tower", wall="raw_concrete", aspect=2 / 3, width=400,

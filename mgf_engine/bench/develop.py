@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendered pictures become photos as a real camera takes them: lens, vignetting, drifting colours, clipping, blur, noise.
+"""Rendered pictures become photos as a real camera takes them: lens, vignetting, drift, clipping, blur, noise.
 
 A picture is rendered through a pinhole that looks a little wider (:func:`render_frame`) and is bent into the photo
 afterwards, so the lens is exactly COLMAP's model OPENCV and truth per pixel follows through the same map.
@@ -75,7 +75,16 @@ def distort(spec: SceneSpec, rays: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def bend(spec: SceneSpec, picture: NDArray[np.generic], labels: bool = False) -> NDArray[np.generic]:
+def pixel_rays(spec: SceneSpec) -> NDArray[np.float64]:
+    """Rays through the centres of a photo's pixels, lens and all, in the camera's frame with z = 1: [H, W, 3]."""
+    f = photo_frame(spec)
+    v, u = np.mgrid[0 : f.height, 0 : f.width] + 0.5
+    at = _straighten(spec, np.stack([u.ravel(), v.ravel()], axis=1)) if any(spec.lens) else np.stack([u, v], axis=-1)
+    rays = (at.reshape(f.height, f.width, 2) - [f.cx, f.cy]) / [f.fx, f.fy]
+    return np.concatenate([rays, np.ones((f.height, f.width, 1))], axis=2)
+
+
+def bend(spec: SceneSpec, picture: Picture, labels: bool = False) -> Picture:
     """A picture of :func:`render_frame` as the lens shows it in :func:`photo_frame`.
 
     Args:
@@ -85,10 +94,11 @@ def bend(spec: SceneSpec, picture: NDArray[np.generic], labels: bool = False) ->
         return picture
     photo, wide = photo_frame(spec), render_frame(spec)
     v, u = np.mgrid[0 : photo.height, 0 : photo.width] + 0.5
-    at = _straighten(spec, np.stack([u.ravel(), v.ravel()], axis=1)) + [wide.cx - photo.cx, wide.cy - photo.cy] - 0.5
+    shift = np.array([wide.cx - photo.cx, wide.cy - photo.cy]) - 0.5
+    at = _straighten(spec, np.stack([u.ravel(), v.ravel()], axis=1)) + shift
     x, y = (at[:, i].reshape(u.shape).astype(np.float32) for i in (0, 1))
     how = cv2.INTER_NEAREST if labels else cv2.INTER_LANCZOS4
-    return np.asarray(cv2.remap(np.asarray(picture), x, y, how, borderMode=cv2.BORDER_REPLICATE))
+    return np.asarray(cv2.remap(picture, x, y, how, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
 
 
 def develop(spec: SceneSpec, rendered: Picture, number: int) -> Picture:

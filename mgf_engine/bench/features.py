@@ -17,6 +17,7 @@ from mgf_engine.errors import BadInput
 
 _NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0)
 _ROUNDS = 50  # of reweighting
+_FEWEST = 3  # photos of a model
 _TIED = 1e-4  # metres; closer than this counts as exact
 
 
@@ -82,13 +83,11 @@ class NoModel(BadInput):
     """Structure from motion could not place the photos: where a method may fail, that is a result."""
 
 
-def sfm_model(
-    folder: Path, shots: list[Shot], camera: Frame, lens: Lens = _NO_LENS
-) -> pycolmap.Reconstruction:
+def sfm_model(folder: Path, shots: list[Shot], camera: Frame, lens: Lens = _NO_LENS) -> pycolmap.Reconstruction:
     """``sparse/0``: structure from motion from the photos alone, then the similarity onto the true camera centres.
 
     Raises:
-        NoModel: no two photos could be placed.
+        NoModel: no three photos could be placed together.
     """
     database = match_features(folder, camera, lens)
     options = pycolmap.IncrementalPipelineOptions()
@@ -98,9 +97,9 @@ def sfm_model(
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     models = pycolmap.incremental_mapping(database, folder / "images", out, options=options)
-    if not models:
+    best = max(models.values(), key=lambda m: m.num_reg_images(), default=None)
+    if best is None or best.num_reg_images() < _FEWEST:  # two centres do not even tell which way is up
         raise NoModel("Structure from motion found no model in the rendered photos; render more or larger ones.")
-    best = max(models.values(), key=lambda m: m.num_reg_images())
     centres = {s.name: -s.rotation.T @ s.translation for s in shots}
     names = [image.name for image in best.images.values() if image.has_pose]
     found = np.array([image.projection_center() for image in best.images.values() if image.has_pose])

@@ -129,7 +129,7 @@ def _mansard(b: Builder, x: float, y: float, eaves: float) -> None:
     hip_roof(b, high[0], high[2], knee - 0.2, knee + 1.0, 0.15, "dark_metal", "dark_metal")
     for px, side in ((-3.2, -1), (3.2, -1), (-3.2, 1), (3.2, 1)):
         front, back = side * (y - 0.05), side * (y - inset - 0.2)
-        left, right = ((px - 0.8, front), (px + 0.8, front))[:: -side]
+        left, right = ((px - 0.8, front), (px + 0.8, front))[::-side]
         b.wall(left, right, eaves + 0.5, eaves + 2.3, "dark_metal", [Opening(0.25, 0.2, 1.35, 1.6)], "dormer",
                trim="dark_metal", surround=False)  # fmt: skip
         low_y, high_y = sorted((front - side * 0.02, back))
@@ -151,8 +151,11 @@ def bungalow(wall: str = "cladding") -> list[Part]:
         b.wall(corners[i], corners[(i + 1) % 4], 0, eaves, wall, some, name, trim="wood_trim", depth=0.12)
     hip_roof(b, (-x, -y), (x, y), eaves, 4.9, 0.7, "felt", "wood_trim")
     x0, x1, front = 1.5, 7.5, -y - 5.0
-    for left, right, some in (((x0, front), (x1, front), [Opening(1.2, 0.3, 4.8, 2.2)]),
-                              ((x1, front), (x1, -y), []), ((x0, -y), (x0, front), [Opening(1.6, 0.9, 3.2, 2.1)])):  # fmt: skip
+    sides: list[tuple[Corner, Corner, list[Opening]]] = [
+        ((x0, front), (x1, front), [Opening(1.2, 0.3, 4.8, 2.2)]), ((x1, front), (x1, -y), []),
+        ((x0, -y), (x0, front), [Opening(1.6, 0.9, 3.2, 2.1)]),
+    ]  # fmt: skip
+    for left, right, some in sides:
         b.wall(left, right, 0, eaves, wall, some, "wing", trim="wood_trim", depth=0.12)
     b.polygon([(x0, front, eaves), (x1, front, eaves), (4.5, front, 4.4)], wall, "wing")
     for edge, quad in ((x0, ((x0 - 0.5, 2.62), (4.5, 4.55))), (x1, ((x1 + 0.5, 2.62), (4.5, 4.55)))):

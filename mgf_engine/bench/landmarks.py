@@ -12,7 +12,7 @@ from mgf_engine.bench.shapes import Builder, Opening, Part, WallFrame, wall_row
 
 
 def warehouse(wall: str = "brick") -> list[Part]:
-    """Brick between pilasters on a ground floor of ashlar, loading doors, a slate roof with roof lights (20 x 11 x 13 m)."""
+    """Brick between pilasters over a floor of ashlar, gates, a slate roof with roof lights (20 x 11 x 13 m)."""
     b = Builder()
     x, y, base, eaves, ridge = 10.0, 5.5, 3.4, 8.8, 13.0
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
@@ -113,7 +113,8 @@ def _curtain(b: Builder, glass: str, ends: tuple[Corner, Corner], floors: int, s
         b.bar(frame.point(i * pitch, half, 0.05), axes, (0.035, half, 0.07), "alu", f"{name}.mullions")
     for k in range(1, floors + 1):
         for v in (k * storey, k * storey + 0.9)[: 2 if k < floors else 1]:
-            b.bar(frame.point(frame.length / 2, v, 0.03), axes, (frame.length / 2, 0.03, 0.05), "alu", f"{name}.mullions")
+            middle = frame.point(frame.length / 2, v, 0.03)
+            b.bar(middle, axes, (frame.length / 2, 0.03, 0.05), "alu", f"{name}.mullions")
 
 
 def balcony_tower(wall: str = "raw_concrete") -> list[Part]:
@@ -202,6 +203,7 @@ def _arch(b: Builder, frame: WallFrame, hole: Opening) -> None:
 
 def _rose(b: Builder, frame: WallFrame, centre: Corner, radius: float) -> None:
     """A round window in relief: a disc of glass, a rim, twelve spokes."""
+
     def at(t: float, r: float, w: float) -> np.ndarray:
         return frame.point(centre[0] + r * np.cos(t), centre[1] + r * np.sin(t), w)
 
@@ -225,9 +227,9 @@ def _round_turret(b: Builder, wall: str, centre: Corner) -> None:
             b.polygon([(x0, y0, top), (x1, y1, top), (u1, v1, top), (u0, v0, top)], "stone", "turret.rings")
             b.polygon([(x1, y1, foot), (x0, y0, foot), (u0, v0, foot), (u1, v1, foot)], "stone", "turret.rings")
     for t in np.radians([45.0, 135.0, 225.0, 315.0]):
-        out = np.array([np.cos(t), np.sin(t), 0.0])
-        axes = np.stack([np.array([-out[1], out[0], 0.0]), np.array([0.0, 0.0, 1.0]), out])
-        b.bar(np.array([*centre, 8.6]) + 1.69 * out, axes, (0.25, 0.7, 0.05), "glass", "turret.windows")
+        c, s = float(np.cos(t)), float(np.sin(t))
+        axes = np.array([[-s, c, 0.0], [0.0, 0.0, 1.0], [c, s, 0.0]])
+        b.bar(np.array([*centre, 8.6]) + 1.69 * axes[2], axes, (0.25, 0.7, 0.05), "glass", "turret.windows")
     eave = ring_points(centre, 2.05, 0, 360, 28)
     cone(b, eave, 11.5, (*centre, 16.4), "copper", "stone", "turret.roof")
     gutter(b, eave[:-1], 11.45, 0.1)

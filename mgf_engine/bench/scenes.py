@@ -3,7 +3,7 @@
 
 ``python -m mgf_engine.bench.scenes demo`` makes a folder with ``images/``, ``masks/`` (0 background, 1 building,
 255 occluder), ``elements/`` (the same with 2..254 for windows, doors, roof planes ...), ``truth.ply`` with the
-material of each face (:mod:`mgf_engine.bench.truth`, which also gives depth, normal and material per pixel),
+material of each face (with ``--pixels`` also depth, normal and material per pixel, :mod:`mgf_engine.bench.truth`),
 ``sparse_truth/`` (true cameras), ``sparse/0`` (structure from motion from the photos, put onto the true frame),
 ``prompts.json`` and ``scene.json``. The frame is metres, z up, ground at 0. A stopped run goes on where it was.
 """
@@ -34,7 +34,7 @@ from mgf_engine.bench.flight import Shot, plan
 from mgf_engine.bench.prompts import click_prompts
 from mgf_engine.bench.shapes import Part
 from mgf_engine.bench.surroundings import surroundings
-from mgf_engine.bench.truth import MATERIALS, write_truth
+from mgf_engine.bench.truth import MATERIALS, write_pixels, write_truth
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
 from mgf_engine.system import user_cache, write_json
@@ -150,8 +150,8 @@ def _write_job(
                       "id": ids[part.element] if part.building else BACKGROUND})  # fmt: skip
     np.savez_compressed(folder / "work/parts.npz", table=np.array(json.dumps(table)), **arrays)  # type: ignore[arg-type]
     job = render_frame(spec)._asdict()
-    keys = ("texture_strength", "sun_elevation", "sun_azimuth", "sun_strength", "sky_strength", "samples", "seed", "denoiser",
-            "pixel_filter")  # fmt: skip
+    keys = ("texture_strength", "sun_elevation", "sun_azimuth", "sun_strength", "sky_strength", "samples", "seed",
+            "denoiser", "pixel_filter")  # fmt: skip
     rows = [{**asdict(s), "rotation": s.rotation.tolist(), "translation": s.translation.tolist()} for s in shots]
     write_json(
         folder / "work/job.json", {**job, **{k: getattr(spec, k) for k in keys}, "threads": threads, "shots": rows}
@@ -251,6 +251,7 @@ def scenes_main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--resolution", type=int, help="width of the photos in pixels")
     parser.add_argument("--samples", type=int, help="Cycles samples per pixel")
     parser.add_argument("--seed", type=int, help="another flight and other surroundings")
+    parser.add_argument("--pixels", action="store_true", help="also write depth, normal and material of each pixel")
     parser.add_argument("--link", type=Path, help="put a link to the folder here")
     parser.add_argument("--blender", type=Path, help="a Python that has bpy")
     parser.add_argument("--threads", type=count, default=2, help="threads of the renderer")
@@ -259,6 +260,8 @@ def scenes_main(argv: Sequence[str] | None = None) -> int:
     folder = make_scene(
         args.name, spec, args.blender, args.threads, say=lambda text: print(text, file=sys.stderr, flush=True)
     )
+    if args.pixels:
+        write_pixels(folder, spec)
     if args.link:
         _link(args.link, folder)
     print(folder)

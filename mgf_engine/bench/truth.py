@@ -7,17 +7,20 @@ materials); ``truth_materials.npy`` holds for each face of ``truth.ply``, in its
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 from numpy.typing import NDArray
 
+from mgf_engine.bench.catalogue import SceneSpec
+from mgf_engine.bench.develop import pixel_rays
 from mgf_engine.bench.shapes import Part, Points, labelled_mesh
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.surfaces import SeeingCamera, Surface, read_surface
+from mgf_engine.evaluate.materials import Materials, read_materials
+from mgf_engine.evaluate.surfaces import Surface, read_surface
 from mgf_engine.system import atomic_path, write_json
 
 MESH, MATERIALS, FACE_MATERIALS = "truth.ply", "truth_materials.json", "truth_materials.npy"
@@ -49,31 +52,30 @@ def _write_ply(path: Path, vertices: Points, faces: NDArray[np.int32]) -> None:
 
 @dataclass(frozen=True)
 class Truth:
-    """A scene's true mesh; ``materials`` int32 [F] are indices into ``names``."""
+    """A scene's true mesh and what its faces are made of."""
 
     surface: Surface
-    names: tuple[str, ...]
-    materials: NDArray[np.int32]
+    materials: Materials
 
 
 @dataclass(frozen=True)
 class TruePixels:
-    """What the rays through a camera's pixel centres meet first; nothing of the surroundings is in the way.
+    """What the rays through a photo's pixel centres meet first of the building; nothing of the surroundings counts.
 
     Attributes:
         depth: float64 [H, W], along the camera's axis, infinite where the building is not met.
         normal: float64 [H, W, 3], unit, out of the building; 0 where it is not met.
-        material: int32 [H, W], index into :attr:`Truth.names`; -1 where it is not met.
+        material: int64 [H, W], index into the materials' names; -1 where the building is not met.
     """
 
     depth: NDArray[np.float64]
     normal: NDArray[np.float64]
-    material: NDArray[np.int32]
+    material: NDArray[np.int64]
 
     @property
     def mask(self) -> NDArray[np.bool_]:
         """Where the building is met, bool [H, W]."""
-        return self.material >= 0
+        return np.asarray(self.material >= 0)
 
 
 def read_truth(folder: Path) -> Truth:
@@ -83,29 +85,48 @@ def read_truth(folder: Path) -> Truth:
         BadInput: a file is missing or does not fit the others.
     """
     surface = read_surface(folder / MESH)
-    try:
-        names = tuple(json.loads((folder / MATERIALS).read_text(encoding="utf-8")))
-        materials = np.load(folder / FACE_MATERIALS, allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise BadInput(f"Cannot read the materials of the truth in '{folder}' ({error}); make the scene again.") from error
-    if materials.shape != (len(surface.faces),) or materials.min() < 0 or materials.max() >= len(names):
-        raise BadInput(f"The materials of the truth in '{folder}' are not those of its mesh; make the scene again.")
-    return Truth(surface, names, materials)
+    materials = read_materials(folder / MESH, len(surface.faces))
+    if materials is None:
+        raise BadInput(f"The scene '{folder}' has no materials; make it again with 'mgf bench scenes'.")
+    return Truth(surface, materials)
 
 
-def true_pixels(truth: Truth, camera: SeeingCamera) -> TruePixels:
-    """Depth, normal and material per pixel by casting a ray through each pixel's centre."""
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
-    local = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1)
-    rays = local.reshape(-1, 3) @ camera.rotation
-    face, depth = truth.surface.first_hits(-camera.rotation.T @ camera.translation, rays)
+def true_pixels(truth: Truth, rotation: Points, translation: Points, rays: Points) -> TruePixels:
+    """Depth, normal and material per pixel by casting rays.
+
+    Args:
+        rotation, translation: ``camera = rotation @ world + translation``.
+        rays: [H, W, 3] in the camera's frame with z = 1, see :func:`mgf_engine.bench.develop.pixel_rays`.
+    """
+    face, depth = truth.surface.first_hits(-rotation.T @ translation, rays.reshape(-1, 3) @ rotation)
     hit = face >= 0
     corners = truth.surface.vertices[truth.surface.faces[face[hit]]]
     out = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal = np.zeros((len(face), 3))
     normal[hit] = out / np.linalg.norm(out, axis=1, keepdims=True)
-    shape = (camera.height, camera.width)
+    shape = rays.shape[:2]
     return TruePixels(
         np.where(hit, depth, np.inf).reshape(shape), normal.reshape(*shape, 3),
-        np.where(hit, truth.materials[face], -1).astype(np.int32).reshape(shape),
+        np.where(hit, truth.materials.faces[face], -1).reshape(shape),
     )  # fmt: skip
+
+
+def write_pixels(folder: Path, spec: SceneSpec) -> Path:
+    """``pixels/PHOTO.npz`` of each photo of a scene: depth, normal (both float32), material (int16), mask; its folder.
+
+    The pixels are those of the photo, lens and all; the camera is the true one of ``sparse_truth``.
+
+    Raises:
+        BadInput: the scene's truth is missing or damaged.
+    """
+    truth, rays, out = read_truth(folder), pixel_rays(spec), folder / "pixels"
+    out.mkdir(exist_ok=True)
+    for image in pycolmap.Reconstruction(folder / "sparse_truth").images.values():
+        pose = image.cam_from_world()
+        seen = true_pixels(truth, pose.rotation.matrix(), pose.translation, rays)
+        with atomic_path(out / f"{Path(image.name).stem}.npz") as partial, partial.open("wb") as stream:
+            np.savez_compressed(
+                stream, depth=seen.depth.astype(np.float32), normal=seen.normal.astype(np.float32),
+                material=seen.material.astype(np.int16), mask=seen.mask,
+            )  # fmt: skip
+    return out

@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from mgf_engine.bench import buildings
 from mgf_engine.bench.buildings import BUILDINGS
 from mgf_engine.bench.scenes import element_ids
 from mgf_engine.bench.shapes import Builder, Opening, Part, true_mesh, wall_row
@@ -98,3 +102,13 @@ def test_only_the_building_is_in_the_true_mesh() -> None:
     parts = [Part("a", "brick", tri, ((0, 1, 2),)), Part("b", "leaves", tri + 5, ((0, 1, 2),), building=False)]
     vertices, faces = true_mesh(parts)
     assert len(faces) == 1 and vertices.max() == 1
+
+
+@pytest.mark.parametrize("kind", sorted(BUILDINGS))
+def test_every_material_of_a_building_can_be_rendered(kind: str) -> None:
+    source = Path(buildings.__file__).with_name("blender") / "materials.py"  # it imports bpy, which is not here
+    tables = [n for n in ast.walk(ast.parse(source.read_text(encoding="utf-8"))) if isinstance(n, ast.AnnAssign)]
+    (table,) = (n.value for n in tables if isinstance(n.target, ast.Name) and n.target.id == "MATERIALS")
+    assert isinstance(table, ast.Dict)
+    known = {key.value for key in table.keys if isinstance(key, ast.Constant)}
+    assert {p.material for p in BUILDINGS[kind]("brick")} <= known

@@ -224,7 +224,8 @@ def _ashlar(s: float) -> bpy.types.Material:
 
 
 def _sandstone(s: float) -> bpy.types.Material:
-    m = Layers("sandstone", s).bricks((0.52, 0.36, 0.22), (0.44, 0.30, 0.19), (0.36, 0.26, 0.18), 0.6, 0.3, 0.008, 0.008)
+    m = Layers("sandstone", s)
+    m.bricks((0.52, 0.36, 0.22), (0.44, 0.30, 0.19), (0.36, 0.26, 0.18), 0.6, 0.3, 0.008, 0.008)
     m.stains((0.6, 0.58, 0.56), (1.1, 1.08, 1.05), 0.7, 0.85, stretch=(1, 1, 0.5))
     return m.stains((0.75, 0.74, 0.72), (1.08, 1.08, 1.08), 4.0, 0.7).rough(25.0, 0.004).done()
 
@@ -240,7 +241,8 @@ def _timber(s: float) -> bpy.types.Material:
 
 
 def _cladding(s: float) -> bpy.types.Material:
-    m = Layers("cladding", s, 0.8).bricks((0.30, 0.17, 0.09), (0.23, 0.13, 0.07), (0.07, 0.04, 0.03), 4.0, 0.16, 0.008, 0.02)
+    m = Layers("cladding", s, 0.8)
+    m.bricks((0.30, 0.17, 0.09), (0.23, 0.13, 0.07), (0.07, 0.04, 0.03), 4.0, 0.16, 0.008, 0.02)
     return m.stains((0.7, 0.68, 0.66), (1.15, 1.12, 1.1), 1.0, 0.8, stretch=(0.3, 0.3, 3)).rough(25.0, 0.003).done()
 
 
@@ -254,13 +256,15 @@ def _dark_metal(s: float) -> bpy.types.Material:
 
 def _shiny_sheet(s: float) -> bpy.types.Material:
     """Corrugated bright metal: mirrors sky and ground, broken by its ribs."""
-    m = Layers("shiny_sheet", s, 0.18).plain((0.62, 0.64, 0.66)).stains((0.93, 0.93, 0.93), (1.03, 1.03, 1.03), 0.5, 0.7)
+    m = Layers("shiny_sheet", s, 0.18).plain((0.62, 0.64, 0.66))
+    m.stains((0.93, 0.93, 0.93), (1.03, 1.03, 1.03), 0.5, 0.7)
     return m.waves(1.6, 0.02).done(0.95, 0.5)
 
 
 def _raw_concrete(s: float) -> bpy.types.Material:
     """Boarded panels with joints and runs of dirt."""
-    m = Layers("raw_concrete", s).bricks((0.36, 0.35, 0.33), (0.33, 0.325, 0.31), (0.22, 0.21, 0.2), 2.4, 1.2, 0.012, 0.008)
+    m = Layers("raw_concrete", s)
+    m.bricks((0.36, 0.35, 0.33), (0.33, 0.325, 0.31), (0.22, 0.21, 0.2), 2.4, 1.2, 0.012, 0.008)
     m.stains((0.72, 0.7, 0.67), (1.08, 1.08, 1.07), 0.6, 0.8, stretch=(1.5, 1.5, 0.25))
     return m.stains((0.82, 0.82, 0.8), (1.05, 1.05, 1.05), 3.0, 0.6).rough(30.0, 0.002).done()
 
