@@ -19,6 +19,7 @@ from matplotlib.ticker import LogFormatter, ScalarFormatter
 
 from mgf_engine.bench.measure import SCORED
 from mgf_engine.bench.page import write_html
+from mgf_engine.bench.surface_charts import surface_figures, surface_tables
 
 Row = dict[str, Any]
 STAGE_COLORS = {"scene": "#4c78a8", "masks": "#f58518", "field": "#54a24b", "mesh": "#b279a2", "deliver": "#9d9da1"}
@@ -36,9 +37,12 @@ def write_page(suite: str, rows: list[Row], out: Path, before: list[Row] | None 
     charts.mkdir(parents=True, exist_ok=True)
     done = [row for row in rows if "geometry" in row]
     figures = itertools.chain(_moved_figures(suite, done, before or []), _figures(suite, done))
+    overview: list[dict[str, Any]] = []
+    if suite == "surfaces":
+        figures, overview = itertools.chain(surface_figures(done), figures), surface_tables(done)
     made = [(title, f"charts/{name}.svg") for name, title, figure in figures if _save(figure, charts, name) is not None]
     failed = [row for row in rows if "geometry" not in row]
-    tables = summary_tables(done)
+    tables = overview + summary_tables(done)
     return write_html("page.html.j2", out / f"{suite}.html", suite=suite, charts=made, tables=tables, failed=failed)
 
 

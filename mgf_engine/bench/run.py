@@ -18,7 +18,7 @@ from typing import Any
 from mgf_engine import __version__
 from mgf_engine.bench.arguments import count, engine_options, results_folder
 from mgf_engine.bench.measure import SCORED, Prepared, measure, prepare_scene
-from mgf_engine.bench.suites import SUITES, suite_runs
+from mgf_engine.bench.suites import SUITES, half_of, suite_runs
 from mgf_engine.config import named_values
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.system import write_json
@@ -59,6 +59,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("suite", choices=sorted(SUITES), help="what to measure", metavar="SUITE")
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of jobs, results and the page")
     parser.add_argument("--scenes", nargs="+", default=[], help="instead of the suite's scenes: names or folders")
+    parser.add_argument(
+        "--half", choices=("tuning", "held-out"), help="only the suite's scenes for tuning, or those for reporting only"
+    )
     parser.add_argument("--photos", type=int, help="fewer photos per scene")
     parser.add_argument("--width", type=int, help="width of the rendered photos in pixels")
     parser.add_argument("--seeds", type=count, default=1, help="runs per variant")
@@ -68,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--poses", choices=("sfm", "true"), default="sfm", help="cameras: found, or the true ones")
     parser.add_argument(
         "--external", action="append", default=[], metavar="NAME=COMMAND",
-        help="another tool for suite peers; {images}, {scene}, {work} and {mesh} are filled in",
+        help="another tool for suites peers and surfaces; {images}, {scene}, {work} and {mesh} are filled in",
     )  # fmt: skip
     parser.add_argument("--samples", type=count, default=300_000, help="points sampled on each mesh")
     parser.add_argument("--label", default="", help="part of every run's key: measure the same again under a new label")
@@ -84,6 +87,8 @@ def _run_suite(args: argparse.Namespace) -> int:
 
     options, tools = engine_options(args.set), named_values("--external", args.external)
     runs = suite_runs(args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only)
+    if args.half:
+        runs = half_of(runs, args.half == "held-out")
     before = None if args.before is None else _read_table(args.before)
     results_folder(args.out)
     scenes: dict[str, Prepared] = {}

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from mgf_engine import __version__
+from mgf_engine.bench.catalogue import SCENES, SURFACES
 from mgf_engine.config import PRESETS, RUN_LENGTH, Config
 from mgf_engine.errors import BadInput
 
@@ -91,6 +92,7 @@ SUITES: dict[str, str] = {
     "ablation": "the paper's ablations (a) to (f) and every further switch",
     "resolution": "375, 750 and 1500 pixels",
     "peers": "our engine set up like 3DGS, 2DGS and GOF, masks off, and any external tool",
+    "surfaces": "hard materials: every preset and any external tool; accuracy by scene and by material",
     "pareto": "presets and budgets, and GOF-like beside them: accuracy against time, Gaussians and faces",
 }
 
@@ -105,7 +107,7 @@ def suite_runs(
         scenes: instead of the suite's own.
         seeds: runs per variant.
         base: options given to every run; a variant's own win.
-        commands: external tools, name -> command (suite ``peers``).
+        commands: external tools, name -> command (suites ``peers`` and ``surfaces``).
         only: keep the variants whose name contains one of these.
 
     Raises:
@@ -122,7 +124,7 @@ def suite_runs(
     chosen = [run for run in variants if not only or any(word in run.variant for word in only)]
     if not chosen:
         raise BadInput(f"No variant of suite '{suite}' has one of these names: {', '.join(only)}.")
-    names = scenes or (("smoke",) if suite == "smoke" else NAMED)
+    names = scenes or {"smoke": ("smoke",), "surfaces": tuple(SURFACES)}.get(suite, NAMED)
     return [
         replace(run, scene=scene, seed=seed, masks=masks, poses=poses)
         for scene in names
@@ -131,7 +133,20 @@ def suite_runs(
     ]
 
 
+def half_of(runs: list[Run], held_out: bool) -> list[Run]:
+    """The runs of the catalogue's scenes that may be tuned on, or of those that are held out.
+
+    Raises:
+        BadInput: there is none.
+    """
+    mine = [run for run in runs if run.scene in SCENES and SCENES[run.scene].held_out == held_out]
+    if not mine:
+        raise BadInput("None of the scenes is in this half; leave out --half, or take scenes of the suite surfaces.")
+    return mine
+
+
 def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
+    tools = [Run(name, "", command=command, group=name) for name, command in commands.items()]
     if suite == "ablation":
         longer = round(int(base.get("iterations", Config().run_length(RUN_LENGTH["most"]))) * 30 / 7)
         table = {**ABLATION, "(f) 30/7 of the iterations": {**_LOSSES, "iterations": longer}, **SWITCHES}
@@ -139,9 +154,10 @@ def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
     if suite == "resolution":
         return [Run(f"{n} px", "", {"resolution": n}, group="resolution") for n in (375, 750, 1500)]
     if suite == "peers":
-        own = [Run(name, "", options, group=name) for name, options in PEERS.items()]
-        return own + [Run(name, "", command=command, group=name) for name, command in commands.items()]
+        return [*(Run(name, "", options, group=name) for name, options in PEERS.items()), *tools]
     runs = [Run(f"preset {name}", "", {"preset": name}, group="presets") for name in PRESETS]
+    if suite == "surfaces":
+        return runs + tools
     for count in (500, 1000, 2000, 3000, 7000):
         runs.append(Run(f"{count} iterations", "", {"iterations": count}, group="iterations"))
     for budget in (10_000, 20_000, 40_000, 80_000, 160_000):
