@@ -17,6 +17,7 @@ from mgf_engine.errors import BadInput
 
 _NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0)
 _ROUNDS = 50  # of reweighting
+_FILTER = 2.0  # px of a point's error; half of COLMAP's own, for small photos
 _FEWEST = 3  # photos of a model
 _TIED = 1e-4  # metres; closer than this counts as exact
 
@@ -93,6 +94,9 @@ def sfm_model(folder: Path, shots: list[Shot], camera: Frame, lens: Lens = _NO_L
     options = pycolmap.IncrementalPipelineOptions()
     options.ba_refine_principal_point = False
     options.num_threads = 2
+    if any(lens):
+        database = _with_radial_lens(database, camera)
+        options.mapper.filter_max_reproj_error = _FILTER
     out = folder / "work/sfm"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
@@ -107,6 +111,21 @@ def sfm_model(folder: Path, shots: list[Shot], camera: Frame, lens: Lens = _NO_L
     (folder / "sparse").mkdir(exist_ok=True)
     _publish(best, folder / "sparse/0")
     return best
+
+
+def _with_radial_lens(database: Path, camera: Frame) -> Path:
+    """A copy of the features whose camera has one focal length, k1 and k2: with few points more parameters wander."""
+    copy = database.with_name("radial.db")
+    shutil.copy(database, copy)
+    with pycolmap.Database.open(copy) as db:
+        known = db.read_all_cameras()[0]
+        radial = pycolmap.Camera(
+            model="RADIAL", width=known.width, height=known.height, params=[camera.fx, camera.cx, camera.cy, 0.0, 0.0],
+            camera_id=known.camera_id,
+        )  # fmt: skip
+        radial.has_prior_focal_length = known.has_prior_focal_length
+        db.update_camera(radial)
+    return copy
 
 
 def _similarity(source: NDArray[np.float64], target: NDArray[np.float64]) -> pycolmap.Sim3d:

@@ -114,7 +114,11 @@ def _set_engine(job: dict[str, Any]) -> None:
     scene.render.threads = int(job["threads"])
     c = scene.cycles
     c.device, c.samples, c.use_adaptive_sampling, c.seed = "CPU", int(job["samples"]), False, int(job["seed"])
-    c.use_denoising, c.denoiser, c.denoising_input_passes = True, "OPENIMAGEDENOISE", "RGB_ALBEDO_NORMAL"
+    c.use_denoising, c.denoiser, c.denoising_input_passes = (
+        job["denoiser"] != "none",
+        "OPENIMAGEDENOISE",
+        "RGB_ALBEDO_NORMAL",
+    )
     if job["denoiser"] == "fast":
         c.denoising_prefilter, c.denoising_quality = "FAST", "FAST"
     c.max_bounces, c.diffuse_bounces, c.glossy_bounces, c.transmission_bounces = 4, 2, 2, 2
