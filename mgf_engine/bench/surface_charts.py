@@ -80,6 +80,12 @@ def variants_of(rows: Iterable[Row]) -> dict[str, list[Row]]:
     return found
 
 
+def common_scenes(rows: Iterable[Row]) -> set[str]:
+    """The scenes that every variant did: only over these are their means alike."""
+    done = [{row["scene"] for row in mine} for mine in variants_of(rows).values()]
+    return set.intersection(*done) if done else set()
+
+
 def surface_tables(rows: list[Row]) -> list[dict[str, Any]]:
     """Two tables for the page: every scene, and every class of material; F1 at 5, 10 and 20 cm."""
     variants = variants_of(rows)
@@ -87,7 +93,7 @@ def surface_tables(rows: list[Row]) -> list[dict[str, Any]]:
         [scene, *(_cell(variants[name], lambda r, s=scene: r["scene"] == s) for name in variants)]  # type: ignore[misc]
         for scene in dict.fromkeys(row["scene"] for row in rows)
     ]
-    common = set.intersection(*({row["scene"] for row in mine} for mine in variants.values())) if variants else set()
+    common = common_scenes(rows)
     if common:
         lines.append(["mean of what all did", *(_cell(variants[n], lambda r: r["scene"] in common) for n in variants)])
     tables = [{"scene": "All scenes: F1 at 5 / 10 / 20 cm; CPU s", "columns": ["scene", *variants], "lines": lines}]
@@ -126,13 +132,16 @@ def surface_figures(rows: list[Row]) -> Iterable[tuple[str, str, Figure]]:
 
 
 def _work_figure(rows: list[Row]) -> Figure:
-    """A small point per scene and a large one for the mean, beside each other for 5, 10 and 20 cm."""
+    """A small point per scene and a large one for the mean of what all did, at 5, 10 and 20 cm beside each other."""
+    common = common_scenes(rows)
     figure, row_of_axes = plt.subplots(1, len(THRESHOLDS), figsize=(12, 4.4), layout="constrained", sharex=True)
     for axes, threshold in zip(row_of_axes, THRESHOLDS, strict=True):
         for number, (name, mine) in enumerate(variants_of(rows).items()):
             x, y = [r["cpu_seconds"] for r in mine], [f1_at(r, threshold) for r in mine]
             axes.scatter(x, y, s=14, alpha=0.5, color=f"C{number}")
-            axes.scatter([mean(x)], [mean(y)], s=90, color=f"C{number}", edgecolor="black", label=name, zorder=3)
+            shared = [r for r in mine if r["scene"] in common] or mine
+            middle = mean(r["cpu_seconds"] for r in shared), mean(f1_at(r, threshold) for r in shared)
+            axes.scatter(*middle, s=90, color=f"C{number}", edgecolor="black", label=name, zorder=3)
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(ScalarFormatter())
         axes.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
@@ -143,8 +152,10 @@ def _work_figure(rows: list[Row]) -> Figure:
 
 
 def _material_figure(rows: list[Row]) -> Figure:
-    """A group of bars per class of material, one bar per variant, at 10 cm."""
-    scores = {name: class_scores(mine) for name, mine in variants_of(rows).items()}
+    """A group of bars per class of material, one bar per variant, at 10 cm, over the scenes that all did."""
+    common = common_scenes(rows)
+    shared = [row for row in rows if row["scene"] in common] or rows
+    scores = {name: class_scores(mine) for name, mine in variants_of(shared).items()}
     classes = [name for name in (*CLASSES, "other") if any(name in mine for mine in scores.values())]
     figure, axes = plt.subplots(figsize=(7.5, 1.2 + 0.5 * len(classes)), layout="constrained")
     thick = 0.8 / len(scores)

@@ -12,7 +12,14 @@ from mgf_engine.bench.catalogue import SURFACES
 from mgf_engine.bench.charts import write_page
 from mgf_engine.bench.measure import THRESHOLDS
 from mgf_engine.bench.suites import half_of, suite_runs
-from mgf_engine.bench.surface_charts import CLASSES, class_scores, material_class, surface_tables
+from mgf_engine.bench.surface_charts import (
+    CLASSES,
+    class_scores,
+    common_scenes,
+    material_class,
+    surface_figures,
+    surface_tables,
+)
 from mgf_engine.config import PRESETS
 from mgf_engine.errors import BadInput
 
@@ -84,3 +91,13 @@ def test_the_page_has_both_charts(tmp_path: Path) -> None:
         assert f"charts/{name}.svg" in page and (tmp_path / "charts" / f"{name}.png").stat().st_size > 1000
     assert "brick and stone" in page
     assert write_page("surfaces", [], tmp_path).exists()
+
+
+def test_means_are_over_the_scenes_that_every_variant_did() -> None:
+    assert common_scenes(ROWS) == {"a"} and common_scenes(ROWS[:2]) == {"a", "b"} and common_scenes([]) == set()
+    figures = {name: figure for name, _, figure in surface_figures(ROWS)}
+    (axes, *_) = figures["surfaces-f1-cpu"].axes
+    means = [tuple(spots.get_offsets()[0]) for spots in axes.collections if spots.get_label() in ("ours", "theirs")]
+    assert means == [(10.0, 80.0), (1000.0, 70.0)]
+    labels = [label.get_text() for label in figures["surfaces-materials"].axes[0].get_yticklabels()]
+    assert labels == ["brick and stone", "glass"]
