@@ -84,8 +84,14 @@ class NoModel(BadInput):
     """Structure from motion could not place the photos: where a method may fail, that is a result."""
 
 
-def sfm_model(folder: Path, shots: list[Shot], camera: Frame, lens: Lens = _NO_LENS) -> pycolmap.Reconstruction:
+def sfm_model(
+    folder: Path, shots: list[Shot], camera: Frame, lens: Lens = _NO_LENS, refine_focal: bool = True
+) -> pycolmap.Reconstruction:
     """``sparse/0``: structure from motion from the photos alone, then the similarity onto the true camera centres.
+
+    Args:
+        refine_focal: False keeps the focal length that is known: photos that all look straight down do not tell it
+            from the height they were taken at.
 
     Raises:
         NoModel: no three photos could be placed together.
@@ -93,6 +99,7 @@ def sfm_model(folder: Path, shots: list[Shot], camera: Frame, lens: Lens = _NO_L
     database = match_features(folder, camera, lens)
     options = pycolmap.IncrementalPipelineOptions()
     options.ba_refine_principal_point = False
+    options.ba_refine_focal_length = refine_focal
     options.num_threads = 2
     if any(lens):
         database = _with_radial_lens(database, camera)

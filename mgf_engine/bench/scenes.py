@@ -232,7 +232,7 @@ def _write_models(folder: Path, spec: SceneSpec, shots: list[Shot], say: Say) ->
     shift = np.random.default_rng([spec.seed, 2]).normal(0, spec.pose_error, (len(shots), 3))
     true = truth_model(folder, shots, photo_frame(spec), shift, spec.lens)
     say(f"true cameras: {true.num_reg_images()} photos, {true.num_points3D()} points")
-    found = sfm_model(folder, shots, photo_frame(spec), spec.lens)
+    found = sfm_model(folder, shots, photo_frame(spec), spec.lens, refine_focal=bool(spec.rings))
     say(f"structure from motion: {found.num_reg_images()} photos, {found.num_points3D()} points")
 
 

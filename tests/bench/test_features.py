@@ -34,8 +34,10 @@ def shots() -> list[Shot]:
     return plan(4, extent, (Ring(1.0, 10.0, 14.0, 4.0),), None, 0, 0, np.random.default_rng(0))
 
 
-def found_model(folder: Path, monkeypatch: pytest.MonkeyPatch, photos: int) -> tuple[pycolmap.Reconstruction, Path]:
-    """What ``sfm_model`` makes of a mapping that places so many of four photos, and the database it mapped."""
+def found_model(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, photos: int, refine_focal: bool = True
+) -> tuple[pycolmap.Reconstruction, Path, pycolmap.IncrementalPipelineOptions]:
+    """What ``sfm_model`` makes of a mapping that places so many of four photos; the database and options it had."""
     (folder / "work").mkdir()
     camera = pycolmap.Camera(
         model="OPENCV", width=FRAME.width, height=FRAME.height, params=[*FRAME[2:], 0, 0, 0, 0], camera_id=1
@@ -43,10 +45,12 @@ def found_model(folder: Path, monkeypatch: pytest.MonkeyPatch, photos: int) -> t
     camera.has_prior_focal_length = True
     with pycolmap.Database.open(folder / "work/features.db") as db:
         db.write_camera(camera, use_camera_id=True)
-    used: list[Path] = []
+    used: list[tuple[Path, pycolmap.IncrementalPipelineOptions]] = []
 
-    def mapping(database: Path, *_: object, **__: object) -> dict[int, pycolmap.Reconstruction]:
-        used.append(Path(database))
+    def mapping(
+        database: Path, *_: object, options: pycolmap.IncrementalPipelineOptions
+    ) -> dict[int, pycolmap.Reconstruction]:
+        used.append((Path(database), options))
         model = pycolmap.Reconstruction()
         with pycolmap.Database.open(database) as db:
             model.add_camera_with_trivial_rig(db.read_all_cameras()[0])
@@ -56,17 +60,22 @@ def found_model(folder: Path, monkeypatch: pytest.MonkeyPatch, photos: int) -> t
         return {0: model}
 
     monkeypatch.setattr(features.pycolmap, "incremental_mapping", mapping)
-    return sfm_model(folder, shots(), FRAME, LENS), used[0]
+    return sfm_model(folder, shots(), FRAME, LENS, refine_focal), *used[0]
 
 
 def test_photos_with_a_lens_are_mapped_with_few_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    model, used = found_model(tmp_path, monkeypatch, 4)
+    model, used, options = found_model(tmp_path, monkeypatch, 4)
     (camera,) = model.cameras.values()
     assert camera.model.name == "RADIAL" and list(camera.params) == [80.0, 49.0, 31.0, 0.0, 0.0]
     assert camera.has_prior_focal_length
     with pycolmap.Database.open(tmp_path / "work/features.db") as db:  # which true cameras are triangulated with
         assert db.read_all_cameras()[0].model.name == "OPENCV"
+    assert options.ba_refine_focal_length
     assert used.name == "radial.db" and (tmp_path / "sparse/0/cameras.bin").exists()
+
+
+def test_a_known_focal_length_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not found_model(tmp_path, monkeypatch, 4, refine_focal=False)[2].ba_refine_focal_length
 
 
 def test_two_photos_are_no_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
