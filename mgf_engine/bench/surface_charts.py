@@ -25,7 +25,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
     "brick and stone": ("brick", "stone", "ashlar", "sandstone"),
     "tiles": ("tiles", "ridge_tiles", "shingles", "felt", "gravel"),
     "slate and dark metal": ("slate", "dark_metal"),
-    "shiny metal": ("shiny_sheet", "alu", "metal", "steel", "sheet", "copper"),
+    "shiny metal": ("shiny_sheet", "alu", "metal", "metal_door", "steel", "sheet", "copper"),
     "glass": ("glass", "mirror_glass", "spandrel"),
     "wood": ("timber", "cladding", "wood", "wood_trim", "frame"),
     "concrete": ("concrete", "raw_concrete"),

@@ -11,6 +11,7 @@ import pytest
 from mgf_engine.bench.catalogue import SURFACES
 from mgf_engine.bench.charts import write_page
 from mgf_engine.bench.measure import THRESHOLDS
+from mgf_engine.bench.scenes import building_parts
 from mgf_engine.bench.suites import half_of, suite_runs
 from mgf_engine.bench.surface_charts import (
     CLASSES,
@@ -101,3 +102,8 @@ def test_means_are_over_the_scenes_that_every_variant_did() -> None:
     assert means == [(10.0, 80.0), (1000.0, 70.0)]
     labels = [label.get_text() for label in figures["surfaces-materials"].axes[0].get_yticklabels()]
     assert labels == ["brick and stone", "glass"]
+
+
+@pytest.mark.parametrize("scene", sorted(SURFACES))
+def test_every_material_of_the_scenes_has_a_class(scene: str) -> None:
+    assert all(material_class(part.material) != "other" for part in building_parts(SURFACES[scene]))
