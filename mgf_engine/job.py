@@ -113,6 +113,7 @@ class Job:
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
         _check_inputs(source, prompts, masks)
+        folder = folder.resolve()  # as the inputs are, so that the job's own files are known among them
         job = cls(folder, source.resolve(), _resolved(prompts), _resolved(masks), given or {})
         _check_folder(folder, source, resume)
         job._acquire()

@@ -85,6 +85,14 @@ def test_a_job_folder_inside_the_scene_does_not_change_the_scene(source: Path) -
         assert job.keys()["scene"] == before
 
 
+def test_a_relative_job_folder_inside_the_scene_does_not_change_the_scene(source: Path, monkeypatch) -> None:
+    monkeypatch.chdir(source.parent)
+    with Job.start(Path(source.name) / "job", Path(source.name)) as job:
+        before = job.keys()
+        job.path("cameras.bin").write_bytes(b"of the job")
+        assert job.keys() == before
+
+
 def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path, source: Path) -> None:
     with Job.start(tmp_path / "job", source) as job:
         job.begin("field")
