@@ -2,7 +2,8 @@
 """The job folder: what was asked for, which stages are done, and the lock that keeps two processes apart.
 
 A stage is done when ``job.json`` holds its *key*: a hash of everything that decides its result (the inputs, the
-options of its section, the key of the stage before). Changing an option redoes that stage and the later ones.
+options of its section, the key of the stage before). Changing an option redoes that stage and the later ones. The
+inputs are looked at once, when the job is opened: what changes while it runs is for the next run to notice.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ from filelock import FileLock, Timeout
 from mgf_engine import __version__
 from mgf_engine.config import Config, as_dict, make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.inputs import Inputs, read_inputs
 from mgf_engine.masks.prompts import clicked_names
 from mgf_engine.messages import STAGES
-from mgf_engine.scene.colmap import PHOTO_KINDS
-from mgf_engine.system import sweep, write_json
+from mgf_engine.system import atomic_path, sweep, write_json
 
 FORMAT = 1
+#: The clicks that the masks in the folder are made from.
+CLICKS = "prompts.json"
 #: What the last stage writes where an option asks for it.
 ON_REQUEST: dict[str, tuple[str, ...]] = {
     "texture": ("texture.jpg", "mesh_texture.npz"),
@@ -35,7 +38,7 @@ ON_REQUEST: dict[str, tuple[str, ...]] = {
 #: Files and folders each stage writes; removed before the stage runs anew.
 OUTPUTS: dict[str, tuple[str, ...]] = {
     "scene": ("scene",),
-    "masks": ("masks",),
+    "masks": ("masks", CLICKS),
     "field": ("checkpoints", "field.ply"),
     "mesh": ("mesh.ply", "mesh_parts.npz"),
     "deliver": (
@@ -52,9 +55,6 @@ RESULTS: dict[str, tuple[str, ...]] = {
     "deliver": ("deliver.json", "report.json", "report.html"),
 }
 _TAKEN = ("mesh", "deliver")  # the others' results are for later stages
-#: Files whose change makes the scene another one; small ones of the first kinds are compared by content.
-_CONTENT_KINDS = {".bin", ".txt", ".json"}
-_INPUT_KINDS = _CONTENT_KINDS | PHOTO_KINDS
 #: Options outside a stage's own section that decide its result.
 _EXTRA_OPTIONS = {
     "masks": ("multilevel_loss", "boundary_loss"),
@@ -74,8 +74,13 @@ class Job:
         masks: the user's folder of masks, or None.
         given: the options the user gave, name -> value.
         config: the validated options.
+        inputs: what the files of source, prompts and masks were when the job was opened.
+        keys: the key each stage has with these inputs and options.
         stages: stage name -> key, seconds, cpu_seconds, peak_memory, figures, warnings, for the stages that are done.
     """
+
+    inputs: Inputs
+    keys: dict[str, str]
 
     def __init__(
         self, folder: Path, source: Path, prompts: Path | None, masks: Path | None, given: dict[str, Any]
@@ -118,6 +123,8 @@ class Job:
         _check_folder(folder, source, resume)
         job._acquire()
         try:
+            job.inputs = read_inputs(job.source, job.prompts, job.masks, job.folder)
+            job.keys = job._make_keys()
             if earlier is not None:
                 job.stages = earlier["stages"]
             sweep(folder)
@@ -141,8 +148,7 @@ class Job:
         """A path inside the job folder."""
         return self.folder.joinpath(*parts)
 
-    def keys(self) -> dict[str, str]:
-        """The key each stage would have with the present inputs and options."""
+    def _make_keys(self) -> dict[str, str]:
         result: dict[str, str] = {}
         before = f"format {FORMAT}"
         for stage in STAGES:
@@ -150,8 +156,8 @@ class Job:
         return result
 
     def done(self, stage: str) -> bool:
-        """Whether the stage ran with the present inputs and options."""
-        return self.stages.get(stage, {}).get("key") == self.keys()[stage]
+        """Whether the stage ran with the job's inputs and options."""
+        return self.stages.get(stage, {}).get("key") == self.keys[stage]
 
     def lost(self, until: str) -> set[str]:
         """Stages up to ``until`` that are done but whose results are gone and needed.
@@ -159,7 +165,7 @@ class Job:
         Needed is what was asked for, what people take from the folder, and what a stage that has to run reads; the
         rest may be deleted.
         """
-        keys, lost, runs = self.keys(), set[str](), False
+        keys, lost, runs = self.keys, set[str](), False
         for stage in reversed(STAGES[: STAGES.index(until) + 1]):
             done = self.stages.get(stage, {}).get("key") == keys[stage]
             needed = runs or stage == until or stage in _TAKEN
@@ -183,7 +189,7 @@ class Job:
 
         The checkpoints of an unfinished field stay when they belong to the same key (the trainer resumes from them).
         """
-        keys = self.keys()
+        keys = self.keys
         self.stages = {name: entry for name, entry in self.stages.items() if entry["key"] == keys[name]}
         self.forget(stage)
         key, started = keys[stage], self.path(".started-" + stage)
@@ -193,6 +199,12 @@ class Job:
                 _remove(self.path(name))
             started.write_text(key)
         return key
+
+    def keep_clicks(self) -> None:
+        """Write the clicks, as they were when the job was opened, beside the masks that are made from them."""
+        if self.inputs.clicks is not None:
+            with atomic_path(self.path(CLICKS)) as temporary:
+                temporary.write_bytes(self.inputs.clicks.content)
 
     def finish(
         self, stage: str, key: str, seconds: float, cpu: float, peak: int, figures: dict[str, Any], warnings: list[str]
@@ -235,11 +247,12 @@ class Job:
 
     def _inputs_of(self, stage: str) -> Any:
         if stage == "scene":
-            source = _fingerprint(self.source, self.folder)
             # Photos with clicks are used also where others are left out.
-            return [source, clicked_names(self.prompts)] if self.config.max_photos else source
+            return (
+                [self.inputs.scene, clicked_names(self.inputs.clicks)] if self.config.max_photos else self.inputs.scene
+            )
         if stage == "masks":
-            return [p and _fingerprint(p, self.folder) for p in (self.prompts, self.masks)]
+            return [self.inputs.clicks and self.inputs.clicks.digest(), self.inputs.masks]
         return None
 
 
@@ -323,25 +336,6 @@ def _resolved(path: Path | None) -> Path | None:
 
 def _hash(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:20]
-
-
-def _fingerprint(path: Path, exclude: Path) -> list[Any]:
-    """Names of the input files below ``path`` with a hash of small contents, else size and time.
-
-    Files below the job folder (``exclude``) are left out: a job may lie inside the scene's folder.
-    """
-    files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix.lower() in _INPUT_KINDS)
-    result: list[Any] = []
-    for file in files:
-        if exclude in file.parents or not file.is_file():
-            continue
-        status = file.stat()
-        name = file.name if path.is_file() else file.relative_to(path).as_posix()
-        if status.st_size < 16 << 20 and file.suffix.lower() in _CONTENT_KINDS:
-            result.append([name, hashlib.sha256(file.read_bytes()).hexdigest()])
-        else:
-            result.append([name, status.st_size, status.st_mtime_ns])
-    return result
 
 
 def _remove(path: Path) -> None:

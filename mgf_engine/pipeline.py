@@ -152,7 +152,7 @@ def _run_scene(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.masks.prompts import clicked_names
     from mgf_engine.scene.load import load_scene
 
-    scene = load_scene(job.source, job.path("scene"), job.config, reporter, clicked_names(job.prompts))
+    scene = load_scene(job.source, job.path("scene"), job.config, reporter, clicked_names(job.inputs.clicks))
     return {"photos": len(scene.views), "points": len(scene.points)}
 
 
@@ -160,7 +160,8 @@ def _run_masks(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.masks.build import build_masks
 
     scene = load_scene_of(job)
-    masks = build_masks(scene, job.prompts, job.masks, job.path("masks"), job.config, reporter)
+    job.keep_clicks()
+    masks = build_masks(scene, job.inputs.clicks, job.masks, job.path("masks"), job.config, reporter)
     return {"used": int(masks.used.sum()), "masked_points": int(masks.point_mask.sum())}
 
 

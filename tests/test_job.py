@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,13 +22,21 @@ def source(tmp_path: Path) -> Path:
     folder = tmp_path / "scene Ω"
     (folder / "images").mkdir(parents=True)
     (folder / "images" / "a.jpg").write_bytes(b"x")
-    (folder / "cameras.bin").write_bytes(b"y")
     return folder
+
+
+@pytest.fixture
+def model(source: Path) -> Path:
+    """The source with a model that names its photo."""
+    names = {"cameras": "1 PINHOLE 4 4 1 1 2 2\n", "images": "1 1 0 0 0 0 0 0 1 a.jpg\n\n", "points3D": ""}
+    for name, text in names.items():
+        (source / f"{name}.txt").write_text(text)
+    return source
 
 
 def finish_all(job: Job) -> None:
     for stage in STAGES:
-        job.finish(stage, job.keys()[stage], 1.0, 2.0, 1, {}, [])
+        job.finish(stage, job.keys[stage], 1.0, 2.0, 1, {}, [])
 
 
 def test_a_finished_job_is_done_after_reopening(tmp_path: Path, source: Path) -> None:
@@ -64,33 +73,112 @@ def test_which_photos_are_clicked_decides_the_scene_only_where_photos_are_left_o
             prompts.write_text(text)
             given = {"max_photos": limit}
             with Job.start(tmp_path / "job", source, prompts, given=given, resume=True) as job:
-                keys[limit, text] = job.keys()["scene"]
+                keys[limit, text] = job.keys["scene"]
     all_photos, few_photos = list(keys.values())[:3], list(keys.values())[3:]
     assert len(set(all_photos)) == 1
     assert few_photos[0] == few_photos[1] != few_photos[2]
 
 
-@pytest.mark.parametrize("name", ["cameras.bin", *(f"images/b{kind}" for kind in sorted(PHOTO_KINDS))])
-def test_changed_photos_and_models_redo_the_scene(tmp_path: Path, source: Path, name: str) -> None:
-    with Job.start(tmp_path / "job", source) as job:
+def redone(folder: Path, change: Callable[[], object], *inputs: Path | None) -> list[str]:
+    """Stages that a change of the inputs makes run again, of a job that was finished before."""
+    with Job.start(folder, *inputs, resume=True) as job:
         finish_all(job)
-        (source / name).write_bytes(b"z")
-        assert not job.done("scene")
+        change()
+        assert all(job.done(stage) for stage in STAGES)  # the run that is open ends as it began
+    with Job.start(folder, resume=True) as job:
+        return [stage for stage in STAGES if not job.done(stage)]
+
+
+@pytest.mark.parametrize("name", [*(f"images/b{kind}" for kind in sorted(PHOTO_KINDS)), "images/a.jpg"])
+def test_changed_photos_redo_everything(tmp_path: Path, source: Path, name: str) -> None:
+    assert redone(tmp_path / "job", lambda: (source / name).write_bytes(b"zz"), source) == list(STAGES)
+
+
+@pytest.mark.parametrize("name", ["cameras.txt", "points3D.txt", "rigs.txt", "images/a.jpg"])
+def test_changed_models_redo_everything(tmp_path: Path, model: Path, name: str) -> None:
+    assert redone(tmp_path / "job", lambda: (model / name).write_text("# of today\n"), model) == list(STAGES)
+
+
+NOT_READ = ["notes.txt", "images/notes.json", "images/b.jpg", "mgf_job.prompts.json", "database.db", "old/cameras.txt"]
+
+
+@pytest.mark.parametrize("name", [*NOT_READ, "other/job.json"])
+def test_files_that_no_stage_reads_change_nothing(tmp_path: Path, model: Path, name: str) -> None:
+    (model / name).parent.mkdir(exist_ok=True)
+    (model / "other").mkdir(exist_ok=True)
+
+    def change() -> None:
+        (model / name).write_text("{}")
+        (model / "other" / "a.png").write_bytes(b"of another job")
+
+    assert redone(tmp_path / "job", change, model) == []
+
+
+def test_a_second_job_in_a_folder_of_photos_is_not_among_them(source: Path) -> None:
+    def second() -> None:
+        with Job.start(source / "images" / "second", source) as job:
+            (job.path("renders")).mkdir()
+            job.path("renders", "a.png").write_bytes(b"no photo")
+            job.path("texture.jpg").write_bytes(b"no photo")
+
+    assert redone(source / "images" / "first", second, source) == []
+
+
+@pytest.mark.parametrize("change", ["more", "fewer bytes"])
+def test_changed_clicks_redo_the_masks_and_all_after(tmp_path: Path, model: Path, change: str) -> None:
+    clicks = model / "clicks.json"
+    clicks.write_text('{"a.jpg": {"positive": [[1, 2]]}}')
+    text = '{"a.jpg": {"positive": [[1, 2], [2, 3]]}}' if change == "more" else "{}"
+    assert redone(tmp_path / "job", lambda: clicks.write_text(text), model, clicks) == list(STAGES[1:])
+
+
+@pytest.mark.parametrize(("name", "again"), [("a.png", list(STAGES[1:])), ("notes.txt", []), ("b.png", [])])
+def test_only_masks_of_photos_are_watched(tmp_path: Path, model: Path, name: str, again: list[str]) -> None:
+    folder = tmp_path / "own masks"
+    folder.mkdir()
+    assert redone(tmp_path / "job", lambda: (folder / name).write_bytes(b"1"), model, None, folder) == again
+
+
+@pytest.mark.skipif(os.name == "nt", reason="making symbolic links takes rights that users of Windows lack")
+def test_links_lead_to_the_same_inputs(tmp_path: Path, model: Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(model, target_is_directory=True)
+    with Job.start(link / "job", link) as job:
+        finish_all(job)
+        job.path("picture.png").write_bytes(b"1")
+    with Job.start(model / "job", model, resume=True) as job:
+        assert all(job.done(stage) for stage in STAGES)
+    photo = (model / "images" / "a.jpg").rename(tmp_path / "a.jpg")
+    (model / "images" / "a.jpg").symlink_to(photo)
+    assert redone(model / "job", lambda: photo.write_bytes(b"other"), model) == list(STAGES)
+
+
+def test_a_photo_that_is_gone_is_named_and_nothing_is_lost(tmp_path: Path, model: Path) -> None:
+    with Job.start(tmp_path / "job", model) as job:
+        finish_all(job)
+    photo = (model / "images" / "a.jpg").rename(tmp_path / "elsewhere.jpg")
+    with pytest.raises(BadInput, match=r"a\.jpg"):
+        Job.start(tmp_path / "job", resume=True)
+    photo.rename(model / "images" / "a.jpg")
+    with Job.start(tmp_path / "job", resume=True) as job:
+        assert all(job.done(stage) for stage in STAGES)
 
 
 def test_a_job_folder_inside_the_scene_does_not_change_the_scene(source: Path) -> None:
     with Job.start(source / "out", source) as job:
-        before = job.keys()["scene"]
+        before = job.keys
         (source / "out" / "picture.png").write_bytes(b"1")
-        assert job.keys()["scene"] == before
+    with Job.start(source / "out", resume=True) as job:
+        assert job.keys == before
 
 
 def test_a_relative_job_folder_inside_the_scene_does_not_change_the_scene(source: Path, monkeypatch) -> None:
     monkeypatch.chdir(source.parent)
     with Job.start(Path(source.name) / "job", Path(source.name)) as job:
-        before = job.keys()
-        job.path("cameras.bin").write_bytes(b"of the job")
-        assert job.keys() == before
+        before = job.keys
+        job.path("picture.png").write_bytes(b"of the job")
+    with Job.start(Path(source.name) / "job", resume=True) as job:
+        assert job.keys == before
 
 
 def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path, source: Path) -> None:

@@ -21,7 +21,7 @@ from mgf_engine.masks.levels import Part, add_elements, tie_parts
 from mgf_engine.masks.model import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.masks.plain import PLAIN, plain_share, plain_text
 from mgf_engine.masks.points import pixel_at, vote
-from mgf_engine.masks.prompts import Prompts, read_prompts
+from mgf_engine.masks.prompts import Prompts, PromptsFile, read_prompts
 from mgf_engine.masks.propagate import Propagation, consistency, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
@@ -39,7 +39,12 @@ _NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --mas
 
 
 def build_masks(
-    scene: Scene, prompts: Path | None, masks_folder: Path | None, folder: Path, config: Config, reporter: Reporter
+    scene: Scene,
+    prompts: Path | PromptsFile | None,
+    masks_folder: Path | None,
+    folder: Path,
+    config: Config,
+    reporter: Reporter,
 ) -> MaskSet:
     """Make the masks of a scene and write them to ``folder``; the photos share the cores, one thread each.
 
@@ -56,7 +61,12 @@ def build_masks(
 
 
 def _build_masks(
-    scene: Scene, prompts: Path | None, masks_folder: Path | None, folder: Path, config: Config, reporter: Reporter
+    scene: Scene,
+    prompts: Path | PromptsFile | None,
+    masks_folder: Path | None,
+    folder: Path,
+    config: Config,
+    reporter: Reporter,
 ) -> MaskSet:
     started, threads = time.perf_counter(), config.threads or cores()
     clicks: Prompts = {}

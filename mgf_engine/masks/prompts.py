@@ -7,6 +7,7 @@ u, v are pixels of the user's own photo, (0, 0) its top-left corner.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -43,17 +44,41 @@ class Clicks:
 Prompts = dict[int, Clicks]  # index of the view -> clicks
 
 
-def read_prompts(path: Path, scene: Scene, warn: Callable[[str], None] = lambda text: None) -> Prompts:
+@dataclass(frozen=True)
+class PromptsFile:
+    """A prompts file as it was at one moment, whatever becomes of it later; ``path`` is what messages name."""
+
+    path: Path
+    content: bytes
+
+    @classmethod
+    def read(cls, path: Path) -> PromptsFile:
+        """Read the file, unchecked but for its size; BadInput where that cannot be done."""
+        try:
+            if path.stat().st_size > _LARGEST_FILE:
+                size = path.stat().st_size >> 20
+                raise BadInput(f"'{path}' has {size} MB, too much for clicks; give the prompts file.")
+            return cls(path, path.read_bytes())
+        except OSError as error:
+            raise BadInput(f"Cannot read the prompts file '{path}' ({error.strerror or error}).") from error
+
+    def digest(self) -> str:
+        """A hash of the content."""
+        return hashlib.sha256(self.content).hexdigest()
+
+
+def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], None] = lambda text: None) -> Prompts:
     """Read and check a prompts file.
 
     Args:
+        given: the file, or what it was when it was read.
         warn: gets a sentence when photos with clicks could not be placed, so that their clicks are passed over.
 
     Raises:
         BadInput: it cannot be read, is malformed, names unknown photos, has clicks outside the frame, or has no
             click on the building at all.
     """
-    data = _read_json(path)
+    data, path = _read_json(given), given.path if isinstance(given, PromptsFile) else given
     prompts: Prompts = {}
     left_out = [name for name in data if name.replace("\\", "/") in scene.left_out]
     unplaced = [name for name in data if name not in left_out and _is_unplaced(name, scene)]
@@ -76,15 +101,15 @@ def read_prompts(path: Path, scene: Scene, warn: Callable[[str], None] = lambda 
     return prompts
 
 
-def clicked_names(path: Path | None) -> list[str]:
+def clicked_names(given: Path | PromptsFile | None) -> list[str]:
     """The photos that a prompts file has clicks on, as it names them; none where it cannot be read.
 
     What is wrong with a file is said by :func:`read_prompts`, when its clicks are needed.
     """
-    if path is None:
+    if given is None:
         return []
     try:
-        return sorted(_read_json(path))
+        return sorted(_read_json(given))
     except BadInput:
         return []
 
@@ -103,13 +128,11 @@ def read_clicks_of(path: Path, view: View) -> Clicks:
     raise BadInput(f"'{path}' has no clicks on the photo '{view.name}'; click points on it first.")
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def _read_json(given: Path | PromptsFile) -> dict[str, Any]:
+    file = given if isinstance(given, PromptsFile) else PromptsFile.read(given)
+    path = file.path
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise BadInput(f"'{path}' has {path.stat().st_size >> 20} MB, too much for clicks; give the prompts file.")
-        data = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_unique_keys)
-    except OSError as error:
-        raise BadInput(f"Cannot read the prompts file '{path}' ({error.strerror or error}).") from error
+        data = json.loads(file.content.decode("utf-8-sig"), object_pairs_hook=_unique_keys)
     except _DuplicateKey as error:
         raise BadInput(f"'{path}' holds '{error}' twice; merge the two entries into one.") from error
     except (ValueError, RecursionError) as error:

@@ -48,7 +48,7 @@ def read_supplied(folder: Path, scene: Scene) -> list[NDArray[np.uint8] | None]:
 
 
 def _read_one(folder: Path, view: View) -> NDArray[np.uint8] | None:
-    path = _find(folder, view.name)
+    path = find_mask(folder, view.name)
     if path is None:
         return None
     original, working = (view.original_width, view.original_height), (view.width, view.height)
@@ -68,7 +68,8 @@ def _read_one(folder: Path, view: View) -> NDArray[np.uint8] | None:
     return labels if size != original else view.warp_labels(labels)  # the former: made on the working photo
 
 
-def _find(folder: Path, name: str) -> Path | None:
+def find_mask(folder: Path, name: str) -> Path | None:
+    """The mask of a photo by the photo's name (with ``/``); None where there is none."""
     photo = PurePosixPath(name)
     for candidate in (photo.with_suffix(".png"), PurePosixPath(f"{name}.png"), photo):
         for path in (folder / candidate, folder / candidate.name):

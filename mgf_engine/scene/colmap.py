@@ -30,7 +30,7 @@ def find_model(source: Path, exclude: Path | None = None) -> Path | None:
 
     Args:
         source: the folder the user gave: a scene, its ``sparse`` folder, or the model itself.
-        exclude: a folder whose models are not looked at (the job's own).
+        exclude: a folder whose models are not looked at (the job's own); other jobs' folders never are.
 
     Raises:
         BadInput: the only model found lacks one of its three files.
@@ -79,6 +79,22 @@ def read_model(folder: Path) -> SparseModel:
     model = SparseModel(folder, by_id, tuple(sorted(images, key=lambda image: image.name)), points, rigs)
     check_model(model)
     return model
+
+
+def model_files(folder: Path) -> list[Path]:
+    """The files that :func:`read_model` reads."""
+    paths = [folder / (part + _kind(folder)) for part in (*_PARTS, "rigs", "frames")]
+    return [path for path in paths if path.is_file()]
+
+
+def photo_names(folder: Path) -> list[str]:
+    """The photos of the model in a folder, sorted, without reading more than their names.
+
+    Raises:
+        BadInput: the file is damaged.
+    """
+    kind = _kind(folder)
+    return sorted((colmap_binary if kind == ".bin" else colmap_text).read_names(folder / ("images" + kind)))
 
 
 def find_photos(names: list[str], model: Path, source: Path, exclude: Path | None = None) -> list[Path]:
@@ -131,8 +147,8 @@ def _candidates(source: Path, exclude: Path | None) -> list[tuple[int, Path]]:
     for rank, places in enumerate(PLACES):
         for place in places:
             for folder in sorted(source.glob(place)) if place else [source]:
-                inside = exclude is not None and (exclude == folder or exclude in folder.parents)
-                if folder.is_dir() and not inside:
+                inside = [p for p in (folder, *folder.parents) if source in p.parents]
+                if folder.is_dir() and not any(_of_a_job(p, exclude) for p in inside):
                     found.setdefault(folder, rank)
     return [(rank, folder) for folder, rank in found.items()]
 
@@ -167,7 +183,7 @@ def _photo_places(model: Path, source: Path) -> list[Path]:
     around = [model, *model.parents[:3], source, *source.parents[:1]]
     around = [p for p in around if p == source or source in p.parents or p in source.parents[:2]]
     places = [p / "images" for p in around] + around
-    places += [p for p in sorted(source.iterdir()) if p.is_dir()] if source.is_dir() else []
+    places += [p for p in sorted(source.iterdir()) if p.is_dir() and not _of_a_job(p)] if source.is_dir() else []
     return [p for i, p in enumerate(places) if p.is_dir() and p not in places[:i]]
 
 
@@ -204,10 +220,15 @@ def _common(a: list[str], b: list[str]) -> int:
     return count
 
 
+def _of_a_job(folder: Path, own: Path | None = None) -> bool:
+    """Whether a folder is the job's own or another's: its pictures are results, not photos."""
+    return folder == own or (folder / "job.json").is_file()
+
+
 def _walk(root: Path, exclude: Path | None) -> list[Path]:
     files: list[Path] = []
     for folder, subfolders, names in os.walk(root):
         here = Path(folder)
-        subfolders[:] = [s for s in subfolders if not s.startswith(".") and here / s != exclude]
+        subfolders[:] = [s for s in subfolders if not s.startswith(".") and not _of_a_job(here / s, exclude)]
         files += [here / name for name in names if not name.startswith(".")]
     return files

@@ -106,6 +106,16 @@ def read_images(path: Path) -> list[SparseImage]:
     return images
 
 
+def read_names(path: Path) -> list[str]:
+    """The photos' names in ``images.bin``; raises BadInput when damaged."""
+    file, names = _Bytes(path), list[str]()
+    for _ in range(file.count(73)):
+        file.take("I7dI")
+        names.append(file.name())
+        file.array(_KEYPOINT, file.count(_KEYPOINT.itemsize))
+    return names
+
+
 def read_points(path: Path) -> SparsePoints:
     """``points3D.bin``; raises BadInput when damaged."""
     file = _Bytes(path)

@@ -65,6 +65,14 @@ def read_images(path: Path) -> list[SparseImage]:
     return images
 
 
+def read_names(path: Path) -> list[str]:
+    """The photos' names in ``images.txt``; raises BadInput when damaged."""
+    heads = [line.split(maxsplit=9) for line, _ in _image_lines(_lines(path)[0])]
+    if any(len(fields) != 10 for fields in heads):
+        damaged(path, "a photo's line is too short")
+    return [fields[9] for fields in heads]
+
+
 def read_points(path: Path) -> SparsePoints:
     """``points3D.txt``; raises BadInput when damaged."""
     lines, expected = _lines(path)

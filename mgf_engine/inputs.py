@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a job is made from, as it was when the job was opened: the model's files, its photos, the clicks, the masks.
+
+Only what the stages read is looked at, so that nothing else in the user's folders can make a stage run again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.prompts import PromptsFile
+from mgf_engine.masks.supplied import find_mask
+from mgf_engine.scene.colmap import find_model, find_photos, list_photos, model_files, photo_names
+
+_LARGEST_HASHED = 16 << 20  # bytes; of larger files size and time are compared
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the user's files were.
+
+    Attributes:
+        scene: the model's files by content and its photos by size and time, as plain lists.
+        clicks: the prompts file; None where there is none.
+        masks: the user's masks by size and time; None where there are none.
+    """
+
+    scene: list[Any]
+    clicks: PromptsFile | None
+    masks: list[Any] | None
+
+
+def read_inputs(source: Path, prompts: Path | None, masks: Path | None, job: Path) -> Inputs:
+    """Look at everything that the stages will read.
+
+    Args:
+        source, prompts, masks, job: resolved; ``job`` is the job's own folder, which may lie inside the source.
+
+    Raises:
+        BadInput: the model is damaged, a photo of it is not there, or a file cannot be read.
+    """
+    if not source.is_dir():
+        raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")
+    try:
+        scene, names = _scene(source, job)
+        clicks = PromptsFile.read(prompts) if prompts is not None else None
+        own = None if masks is None else [[n, *_look(p)] for n in names if (p := find_mask(masks, n)) is not None]
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise BadInput(f"Cannot read '{error.filename or source}' ({reason}); check that it is there.") from error
+    return Inputs(scene, clicks, own)
+
+
+def _scene(source: Path, job: Path) -> tuple[list[Any], list[str]]:
+    """What is compared of the model and the photos; the photos' names."""
+    model = find_model(source, job)
+    if model is None:
+        root, names = list_photos(source, job)
+        return [_place(root, source), [[name, *_look(root / name)] for name in names]], names
+    names = photo_names(model)
+    photos = find_photos(names, model, source, job)
+    files = [[file.name, *_content(file)] for file in model_files(model)]
+    looked_at = [[n, _place(p, source), *_look(p)] for n, p in zip(names, photos, strict=True)]
+    return [_place(model, source), files, looked_at], [name.replace("\\", "/") for name in names]
+
+
+def _content(file: Path) -> list[Any]:
+    return [hashlib.sha256(file.read_bytes()).hexdigest()] if file.stat().st_size < _LARGEST_HASHED else _look(file)
+
+
+def _look(file: Path) -> list[Any]:
+    status = file.stat()
+    return [status.st_size, status.st_mtime_ns]
+
+
+def _place(path: Path, source: Path) -> str:
+    return path.relative_to(source).as_posix() if path.is_relative_to(source) else path.as_posix()

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whole runs with stages that only leave their files, while the user's files change under them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mgf_engine import pipeline
+from mgf_engine.job import CLICKS, RESULTS, Job
+from mgf_engine.messages import STAGES, Reporter
+
+CAMERAS = "1 PINHOLE 4 4 1 1 2 2\n"
+CLICK = '{"a.jpg": {"positive": [[1, 2]]}}'
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    folder = tmp_path / "scene"
+    (folder / "images").mkdir(parents=True)
+    (folder / "images" / "a.jpg").write_bytes(b"x")
+    for name, text in {"cameras": CAMERAS, "images": "1 1 0 0 0 0 0 0 1 a.jpg\n\n", "points3D": ""}.items():
+        (folder / f"{name}.txt").write_text(text)
+    (folder / "clicks.json").write_text(CLICK)
+    return folder
+
+
+@pytest.fixture
+def run(source: Path, monkeypatch):
+    """Runs the job in a folder; ``middle`` maps a stage to what happens in its middle. Returns stages not cached."""
+    monkeypatch.setattr(pipeline, "_prepare", lambda job, reporter: None)
+
+    def start(folder: Path, middle=None) -> list[str]:
+        def stage(name: str):
+            def work(job: Job, reporter: Reporter) -> dict:
+                if name == "masks":
+                    job.keep_clicks()
+                for file in RESULTS[name]:
+                    job.path(file).parent.mkdir(parents=True, exist_ok=True)
+                    job.path(file).write_text("{}")
+                if middle and name in middle:
+                    middle[name]()
+                if name == "deliver":
+                    assert set(job.stages) == set(STAGES[:-1])  # what the report shows
+                return {}
+
+            return work
+
+        monkeypatch.setattr(pipeline, "_RUNNERS", {name: stage(name) for name in STAGES})
+        sent: list[dict] = []
+        with Job.start(folder, source, source / "clicks.json", given={"texture": False}, resume=True) as job:
+            pipeline.run_job(job, Reporter(sent.append))
+        return [m["stage"] for m in sent if m["type"] == "stage" and not m["cached"]]
+
+    return start
+
+
+@pytest.mark.parametrize("place", ["inside", "outside"])
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_file_saved_beside_the_photos_costs_nothing(
+    source: Path, tmp_path: Path, run, stage: str, place: str
+) -> None:
+    folder = (source if place == "inside" else tmp_path) / "job"
+
+    def save() -> None:
+        for name in ("notes.txt", "more.json", "images/another.jpg"):
+            (source / name).write_text(stage)
+
+    assert run(folder, {stage: save}) == list(STAGES)
+    assert run(folder) == []
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_photo_changed_in_the_middle_is_for_the_next_run(source: Path, tmp_path: Path, run, stage: str) -> None:
+    assert run(tmp_path / "job", {stage: lambda: (source / "images" / "a.jpg").write_bytes(b"other")}) == list(STAGES)
+    assert run(tmp_path / "job") == list(STAGES)
+    assert run(tmp_path / "job") == []
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_click_added_in_the_middle_is_for_the_next_run(source: Path, tmp_path: Path, run, stage: str) -> None:
+    more = '{"a.jpg": {"positive": [[1, 2], [2, 2]]}}'
+    assert run(tmp_path / "job", {stage: lambda: (source / "clicks.json").write_text(more)}) == list(STAGES)
+    assert (tmp_path / "job" / CLICKS).read_text() == CLICK
+    assert run(tmp_path / "job") == list(STAGES[1:])
+    assert (tmp_path / "job" / CLICKS).read_text() == more
+
+
+def test_a_second_job_of_the_same_photos_does_not_disturb_the_first(source: Path, run) -> None:
+    def second() -> None:
+        with Job.start(source / "second", source, source / "clicks.json") as job:
+            job.path("scene", "sparse").mkdir(parents=True)
+            for name in ("cameras", "images", "points3D"):
+                job.path("scene", "sparse", f"{name}.txt").write_text(CAMERAS)
+            job.path("texture.jpg").write_bytes(b"no photo")
+
+    assert run(source / "job", {"field": second}) == list(STAGES)
+    assert run(source / "job") == []
+    assert set(json.loads((source / "second" / "job.json").read_text())["stages"]) == set()
