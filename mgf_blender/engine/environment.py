@@ -23,7 +23,13 @@ def python_of(environment: Path) -> Path:
 
 
 def managed_environment() -> Path:
-    """The virtual environment that *Install Engine* makes."""
+    """The virtual environment that *Install Engine* makes.
+
+    On Windows not below Blender's own folder: with that one's length, paths of torch pass what Windows allows.
+    """
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA")
+        return (Path(base) if base else Path.home() / "AppData" / "Local") / "mgf" / "engine"
     return user_folder() / "engine"
 
 

@@ -24,10 +24,15 @@ from .task import Step, Task
 SIZE_CPU, SIZE_CUDA = N_("about 2 GB"), N_("about 7 GB")
 _TORCH_INDEX = "https://download.pytorch.org/whl/"
 _SMALLEST_FREE = 3 << 30
+#: Letters of the longest file name in the packages, below site-packages: a licence in torch's wheel.
+_LONGEST_NAME = 167
+_LONGEST_PATH = 259  # letters that Windows allows unless long paths were switched on
 #: What pip prints when an index does not answer, over its versions.
 _NO_NETWORK = ("NewConnectionError", "Failed to establish a new connection", "Temporary failure in name resolution",
                "ConnectTimeout", "ReadTimeoutError", "Connection refused", "Network is unreachable", "Max retries",
                )  # fmt: skip
+#: How pip and the systems say that a path is too long.
+_PATH_TOO_LONG = ("Windows Long Path support", "[WinError 206]", "[Errno 36]", "[Errno 63]", "File name too long")
 
 
 @dataclass(frozen=True)
@@ -95,9 +100,12 @@ def make_task(plan: Plan, log: Path) -> Task:
     """The steps of an installation; nothing runs before the task is drained.
 
     Raises:
-        UserError: the disk has too little room or the wheel folder lacks the engine's dependencies.
+        UserError: the disk has too little room, the folder's path is too long, or the wheel folder lacks the
+            engine's dependencies.
     """
     _check_room(plan.target)
+    if sys.platform == "win32" and not _long_paths_allowed():
+        check_length(str(plan.target))
     if plan.wheel_folder is not None and not any(plan.wheel_folder.glob("torch-*.whl")):
         raise UserError(
             "'{wheel_folder}' holds no wheel of torch; fill it with 'pip download' on a machine with network.",
@@ -124,6 +132,8 @@ def explain(step: Step, lines: list[str]) -> str:
     output = "\n".join(lines)
     if "No space left on device" in output or "not enough space" in output:
         return tr("The disk is full; free some space and install again.")
+    if any(sign in output for sign in _PATH_TOO_LONG):
+        return tr("A file's path is too long; switch long paths on in Windows and install again.")
     if any(sign in output for sign in _NO_NETWORK):
         return tr("The package index cannot be reached; check the network, or install from a wheel folder.")
     if "ensurepip" in output:
@@ -148,6 +158,33 @@ def _source(plan: Plan) -> list[str]:
         return []
     build = "cpu" if plan.torch == "cpu" else "cu128"
     return ["--index-url", _TORCH_INDEX + build, "--extra-index-url", "https://pypi.org/simple"]
+
+
+def check_length(target: str) -> None:
+    """Refuse an environment whose files would have paths that Windows does not allow.
+
+    Raises:
+        UserError: the path is too long.
+    """
+    excess = len(target) + len("\\Lib\\site-packages\\") + _LONGEST_NAME - _LONGEST_PATH
+    if excess > 0:
+        raise UserError(
+            "The path '{folder}' is {count} letter(s) too long for the engine on Windows; switch long paths on in "
+            "Windows (LongPathsEnabled), or use an existing environment in a shorter folder.",
+            folder=target,
+            count=excess,
+        )
+
+
+def _long_paths_allowed() -> bool:
+    """Whether this Windows was told to allow paths of more than 259 letters."""
+    import winreg
+
+    try:
+        with winreg.OpenKey(winreg.HKEY_LOCAL_MACHINE, r"SYSTEM\CurrentControlSet\Control\FileSystem") as key:
+            return bool(winreg.QueryValueEx(key, "LongPathsEnabled")[0])
+    except OSError:
+        return False
 
 
 def _check_room(target: Path) -> None:

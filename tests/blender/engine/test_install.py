@@ -12,7 +12,7 @@ import bpy
 import pytest
 
 from mgf_blender.common.errors import UserError
-from mgf_blender.engine import install, operators
+from mgf_blender.engine import environment, install, operators
 from mgf_blender.engine.task import CANCELLED, DONE, FAILED, Step, Task
 
 
@@ -68,12 +68,42 @@ def test_full_disk_is_said_before_anything_is_written(tmp_path, monkeypatch):
         ("No module named ensurepip", "cannot make environments"),
         ("ERROR: No matching distribution found for torch==2.13.0", "No build of torch==2.13.0 fits"),
         ("ERROR: ResolutionImpossible: for help visit", "do not fit together"),
+        (
+            "ERROR: Could not install packages due to an OSError: [Errno 2] No such file or directory: 'C:\\x'\n"
+            "HINT: This error might have occurred since this system does not have Windows Long Path support enabled.",
+            "path is too long",
+        ),
+        ("OSError: [WinError 206] The filename or extension is too long: 'C:\\x'", "path is too long"),
         ("something odd", "something odd"),
     ],
 )
 def test_pip_failures_are_one_sentence(output, words):
     text = install.explain(Step("Installing torch", []), ["Collecting torch", output, ""])
     assert words in text and text.endswith(".") and "\n" not in text
+
+
+def test_on_windows_the_environment_has_a_short_path(monkeypatch):
+    monkeypatch.setattr(environment.sys, "platform", "win32")
+    monkeypatch.setenv("LOCALAPPDATA", "/Users/maximilian.mustermann/AppData/Local")
+    target = environment.managed_environment()
+    assert target == Path("/Users/maximilian.mustermann/AppData/Local/mgf/engine")
+    install.check_length("C:" + str(target))
+
+
+def test_too_long_a_path_is_said_before_anything_is_written(tmp_path, monkeypatch):
+    # The longest name in the pinned wheel of torch has 167 letters, Windows allows 259 in all.
+    fits = "C:\\" + "x" * (259 - 167 - len("C:\\" + "\\Lib\\site-packages\\"))
+    install.check_length(fits)
+    with pytest.raises(UserError, match=r"1 letter.s. too long"):
+        install.check_length(fits + "x")
+    monkeypatch.setattr(install.sys, "platform", "win32")
+    monkeypatch.setattr(install, "_long_paths_allowed", lambda: False)
+    deep = tmp_path / ("x" * 80)
+    with pytest.raises(UserError, match="switch long paths on"):
+        install.make_task(plan(tmp_path, target=deep / "engine"), tmp_path / "log.txt")
+    assert not deep.exists() and not (tmp_path / "log.txt").exists()
+    monkeypatch.setattr(install, "_long_paths_allowed", lambda: True)
+    assert install.make_task(plan(tmp_path, target=deep / "engine"), tmp_path / "log.txt").steps
 
 
 def test_a_real_environment_is_made_and_a_failing_step_stops(tmp_path):
