@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .tree import ROLE_KEY, Tree
+from .tree import ROLE_KEY, Tree, objects_below
 
 ROLE = "crop"
 _NAME = "Crop Box"
@@ -22,7 +22,7 @@ def find_crop_box(tree: Tree | None) -> bpy.types.Object | None:
     """The crop box of an imported scene."""
     if tree is None:
         return None
-    return next((o for o in tree.collection.all_objects if o.get(ROLE_KEY) == ROLE), None)
+    return next((o for o in objects_below(tree.collection) if o.get(ROLE_KEY) == ROLE), None)
 
 
 def add_crop_box(tree: Tree) -> bpy.types.Object:

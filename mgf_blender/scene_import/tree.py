@@ -7,6 +7,8 @@ The empty is kept, with whatever scale and orientation the user gave it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import bpy
 import numpy as np
 from mathutils import Matrix
@@ -30,7 +32,8 @@ class Tree:
     @classmethod
     def make(cls, scene: bpy.types.Scene, name: str, frame: Frame) -> Tree:
         """Add an empty tree to a scene; the empty gets the frame's pose. Trees whose objects are all gone leave."""
-        for old in [c for c in scene.collection.children if c.get(ROLE_KEY) == "tree" and not len(c.all_objects)]:
+        trees = [c for c in scene.collection.children if c.get(ROLE_KEY) == "tree"]
+        for old in [c for c in trees if next(objects_below(c), None) is None]:
             bpy.data.batch_remove([*old.children_recursive, old])
         top = bpy.data.collections.new(name)
         top[ROLE_KEY] = "tree"
@@ -93,7 +96,7 @@ class Tree:
 
     def objects(self, kind: str) -> list[bpy.types.Object]:
         """The objects of a kind that the add-on made, wherever in the tree they are now."""
-        return [o for o in self.collection.all_objects if o.get(KIND_KEY) == kind]
+        return [o for o in objects_below(self.collection) if o.get(KIND_KEY) == kind]
 
     def clear(self, kind: str) -> None:
         """Remove our objects of a kind with the data only they used."""
@@ -101,6 +104,19 @@ class Tree:
             data = obj.data
             bpy.data.objects.remove(obj, do_unlink=True)
             _remove_unused(data)
+
+
+def objects_below(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
+    """The objects of a collection and of those below it, each once.
+
+    Blender has a list of its own for this, but after an undo it holds freed objects, and reading it ends Blender.
+    """
+    seen = set()
+    for part in (collection, *collection.children_recursive):
+        for obj in part.objects:
+            if obj.name_full not in seen:
+                seen.add(obj.name_full)
+                yield obj
 
 
 def hide(obj: bpy.types.Object, hidden: bool = True) -> None:
