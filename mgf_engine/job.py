@@ -13,6 +13,7 @@ import json
 import os
 import shutil
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,12 +84,18 @@ class Job:
     keys: dict[str, str]
 
     def __init__(
-        self, folder: Path, source: Path, prompts: Path | None, masks: Path | None, given: dict[str, Any]
+        self,
+        folder: Path,
+        lock: FileLock,
+        source: Path,
+        prompts: Path | None,
+        masks: Path | None,
+        given: dict[str, Any],
     ) -> None:
         self.folder, self.source, self.prompts, self.masks = folder, source, prompts, masks
         self.given, self.config = given, make_config(given)
         self.stages: dict[str, dict[str, Any]] = {}
-        self._lock = FileLock(str(folder / ".lock"))
+        self._lock = lock
 
     @classmethod
     def start(
@@ -109,29 +116,47 @@ class Job:
                 job, or is in use.
         """
         _check_no_file(folder)
-        earlier = read_job(folder) if resume and (source is None or (folder / "job.json").exists()) else None
-        if earlier is not None:
-            source = source or Path(earlier["source"])
-            prompts = prompts or _path(earlier["prompts"])
-            masks = masks or _path(earlier["masks"])
-            given = {**earlier["given"], **(given or {})}
-        if source is None:
-            raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
-        _check_inputs(source, prompts, masks)
         folder = folder.resolve()  # as the inputs are, so that the job's own files are known among them
-        job = cls(folder, source.resolve(), _resolved(prompts), _resolved(masks), given or {})
-        _check_folder(folder, source, resume)
-        job._acquire()
+        lock = FileLock(str(folder / ".lock"))
+        plan = partial(cls._plan, folder, lock, source, prompts, masks, given or {}, resume)
+        plan()  # refuses before anything is made
+        _make_folder(folder)
+        _acquire(lock, folder)
         try:
-            job.inputs = read_inputs(job.source, job.prompts, job.masks, job.folder)
+            job = plan()  # anew: what another process finished until it let go of the lock is on record now
+            job.inputs = read_inputs(job.source, job.prompts, job.masks, folder)
             job.keys = job._make_keys()
-            if earlier is not None:
-                job.stages = earlier["stages"]
             sweep(folder)
             job.save()
         except BaseException:
-            job.close()
+            lock.release()
             raise
+        return job
+
+    @classmethod
+    def _plan(
+        cls,
+        folder: Path,
+        lock: FileLock,
+        source: Path | None,
+        prompts: Path | None,
+        masks: Path | None,
+        given: dict[str, Any],
+        resume: bool,
+    ) -> Job:
+        """The job that :meth:`start` asks for, with what the folder's job file says; nothing is written."""
+        stages: dict[str, dict[str, Any]] = {}
+        if resume and (source is None or (folder / "job.json").exists()):
+            earlier = read_job(folder)
+            source, stages = source or Path(earlier["source"]), earlier["stages"]
+            prompts, masks = prompts or _path(earlier["prompts"]), masks or _path(earlier["masks"])
+            given = {**earlier["given"], **given}
+        if source is None:
+            raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
+        _check_inputs(source, prompts, masks)
+        job = cls(folder, lock, source.resolve(), _resolved(prompts), _resolved(masks), given)
+        _check_folder(folder, job.source, resume)
+        job.stages = stages
         return job
 
     def __enter__(self) -> Job:
@@ -232,15 +257,6 @@ class Job:
             },
         )
 
-    def _acquire(self) -> None:
-        try:
-            self._lock.acquire(timeout=0)
-        except Timeout as error:
-            raise BadInput(f"The job folder '{self.folder}' is in use by another process; wait or stop it.") from error
-        except (OSError, NotImplementedError) as error:
-            why = getattr(error, "strerror", error)
-            raise BadInput(f"Cannot lock '{self.folder}' ({why}); give a folder on another file system.") from error
-
     def _options_of(self, stage: str) -> dict[str, Any]:
         names = [f.name for f in fields(Config) if f.metadata["section"] == stage and f.name != "weights"]
         return {name: getattr(self.config, name) for name in [*names, *_EXTRA_OPTIONS.get(stage, ())]}
@@ -305,16 +321,19 @@ def _check_no_file(folder: Path) -> None:
 
 
 def _check_folder(folder: Path, source: Path, resume: bool) -> None:
-    if folder.resolve() == source.resolve():
+    if folder == source:
         raise BadInput("The output folder is the scene itself; give another folder.")
     if (folder / "job.json").exists():
         other = Path(read_job(folder)["source"])
-        if other != source.resolve():
+        if other != source:
             raise BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
         if not resume:
             raise BadInput(f"'{folder}' already holds a job; add --resume to continue it, or give another folder.")
     elif folder.exists() and any(p.name != ".lock" for p in folder.iterdir()):
         raise BadInput(f"The output folder '{folder}' is not empty and holds no job; give an empty or new folder.")
+
+
+def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".lock"
@@ -324,6 +343,16 @@ def _check_folder(folder: Path, source: Path, resume: bool) -> None:
             pass
     except OSError as error:
         raise BadInput(f"Cannot write to '{folder}' ({error.strerror}); give a folder you may write to.") from error
+
+
+def _acquire(lock: FileLock, folder: Path) -> None:
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise BadInput(f"The job folder '{folder}' is in use by another process; wait or stop it.") from error
+    except (OSError, NotImplementedError) as error:
+        why = getattr(error, "strerror", error)
+        raise BadInput(f"Cannot lock '{folder}' ({why}); give a folder on another file system.") from error
 
 
 def _path(text: str | None) -> Path | None:

@@ -346,6 +346,24 @@ def test_a_file_system_without_locks_is_refused(tmp_path: Path, source: Path, mo
         Job.start(tmp_path / "job", source)
 
 
+def test_what_another_process_finishes_before_it_lets_go_is_kept(tmp_path: Path, source: Path, monkeypatch) -> None:
+    other = Job.start(tmp_path / "job", source)
+    other.finish("scene", other.keys["scene"], 1.0, 2.0, 1, {}, [])
+    acquire = FileLock.acquire
+
+    def at_the_last_moment(self: FileLock, timeout: float) -> object:
+        monkeypatch.undo()
+        for stage in ("masks", "field"):
+            other.finish(stage, other.keys[stage], 1.0, 2.0, 1, {}, [])
+        other.close()
+        return acquire(self, timeout=timeout)
+
+    monkeypatch.setattr(FileLock, "acquire", at_the_last_moment)
+    with Job.start(tmp_path / "job", resume=True):
+        pass
+    assert set(read_job(tmp_path / "job")["stages"]) == {"scene", "masks", "field"}
+
+
 def test_job_file_holds_inputs_and_options(tmp_path: Path, source: Path) -> None:
     Job.start(tmp_path / "job", source, given={"seed": 4}).close()
     data = json.loads((tmp_path / "job" / "job.json").read_text())
