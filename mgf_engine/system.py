@@ -10,6 +10,7 @@ import os
 import platform
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,10 @@ from typing import Any
 PACKAGES = (
     "torch", "numpy", "pycolmap", "onnxruntime", "opencv-contrib-python-headless", "scipy", "libigl", "trimesh",
 )  # fmt: skip
+
+
+_WINDOWS = os.name == "nt"
+_WAITS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.4, 0.5)  # seconds
 
 
 def _read_umask() -> int:
@@ -126,6 +131,21 @@ def versions() -> dict[str, str]:
     return found
 
 
+def put_in_place(new: Path, path: Path) -> None:
+    """``os.replace`` that waits, on Windows, for a reader or a virus scanner to let go of the file (two seconds).
+
+    Raises:
+        OSError: the file cannot be replaced.
+    """
+    for wait in _WAITS if _WINDOWS else ():
+        try:
+            os.replace(new, path)
+            return
+        except PermissionError:
+            time.sleep(wait)
+    os.replace(new, path)
+
+
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place when the block ends well, and is removed otherwise."""
@@ -137,7 +157,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         yield temporary
         if os.name == "posix":
             temporary.chmod(0o666 & ~_UMASK)  # mkstemp makes private files; results are for everybody to open
-        os.replace(temporary, path)
+        put_in_place(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise

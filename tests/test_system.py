@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import contextlib
 import os
 import subprocess
 import sys
@@ -6,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from mgf_engine import system
 from mgf_engine.system import atomic_path, peak_memory, versions, write_json
 
 
@@ -16,6 +18,28 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> 
         temporary.write_text("half")
         raise ValueError("half way")
     assert path.read_text().split() == ["[", "1", "]"]
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+@pytest.mark.parametrize(("windows", "tries", "written"), [(True, 3, True), (True, 1000, False), (False, 1, False)])
+def test_on_windows_a_file_that_is_being_read_is_waited_for(tmp_path, monkeypatch, windows, tries, written) -> None:
+    write_json(tmp_path / "a.json", [1])
+    held, waited, replace = [tries], [], os.replace
+
+    def held_open(new: Path, old: Path) -> None:
+        held[0] -= 1
+        if held[0] >= 0:
+            raise PermissionError(13, "The process cannot access the file")
+        replace(new, old)
+
+    monkeypatch.setattr(system, "_WINDOWS", windows)
+    monkeypatch.setattr(os, "replace", held_open)
+    monkeypatch.setattr(system.time, "sleep", waited.append)
+    with contextlib.nullcontext() if written else pytest.raises(PermissionError):
+        write_json(tmp_path / "a.json", [2])
+    assert (tmp_path / "a.json").read_text().split() == ["[", "2" if written else "1", "]"]
+    assert sum(waited) < 2.5
+    assert (len(waited) > 0) == windows
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 

@@ -7,7 +7,6 @@ OpenCV decodes (from memory, so that paths may hold any letters); Pillow reads o
 from __future__ import annotations
 
 import io
-import os
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mgf_engine.errors import BadInput
+from mgf_engine.system import put_in_place
 
 _ORIENTATION_TAG = 274
 #: EXIF orientations that swap width and height.
@@ -123,7 +123,7 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
         raise ValueError(f"Cannot encode a picture of shape {image.shape}")
     temporary = path.with_name(path.name + ".part")
     temporary.write_bytes(io.BytesIO(data.tobytes()).getbuffer())
-    os.replace(temporary, path)
+    put_in_place(temporary, path)
 
 
 def is_png(data: bytes | memoryview) -> bool:

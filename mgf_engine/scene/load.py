@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,7 +28,7 @@ from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out, st
 from mgf_engine.scene.sfm import reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
-from mgf_engine.system import cores
+from mgf_engine.system import cores, put_in_place
 
 log = logging.getLogger("mgf")
 
@@ -182,4 +181,4 @@ def _tracks(
 
 def _replace(new: Path, old: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
-    os.replace(new, old)
+    put_in_place(new, old)

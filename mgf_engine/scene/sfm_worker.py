@@ -10,7 +10,6 @@ COLMAP's list of pairs cannot hold names with spaces; the model gets the real na
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sys
 import threading
@@ -20,7 +19,7 @@ from typing import Any
 import pycolmap
 
 from mgf_engine.scene.pairs import choose_pairs
-from mgf_engine.system import write_json
+from mgf_engine.system import put_in_place, write_json
 from mgf_engine.workers import end_with_the_job
 
 TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
@@ -54,7 +53,7 @@ def main(folder: Path) -> int:
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir()
     best.write_binary(partial)
-    os.replace(partial, folder / MODEL)
+    put_in_place(partial, folder / MODEL)
     return 0
 
 

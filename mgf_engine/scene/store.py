@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -15,6 +14,7 @@ from mgf_engine.arrays import read_arrays
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.images import read_info
 from mgf_engine.scene.model import Lens, Scene, Similarity, View
+from mgf_engine.system import put_in_place
 
 FILE = "scene.npz"
 FORMAT = 1
@@ -40,7 +40,7 @@ def save_scene(scene: Scene) -> None:
     temporary = scene.folder / (FILE + ".part")
     with temporary.open("wb") as file:
         np.savez(file, **arrays)
-    os.replace(temporary, scene.folder / FILE)
+    put_in_place(temporary, scene.folder / FILE)
 
 
 def read_scene(folder: Path) -> Scene:

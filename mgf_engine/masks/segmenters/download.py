@@ -13,6 +13,7 @@ from pathlib import Path
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
+from mgf_engine.system import put_in_place
 
 #: Apache-2.0, exported to ONNX by the labelme project.
 BASE_URL = "https://github.com/labelmeai/efficient-sam/releases/download/onnx-models-20231225"
@@ -130,7 +131,7 @@ def _fetch(file: WeightFile, target: Path, base_url: str, reporter: Reporter, do
     if _digest(partial) != file.sha256:
         partial.unlink()
         raise BadInput(f"{file.name} arrived damaged (wrong SHA-256) and was removed; download it again.")
-    os.replace(partial, target)
+    put_in_place(partial, target)
 
 
 def _check(path: Path, file: WeightFile, folder: Path) -> None:
