@@ -72,7 +72,8 @@ def read_ply(path: Path) -> Mesh:
         vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int32)
     except Exception as error:  # the reader raises whatever its parsing meets
         raise BadInput(f"The mesh '{path}' is missing or damaged ({error}); give a PLY file with triangles.") from error
-    if len(faces) == 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
+    known = len(faces) > 0 and faces.min() >= 0 and faces.max() < len(vertices)
+    if not known or not np.isfinite(vertices).all():
         raise BadInput(f"The mesh '{path}' holds no usable triangles; give a PLY file with triangles.")
     colors = np.full((len(vertices), 3), 255, np.uint8)
     if loaded.visual.kind == "vertex":

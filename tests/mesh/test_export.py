@@ -171,3 +171,14 @@ def test_a_textured_glb_holds_the_picture(tmp_path):
     assert image.size == (64, 32) and b"image/jpeg" in (tmp_path / "mesh.glb").read_bytes()
     assert np.abs(np.asarray(image.convert("RGB")).astype(int) - (200, 100, 50)).max() < 4
     assert (tmp_path / IMAGE).read_bytes() in (tmp_path / "mesh.glb").read_bytes()  # as it is, not encoded once more
+
+
+@pytest.mark.parametrize("index", [-1, -400_000_000, 4, 2_000_000_000])
+@pytest.mark.parametrize("colors", ["", "property uchar red\nproperty uchar green\nproperty uchar blue\n"])
+def test_faces_with_vertices_that_do_not_exist_are_refused(tmp_path: Path, index: int, colors: str) -> None:
+    header = f"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n{colors}"
+    header += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = [f"{x} {y} 0{' 9 9 9' if colors else ''}" for x, y in ((0, 0), (1, 0), (0, 1), (1, 1))]
+    (tmp_path / "mesh.ply").write_text(header + "\n".join([*rows, "3 0 1 2", f"3 0 1 {index}"]) + "\n")
+    with pytest.raises(BadInput, match="give a PLY file with triangles"):
+        read_ply(tmp_path / "mesh.ply")
