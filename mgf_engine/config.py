@@ -57,7 +57,7 @@ class Config:
 
     # scene
     resolution: int = option(750, "scene", "Longest side of the photos while working", low=64, high=8192, unit="px", advanced=False)
-    holdout_every: int = option(8, "scene", "Every n-th photo is kept out of training to measure the result; 0 trains on all", low=0, high=1000)
+    holdout_every: int = option(8, "field", "Every n-th photo is kept out of training to measure the result; 0 trains on all", low=0, high=1000)
     max_photos: int = option(0, "scene", "Use at most so many photos: those with clicks, and what is spread out best beside them; 0 uses all", low=0, high=100_000)
     even_exposure: bool = option(True, "scene", "Bring all photos to one exposure and white balance by the points they share")
     matching: str = option("auto", "scene", "How photos without a COLMAP model are matched", choices=("auto", "exhaustive", "sequential"))
