@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one exception whose text people read."""
+"""The one exception whose text people read, and the sentence for any other."""
+
+import traceback
 
 from .text import tr
 
@@ -14,3 +16,11 @@ class UserError(Exception):
 
     def __init__(self, text: str, **values: object) -> None:
         super().__init__(tr(text, **values))
+
+
+def sentence(error: Exception) -> str:
+    """What people read of an error: a ``UserError``'s own text; of a fault of ours the console has the rest."""
+    if isinstance(error, UserError):
+        return str(error)
+    traceback.print_exception(error)
+    return tr("The add-on made a mistake ({error!r}); please report it with the text in the console.", error=error)

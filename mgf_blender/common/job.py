@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from .errors import sentence
 from .process import Process
 from .text import N_, tr
 
@@ -79,12 +80,12 @@ class Job:
         """Start the process.
 
         Raises:
-            UserError: the program cannot be started; the job is then FAILED.
+            UserError: the program cannot be started; the job is then FAILED and has ended.
         """
         try:
             self.process = Process(self.command)
         except Exception as error:
-            self.status, self.text, self.exit_code = FAILED, str(error), EXIT_FAULT
+            self._end(FAILED, sentence(error), EXIT_FAULT)
             raise
         self.status, self._begun = RUNNING, time.monotonic()
 
@@ -129,8 +130,7 @@ class Job:
             return
         self.messages += 1
         self._apply(message)
-        if self.on_message is not None:
-            self.on_message(self, message)
+        self._tell(self.on_message, message)
 
     def _apply(self, message: dict[str, Any]) -> None:
         kind = message["type"]
@@ -191,8 +191,23 @@ class Job:
         self.seconds = time.monotonic() - self._begun if self._begun else 0.0
         if not self.log and (self.folder / "log.txt").is_file():
             self.log = str(self.folder / "log.txt")
-        if self.on_end is not None:
-            self.on_end(self)
+        self._tell(self.on_end)
+
+    def fail(self, error: Exception) -> None:
+        """End the job after a fault of the add-on that it cannot go on from."""
+        if self.process is not None:
+            self.process.kill()
+        self._end(FAILED, sentence(error), EXIT_FAULT)
+
+    def _tell(self, listener: Callable[..., None] | None, *news: object) -> None:
+        """Call a listener; what goes wrong there joins the warnings, once, and the job goes on."""
+        try:
+            if listener is not None:
+                listener(self, *news)
+        except Exception as error:
+            text = sentence(error)
+            if text not in self.warnings:
+                self.warnings.append(text)
 
 
 def _parse(line: str) -> dict[str, Any] | None:

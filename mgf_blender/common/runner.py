@@ -7,6 +7,7 @@ deleted objects cannot leave a dangling reference.
 
 from __future__ import annotations
 
+import contextlib
 import time
 
 import bpy
@@ -56,7 +57,10 @@ def pump() -> bool:
         if waiting is not None:
             _start(waiting)
     else:
-        running.drain()
+        try:
+            running.drain()
+        except Exception as error:  # Blender drops a timer whose function raises, and with it every job
+            running.fail(error)
         if running.status != DONE or not bpy.app.background:  # without a window the result is imported here and now
             _longest_tick = max(_longest_tick, time.perf_counter() - begun)
     return any(j.live for j in _jobs)
@@ -79,11 +83,8 @@ def stop_all(seconds: float = 2.0) -> None:
 
 
 def _start(job: Job) -> None:
-    try:
+    with contextlib.suppress(Exception):  # the job has ended and says why
         job.start()
-    except UserError:
-        if job.on_end is not None:
-            job.on_end(job)
 
 
 def _tick() -> float | None:
@@ -110,7 +111,8 @@ def redraw() -> None:
                 if area.type in {"IMAGE_EDITOR", "PREFERENCES"}:
                     area.tag_redraw()
                 elif area.type == "VIEW_3D":
-                    next(r for r in area.regions if r.type == "UI").tag_redraw()
+                    for region in (r for r in area.regions if r.type == "UI"):
+                        region.tag_redraw()
 
 
 def register() -> None:

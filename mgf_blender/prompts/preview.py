@@ -16,7 +16,7 @@ from pathlib import Path
 import bpy
 
 from ..common.addon import preferences
-from ..common.errors import UserError
+from ..common.errors import UserError, sentence
 from ..common.process import Process
 from ..common.runner import redraw
 from ..common.text import N_, tr
@@ -127,7 +127,11 @@ def stop() -> None:
 def pump() -> bool:
     """Drain the running preview and start one that is due; returns whether there is more to do."""
     for found in _latest.values():
-        found.drain()
+        try:
+            found.drain()
+        except Exception as error:  # Blender drops a timer whose function raises
+            found.process.kill()
+            found.status, found.text = FAILED, sentence(error)
     for key, due in list(_wanted.items()):
         if time.monotonic() >= due:
             del _wanted[key]
@@ -161,8 +165,9 @@ def _start_wanted(key: str, name: str) -> None:
         return
     try:
         start(scene, photo)
-    except UserError:
+    except Exception as error:
         scene.mgf.auto_preview = False  # the button says what is wrong; asking again at every click would not help
+        sentence(error)
 
 
 def _wake() -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..common.errors import UserError
+from ..common.errors import UserError, sentence
 from ..common.meshes import mesh_steps
 from ..common.runner import redraw
 from ..properties import scene_key, scene_of
@@ -125,8 +125,14 @@ def pump() -> bool:
     global _longest
     begun = time.perf_counter()
     for key, arrival in list(_arrivals.items()):
-        if not arrival.drain():
+        try:
+            if arrival.drain():
+                continue
             _import(key, arrival)
+        except Exception as error:  # Blender drops a timer whose function raises
+            _problems[key] = sentence(error)
+        _arrivals.pop(key, None)
+        arrival.drop()
     _longest = max(_longest, time.perf_counter() - begun)
     return bool(_arrivals)
 
@@ -140,14 +146,10 @@ def _import(key: str, arrival: Arrival) -> None:
     from ..reconstruct.start import run_in
 
     scene = scene_of(key)
-    try:
-        if scene is not None:
-            text = run_in(scene, "import_result", directory=str(arrival.folder))
-            if text:
-                _problems[key] = text
-    finally:
-        _arrivals.pop(key, None)
-        arrival.drop()
+    if scene is not None:
+        text = run_in(scene, "import_result", directory=str(arrival.folder))
+        if text:
+            _problems[key] = text
 
 
 def _tick() -> float | None:
