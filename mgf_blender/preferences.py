@@ -9,7 +9,8 @@ from .common.addon import NAME
 from .common.text import draw_sentence, tr
 from .engine import operators
 from .engine.environment import managed_environment, python_of
-from .engine.task import DONE, FAILED, RUNNING
+from .engine.swap import unfinished
+from .engine.task import CANCELLED, DONE, FAILED, RUNNING
 
 
 class MGF_Preferences(bpy.types.AddonPreferences):
@@ -80,8 +81,12 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         there = python_of(managed_environment()).is_file()
         row = layout.row(align=True)
         row.operator("mgf.install_engine", text="Reinstall Engine" if there else "Install Engine", icon="IMPORT")
-        if there:
+        left = not there and unfinished(managed_environment()).exists()
+        if there or left:
             row.operator("mgf.remove_engine", text="", icon="TRASH")
+        if left and not operators.installing():
+            text = tr("An installation did not end; install again, or remove what is left of it")
+            draw_sentence(layout, text, "INFO")
         if not there and not self.wheel_folder and not bpy.app.online_access:
             layout.label(text="Online access is off: allow it or choose a wheel folder", icon="INFO")
 
@@ -98,8 +103,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             row.operator("mgf.cancel_engine_task", text="", icon="X")
             if task.output:
                 layout.label(text=task.output[-1].strip()[:100], translate=False)
-        elif task.status == FAILED:
-            draw_sentence(layout, task.text, "ERROR")
+        elif task.status in {FAILED, CANCELLED}:
+            draw_sentence(layout, task.text, "ERROR" if task.status == FAILED else "INFO")
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
             for name, value in _report_lines(task.output):

@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import runpy
 from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from mgf_engine.raster.build import TARGETS
 
@@ -12,3 +16,17 @@ from mgf_engine.raster.build import TARGETS
 def test_the_extension_carries_the_engine_for_every_target() -> None:
     script = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "build_extension.py"), run_name="tools")
     assert set(script["ALL_TARGETS"]) == set(TARGETS)
+
+
+def test_every_package_of_an_installation_is_pinned() -> None:
+    lines = (Path(__file__).parents[1] / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {canonicalize_name(line.split("==")[0]) for line in lines if "==" in line}
+    found, waiting = set(), ["mgf-engine"]
+    while waiting:
+        name = canonicalize_name(waiting.pop())
+        if name in found or name.startswith(("nvidia-", "triton")):  # torch pins those itself
+            continue
+        found.add(name)
+        needs = [Requirement(text) for text in importlib.metadata.requires(name) or []]
+        waiting += [need.name for need in needs if need.marker is None or need.marker.evaluate({"extra": ""})]
+    assert len(found) > 25 and found - {"mgf-engine"} <= pinned

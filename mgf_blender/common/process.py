@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -95,10 +96,13 @@ class Process:
                 self._popen.stdin.close()
 
     def kill(self) -> None:
-        """End the child at once."""
+        """End the child at once, and on POSIX what it started: the pip that an environment is made with, a worker."""
         self.ask_to_stop()
         with contextlib.suppress(OSError):
-            self._popen.kill()
+            if sys.platform == "win32" or self._popen.poll() is not None:
+                self._popen.kill()
+            else:
+                os.killpg(self._popen.pid, signal.SIGKILL)
 
     def wait(self, seconds: float) -> bool:
         """Wait for the child's end; True when it ended in time."""

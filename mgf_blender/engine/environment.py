@@ -10,6 +10,7 @@ from pathlib import Path
 from ..common.addon import preferences, user_folder
 from ..common.errors import UserError
 from ..common.text import tr
+from .swap import recover, unfinished
 
 #: Overrides the preferences; for scripts and continuous integration.
 VARIABLE = "MGF_ENGINE_PYTHON"
@@ -50,6 +51,12 @@ def engine_python() -> Path:
         return _existing(Path(bpy.path.abspath(prefs.engine_path)), tr("the preferences"))
     python = python_of(managed_environment())
     if not python.is_file():
+        recover(managed_environment())
+    if not python.is_file():
+        if unfinished(managed_environment()).exists():
+            raise UserError(
+                "The engine's installation did not end; press Install Engine in the preferences to repeat it."
+            )
         raise UserError("The engine is not installed; press Install Engine in the preferences of the add-on.")
     return python
 

@@ -17,13 +17,14 @@ from pathlib import Path
 from ..common.addon import carried_folder
 from ..common.errors import UserError
 from ..common.text import N_, tr
+from . import swap
 from .environment import python_of
-from .task import Step, Task
+from .task import CANCELLED, DONE, Step, Task
 
 #: Roughly what the engine takes on disk, for the question before the download.
 SIZE_CPU, SIZE_CUDA = N_("about 2 GB"), N_("about 7 GB")
 _TORCH_INDEX = "https://download.pytorch.org/whl/"
-_SMALLEST_FREE = 3 << 30
+_FREE_CPU, _FREE_CUDA = 3, 7  # GiB
 #: Letters of the longest file name in the packages, below site-packages: a licence in torch's wheel.
 _LONGEST_NAME = 167
 _LONGEST_PATH = 259  # letters that Windows allows unless long paths were switched on
@@ -103,28 +104,45 @@ def make_task(plan: Plan, log: Path) -> Task:
         UserError: the disk has too little room, the folder's path is too long, or the wheel folder lacks the
             engine's dependencies.
     """
-    _check_room(plan.target)
+    _check_room(plan)
     if sys.platform == "win32" and not _long_paths_allowed():
-        check_length(str(plan.target))
+        check_length(str(swap.unfinished(plan.target)))
     if plan.wheel_folder is not None and not any(plan.wheel_folder.glob("torch-*.whl")):
         raise UserError(
             "'{wheel_folder}' holds no wheel of torch; fill it with 'pip download' on a machine with network.",
             wheel_folder=plan.wheel_folder,
         )
-    python = str(python_of(plan.target))
-    pip = [python, "-m", "pip", "--disable-pip-version-check", "--no-input"]
-    source = _source(plan)
-    steps = [
-        Step(N_("Making the environment"), [str(plan.python), "-I", "-m", "venv", "--clear", str(plan.target)], 0.5),
-        Step(N_("Installing torch"), [*pip, "install", *source, "-c", str(plan.constraints), "torch"], 6),
-        Step(N_("Installing the engine"), [*pip, "install", *source[: 3 if plan.wheel_folder else 0],
-                                       "-c", str(plan.constraints), str(plan.wheel)], 3),
-        Step(N_("Checking the engine"), [python, "-m", "mgf_engine", "doctor"], 0.5),
-    ]  # fmt: skip
     with contextlib.suppress(OSError):  # without a log the panel still says how it goes
         log.parent.mkdir(parents=True, exist_ok=True)
         log.write_text(time.strftime("Installation started %Y-%m-%d %H:%M:%S\n"), encoding="utf-8")
-    return Task(steps, log, explain)
+    return Task(_steps(plan), log, explain, on_end=lambda task: _clear_away(task, plan.target),
+                finish=lambda: swap.put_in_place(plan.target))  # fmt: skip
+
+
+def _steps(plan: Plan) -> list[Step]:
+    place = swap.unfinished(plan.target)
+    python = str(python_of(place))
+    install = [python, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--only-binary", ":all:",
+               "-c", str(plan.constraints)]  # fmt: skip
+    folder = ["--no-index", "--find-links", str(plan.wheel_folder)] if plan.wheel_folder is not None else []
+    return [
+        Step(N_("Making the environment"), [str(plan.python), "-I", "-m", "venv", "--clear", str(place)], 0.5),
+        # torch alone from the index of its builds: with a second index beside it, pip takes the gigabytes of CUDA
+        # from there when the first does not answer. What torch needs comes with the engine.
+        Step(N_("Installing torch"), [*install, *(folder or _torch_index(plan)), "--no-deps", "torch"], 6),
+        Step(N_("Installing the engine"), [*install, *folder, str(plan.wheel)], 3),
+        Step(N_("Checking the engine"), [python, "-m", "mgf_engine", "doctor"], 0.5),
+    ]
+
+
+def _clear_away(task: Task, target: Path) -> None:
+    """Remove what a failed or cancelled installation made, and say what that means for the engine."""
+    if task.status == DONE:
+        return
+    swap.discard(swap.unfinished(target))
+    if task.status == CANCELLED:
+        kept, none = N_("Cancelled; the engine from before is kept."), N_("Cancelled; nothing was installed.")
+        task.text = tr(kept if python_of(target).is_file() else none)
 
 
 def explain(step: Step, lines: list[str]) -> str:
@@ -135,6 +153,10 @@ def explain(step: Step, lines: list[str]) -> str:
     if any(sign in output for sign in _PATH_TOO_LONG):
         return tr("A file's path is too long; switch long paths on in Windows and install again.")
     if any(sign in output for sign in _NO_NETWORK):
+        if _TORCH_INDEX in " ".join(step.command):
+            return tr("The index of torch's builds ({url}) cannot be reached, and other indexes have other builds; "
+                      "check the network, install from a wheel folder, or use the configured package index.",
+                      url=_TORCH_INDEX)  # fmt: skip
         return tr("The package index cannot be reached; check the network, or install from a wheel folder.")
     if "ensurepip" in output:
         return tr("This Python cannot make environments (ensurepip is missing); use an existing environment instead.")
@@ -150,14 +172,11 @@ def explain(step: Step, lines: list[str]) -> str:
     return tr(text, step=tr(step.title), reason=last.strip()[:160])
 
 
-def _source(plan: Plan) -> list[str]:
-    """Where pip looks: a folder alone, or the index that has the wanted build of torch."""
-    if plan.wheel_folder is not None:
-        return ["--no-index", "--find-links", str(plan.wheel_folder)]
+def _torch_index(plan: Plan) -> list[str]:
+    """The index that has the wanted build of torch; none for the one this machine is configured for."""
     if plan.default_index or sys.platform == "darwin":
         return []
-    build = "cpu" if plan.torch == "cpu" else "cu128"
-    return ["--index-url", _TORCH_INDEX + build, "--extra-index-url", "https://pypi.org/simple"]
+    return ["--index-url", _TORCH_INDEX + ("cpu" if plan.torch == "cpu" else "cu128")]
 
 
 def check_length(target: str) -> None:
@@ -187,12 +206,13 @@ def _long_paths_allowed() -> bool:
         return False
 
 
-def _check_room(target: Path) -> None:
-    folder = next(p for p in (target, *target.parents) if p.exists())
-    free = shutil.disk_usage(folder).free
-    if free < _SMALLEST_FREE:
+def _check_room(plan: Plan) -> None:
+    folder = next(p for p in (plan.target, *plan.target.parents) if p.exists())
+    free, needed = shutil.disk_usage(folder).free, _FREE_CPU if plan.torch == "cpu" else _FREE_CUDA
+    if free < needed << 30:
         raise UserError(
-            "Only {free:.1f} GB are free in '{folder}'; the engine needs 3 GB, so free some space.",
+            "Only {free:.1f} GB are free in '{folder}'; the engine needs {needed} GB, so free some space.",
             free=free / 2**30,
             folder=folder,
+            needed=needed,
         )

@@ -3,18 +3,18 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from pathlib import Path
 
 import bpy
 
+from ..common import runner
 from ..common.addon import preferences, user_folder
 from ..common.errors import UserError
 from ..common.operators import Operator
 from ..common.runner import redraw
 from ..common.text import N_, tr
-from . import install
+from . import install, swap
 from .environment import engine_command, managed_environment
 from .task import RUNNING, Step, Task
 
@@ -25,6 +25,11 @@ _kind = ""
 def current() -> tuple[str, Task | None]:
     """The running or last task and what kind it is: install, check or weights."""
     return _kind, _task
+
+
+def installing() -> bool:
+    """Whether an installation runs."""
+    return _kind == "install" and _task is not None and _task.status == RUNNING
 
 
 def log_path() -> Path:
@@ -50,7 +55,9 @@ def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
     """Without a window there are no timers: run to the end and say how it went."""
     if not bpy.app.background:
         return {"FINISHED"}
-    if task.run() != "DONE":
+    status = task.run()
+    swap.wait()
+    if status != "DONE":
         operator.report({"ERROR"}, task.text)
         return {"CANCELLED"}
     return {"FINISHED"}
@@ -62,7 +69,18 @@ class _EngineOperator(Operator):
         return cls.needs(_task is None or _task.status != RUNNING, "Wait until the running task has ended")
 
 
-class MGF_OT_install_engine(_EngineOperator):
+class _ReplacesEngine(_EngineOperator):
+    """Not while a job runs: the engine loads its parts as it goes, and would lose them halfway."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        idle = not any(job.live for job in runner.jobs())
+        allowed = cls.needs(idle, "Wait until the running job has ended, or cancel it")
+        allowed = allowed and cls.needs(not swap.discarding(), "Wait until the old engine has been removed")
+        return allowed and super().poll(context)
+
+
+class MGF_OT_install_engine(_ReplacesEngine):
     """Make an environment for the engine and install it there with its pinned packages"""
 
     bl_idname = "mgf.install_engine"
@@ -127,7 +145,7 @@ class MGF_OT_cancel_engine_task(Operator):
         _task.cancel()
 
 
-class MGF_OT_remove_engine(_EngineOperator):
+class MGF_OT_remove_engine(_ReplacesEngine):
     """Delete the environment that Install Engine made"""
 
     bl_idname = "mgf.remove_engine"
@@ -137,9 +155,9 @@ class MGF_OT_remove_engine(_EngineOperator):
         return context.window_manager.invoke_confirm(self, event)
 
     def run(self, context: bpy.types.Context) -> None:
-        folder = managed_environment()
-        if folder.is_dir() and (folder / "pyvenv.cfg").is_file():
-            shutil.rmtree(folder, ignore_errors=True)
+        swap.remove(managed_environment())
+        if bpy.app.background:
+            swap.wait()
 
 
 class MGF_OT_open_engine_log(Operator):
@@ -214,6 +232,7 @@ def unregister() -> None:
     global _task
     if _task is not None:
         _task.cancel()
+        _task.run()  # what was installed so far is removed
         _task = None
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)

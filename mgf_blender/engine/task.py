@@ -31,12 +31,14 @@ class Task:
         log: file that gets all output.
         explain: turns the last lines of a failed step into one sentence.
         on_end: called once at the end.
+        finish: called after the last step; its UserError makes the task a failed one.
     """
 
     steps: Sequence[Step]
     log: Path
     explain: Callable[[Step, list[str]], str]
     on_end: Callable[[Task], None] | None = None
+    finish: Callable[[], None] | None = None
     status: str = RUNNING
     text: str = ""
     output: list[str] = field(default_factory=list)
@@ -60,7 +62,7 @@ class Task:
         if self.status != RUNNING:
             return False
         if self._process is None:
-            return self._next()
+            return self._end(CANCELLED, "Cancelled.") if self._cancelled else self._next()
         lines = [text for _, text in self._process.lines()]
         if lines:
             self.output += lines
@@ -90,7 +92,7 @@ class Task:
     def _next(self) -> bool:
         self._at += 1
         if self._at >= len(self.steps):
-            return self._end(DONE, "")
+            return self._finish()
         step = self.steps[self._at]
         self._write([f"== {step.title}: {' '.join(step.command)}"])
         try:
@@ -98,6 +100,14 @@ class Task:
         except UserError as error:
             return self._end(FAILED, str(error))
         return True
+
+    def _finish(self) -> bool:
+        try:
+            if self.finish is not None:
+                self.finish()
+        except UserError as error:
+            return self._end(FAILED, str(error))
+        return self._end(DONE, "")
 
     def _end(self, status: str, text: str) -> bool:
         self.status, self.text = status, text

@@ -189,3 +189,5 @@ def test_preferences(addon, engine, source, monkeypatch):
     assert "Making the environment" in said()
     task.run()
     assert "It failed." in said()
+    task.status, task.text = "CANCELLED", "Cancelled; the engine from before is kept."
+    assert "engine from before is kept" in " ".join(said().split())

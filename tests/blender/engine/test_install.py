@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
 import sys
 from collections import namedtuple
 from pathlib import Path
@@ -11,8 +12,10 @@ from pathlib import Path
 import bpy
 import pytest
 
+from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
-from mgf_blender.engine import environment, install, operators
+from mgf_blender.common.job import Job
+from mgf_blender.engine import environment, install, operators, swap
 from mgf_blender.engine.task import CANCELLED, DONE, FAILED, Step, Task
 
 
@@ -38,7 +41,9 @@ def _set_free(monkeypatch: pytest.MonkeyPatch, free: int) -> None:
 def test_steps_of_a_download(tmp_path):
     steps = install.make_task(plan(tmp_path), tmp_path / "log.txt").steps
     commands = [" ".join(s.command) for s in steps]
-    assert "-m venv" in commands[0] and "torch" in commands[1] and "whl/cpu" in commands[1]
+    assert "-m venv" in commands[0] and "torch" in commands[1] and "--index-url" in commands[1]
+    assert commands[1].count("http") == 1 and "whl/cpu" in commands[1] and "--no-deps" in commands[1]
+    assert all("--only-binary :all:" in c and "-c " in c for c in commands[1:3]) and "http" not in commands[2]
     assert "mgf_engine-1.whl" in commands[2] and "doctor" in commands[3]
     assert "whl/cu" in " ".join(install.make_task(plan(tmp_path, torch="cuda"), tmp_path / "log.txt").steps[1].command)
 
@@ -54,6 +59,10 @@ def test_wheel_folder_means_no_network(tmp_path):
 
 
 def test_full_disk_is_said_before_anything_is_written(tmp_path, monkeypatch):
+    _set_free(monkeypatch, 5 << 30)
+    install.make_task(plan(tmp_path), tmp_path / "other" / "log.txt")
+    with pytest.raises(UserError, match="the engine needs 7 GB"):
+        install.make_task(plan(tmp_path, torch="cuda"), tmp_path / "log.txt")
     _set_free(monkeypatch, 1 << 20)
     with pytest.raises(UserError, match="the engine needs 3 GB"):
         install.make_task(plan(tmp_path), tmp_path / "log.txt")
@@ -104,6 +113,103 @@ def test_too_long_a_path_is_said_before_anything_is_written(tmp_path, monkeypatc
     assert not deep.exists() and not (tmp_path / "log.txt").exists()
     monkeypatch.setattr(install, "_long_paths_allowed", lambda: True)
     assert install.make_task(plan(tmp_path, target=deep / "engine"), tmp_path / "log.txt").steps
+
+
+def test_an_index_of_torch_that_does_not_answer_is_named_and_no_other_is_asked(tmp_path):
+    step = install.make_task(plan(tmp_path), tmp_path / "log.txt").steps[1]
+    text = install.explain(step, ["Retrying after 'NewConnectionError'"])
+    assert "download.pytorch.org" in text and "other builds" in text and text.endswith(".")
+    step = install.make_task(plan(tmp_path, default_index=True), tmp_path / "log.txt").steps[1]
+    assert "pytorch.org" not in install.explain(step, ["Retrying after 'NewConnectionError'"])
+
+
+def shortened(tmp_path: Path, ending: str) -> Task:
+    """An installation whose packages are left out: the environment, and a check that ends in some way."""
+    task = install.make_task(plan(tmp_path), tmp_path / "log.txt")
+    made = Step(task.steps[0].title, [*task.steps[0].command, "--without-pip"])
+    task.steps = [made, Step("Checking the engine", [task.steps[3].command[0], "-c", ending])]
+    return task
+
+
+def prefix_of(tmp_path: Path) -> str:
+    python = environment.python_of(tmp_path / "environment")
+    done = subprocess.run([python, "-c", "import sys; print(sys.prefix)"], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def folders(tmp_path: Path) -> list[str]:
+    swap.wait()
+    return sorted(p.name for p in tmp_path.iterdir() if p.is_dir())
+
+
+def test_a_new_engine_takes_the_old_ones_place_only_after_its_check(tmp_path):
+    assert shortened(tmp_path, "0").run() == DONE
+    assert folders(tmp_path) == ["environment"] and prefix_of(tmp_path) == str(tmp_path / "environment")
+    mark = tmp_path / "environment" / "first"
+    mark.touch()
+    assert shortened(tmp_path, "raise SystemExit('no kernels')").run() == FAILED
+    assert mark.is_file() and folders(tmp_path) == ["environment"]
+    assert shortened(tmp_path, "0").run() == DONE
+    assert not mark.exists() and folders(tmp_path) == ["environment"]
+
+
+def test_a_cancelled_installation_leaves_no_half_and_says_so(tmp_path):
+    for words, left in (("nothing was installed", []), ("the engine from before is kept", ["environment"])):
+        task = shortened(tmp_path, "import time; time.sleep(60)")
+        while task.title != "Checking the engine":
+            assert task.drain()
+        assert folders(tmp_path) == [*left, "environment-new"]
+        task.cancel()
+        assert task.run() == CANCELLED and words in task.text
+        assert folders(tmp_path) == left
+        assert shortened(tmp_path, "0").run() == DONE
+
+
+def test_blender_ended_in_the_middle_of_an_installation(tmp_path, monkeypatch):
+    target = tmp_path / "environment"
+    monkeypatch.delenv(environment.VARIABLE, raising=False)
+    monkeypatch.setattr(environment, "managed_environment", lambda: target)
+    with pytest.raises(UserError, match="is not installed"):
+        environment.engine_python()
+    task = shortened(tmp_path, "import time; time.sleep(60)")
+    while task.title != "Checking the engine":
+        task.drain()
+    with pytest.raises(UserError, match="installation did not end"):
+        environment.engine_python()
+    task.cancel()
+    task.run()
+    shortened(tmp_path, "0").run()
+    swap.wait()
+    target.rename(tmp_path / "environment-old")  # the new one was about to come here
+    assert environment.engine_python() == environment.python_of(target)
+
+
+def test_an_engine_in_use_is_kept(tmp_path, monkeypatch):
+    """Windows does not rename a folder whose programs run."""
+    assert shortened(tmp_path, "0").run() == DONE
+
+    def refuse(path: Path, to: Path) -> None:
+        raise PermissionError(13, "Access is denied", str(path))
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    task = shortened(tmp_path, "0")
+    assert task.run() == FAILED and "in use" in task.text and "Access is denied" in task.text
+    with pytest.raises(UserError, match="close other Blender windows"):
+        swap.remove(tmp_path / "environment")
+    assert folders(tmp_path) == ["environment"] and prefix_of(tmp_path)
+
+
+def test_the_engine_is_not_replaced_under_a_running_job(addon, tmp_path, monkeypatch):
+    monkeypatch.setattr(operators, "managed_environment", lambda: tmp_path / "environment")
+    assert bpy.ops.mgf.install_engine.poll() and bpy.ops.mgf.remove_engine.poll()
+    job = Job(["true"], tmp_path / "job", "A job")
+    monkeypatch.setattr(runner, "_jobs", [job])
+    assert job.live and not bpy.ops.mgf.install_engine.poll() and not bpy.ops.mgf.remove_engine.poll()
+    job.status = "DONE"
+    shortened(tmp_path, "0").run()
+    swap.wait()
+    bpy.ops.mgf.remove_engine()
+    assert folders(tmp_path) == []
 
 
 def test_a_real_environment_is_made_and_a_failing_step_stops(tmp_path):

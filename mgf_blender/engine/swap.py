@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Two environments side by side: a new engine is made beside the old one and takes its place once it was checked.
+
+A virtual environment may be renamed as long as its programs are started through its Python, as we do.
+"""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from pathlib import Path
+
+from ..common.errors import UserError
+
+_thread: threading.Thread | None = None
+
+
+def unfinished(target: Path) -> Path:
+    """Where the environment for ``target`` is made."""
+    return target.with_name(target.name + "-new")
+
+
+def put_in_place(target: Path) -> None:
+    """The finished environment becomes the engine, and the one before is removed.
+
+    Raises:
+        UserError: a program still uses the one before; it is kept as it was.
+    """
+    aside(target)
+    try:
+        unfinished(target).rename(target)
+    except OSError as error:
+        recover(target)
+        raise _in_use(target, error) from error
+    discard(_old(target))
+
+
+def aside(target: Path) -> None:
+    """Take the engine out of its place, in one step: it is whole or gone, never half there.
+
+    Raises:
+        UserError: a program still uses it.
+    """
+    wait()
+    recover(target)
+    if target.exists():
+        try:
+            target.rename(_old(target))
+        except OSError as error:
+            raise _in_use(target, error) from error
+
+
+def recover(target: Path) -> None:
+    """After Blender ended in the middle of :func:`put_in_place`: the engine from before is the engine again."""
+    old = _old(target)
+    if old.exists() and not target.exists():
+        old.rename(target)
+    elif old.exists():
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def discard(*folders: Path) -> None:
+    """Remove environments in the background, see :func:`discarding`: their thousands of files take seconds."""
+    global _thread
+
+    def work() -> None:
+        for folder in folders:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    wait()
+    _thread = threading.Thread(target=work)
+    _thread.start()
+
+
+def discarding() -> bool:
+    """Whether an environment is being removed; nothing may be made in its place meanwhile."""
+    return _thread is not None and _thread.is_alive()
+
+
+def wait() -> None:
+    """Wait until nothing is being removed any more."""
+    if _thread is not None:
+        _thread.join()
+
+
+def remove(target: Path) -> None:
+    """Remove the engine and whatever an installation that did not end left.
+
+    Raises:
+        UserError: a program still uses it.
+    """
+    aside(target)
+    discard(_old(target), unfinished(target))
+
+
+def _old(target: Path) -> Path:
+    return target.with_name(target.name + "-old")
+
+
+def _in_use(target: Path, error: OSError) -> UserError:
+    return UserError(
+        "The engine in '{folder}' is in use ({reason}); close other Blender windows and try again.",
+        folder=target,
+        reason=error.strerror or error,
+    )
