@@ -57,7 +57,6 @@ class Config:
 
     # scene
     resolution: int = option(750, "scene", "Longest side of the photos while working", low=64, high=8192, unit="px", advanced=False)
-    holdout_every: int = option(8, "field", "Every n-th photo is kept out of training to measure the result; 0 trains on all", low=0, high=1000)
     max_photos: int = option(0, "scene", "Use at most so many photos: those with clicks, and what is spread out best beside them; 0 uses all", low=0, high=100_000)
     even_exposure: bool = option(True, "scene", "Bring all photos to one exposure and white balance by the points they share")
     matching: str = option("auto", "scene", "How photos without a COLMAP model are matched", choices=("auto", "exhaustive", "sequential"))
@@ -77,6 +76,7 @@ class Config:
     # field
     iterations: int = option(0, "field", "Training iterations; 0 takes as many as the passes over the photos come to", low=0, high=1_000_000)
     passes: int = option(50, "field", "Iterations for each photo trained on, as for 20 photos where there are fewer and 60 where there are more", low=1, high=1000)
+    holdout_every: int = option(8, "field", "Every n-th photo is kept out of training to measure the result; 0 trains on all", low=0, high=1000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
     dense_start: bool = option(True, "field", "Start from dense points by stereo between neighbouring photos, not from sparse points alone")
     sh_degree: int = option(2, "field", "Degree of the spherical harmonics that make colour depend on the view", low=0, high=3)

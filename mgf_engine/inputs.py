@@ -25,11 +25,13 @@ class Inputs:
 
     Attributes:
         scene: the model's files by content and its photos by size and time, as plain lists.
+        photos: how many there are.
         clicks: the prompts file; None where there is none.
         masks: the user's masks by size and time; None where there are none.
     """
 
     scene: list[Any]
+    photos: int
     clicks: PromptsFile | None
     masks: list[Any] | None
 
@@ -52,7 +54,7 @@ def read_inputs(source: Path, prompts: Path | None, masks: Path | None, job: Pat
     except OSError as error:
         reason = error.strerror or str(error)
         raise BadInput(f"Cannot read '{error.filename or source}' ({reason}); check that it is there.") from error
-    return Inputs(scene, clicks, own)
+    return Inputs(scene, len(names), clicks, own)
 
 
 def _scene(source: Path, job: Path) -> tuple[list[Any], list[str]]:

@@ -259,14 +259,18 @@ class Job:
 
     def _options_of(self, stage: str) -> dict[str, Any]:
         names = [f.name for f in fields(Config) if f.metadata["section"] == stage and f.name != "weights"]
-        return {name: getattr(self.config, name) for name in [*names, *_EXTRA_OPTIONS.get(stage, ())]}
+        options = {name: getattr(self.config, name) for name in [*names, *_EXTRA_OPTIONS.get(stage, ())]}
+        if stage == "scene" and not self._leaves_photos_out():
+            options["max_photos"] = 0
+        return options
+
+    def _leaves_photos_out(self) -> bool:
+        return 0 < self.config.max_photos < self.inputs.photos
 
     def _inputs_of(self, stage: str) -> Any:
         if stage == "scene":
             # Photos with clicks are used also where others are left out.
-            return (
-                [self.inputs.scene, clicked_names(self.inputs.clicks)] if self.config.max_photos else self.inputs.scene
-            )
+            return [self.inputs.scene, clicked_names(self.inputs.clicks) if self._leaves_photos_out() else None]
         if stage == "masks":
             return [self.inputs.clicks and self.inputs.clicks.digest(), self.inputs.masks]
         return None

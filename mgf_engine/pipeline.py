@@ -8,6 +8,7 @@ import random
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,11 +63,16 @@ def result_files(job: Job) -> dict[str, str]:
 
 
 def load_scene_of(job: Job) -> Scene:
-    """The scene of a job; as every ``load_`` here, BadInput where its stage left nothing that can be used."""
+    """The scene of a job; as every ``load_`` here, BadInput where its stage left nothing that can be used.
+
+    Which views are kept out of training is the field's matter: the scene may have been made under another choice.
+    """
+    from mgf_engine.scene.roots import choose_held_out
     from mgf_engine.scene.store import read_scene
 
     with _made_by(job, "scene"):
-        return read_scene(job.path("scene"))
+        scene = read_scene(job.path("scene"))
+    return replace(scene, held_out=choose_held_out(len(scene.views), scene.roots, job.config.holdout_every))
 
 
 def load_inputs(job: Job) -> tuple[Scene, MaskSet]:

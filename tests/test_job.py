@@ -50,7 +50,8 @@ def test_a_finished_job_is_done_after_reopening(tmp_path: Path, source: Path) ->
 @pytest.mark.parametrize(
     ("options", "first_redone"),
     [({"resolution": 100}, "scene"), ({"vote_dilation": 1}, "masks"), ({"boundary_loss": True}, "masks"),
-     ({"seed": 5}, "field"), ({"level_steps": 3}, "mesh"), ({"render_all": True}, "deliver")],
+     ({"seed": 5}, "field"), ({"holdout_every": 0}, "field"), ({"level_steps": 3}, "mesh"),
+     ({"render_all": True}, "deliver")],
 )  # fmt: skip
 def test_a_changed_option_redoes_its_stage_and_the_later_ones(tmp_path, source, options, first_redone) -> None:
     with Job.start(tmp_path / "job", source) as job:
@@ -67,8 +68,10 @@ def test_options_given_once_stay_for_the_resumed_job(tmp_path: Path, source: Pat
 
 def test_which_photos_are_clicked_decides_the_scene_only_where_photos_are_left_out(tmp_path, source) -> None:
     prompts = tmp_path / "prompts.json"
+    for name in ("b", "c", "d"):
+        (source / "images" / f"{name}.jpg").write_bytes(b"x")
     keys = {}
-    for limit in (0, 5):
+    for limit in (0, 3):
         for text in ('{"a": {"positive": [[1, 2]]}}', '{"a": {"positive": [[3, 4]]}}', '{"b": {"positive": [[3, 4]]}}'):
             prompts.write_text(text)
             given = {"max_photos": limit}
@@ -87,6 +90,13 @@ def redone(folder: Path, change: Callable[[], object], *inputs: Path | None) -> 
         assert all(job.done(stage) for stage in STAGES)  # the run that is open ends as it began
     with Job.start(folder, resume=True) as job:
         return [stage for stage in STAGES if not job.done(stage)]
+
+
+def test_a_limit_that_leaves_no_photo_out_changes_nothing(tmp_path: Path, source: Path) -> None:
+    with Job.start(tmp_path / "job", source, given={"preset": "standard"}) as job:
+        keys = job.keys
+    with Job.start(tmp_path / "job", given={"preset": "draft"}, resume=True) as job:
+        assert [stage for stage in STAGES if job.keys[stage] == keys[stage]] == ["scene", "masks"]
 
 
 @pytest.mark.parametrize("name", [*(f"images/b{kind}" for kind in sorted(PHOTO_KINDS)), "images/a.jpg"])

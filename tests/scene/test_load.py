@@ -14,7 +14,10 @@ import pytest
 from PIL import Image
 
 from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.job import Job
+from mgf_engine.pipeline import load_scene_of
 from mgf_engine.scene.images import read_rgb
+from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.model import Scene
 from mgf_engine.scene.store import FILE, read_scene
 
@@ -178,6 +181,14 @@ def test_the_job_may_lie_inside_the_scene(source: Path) -> None:
     shutil.rmtree(source / "sparse")
     with pytest.raises(BadInput, match="No cameras could be found"):
         load(source, source / "job2")
+
+
+def test_what_is_kept_out_of_training_is_asked_for_by_the_job_that_trains(source: Path, tmp_path: Path) -> None:
+    with Job.start(tmp_path / "job", source, given={"holdout_every": 0}) as job:
+        load_scene(job.source, job.path("scene"), job.config, Messages().reporter)
+        assert load_scene_of(job).held_out == ()
+    with Job.start(tmp_path / "job", source, given={"holdout_every": 4}, resume=True) as job:
+        assert load_scene_of(job).held_out == load(source, tmp_path / "other", holdout_every=4).held_out != ()
 
 
 def test_loading_twice_gives_the_same(source: Path, tmp_path: Path) -> None:
