@@ -10,13 +10,17 @@ from __future__ import annotations
 import math
 import threading
 import weakref
+from queue import SimpleQueue
 
 import torch
 from torch import Tensor
 
 _POOL_LIMIT = 24  # arrays kept for later
 _free: list[Tensor] = []
-_lock = threading.Lock()
+_lock = threading.Lock()  # of _free
+#: Blocks on their way back. Python may drop a frame at any moment, inside `_take`, too, where this thread holds
+#: the lock already; the queue's put is made for that.
+_returned: SimpleQueue[Tensor] = SimpleQueue()
 
 
 class Frame:
@@ -46,15 +50,28 @@ def lasting_array(dtype: torch.dtype, *shape: int) -> Tensor:
 
 
 def _give_back(blocks: list[Tensor]) -> None:
-    with _lock:
-        _free.extend(blocks)
-        _free.sort(key=len)
-        del _free[:-_POOL_LIMIT]
+    """Never waits: may run while this thread or another is inside `_take`, which then sorts the blocks in next time."""
+    for block in blocks:
+        _returned.put(block)
+    if _lock.acquire(blocking=False):
+        try:
+            _sort_in()
+        finally:
+            _lock.release()
+
+
+def _sort_in() -> None:
+    """Takes what was returned into the pool and drops the smallest arrays of too many; under the lock."""
+    while not _returned.empty():
+        _free.append(_returned.get())
+    _free.sort(key=len)
+    del _free[:-_POOL_LIMIT]
 
 
 def _take(size: int) -> Tensor:
     """The smallest free block that is large enough but not wastefully so, or a new one with room to grow."""
     with _lock:
+        _sort_in()
         for i, block in enumerate(_free):
             if size <= len(block) <= 4 * size + 65536:
                 return _free.pop(i)
