@@ -129,9 +129,15 @@ class MGF_OT_import_sfm(Operator):
     bl_label = "Import Found Cameras"
     bl_options = {"REGISTER", "UNDO", "INTERNAL"}
 
+    directory: bpy.props.StringProperty(
+        name="Job Folder", description="Folder of the job; empty takes the scene's own", subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
+    )  # fmt: skip
+
     def run(self, context: bpy.types.Context) -> None:
         state = context.scene.mgf
-        source, model = state.source, job_folder(context.scene) / "scene" / "sfm" / "model"
+        folder = Path(bpy.path.abspath(self.directory)) if self.directory else job_folder(context.scene)
+        source, model = state.source, folder / "scene" / "sfm" / "model"
         if not model.is_dir():
             raise UserError("The job found no cameras; open its log for the reason.")
         state.photo_folder = state.photo_folder or source
@@ -162,6 +168,10 @@ class MGF_OT_open_job_file(Operator):
     bl_options = {"INTERNAL"}
 
     name: bpy.props.StringProperty(name="File", description="File of the job folder", default="log.txt")
+    directory: bpy.props.StringProperty(
+        name="Job Folder", description="Folder of the job; empty takes the scene's own", subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
+    )  # fmt: skip
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -169,10 +179,11 @@ class MGF_OT_open_job_file(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(has_job_file(context.scene), "No job has run yet")
+        there = has_job_file(context.scene) or last_job(context.scene) is not None
+        return cls.needs(there, "No job has run yet")
 
     def run(self, context: bpy.types.Context) -> None:
-        path = job_folder(context.scene) / self.name
+        path = (Path(self.directory) if self.directory else job_folder(context.scene)) / self.name
         if not path.exists():
             raise UserError("The job has no {name} yet.", name=self.name)
         bpy.ops.wm.path_open(filepath=str(path))

@@ -166,7 +166,8 @@ def _draw_file_button(layout: bpy.types.UILayout, folder: Path, name: str, text:
     """A button that opens a file of a job, once there is one: Blender keeps a button grey that was so when the pointer
     came to rest on it, as it does on this one after the job was started."""
     if (folder / name).is_file():
-        layout.operator("mgf.open_job_file", text=text, icon=icon).name = name
+        button = layout.operator("mgf.open_job_file", text=text, icon=icon)
+        button.name, button.directory = name, str(folder)
 
 
 def _headline(job: Job) -> str:

@@ -110,21 +110,24 @@ def _guidance(scene: bpy.types.Scene, folder: Path) -> list[str]:
 
 
 def ended(job: Job) -> None:
-    """Bring the results in, in the scene that asked; a scene that is gone finds them in the folder later."""
+    """Bring the results in from the job's folder, whatever the scene's field names by now, in the scene that asked.
+
+    A scene that is gone finds them in the folder later.
+    """
     scene = scene_of(job.scene_key)
     if job.status != DONE or scene is None:
         return
-    if job.kind == "reconstruct" and not job.cached:
-        estimate.learn(scene.mgf.options, estimate.photos_of(scene), job.folder)
     if job.kind == "reconstruct" and scene.mgf.import_when_done:
         if in_background():
-            run_in(scene, "import_result")
+            run_in(scene, "import_result", directory=str(job.folder))
         else:
-            arrival.begin(scene, job_folder(scene))
+            arrival.begin(scene, job.folder)
     elif job.kind == "scene":
-        run_in(scene, "import_sfm")
+        run_in(scene, "import_sfm", directory=str(job.folder))
     elif job.kind == "masks":
         scene.mgf.show_mask = True
+    if job.kind == "reconstruct" and not job.cached:
+        estimate.learn(scene.mgf.options, estimate.photos_of(scene), job.folder)
 
 
 def in_background() -> bool:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
 from pathlib import Path
 
@@ -15,9 +16,10 @@ from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.job import CANCELLED, DONE, FAILED
 from mgf_blender.properties import scene_of
-from mgf_blender.reconstruct import live
+from mgf_blender.reconstruct import live, start
 from mgf_blender.reconstruct.operators import interrupted
 from mgf_blender.reconstruct.start import make_job
+from mgf_blender.results import arrival
 from mgf_blender.scene_import.tree import Tree
 
 
@@ -160,6 +162,38 @@ def test_scene_deleted_while_the_job_runs(ready, engine, house):
     assert scene_of(job.scene_key) is None
     pump(lambda: not job.live)
     assert job.status == DONE and len(bpy.data.meshes) == 0
+
+
+@pytest.mark.parametrize("window", [False, True])
+def test_result_comes_from_the_job_s_folder(ready, engine, house, monkeypatch, window):
+    """The field may name the next job's folder by then; what lies there belongs to another building."""
+    monkeypatch.setattr(start, "in_background", lambda: not window)
+    engine("slow", FAKE_RESULT=house.job)
+    job = make_job(bpy.context.scene)
+    runner.submit(job)
+    pump(lambda: job.stage == "scene")
+    ready.job_folder = str(house.folder.parent / "next")
+    pump(lambda: not job.live)
+    while arrival.pump():
+        time.sleep(0.002)
+    assert job.status == DONE and not job.warnings[1:] and not arrival.problem(bpy.context.scene)
+    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    assert ready.job_folder == str(house.folder.parent / "next")
+    with pytest.raises(RuntimeError, match=r"The job has no gone\.txt yet"):
+        bpy.ops.mgf.open_job_file(name="gone.txt", directory=str(job.folder))
+
+
+def test_found_cameras_come_from_the_job_s_folder(ready, engine, house):
+    engine("slow")
+    job = make_job(bpy.context.scene, "scene")
+    model = job.folder / "scene" / "sfm" / "model"
+    shutil.copytree(house.model, model)
+    runner.submit(job)
+    pump(lambda: job.stage == "scene")
+    ready.job_folder = str(house.folder.parent / "next")
+    bpy.data.objects.remove(Tree.find(bpy.context.scene).objects("Cameras")[0])
+    pump(lambda: not job.live)
+    assert not job.warnings[1:] and len(Tree.find(bpy.context.scene).objects("Cameras")) == 12
 
 
 def test_two_scenes_keep_to_themselves(ready, engine, house):
