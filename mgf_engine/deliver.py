@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from mgf_engine.field.export import offset_of
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
 from mgf_engine.masks.model import MaskSet
@@ -67,7 +68,10 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
             return made
 
         figures = report_job(job, scene, masks, field, normalised, texture, reporter)
-    write_json(job.path("deliver.json"), {**_manifest(scene, renders, figures), **_parts(job), **_painting(job)})
+    write_json(
+        job.path("deliver.json"),
+        {**_manifest(scene, renders, figures), **_parts(job), **_painting(job), **_offset(field, scene)},
+    )
     return figures
 
 
@@ -77,6 +81,12 @@ def _texture(
     texture = make_texture(mesh, scene, masks, job.config.texture_size, warn, lambda share: check())
     write_texture(texture, job.folder)
     return texture
+
+
+def _offset(field: Gaussians, scene: Scene) -> dict[str, list[float]]:
+    """What is to be added to the positions of ``field.ply``, where that is anything."""
+    offset = offset_of(field, scene.to_normalised)
+    return {"field_offset": list(offset)} if any(offset) else {}
 
 
 def _painting(job: Job) -> dict[str, str]:

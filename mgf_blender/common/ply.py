@@ -39,15 +39,17 @@ class Ply:
     Attributes:
         vertices: property name -> array [N] in the file's own type.
         triangles: int32 [F, 3], empty for files without faces; polygons are cut into fans.
+        offset: what a comment of the header ("offset X Y Z") says is to be added to the positions, float64 [3].
     """
 
     vertices: dict[str, np.ndarray]
     triangles: np.ndarray
+    offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def positions(self) -> np.ndarray:
-        """float64 [N, 3]."""
-        return np.stack([self.vertices[axis].astype(np.float64) for axis in "xyz"], axis=1)
+        """float64 [N, 3], the offset added."""
+        return np.stack([self.vertices[axis].astype(np.float64) for axis in "xyz"], axis=1) + self.offset
 
     def colors(self) -> np.ndarray | None:
         """uint8 [N, 3] in sRGB, or None when the file has none."""
@@ -93,7 +95,21 @@ def read_ply(path: Path) -> Ply:
     count = len(vertices["x"])
     if len(triangles) and (triangles.min() < 0 or triangles.max() >= count):
         raise UserError("'{path}' has faces that name vertices it does not hold; write the file again.", path=path)
-    return Ply(vertices, triangles)
+    return Ply(vertices, triangles, _offset(data[:start]))
+
+
+def _offset(header: bytes) -> np.ndarray:
+    """Of fields in map coordinates, whose positions are float32; zero without such a comment."""
+    for line in header.splitlines():
+        words = line.split()
+        if words[:2] == [b"comment", b"offset"] and len(words) == 5:
+            try:
+                offset = np.array([float(word) for word in words[2:]])
+            except ValueError:
+                continue
+            if np.isfinite(offset).all():
+                return offset
+    return np.zeros(3)
 
 
 def _read_header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The field as a standard 3D Gaussian splatting PLY, in the scene's own coordinates, 3D filter fused in."""
+"""The field as a standard 3D Gaussian splatting PLY, in the scene's own coordinates, 3D filter fused in.
+
+Readers of such files expect float32, which far from the origin (UTM) would put Gaussians onto steps of half a metre.
+There the positions are written less an offset, which a comment of the header names: ``comment offset X Y Z``.
+"""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from mgf_engine.field.gaussians import Gaussians, rotation_matrices
+from mgf_engine.mesh.export import needs_double
 from mgf_engine.raster.reference import sh_basis
 from mgf_engine.scene.model import Similarity
 from mgf_engine.system import atomic_path
@@ -18,7 +24,7 @@ _OPACITY_LIMIT = 1e-6
 
 
 def write_splats(field: Gaussians, to_normalised: Similarity, path: Path) -> None:
-    """Write ``field`` (normalised frame) as a 3DGS PLY in the scene frame.
+    """Write ``field`` (normalised frame) as a 3DGS PLY in the scene frame, less :func:`offset_of` it.
 
     Properties per Gaussian: x y z, nx ny nz (zero), f_dc_0..2, f_rest_0..44 (channel by channel), opacity
     (logit), scale_0..2 (log), rot_0..3 (w x y z).
@@ -30,8 +36,9 @@ def write_splats(field: Gaussians, to_normalised: Similarity, path: Path) -> Non
     positions = to_normalised.invert(field.positions.detach().double().numpy())
     rotations = to_normalised.rotation.T @ rotations
     sh = np.einsum("ab,nbc->nac", rotate_sh(to_normalised.rotation), field.sh.detach().double().numpy())
+    offset = offset_of(field, to_normalised)
     columns = [
-        positions,
+        positions - offset,
         np.zeros((len(field), 3)),
         sh[:, 0],
         sh[:, 1:].transpose(0, 2, 1).reshape(len(field), 45),
@@ -44,9 +51,24 @@ def write_splats(field: Gaussians, to_normalised: Similarity, path: Path) -> Non
         *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4)),
     ]  # fmt: skip
     header = "ply\nformat binary_little_endian 1.0\ncomment MGF field, scene coordinates\n"
+    if any(offset):
+        header += f"comment offset {' '.join(map(repr, offset))}\n"
     header += f"element vertex {len(field)}\n" + "".join(f"property float {name}\n" for name in names) + "end_header\n"
     with atomic_path(path) as temporary:
         temporary.write_bytes(header.encode() + np.concatenate(columns, 1).astype("<f4").tobytes())
+
+
+def offset_of(field: Gaussians, to_normalised: Similarity) -> tuple[float, float, float]:
+    """What ``field.ply`` leaves off the positions: zero, or near their middle where float32 would be too coarse.
+
+    Whole numbers, in scenes smaller than one unit as many decimals as their size has.
+    """
+    positions = to_normalised.invert(field.positions.detach().cpu().double().numpy())
+    if not needs_double(positions):
+        return (0.0, 0.0, 0.0)
+    digits = max(0, -math.floor(math.log10(max(float(np.ptp(positions, axis=0).max()), 1e-12))))
+    x, y, z = (round(float(middle), digits) for middle in np.median(positions, axis=0))
+    return (x, y, z)
 
 
 def rotate_sh(rotation: NDArray[np.float64]) -> NDArray[np.float64]:

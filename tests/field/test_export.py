@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from mgf_engine.field.export import rotate_sh, write_splats
+from mgf_engine.deliver import _offset
+from mgf_engine.field.export import offset_of, rotate_sh, write_splats
 from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.raster.reference import sh_basis
 from mgf_engine.scene.model import Similarity
@@ -51,3 +54,25 @@ def test_splats_are_the_same_gaussians_in_the_scene_frame(tmp_path) -> None:
     own = rotation_matrices(field.rotations)
     expected = torch.einsum("nij,nj,nkj->nik", own, field.scales**2, own).numpy()
     np.testing.assert_allclose(covariance, expected, rtol=2e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("size", "middle", "shifted"),
+    [(20.0, (392_345.0, 5_705_123.0, 61.0), True), (0.02, (39.2, 5_705.123, 0.06), True), (20.0, (9.0, 5, 1), False)],
+)
+def test_splats_in_map_coordinates_keep_their_precision(tmp_path, size, middle, shifted) -> None:
+    field = random_field(500)
+    frame = Similarity(1 / size, np.eye(3), -np.array(middle) / size)
+    write_splats(field, frame, tmp_path / "field.ply")
+    header, body = (tmp_path / "field.ply").read_bytes().split(b"end_header\n", 1)
+    (offset,) = [[float(w) for w in line.split()[2:]] for line in header.splitlines() if b"offset" in line] or [
+        [0.0] * 3
+    ]
+    positions = np.frombuffer(body, "<f4").reshape(500, -1)[:, :3].astype(np.float64) + offset
+    expected = frame.invert(field.positions.double().numpy())
+    np.testing.assert_allclose(positions, expected, atol=1e-6 * size)
+    assert tuple(offset) == offset_of(field, frame)
+    assert any(offset) == shifted
+    named = _offset(field, SimpleNamespace(to_normalised=frame))  # in deliver.json
+    assert named == ({"field_offset": offset} if shifted else {})
+    assert size < 1 or all(value == round(value) for value in offset)

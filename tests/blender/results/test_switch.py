@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import synthetic
 
+from mgf_blender.common.ply import read_ply
 from mgf_blender.results import switch
 from mgf_blender.scene_import.tree import Tree
 
@@ -118,6 +119,29 @@ def test_field_comes_as_coloured_points(tree, house):
     (house.job / "field.ply").write_bytes((house.job / "mesh.ply").read_bytes())
     with pytest.raises(RuntimeError, match="not a Gaussian field"):
         bpy.ops.mgf.import_field()
+
+
+def test_a_field_in_map_coordinates_keeps_its_precision(addon, tmp_path):
+    house = synthetic.write_house(tmp_path / "utm", shift=(389_123.25, 5_712_345.75, 120.0), tilt=False)
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.job)
+    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
+    rows = np.random.default_rng(2).normal(size=(50, len(names))).astype("<f4")
+    head = "ply\nformat binary_little_endian 1.0\ncomment offset 389123.0 5712346.0 120.0\nelement vertex 50\n"
+    head += "".join(f"property float {n}\n" for n in names) + "end_header\n"
+    (house.job / "field.ply").write_bytes(head.encode() + rows.tobytes())
+    content = json.loads((house.job / "deliver.json").read_text())
+    (house.job / "deliver.json").write_text(json.dumps({**content, "field": "field.ply"}))
+    bpy.ops.mgf.import_field()
+    tree = Tree.find(bpy.context.scene)
+    (found,) = [o for o in tree.objects("Points") if o.get("mgf_field")]
+    points = np.empty(150, np.float32)
+    found.data.vertices.foreach_get("co", points)
+    expected = rows[:, :3] + np.array([389_123.0, 5_712_346, 120]) - tree.offset
+    np.testing.assert_allclose(points.reshape(-1, 3), expected, atol=1e-5)
+    bpy.ops.mgf.export_field(filepath=str(tmp_path / "saved.ply"))
+    saved = read_ply(tmp_path / "saved.ply")
+    np.testing.assert_allclose(saved.positions - tree.offset, expected, atol=1e-6)
 
 
 def test_undistorted_view_replaces_the_distorted_camera(addon, tmp_path, monkeypatch):
