@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine import __version__
-from mgf_engine.config import SECTIONS, Config, option_pairs, options_schema, read_config
+from mgf_engine.config import SECTIONS, Config, option_pairs, options_schema, read_config, renamed_values
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT
 from mgf_engine.failures import explain
 from mgf_engine.messages import STAGES, Reporter
@@ -111,7 +111,7 @@ def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--image", required=True, metavar="NAME", help="the photo, named as in the prompts")
     parser.add_argument("--out", type=_path, required=True, metavar="MASK.png", help="255 building, 0 anything else")
     parser.add_argument("--resolution", default=1000, metavar="PX", help="longest side of the mask (default 1000)")
-    parser.add_argument("--segmenter", default="auto", help="auto, grabcut or efficientsam (default auto)")
+    parser.add_argument("--segmenter", default="auto", help="auto, random_walker or efficientsam (default auto)")
     parser.add_argument("--weights", default="", metavar="FOLDER", help="folder with the EfficientSAM weights")
 
 
@@ -166,6 +166,8 @@ def _job_command(args: argparse.Namespace) -> int:
         with job:
             log_path = _log_to(job.path("log.txt"))
             _watch_for_cancel(reporter, args.cancel_on_eof)
+            for text in renamed_values(_given_options(args)):
+                reporter.warning(text)
             from mgf_engine.pipeline import run_job
 
             run_job(job, reporter, until="deliver" if args.command == "reconstruct" else args.command)

@@ -64,7 +64,7 @@ class Config:
     # masks
     use_masks: bool = option(True, "masks", "Train inside the building masks only; off models the whole picture (ablation a)")
     masked_points: bool = option(True, "masks", "Start from the points on the building only (ablation b)")
-    segmenter: str = option("auto", "masks", "What draws the masks", choices=("auto", "grabcut", "efficientsam"))
+    segmenter: str = option("auto", "masks", "What draws the masks", choices=("auto", "random_walker", "efficientsam"))
     weights: str = option("", "masks", "Folder with the EfficientSAM weights; empty takes the user's cache folder")
     second_level: str = option("auto", "masks", "Find elements inside the building (windows, doors, wall fields); auto: where a part was clicked or a loss uses them", choices=("auto", "on", "off"))
     strict_vote: bool = option(False, "masks", "Eq. 3 read literally: a point must lie in every root mask")
@@ -137,6 +137,8 @@ PRESETS: dict[str, dict[str, Any]] = {
     "standard": {},
     "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
 }
+#: Option -> value it had in an earlier version -> value it has now; taken for one version, with a warning.
+RENAMED: dict[str, dict[str, str]] = {"segmenter": {"grabcut": "random_walker"}}
 _SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
 
 
@@ -213,6 +215,15 @@ def options_schema() -> dict[str, Any]:
     return {"sections": list(SECTIONS), "presets": PRESETS, "run_length": RUN_LENGTH, "options": entries}
 
 
+def renamed_values(given: dict[str, Any]) -> list[str]:
+    """A sentence for each value that :data:`RENAMED` still takes."""
+    return [
+        f"{name}={value} is called {name}={RENAMED[name][value]} now; the old value works in this version only."
+        for name, value in given.items()
+        if isinstance(value, str) and value in RENAMED.get(name, {})
+    ]
+
+
 def as_dict(config: Config) -> dict[str, Any]:
     """The config as plain data for the job file and the report."""
     return asdict(config)
@@ -225,6 +236,7 @@ def _convert(spec: Any, value: Any) -> Any:
         result = _parse(kind, value)
     except (TypeError, ValueError, OverflowError) as error:
         raise BadInput(f"Option {spec.name} takes {_kind_name(kind)}, not '{_shown(value)}'.") from error
+    result = RENAMED.get(spec.name, {}).get(result, result) if isinstance(result, str) else result
     if meta["choices"] and result not in meta["choices"]:
         raise BadInput(f"Option {spec.name} is one of {', '.join(meta['choices'])}, not '{_shown(value)}'.")
     for limit, wrong in ((meta["low"], "at least"), (meta["high"], "at most")):

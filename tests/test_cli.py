@@ -87,6 +87,14 @@ def test_a_folder_in_place_of_the_log_is_named(tmp_path: Path, capsys) -> None:
     assert "log.txt' (Is a directory)" in capsys.readouterr().err
 
 
+def test_an_option_value_of_an_earlier_version_is_warned_of(tmp_path: Path, capsys) -> None:
+    (tmp_path / "photos").mkdir()
+    args = ["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job"), "--progress", "plain"]
+    assert main([*args, "--segmenter", "grabcut"]) == 2  # no photos
+    said = capsys.readouterr()
+    assert "grabcut is called segmenter=random_walker now" in said.out + said.err
+
+
 def test_terminals_without_unicode_get_escapes(tmp_path: Path) -> None:
     narrow = {**os.environ, "PYTHONIOENCODING": "ascii"}
     run = mgf("scene", tmp_path / "mühle", "--out", tmp_path / "job", "--progress", "json", env=narrow)

@@ -6,7 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mgf_engine.config import PRESETS, SECTIONS, Config, as_dict, make_config, options_schema, read_config
+from mgf_engine.config import (
+    PRESETS,
+    RENAMED,
+    SECTIONS,
+    Config,
+    as_dict,
+    make_config,
+    options_schema,
+    read_config,
+    renamed_values,
+)
 from mgf_engine.errors import BadInput
 
 
@@ -95,3 +105,12 @@ def test_any_values_give_a_config_or_one_sentence(options: dict) -> None:
         make_config(options)
     except BadInput as error:
         assert str(error)
+
+
+def test_a_value_of_an_earlier_version_is_taken_with_a_warning() -> None:
+    assert make_config({"segmenter": "grabcut"}).segmenter == "random_walker"
+    (text,) = renamed_values({"segmenter": "grabcut", "weights": "grabcut", "seed": 3})
+    assert "segmenter=random_walker" in text and "this version only" in text
+    assert renamed_values({"segmenter": "random_walker"}) == []
+    assert all(new in Config.__dataclass_fields__[name].metadata["choices"] and old != new
+               for name, values in RENAMED.items() for old, new in values.items())  # fmt: skip

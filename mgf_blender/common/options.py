@@ -22,7 +22,7 @@ SECTIONS: list[str] = SCHEMA["sections"]
 PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
 RUN_LENGTH: dict[str, int] = SCHEMA["run_length"]
 _CAPITALS = {"sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda"}
-_SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM", "grabcut": "GrabCut"}
+_SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM"}
 _SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
 _SMALL = {"of", "the", "to", "in", "on", "by", "and", "a"}
 

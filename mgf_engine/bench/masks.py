@@ -71,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
         "--only", nargs="+", default=[], help=f"only kinds of clicks with one of these words: {', '.join(VARIANTS)}"
     )
     parser.add_argument("--resolution", type=int, default=Config.resolution, help="longest side while working, px")
-    parser.add_argument("--segmenter", default="auto", help="auto, grabcut or efficientsam")
+    parser.add_argument("--segmenter", default="auto", help="auto, random_walker or efficientsam")
     parser.add_argument("--chart", type=Path, help="where the chart goes")
     return parser
 

@@ -26,7 +26,7 @@ from mgf_engine.masks.propagate import Propagation, consistency, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam
-from mgf_engine.masks.segmenters.grabcut import GrabCut
+from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.supplied import read_supplied
 from mgf_engine.messages import Reporter
@@ -110,14 +110,14 @@ def choose_segmenter(config: Config, folder: Path) -> Segmenter:
     Raises:
         BadInput: EfficientSAM is asked for and its weights are missing or damaged.
     """
-    if config.segmenter == "grabcut":
-        return GrabCut()
+    if config.segmenter == "random_walker":
+        return RandomWalker()
     where = Path(config.weights) if config.weights else default_folder()
     weights = find_weights(where)
     if weights is None:
         if config.segmenter == "efficientsam":
             raise BadInput(missing_text(where))
-        return GrabCut()
+        return RandomWalker()
     threads = config.threads or cores()
     return EfficientSam(weights[1], weights[2], folder / "embeddings", threads, gpu=config.device != "cpu")
 

@@ -8,6 +8,7 @@ all photos decide together, gives better masks than these. The picture is in the
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -16,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config, make_config
+from mgf_engine.config import Config, make_config, renamed_values
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.belief import SceneGraph
 from mgf_engine.masks.build import choose_segmenter
@@ -47,7 +48,10 @@ def preview_command(args: argparse.Namespace) -> int:
     started = time.perf_counter()
     if args.out.suffix.lower() != ".png":
         raise BadInput(f"The mask '{args.out}' should be a PNG; give a name that ends in .png.")
-    config = make_config({n: getattr(args, n) for n in ("resolution", "segmenter", "weights")})
+    given = {n: getattr(args, n) for n in ("resolution", "segmenter", "weights")}
+    config = make_config(given)
+    for text in renamed_values(given):
+        print(f"Warning: {text}", file=sys.stderr)
     mask, score = preview(args.scene, args.prompts, args.image, config)
     try:
         write_png(args.out, np.where(mask, 255, 0).astype(np.uint8))

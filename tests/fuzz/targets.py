@@ -177,8 +177,8 @@ def _read_prompts(folder: Path) -> Any:
 
 
 def _prepare_config(folder: Path) -> None:
-    data = {"preset": "draft", "iterations": 20, "use_masks": "true", "opacity_level": 0.5, "segmenter": "grabcut",
-            "weights": "x", "crop_box": "0 0 0 1 1 1", "threads": 2}  # fmt: skip
+    data = {"preset": "draft", "iterations": 20, "use_masks": "true", "opacity_level": 0.5,
+            "segmenter": "random_walker", "weights": "x", "crop_box": "0 0 0 1 1 1", "threads": 2}  # fmt: skip
     (folder / "config.json").write_text(json.dumps(data))
     (folder / "box.txt").write_text("[1 0 0 0, 0 2 0 0, 0 0 1 5, 0 0 0 1]\n")
 

@@ -10,7 +10,7 @@ from mgf_engine.masks.bare import CONFIRMED, with_bare_points
 from mgf_engine.masks.model import building
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.masks.propagate import propagate
-from mgf_engine.masks.segmenters.grabcut import GrabCut
+from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.scene.doubts import keep_points
 from mgf_engine.scene.model import Scene
 from tests.house import OFFSET, House
@@ -83,8 +83,8 @@ def test_a_clicked_roof_without_points_is_in_the_masks(
     bald = keep_points(scene, height < 0.6 * height.max())
 
     def mean_iou() -> float:
-        config = make_config({"segmenter": "grabcut", "device": "cpu"})
-        masks = propagate(bald, read_prompts(house.prompts, bald), GrabCut(), config, quiet()).masks
+        config = make_config({"segmenter": "random_walker", "device": "cpu"})
+        masks = propagate(bald, read_prompts(house.prompts, bald), RandomWalker(), config, quiet()).masks
         pairs = [(building(m), house.masks[v.name]) for m, v in zip(masks.labels, bald.views, strict=True)]
         return float(np.mean([(a & b).sum() / (a | b).sum() for a, b in pairs]))
 

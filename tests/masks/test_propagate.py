@@ -25,7 +25,7 @@ from mgf_engine.scene.model import Scene
 from tests.house import OFFSET, House
 from tests.masks.conftest import quiet
 
-CONFIG = make_config({"segmenter": "grabcut", "device": "cpu", "second_level": "off"})
+CONFIG = make_config({"segmenter": "random_walker", "device": "cpu", "second_level": "off"})
 Clicks = dict[str, dict[str, Any]]
 
 
@@ -82,7 +82,7 @@ def test_what_is_written_is_what_is_read(plain: tuple[MaskSet, Path], scene: Sce
     sheet = cv2.imread(str(folder / "contact_sheet.jpg"))
     assert sheet is not None and sheet.shape[1] >= 320
     figures = json.loads((folder / "scores.json").read_text())
-    assert figures["segmenter"] == "grabcut" and figures["consistency"] >= 0.98
+    assert figures["segmenter"] == "random_walker" and figures["consistency"] >= 0.98
     assert not list(folder.rglob(".part-*"))
 
 

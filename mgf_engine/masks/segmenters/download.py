@@ -78,7 +78,7 @@ def missing_text(folder: Path) -> str:
     names = " and ".join(f.name for f in WEIGHTS["vitt"])
     return (
         f"The EfficientSAM weights are not in '{folder}'; run 'mgf weights', or put {names} there by hand "
-        f"(from {BASE_URL}), or choose segmenter=grabcut, which needs none."
+        f"(from {BASE_URL}), or choose segmenter=random_walker, which needs none."
     )
 
 

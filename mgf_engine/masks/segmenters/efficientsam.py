@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.segmenters.base import Hints, Points, Segment, agreement
-from mgf_engine.masks.segmenters.grabcut import clean
+from mgf_engine.masks.segmenters.random_walker import clean
 from mgf_engine.system import atomic_path
 
 #: The graph resizes to 1024 x 1024 itself; larger photos only cost memory.

@@ -16,7 +16,7 @@ from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.base import Hints
 from mgf_engine.masks.segmenters.download import WeightFile
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam, queries, spread
-from mgf_engine.masks.segmenters.grabcut import GrabCut
+from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.scene.model import Scene
 from tests.house import House
 from tests.masks.conftest import quiet
@@ -143,13 +143,13 @@ def test_choice_of_the_segmenter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     folder = tmp_path / "weights"
     auto = make_config({"weights": str(folder), "device": "cpu"})
     wanted = make_config({"weights": str(folder), "segmenter": "efficientsam", "device": "cpu"})
-    assert isinstance(choose_segmenter(auto, tmp_path), GrabCut)
+    assert isinstance(choose_segmenter(auto, tmp_path), RandomWalker)
     with pytest.raises(BadInput, match="mgf weights"):
         choose_segmenter(wanted, tmp_path)
     install(folder, monkeypatch)
     assert isinstance(choose_segmenter(auto, tmp_path), EfficientSam)
-    plain = make_config({"weights": str(folder), "segmenter": "grabcut"})
-    assert isinstance(choose_segmenter(plain, tmp_path), GrabCut)
+    plain = make_config({"weights": str(folder), "segmenter": "random_walker"})
+    assert isinstance(choose_segmenter(plain, tmp_path), RandomWalker)
     encoder = folder / download.WEIGHTS["vitt"][0].name
     encoder.write_bytes(encoder.read_bytes()[:-1] + b"x")
     with pytest.raises(BadInput, match="damaged or of another version"):

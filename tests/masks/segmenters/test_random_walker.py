@@ -3,7 +3,7 @@ import cv2
 import numpy as np
 
 from mgf_engine.masks.segmenters.base import agreement
-from mgf_engine.masks.segmenters.grabcut import GrabCut, clean, follow_points, to_edges
+from mgf_engine.masks.segmenters.random_walker import RandomWalker, clean, follow_points, to_edges
 from tests.masks.segmenters.test_efficientsam import hints
 
 SHAPE = (160, 240)
@@ -52,7 +52,7 @@ def test_a_second_attempt_follows_the_points():
     accepted = np.stack([xs.ravel(), ys.ravel()], 1).astype(float)
     given = hints(SHAPE, accepted=accepted, belief=belief)
     assert follow_points(given).shape == SHAPE
-    first, second = GrabCut().segment(0, photo(), given), GrabCut().segment(0, photo(), given, attempt=1)
+    first, second = RandomWalker().segment(0, photo(), given), RandomWalker().segment(0, photo(), given, attempt=1)
     assert first.score == 0 and second.score > 0.9
     assert (second.mask & square()).sum() / (second.mask | square()).sum() > 0.8
 

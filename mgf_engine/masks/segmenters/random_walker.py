@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The segmenter that needs no weights: the belief of the whole scene, cut along this photo's edges.
+"""The segmenter that needs no weights: the random walker's belief, drawn to this photo's edges.
 
-The belief (``belief.py``) already knows clicks, points and the looks of the building in every photo, on small
-regions of a reduced photo. Here it is brought to working resolution, drawn to the photo's edges by a guided
-filter and by GrabCut in a narrow band, and cleaned: holes without evidence are filled (dark windows, white walls),
-specks without a point are dropped.
+The belief (``belief.py``) is a random walk from the clicks over superpixels and points of all photos (Grady, *Random
+walks for image segmentation*, 2006), helped by models of colour. Here it is brought to working resolution, drawn to the
+photo's edges by a guided filter, and cleaned: holes without evidence are filled (dark windows, white walls), specks
+without a point are dropped.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ SPECK = 0.002
 HOLE = 0.02
 
 
-class GrabCut:
+class RandomWalker:
     """Belief to mask; stateless."""
 
-    name = "grabcut"
+    name = "random_walker"
 
     def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
         """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt follows the points closer."""
