@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster.buffers import Frame
 from mgf_engine.raster.camera import TILE, Camera
@@ -132,8 +133,7 @@ def bin_tiles(seen: Projection) -> TileLists:
     scratch = frame.array(torch.int32, 3 * n)
     count = call("mgf_sort", n, seen.depth_keys, seen.tile_counts, order, slot_starts, scratch)
     entries = int(slot_starts[n])
-    if entries >= 2**31:
-        raise RuntimeError(f"The Gaussians touch {entries} tiles, more than the kernels can list; prune the field.")
+    check_entries(entries)
     places, ranges = (
         frame.array(torch.int32, _CHUNKS, tiles_x * tiles_y),
         frame.array(torch.int32, tiles_x * tiles_y + 1),
@@ -145,6 +145,15 @@ def bin_tiles(seen: Projection) -> TileLists:
     parallel("mgf_bin_fill", *binning, slot_starts, gid, slots)
     found = (seen.records, seen.tile_counts, gid, slots, slot_starts, ranges)
     return TileLists(*found, tiles_x, tiles_y, seen.camera, frame)
+
+
+def check_entries(entries: int) -> None:
+    """Raises BadInput where the lists of all tiles together are longer than 32-bit numbers reach."""
+    if entries >= 2**31:
+        raise BadInput(
+            f"The Gaussians touch {entries:,} tiles, more than the kernels can list; lower --resolution or "
+            "--max-gaussians."
+        )
 
 
 def blend(lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.raster.camera import TILE, Camera, pose_and_intrinsics
-from mgf_engine.raster.cpu import RECORD, Parameters
+from mgf_engine.raster.cpu import RECORD, Parameters, check_entries
 from mgf_engine.raster.device import backend_for
 from mgf_engine.raster.library import call, parallel
 from mgf_engine.scene.model import View
@@ -153,6 +153,7 @@ class PointOpacity:
         places, ranges = np.empty((_CHUNKS, tiles), np.int32), np.empty(tiles + 1, np.int32)
         grid = (mask, tiles_x, tiles_y, places)
         parallel("mgf_bin_count", _CHUNKS, drawn, order, footprints, *grid)
+        check_entries(int(places.sum(dtype=np.int64)))  # footprints have grown since their tiles were counted
         call("mgf_bin_ranges", _CHUNKS, tiles, places, ranges)
         gid = np.empty(max(int(ranges[-1]), 1), np.int32)
         parallel("mgf_bin_fill", _CHUNKS, drawn, order, footprints, *grid, slots, gid, np.empty_like(gid))

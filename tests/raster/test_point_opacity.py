@@ -6,6 +6,7 @@ import pytest
 import torch
 from rendered import device_of, skip_without_card
 
+from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster import library
 from mgf_engine.raster.points import BACKGROUND, INSIDE, NEAR, OUTSIDE, SEEN, UNKNOWN, UNSEEN, PointOpacity, locate
@@ -132,6 +133,17 @@ def test_same_result_for_any_number_of_threads():
     together = ask(FIELDS["many"], points, view())[0]
     library.set_threads(0)
     assert np.array_equal(alone, together)
+
+
+def test_more_list_entries_than_32_bits_count_are_refused():
+    """8,200 Gaussians around the camera that each touch all of 512 x 512 tiles: 2.15e9 entries."""
+    wide = field(8200, 8, scale=1.0, spread=0.0, opacity=5.0)
+    wide.positions[:] = torch.tensor([0.0, 0.0, 0.5])
+    camera = view(0.0, 8192, 8192, focal=4000.0)
+    middle = 16 * np.stack(np.meshgrid(np.arange(512), np.arange(512)), -1).reshape(-1, 2) + 8
+    x, y = (middle - [camera.cx, camera.cy]).T / [[camera.fx], [camera.fy]] - camera.translation[:2, None]
+    with pytest.raises(BadInput, match=r"touch 2,1\d+,.* tiles, more than the kernels can list; lower --resolution"):
+        ask(wide, np.stack([x, y, np.ones_like(x)], 1), camera)
 
 
 def test_verdicts_of_the_mask():
