@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,8 @@ def _file(folder: Path, name: object) -> Path | None:
     """An existing file of the job folder; names that lead out of it are refused."""
     if not isinstance(name, str) or not name:
         return None
+    if PureWindowsPath(name).anchor or PurePosixPath(name).anchor:  # resolving it may ask a foreign server
+        raise ValueError(f"'{name}' lies outside the job folder")
     path = (folder / name).resolve()
     if not path.is_relative_to(folder.resolve()):
         raise ValueError(f"'{name}' lies outside the job folder")

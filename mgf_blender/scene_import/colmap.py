@@ -225,7 +225,7 @@ class _Cursor:
 
     def text(self) -> str:
         end = self.data.index(b"\0", self.at)
-        value = self.data[self.at : end].decode("utf-8", "surrogateescape")
+        value = decode(self.data[self.at : end])
         self.at = end + 1
         return value
 
@@ -276,8 +276,17 @@ def _points_bin(data: bytes) -> Points:
     return _points(xyz, rgb, error, length)
 
 
+def decode(raw: bytes) -> str:
+    """Text as the engine reads it: UTF-8, or Latin-1 where it is not UTF-8, as Windows writes photo names."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
 def _lines(data: bytes) -> Iterator[str]:
-    for line in data.decode("utf-8", "surrogateescape").splitlines():
+    for raw in data.split(b"\n"):
+        line = decode(raw.rstrip(b"\r"))
         if not line.lstrip().startswith("#"):
             yield line
 

@@ -13,7 +13,7 @@ from ..common.text import N_, tr
 from .cameras import CameraSpec, add_cameras, fit_render
 from .colmap import Model, Photo, read_model
 from .frame import make_frame
-from .locate import find_model, find_photo_folder
+from .locate import find_model, find_photo, find_photo_folder
 from .points import add_points
 from .tree import Tree
 
@@ -75,10 +75,9 @@ def import_scene(
 
 def _spec(photo: Photo, folder: Path | None) -> CameraSpec:
     camera = photo.camera
-    picture = folder / photo.name if folder is not None else None
     return CameraSpec(
         photo.name, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
-        photo.rotation, photo.translation, picture if picture is not None and picture.is_file() else None,
+        photo.rotation, photo.translation, find_photo(folder, photo.name) if folder is not None else None,
         camera.distorted,
     )  # fmt: skip
 

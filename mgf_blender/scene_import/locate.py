@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import NamedTuple
 
 from ..common.errors import UserError
@@ -44,12 +45,27 @@ def find_photo_folder(path: Path, model_folder: Path, names: list[str]) -> Path 
     for base in dict.fromkeys((start, model_folder, model_folder.parent, model_folder.parent.parent)):
         for sub in _PHOTO_FOLDERS:
             folder = base / sub
-            hits = sum((folder / name).is_file() for name in names) if folder.is_dir() else 0
+            hits = sum(find_photo(folder, name) is not None for name in names) if folder.is_dir() else 0
             if hits > most:
                 best, most = folder, hits
         if most == len(names):
             break
     return best
+
+
+def find_photo(folder: Path, name: str) -> Path | None:
+    """The file of a photo below a folder, or None. Of a name that is a whole path the last part will do."""
+    plain = plain_name(name)
+    whole = plain != name.replace("\\", "/")
+    places = (plain, PurePosixPath(plain).name) if whole else (plain,)
+    return next((path for place in places if (path := folder / place).is_file()), None)
+
+
+def plain_name(name: str, windows: bool = os.sep == "\\") -> str:
+    """A photo's name as a path below a folder, with slashes: names from Windows hold backslashes, and a foreign model
+    may hold a drive or a server, which Windows would log in at when asked for the file. The engine does the same."""
+    path = PureWindowsPath(name) if windows else PurePosixPath(name.replace("\\", "/"))
+    return path.relative_to(path.anchor).as_posix()
 
 
 class _Found(NamedTuple):

@@ -19,7 +19,7 @@ from .colmap import read_model
 from .crop import add_crop_box, find_crop_box
 from .frame import rotation_to_z, up_direction
 from .load import Imported, import_scene
-from .locate import find_model
+from .locate import find_model, find_photo
 from .tree import Tree
 
 
@@ -250,8 +250,8 @@ def list_roots(scene: bpy.types.Scene, done: Imported, path: Path) -> None:
             entry = have.get(photo.name) or photos.add()
             entry.name = photo.name
             entry.width, entry.height = photo.camera.width, photo.camera.height
-            file = done.photo_folder / photo.name if done.photo_folder is not None else None
-            entry.file = str(file) if file is not None and file.is_file() else ""
+            file = find_photo(done.photo_folder, photo.name) if done.photo_folder is not None else None
+            entry.file = str(file) if file is not None else ""
     scene.mgf.photo_index = min(max(scene.mgf.photo_index, 0), max(len(photos) - 1, 0))
 
 

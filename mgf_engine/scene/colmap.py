@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import unicodedata
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from mgf_engine.errors import BadInput
 from mgf_engine.scene import colmap_binary, colmap_text
@@ -107,7 +107,7 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
     """
     found: dict[str, Path] = {}
     for place in _photo_places(model, source):
-        here = {name: path for name in names if (path := place / _portable(name)).is_file()}
+        here = {name: path for name in names if (path := place / plain_name(name)).is_file()}
         found = here if len(here) > len(found) else found
         if len(found) == len(names):
             break
@@ -115,7 +115,7 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
     if missing:
         index = _index(source, exclude)
         for name in list(missing):
-            fits = _best_fits(_portable(name), index)
+            fits = _best_fits(plain_name(name), index)
             if len(fits) == 1:
                 found[name] = fits[0]
                 missing.remove(name)
@@ -187,9 +187,11 @@ def _photo_places(model: Path, source: Path) -> list[Path]:
     return [p for i, p in enumerate(places) if p.is_dir() and p not in places[:i]]
 
 
-def _portable(name: str) -> str:
-    """Names from Windows hold backslashes."""
-    return name.replace("\\", "/") if os.sep == "/" else name
+def plain_name(name: str, windows: bool = os.sep == "\\") -> str:
+    """A photo's name as a path below a folder, with slashes: names from Windows hold backslashes, and a foreign model
+    may hold a drive or a server, which Windows would log in at when asked for the file."""
+    path = PureWindowsPath(name) if windows else PurePosixPath(name.replace("\\", "/"))
+    return path.relative_to(path.anchor).as_posix()
 
 
 def _index(source: Path, exclude: Path | None) -> list[tuple[list[str], Path]]:

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from foreign_names import PLAIN
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_places import SEVERAL, write_project
 
 from mgf_engine.errors import BadInput
-from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
+from mgf_engine.scene.colmap import find_model, find_photos, list_photos, plain_name, read_model
 
 from .synthetic import photo_of, reconstruction, write_model, write_photo, write_scene
 
@@ -135,6 +136,21 @@ def test_photos_in_folders_and_with_other_spelling(tmp_path: Path) -> None:
     model.mkdir(parents=True)
     expected = [tmp_path / "pictures" / "set" / n for n in ("left/a.JPG", "right/a.jpg", "\u00c4 b/x.png")]
     assert find_photos(names, model, tmp_path) == expected
+
+
+@pytest.mark.parametrize(("name", "windows", "plain"), PLAIN)
+def test_names_never_lead_to_another_machine(name: str, windows: bool, plain: str) -> None:
+    assert plain_name(name, windows) == plain
+
+
+def test_photos_whose_names_are_whole_paths_are_looked_for_in_the_scene_alone(tmp_path: Path) -> None:
+    elsewhere, here = tmp_path / "elsewhere" / "a.png", tmp_path / "scene" / "images" / "a.png"
+    for path in (elsewhere, here):
+        write_photo(path, np.zeros((8, 8, 3), np.uint8))
+    assert find_photos([str(elsewhere)], tmp_path / "scene" / "sparse", tmp_path / "scene") == [here]
+    here.unlink()
+    with pytest.raises(BadInput, match="1 of 1 photos"):
+        find_photos([str(elsewhere)], tmp_path / "scene" / "sparse", tmp_path / "scene")
 
 
 def test_missing_and_ambiguous_photos_are_refused(tmp_path: Path) -> None:

@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+import bpy
 import numpy as np
 import pytest
 import synthetic
+from foreign_names import ANSI, ANSI_NAME, PLAIN
 from model_places import SEVERAL, write_project
 
 from mgf_blender.common.errors import UserError
 from mgf_blender.scene_import.colmap import make_camera, quaternion_to_matrix, read_model
-from mgf_blender.scene_import.locate import find_model, find_photo_folder
+from mgf_blender.scene_import.locate import find_model, find_photo, find_photo_folder, plain_name
+from mgf_blender.scene_import.tree import Tree
 
 
 def assert_sentence(error: UserError) -> None:
@@ -115,6 +118,35 @@ def test_layouts(tmp_path):
     for path in (house.folder, house.folder / "sparse", house.model, house.model / "images.bin"):
         assert find_model(path) == house.model
         assert find_photo_folder(path, house.model, list(house.poses)) == house.folder / "images"
+
+
+@pytest.mark.parametrize(("name", "windows", "plain"), PLAIN)
+def test_names_never_lead_to_another_machine(name, windows, plain):
+    assert plain_name(name, windows) == plain
+
+
+def test_a_photo_whose_name_is_a_whole_path_is_looked_for_in_the_photo_folder_alone(tmp_path):
+    elsewhere, here = tmp_path / "elsewhere" / "a.png", tmp_path / "photos" / "a.png"
+    for path in (elsewhere, here):
+        synthetic.write_png(path, np.zeros((8, 8, 3), np.uint8))
+    assert find_photo(here.parent, str(elsewhere)) == here
+    here.unlink()
+    assert find_photo(here.parent, str(elsewhere)) is None
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["bin", "txt"])
+def test_photo_names_that_are_not_utf8(addon, tmp_path, text):
+    """COLMAP on Windows writes names in the code page; add-on and engine must read the same."""
+    house = synthetic.write_house(tmp_path / "house", text=text)
+    old = next(iter(house.poses))
+    images = house.model / ("images.txt" if text else "images.bin")
+    images.write_bytes(images.read_bytes().replace(old.encode(), b"wing/" + ANSI))
+    new = f"wing/{ANSI_NAME}"
+    (house.folder / "images" / old).rename(house.folder / "images" / new)
+    assert new in [p.name for p in read_model(house.model).photos]
+    assert bpy.ops.mgf.import_colmap(filepath=str(house.folder)) == {"FINISHED"}
+    cameras = {o.get("mgf_photo"): o for o in Tree.find(bpy.context.scene).objects("Cameras")}
+    assert len(cameras) == 12 and cameras[new].data.background_images[0].image.size[0] > 0
 
 
 @pytest.mark.parametrize(("models", "taken"), SEVERAL.values(), ids=list(SEVERAL))
