@@ -172,7 +172,7 @@ def _sweep(
     for first in range(0, last, AT_ONCE):
         progress(first / last)
         end = min(first + AT_ONCE, last)
-        parallel("collapse_work", handle, slab, order, start, first, end, stop)
+        parallel("collapse_work", handle, slab, order, start, first, end, stop, pieces=end - first)
     left = call("collapse_live", handle)
     if left < 0:
         raise MemoryError(NO_MEMORY)

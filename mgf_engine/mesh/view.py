@@ -73,7 +73,8 @@ def _zbuffer(
     if len(faces):
         faces = np.ascontiguousarray(faces, dtype=np.int32)
         bands = 1 if own_threads() == 1 else 2 * own_threads()
-        parallel("zbuffer_work", at, faces, len(faces), height, width, -(-height // bands), inverse, face)
+        band = -(-height // bands)
+        parallel("zbuffer_work", at, faces, len(faces), height, width, band, inverse, face, pieces=bands)
     return inverse, face
 
 

@@ -28,6 +28,14 @@ from mgf_engine.system import cores, release_memory
 _here = threading.local()
 _HINT = "run 'python -m mgf_engine.raster.build' to compile the kernels"
 
+#: Items per piece of the work loops whose first argument counts items (``PIECE`` in their source); of others that
+#: argument is the number of pieces, or the caller says how many there are.
+ITEMS_PER_PIECE = {
+    "mgf_adam": 2048, "mgf_project": 256, "mgf_project_backward": 256, "points_locate_work": 4096,
+    "fuse_judges_work": 2048, "match_photos_work": 64, "corners_work": 8192, "open_edges_work": 4096,
+    "fans_work": 4096, "smooth_work": 4096, "vertex_normals_work": 4096,
+}  # fmt: skip
+
 S = TypeVar("S")
 T = TypeVar("T")
 _threads = 0
@@ -130,20 +138,25 @@ def call(name: str, *arguments: Any) -> int:
     return function(*map(_to_c, arguments))
 
 
-def parallel(name: str, *arguments: Any) -> None:
+def parallel(name: str, *arguments: Any, pieces: int | None = None) -> None:
     """Run a work loop on :func:`threads` threads with a shared counter of pieces, and wait for all of them.
+
+    Waking a thread takes longer than a small piece of work, so no more threads are woken than there are pieces.
 
     Args:
         name: of a C function whose first parameter is ``int32_t *next``.
         arguments: its further arguments, see :func:`call`.
+        pieces: at most as many pieces of work; None: as the first argument tells (:data:`ITEMS_PER_PIECE`).
     """
     function = getattr(library(), name)
     function.restype = None
+    if pieces is None:
+        pieces = -(-arguments[0] // ITEMS_PER_PIECE.get(name, 1))
     counter = ctypes.c_int32(0)
     converted = [ctypes.byref(counter), *map(_to_c, arguments)]
     workers: list[Future[None]] = []
     if own_threads() > 1 and _pool is not None:
-        workers = [_pool.submit(function, *converted) for _ in range(_threads - 1)]
+        workers = [_pool.submit(function, *converted) for _ in range(min(_threads, pieces) - 1)]
     function(*converted)
     for worker in workers:
         worker.result()

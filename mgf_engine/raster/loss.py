@@ -242,6 +242,8 @@ class _Pass:
         planes = _PLANES if weights.normals > 0 else _DEPTH if weights.distortion > 0 else _DISTORTION
         self.gradient = lasting_array(torch.float32, planes, *self.alpha.shape)
         self.scales = len(photo.levels) if weights.multilevel > 0 else 1
+        tiles = photo.levels[: self.scales, 2] * photo.levels[: self.scales, 3]
+        self.finest, self.tiles = int(tiles[0]), int(tiles.sum())
         self.ids = photo.area.shape[1]
         self.inside = max(int(photo.area[0, 1:].sum()), 1)
         self.failed = np.zeros(1, np.int32)
@@ -252,11 +254,12 @@ class _Pass:
         levels = (photo.levels, self.scales)
         color = self._at_box(self.color), self.color.stride(0), self.color.stride(1)
         alpha = self._at_box(self.alpha), self.alpha.stride(0)
-        parallel("loss_prepare_work", *levels, *color, *alpha, photo.image, photo.labels, self.backdrop, scratch)
+        given = (*color, *alpha, photo.image, photo.labels, self.backdrop, scratch)
+        parallel("loss_prepare_work", *levels, *given, pieces=self.finest)
         similarity, slopes, edge_slope = self._similarity() if self.weights.ssim > 0 else (0.0, None, 0.0)
         if slopes is not None and self.scales > 1:
-            given = (photo.flags, photo.labels, self.ids, slopes, scratch)
-            parallel("loss_coarse_work", *levels, *given, self.failed)
+            coarse = (photo.flags, photo.labels, self.ids, slopes, scratch)
+            parallel("loss_coarse_work", *levels, *coarse, self.failed, pieces=self.tiles - self.finest)
         consistency, normals = self._normals(camera) if self.depth is not None else (0.0, 0.0)
         l1, on_ring, distortion = self._finish(slopes, edge_slope, normals)
         if self.failed[0]:
@@ -294,7 +297,7 @@ class _Pass:
         photo, ids, weights = self.photo, self.ids, self.weights
         sums = np.zeros((len(photo.flags), 2 * ids + 1))
         given = (photo.flags, photo.labels, photo.edges, ids, self.scratch, sums)
-        parallel("loss_forward_work", photo.levels, self.scales, *given, self.failed)
+        parallel("loss_forward_work", photo.levels, self.scales, *given, self.failed, pieces=self.tiles)
         ends = [*photo.levels[1 : self.scales, 4], len(sums)]
         pooled = np.stack([part.sum(0) for part in np.split(sums, ends[:-1])])[: self.scales] / 3
         base, edge, edges = self._pixel_weights()
@@ -323,6 +326,7 @@ class _Pass:
         parallel(
             "loss_normals_work", *images, self.normal.stride(0), self.normal.stride(1), photo.labels, photo.strips,
             height, width, *intrinsics, sums, *goals, self.gradient.stride(1), self.gradient.stride(0), self.failed,
+            pieces=len(photo.strips),
         )  # fmt: skip
         loss, total = sums.sum(0)
         factor = self.weights.normals / total if total > 0 else 0.0
@@ -345,10 +349,10 @@ class _Pass:
             *self.backdrop.tolist(), edge_slope, weights.l1 * edge / 3, weights.background / max(photo.ring_area, 1),
             weights.distortion / self.inside, normals,
         ], np.float32)  # fmt: skip
-        tiles = int(photo.levels[0, 2] * photo.levels[0, 3])
-        sums = np.zeros((tiles, 3))
+        sums = np.zeros((self.finest, 3))
         given = (photo.flags, self.ids, finish, factors, self.scratch, sums)
-        parallel("loss_finish_work", photo.levels, self.scales, *given, self.failed)
+        bands = -(-self.alpha.shape[0] // _TILE_H)
+        parallel("loss_finish_work", photo.levels, self.scales, *given, self.failed, pieces=self.finest + bands)
         total: NDArray[np.float64] = sums.sum(0)
         return total
 
