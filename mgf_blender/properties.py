@@ -62,17 +62,32 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
     figures: bpy.props.StringProperty(options={"HIDDEN"}, description="Figures of the imported job, as JSON")
 
 
+#: Key -> ``session_uid`` of the scene that took it. An undo takes the property away, and a copied scene has it, too.
+_owners: dict[str, int] = {}
+
+
 def scene_key(scene: bpy.types.Scene) -> str:
-    """The scene's key, made on first use and made anew for a copied scene."""
-    taken = {s.mgf.key for s in bpy.data.scenes if s != scene}
-    if not scene.mgf.key or scene.mgf.key in taken:
-        scene.mgf.key = uuid.uuid4().hex
-    return scene.mgf.key
+    """The scene's key, made on first use; a copied scene gets one of its own."""
+    key = key_of(scene) or uuid.uuid4().hex
+    if scene.mgf.key != key:
+        scene.mgf.key = key
+    _owners[key] = scene.session_uid
+    return key
+
+
+def key_of(scene: bpy.types.Scene) -> str:
+    """The scene's key, or an empty text when it has none yet; changes nothing, so that drawing may ask."""
+    key = scene.mgf.key
+    if not key:
+        return next((k for k, uid in _owners.items() if uid == scene.session_uid), "")
+    owner = _owners.get(key, scene.session_uid)
+    copied = owner != scene.session_uid and any(s.session_uid == owner for s in bpy.data.scenes)
+    return "" if copied else key
 
 
 def scene_of(key: str) -> bpy.types.Scene | None:
     """The scene with a key, if the open file has it."""
-    return next((s for s in bpy.data.scenes if s.mgf.key == key), None)
+    return next((s for s in bpy.data.scenes if key and key_of(s) == key), None)
 
 
 CLASSES = (MGF_PG_click, MGF_PG_photo, OptionsGroup, MGF_PG_scene)

@@ -5,6 +5,7 @@ import bpy
 
 from ..common import runner
 from ..common.text import draw_sentence, tr
+from ..properties import key_of
 from ..reconstruct.panel import draw_job
 from . import overlay, preview
 from .properties import BUILDING, active_photo
@@ -106,10 +107,11 @@ class MGF_PT_masks(bpy.types.Panel):
         return len(context.scene.mgf.photos) > 0
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, state = self.layout, context.scene.mgf
+        layout = self.layout
         layout.operator("mgf.find_masks", icon="RENDERLAYERS")
-        job = runner.live_job(state.key) if state.key else None
-        found = [j for j in runner.jobs(state.key) if j.kind == "masks"] if state.key else []
+        key = key_of(context.scene)
+        job = runner.live_job(key) if key else None
+        found = [j for j in runner.jobs(key) if j.kind == "masks"] if key else []
         if job is not None or found:
             draw_job(layout, job or found[-1])
         photo = active_photo(context.scene)

@@ -21,7 +21,7 @@ from ..common.process import Process
 from ..common.runner import redraw
 from ..common.text import N_, tr
 from ..engine.environment import engine_command
-from ..properties import scene_key, scene_of
+from ..properties import key_of, scene_key, scene_of
 from . import files
 
 RUNNING, DONE, FAILED = "RUNNING", "DONE", "FAILED"
@@ -113,7 +113,7 @@ def start(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> Preview:
 
 def of(scene: bpy.types.Scene, photo: str) -> Preview | None:
     """The newest preview of a photo in a scene."""
-    return _latest.get((scene.mgf.key, photo)) if scene.mgf.key else None
+    return _latest.get((key_of(scene), photo))
 
 
 def stop() -> None:
@@ -141,9 +141,9 @@ def pump() -> bool:
 
 def notice(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:
     """Called while the photo is drawn: when its clicks changed and previews are automatic, one becomes due."""
-    if not scene.mgf.auto_preview or not scene.mgf.key or not photo.done():
+    if not scene.mgf.auto_preview or not key_of(scene) or not photo.done():
         return
-    key, now = (scene.mgf.key, photo.name), signature(photo)
+    key, now = (key_of(scene), photo.name), signature(photo)
     latest = _latest.get(key)
     if (latest is None or latest.clicks != now) and _seen.get(key) != now:
         _seen[key] = now

@@ -12,6 +12,7 @@ from ..common.errors import UserError
 from ..common.job import DONE, Job
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
+from ..properties import key_of
 from ..scene_import.crop import crop_text
 from ..scene_import.operators import bring_in, frame_tree
 from ..scene_import.tree import Tree
@@ -39,7 +40,7 @@ class JobOperator(Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         state = context.scene.mgf
         return cls.needs(state.source, "Import a COLMAP scene or photos first") and cls.needs(
-            not runner.live_job(state.key), "A job of this scene is running; wait for it or cancel it"
+            not runner.live_job(key_of(context.scene)), "A job of this scene is running; wait for it or cancel it"
         )
 
 
@@ -95,10 +96,10 @@ class MGF_OT_cancel_job(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(runner.live_job(context.scene.mgf.key), "No job is running")
+        return cls.needs(runner.live_job(key_of(context.scene)), "No job is running")
 
     def run(self, context: bpy.types.Context) -> None:
-        runner.live_job(context.scene.mgf.key).cancel()
+        runner.live_job(key_of(context.scene)).cancel()
 
 
 class MGF_OT_import_photos(FileOperator):
@@ -202,7 +203,7 @@ class MGF_OT_reset_options(Operator):
 
 def last_job(scene: bpy.types.Scene) -> Job | None:
     """The job the panel talks about: the running one, else the newest."""
-    key = scene.mgf.key
+    key = key_of(scene)
     if not key:
         return None
     found = runner.jobs(key)
@@ -211,8 +212,7 @@ def last_job(scene: bpy.types.Scene) -> Job | None:
 
 def interrupted(scene: bpy.types.Scene) -> bool:
     """Whether the job folder holds a job that did not end and that nobody runs, for example after a crash."""
-    state = scene.mgf
-    if state.key and runner.live_job(state.key):
+    if runner.live_job(key_of(scene)):
         return False
     return has_job_file(scene, "job.json") and not is_finished(job_folder(scene))
 

@@ -14,7 +14,7 @@ from ..common.errors import UserError
 from ..common.job import DONE, Job
 from ..engine.environment import engine_command
 from ..prompts import files
-from ..properties import scene_key, scene_of
+from ..properties import key_of, scene_key, scene_of
 from ..results import arrival
 from . import estimate, live
 
@@ -151,7 +151,7 @@ def run_in(scene: bpy.types.Scene, name: str, **properties: object) -> str:
             getattr(bpy.ops.mgf, name)("EXEC_DEFAULT", window is not None, **properties)
     except RuntimeError as error:
         text = str(error).removeprefix("Error: ").strip()
-        latest = runner.jobs(scene.mgf.key)
+        latest = runner.jobs(key_of(scene))
         if latest:
             latest[-1].warnings.append(text)
         return text

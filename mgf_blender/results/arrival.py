@@ -20,7 +20,7 @@ import numpy as np
 from ..common.errors import UserError, sentence
 from ..common.meshes import mesh_steps
 from ..common.runner import redraw
-from ..properties import scene_key, scene_of
+from ..properties import key_of, scene_key, scene_of
 from ..scene_import.tree import Tree
 from .load import MESH_NAME, SHARP_ANGLE, Content, read_result
 
@@ -106,17 +106,17 @@ def begin(scene: bpy.types.Scene, folder: Path) -> None:
 
 def under_way(scene: bpy.types.Scene) -> bool:
     """Whether results are on their way into a scene."""
-    return scene.mgf.key in _arrivals
+    return key_of(scene) in _arrivals
 
 
 def problem(scene: bpy.types.Scene) -> str:
     """Why the last import into a scene failed, or an empty text."""
-    return _problems.get(scene.mgf.key, "")
+    return _problems.get(key_of(scene), "")
 
 
 def ready(scene: bpy.types.Scene, folder: Path) -> Arrival | None:
     """The arrival of a folder that is waiting to be imported into a scene."""
-    found = _arrivals.get(scene.mgf.key)
+    found = _arrivals.get(key_of(scene))
     return found if found is not None and found.folder == folder else None
 
 

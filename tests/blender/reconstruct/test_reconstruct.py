@@ -15,9 +15,9 @@ import pytest
 from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.job import CANCELLED, DONE, FAILED
-from mgf_blender.properties import scene_of
+from mgf_blender.properties import scene_key, scene_of
 from mgf_blender.reconstruct import live, start
-from mgf_blender.reconstruct.operators import interrupted
+from mgf_blender.reconstruct.operators import interrupted, last_job
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import arrival
 from mgf_blender.scene_import.tree import Tree
@@ -207,6 +207,40 @@ def test_two_scenes_keep_to_themselves(ready, engine, house):
     bpy.ops.mgf.reconstruct()
     assert first.mgf.key != second.mgf.key
     assert len(Tree.find(second).objects("Mesh")) == 1 and not Tree.find(first).objects("Mesh")
+
+
+def test_a_copied_scene_and_the_job_of_the_first(ready, engine, house):
+    """The copy holds the same properties; the job and its mesh stay with the scene that started it."""
+    engine("slow", FAKE_RESULT=house.job)
+    first = bpy.context.scene
+    first.name = "Z"  # behind the copy in the list
+    job = make_job(first)
+    runner.submit(job)
+    pump(lambda: job.stage == "scene")
+    bpy.ops.scene.new(type="FULL_COPY")
+    second = bpy.context.scene
+    second.name = "A"
+    assert last_job(first) is job and last_job(second) is None
+    assert scene_key(second) != job.scene_key and scene_key(first) == job.scene_key
+    assert scene_of(job.scene_key) == first
+    pump(lambda: not job.live)
+    assert len(Tree.find(first).objects("Mesh")) == 1 and not Tree.find(second).objects("Mesh")
+
+
+def test_a_job_whose_start_was_undone_is_still_the_scene_s(ready, engine, house):
+    """Undo takes the scene's key away, which the start of the job had made."""
+    engine("slow", FAKE_RESULT=house.job)
+    bpy.ops.ed.undo_push(message="before")
+    assert not ready.key
+    job = make_job(bpy.context.scene)
+    runner.submit(job)
+    pump(lambda: job.stage == "scene")
+    bpy.ops.ed.undo_push(message="start")
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert not scene.mgf.key and last_job(scene) is job and scene_of(job.scene_key) == scene
+    pump(lambda: not job.live)
+    assert len(Tree.find(scene).objects("Mesh")) == 1 and scene_key(scene) == job.scene_key
 
 
 def quit_during(stage, engine, tmp_path) -> None:
