@@ -9,6 +9,7 @@ from .common.addon import NAME
 from .common.text import draw_sentence, tr
 from .engine import operators
 from .engine.environment import managed_environment, python_of
+from .engine.install import has_nvidia
 from .engine.swap import unfinished
 from .engine.task import CANCELLED, DONE, FAILED, RUNNING
 
@@ -93,6 +94,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
     def _draw_task(self, layout: bpy.types.UILayout) -> None:
         row = layout.row(align=True)
         row.operator("mgf.check_engine", icon="CHECKMARK")
+        if has_nvidia():
+            row.operator("mgf.check_card", icon="MEMORY")
         row.operator("mgf.open_engine_log", text="", icon="TEXT")
         kind, task = operators.current()
         if task is None:
@@ -105,6 +108,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
                 layout.label(text=task.output[-1].strip()[:100], translate=False)
         elif task.status in {FAILED, CANCELLED}:
             draw_sentence(layout, task.text, "ERROR" if task.status == FAILED else "INFO")
+        elif task.status == DONE and kind == "card":
+            draw_sentence(layout, task.output[-1], "CHECKMARK")
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
             for name, value in _report_lines(task.output):

@@ -77,7 +77,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_job_command(commands, "reconstruct", "run every stage: photos in, mesh and report out")
     for stage, help in _STAGE_HELP.items():
         _add_job_command(commands, stage, f"run the stages up to this one: {help}")
-    commands.add_parser("doctor", help="show versions, kernel variant, device and memory")
+    doctor = commands.add_parser("doctor", help="show versions, kernel variant, device and memory")
+    doctor.add_argument(
+        "--card", action="store_true", help="check this machine's card against the CPU, in a minute; auto takes it then"
+    )
     options = commands.add_parser("options", help="list every option with its default and meaning")
     options.add_argument("--json", action="store_true", help="as data for other programs")
     weights = commands.add_parser("weights", help="download the EfficientSAM weights and check them")
@@ -249,6 +252,10 @@ def _options_command(args: argparse.Namespace) -> int:
 
 
 def _doctor_command(args: argparse.Namespace) -> int:
+    if args.card:
+        from mgf_engine.bench.card_check import check_card
+
+        return check_card()
     from mgf_engine.doctor import report
 
     return report()

@@ -7,6 +7,7 @@ Blender's Python is not touched: the engine needs its own numpy and torch.
 from __future__ import annotations
 
 import contextlib
+import functools
 import platform
 import shutil
 import sys
@@ -92,6 +93,7 @@ def wheel_fits(name: str, system: str, machine: str) -> bool:
     return tag == "any" or (wanted is not None and wanted[0] in tag and tag.endswith(wanted[1]))
 
 
+@functools.cache
 def has_nvidia() -> bool:
     """Whether an NVIDIA driver is on this machine."""
     return shutil.which("nvidia-smi") is not None

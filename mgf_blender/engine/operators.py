@@ -111,6 +111,18 @@ class MGF_OT_check_engine(_EngineOperator):
         return _finish_in_background(self, task)
 
 
+class MGF_OT_check_card(_EngineOperator):
+    """Compare this machine's NVIDIA card with the CPU, in a minute; a card that passes is used from then on"""
+
+    bl_idname = "mgf.check_card"
+    bl_label = "Check Card"
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        task = Task([Step(N_("Checking the card"), engine_command("doctor", "--card"))], log_path(), _explain_check)
+        begin("card", task)
+        return _finish_in_background(self, task)
+
+
 class MGF_OT_download_weights(_EngineOperator):
     """Download the weights of the mask model and check them"""
 
@@ -208,15 +220,16 @@ def _explain_check(step: Step, lines: list[str]) -> str:
     text = "\n".join(lines)
     if "No module named mgf_engine" in text or "No module named 'mgf_engine'" in text:
         return tr("The chosen environment has no MGF engine; install it or choose another environment.")
-    problem = next((line for line in lines if line.startswith("Problem: ")), None)
-    if problem is not None:
-        return problem.removeprefix("Problem: ")
+    for mark in ("Problem: ", "Error: "):
+        found = next((line for line in lines if line.startswith(mark)), None)
+        if found is not None:
+            return found.removeprefix(mark)
     last = next((line for line in reversed(lines) if line.strip()), "no output")
     return tr("The engine cannot run ({reason}); open the log for the details.", reason=last.strip()[:160])
 
 
 CLASSES = (
-    MGF_OT_install_engine, MGF_OT_check_engine, MGF_OT_download_weights, MGF_OT_cancel_engine_task,
+    MGF_OT_install_engine, MGF_OT_check_engine, MGF_OT_check_card, MGF_OT_download_weights, MGF_OT_cancel_engine_task,
     MGF_OT_remove_engine, MGF_OT_open_engine_log,
 )  # fmt: skip
 

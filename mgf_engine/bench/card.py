@@ -242,7 +242,7 @@ def main(arguments: list[str] | None = None) -> int:
     width, height = (int(x) for x in given.size.split("x"))
     figures: dict[str, Any] = {"card": vars(found)}
     figures["differences from the CPU"] = compare(given.gaussians, width, height)
-    failed = _too_far(figures["differences from the CPU"])
+    failed = too_far(figures["differences from the CPU"])
     if not given.only_compare:
         started = time.perf_counter()
         usage = [u for p in programs() for u in compiler.compile_program(p, found.architecture).usage]
@@ -262,7 +262,8 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if failed else 0
 
 
-def _too_far(differences: dict[str, float]) -> list[str]:
+def too_far(differences: dict[str, float]) -> list[str]:
+    """The figures of :func:`compare` that are beyond their limits, or not numbers."""
     limits = {"loss": LOSS_LIMIT}
     return [
         name

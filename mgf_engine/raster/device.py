@@ -35,7 +35,7 @@ class Choice:
     Attributes:
         device: ``cpu`` or the card.
         text: one sentence that says what was chosen and why.
-        surprising: the machine has a card that torch sees, and still it cannot be used.
+        surprising: the machine has a card that torch sees, and still it is not used.
     """
 
     device: torch.device
@@ -52,6 +52,7 @@ def choose_device(wanted: str) -> Choice:
     """
     if wanted == "cpu":
         return Choice(torch.device("cpu"), "Device: CPU, as asked for.")
+    from mgf_engine.raster.cuda.approved import is_approved
     from mgf_engine.raster.cuda.card import find_card
 
     try:
@@ -60,8 +61,11 @@ def choose_device(wanted: str) -> Choice:
         if wanted == "cuda":
             raise BadInput(f"{error} Or train without a card: --device cpu.") from error
         return Choice(torch.device("cpu"), f"Device: CPU. {error}", torch.cuda.is_available())
+    if wanted == "auto" and not is_approved(found):
+        text = f"Device: CPU. A card was found, {found.name}: 'mgf doctor --card' checks it in a minute, then auto "
+        return Choice(torch.device("cpu"), text + "takes it; '--device cuda' takes it unchecked.", surprising=True)
     memory = f"{found.memory / 2**30:.0f} GiB"
-    why = "as asked for" if wanted == "cuda" else "because it can be used"
+    why = "as asked for" if wanted == "cuda" else "because it passed the check"
     return Choice(torch.device("cuda", 0), f"Device: {found.name}, {memory}, {why}.")
 
 

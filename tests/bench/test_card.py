@@ -13,11 +13,13 @@ from typing import Any
 import pytest
 import torch
 
-from mgf_engine.bench import card
+from mgf_engine.bench import card, card_check
+from mgf_engine.cli import main
 from mgf_engine.errors import BadInput
 from mgf_engine.raster import device
-from mgf_engine.raster.cuda import rasterizer_on
+from mgf_engine.raster.cuda import approved, rasterizer_on
 from mgf_engine.raster.cuda.card import Found
+from mgf_engine.raster.cuda.driver import DriverError
 
 SOURCE = "cuda-source-on-cpu"
 
@@ -49,7 +51,7 @@ def test_iterations_of_the_cuda_sources_train_as_those_in_c(monkeypatch: pytest.
 
 
 def test_differences_beyond_the_limits_are_named() -> None:
-    assert card._too_far({"color": 1e-6, "loss": 1.0, "gradient of sh": float("nan")}) == ["loss", "gradient of sh"]
+    assert card.too_far({"color": 1e-6, "loss": 1.0, "gradient of sh": float("nan")}) == ["loss", "gradient of sh"]
 
 
 @pytest.fixture
@@ -73,9 +75,9 @@ def no_card_but_its_sources(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_comparison_looks_at_renderings_that_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     rasterizer_on(SOURCE).room.restore()
     found = card.compare(600, 96, 64)
-    assert card._too_far(found) == [] and {"color", "color without waiting", "gradient of sh", "loss"} <= set(found)
+    assert card.too_far(found) == [] and {"color", "color without waiting", "gradient of sh", "loss"} <= set(found)
     monkeypatch.setattr(rasterizer_on(SOURCE).room, "take", lambda gaussians, tiles: 3)  # draws nothing
-    assert "color without waiting" in card._too_far(card.compare(600, 96, 64))
+    assert "color without waiting" in card.too_far(card.compare(600, 96, 64))
 
 
 @pytest.mark.usefixtures("no_card_but_its_sources")
@@ -170,3 +172,59 @@ def test_an_iteration_that_waits_is_seen(monkeypatch: pytest.MonkeyPatch, card_d
     monkeypatch.setattr(torch.cuda, "set_sync_debug_mode", modes.append)
     passes = card.check_waiting(10, card.corner_view(48, 32))
     assert passes == (not card_done and not refused) and modes == ["error", "default"]
+
+
+@pytest.fixture
+def remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Found:
+    found = Found("Card 9000", 90, 2**34)
+    monkeypatch.setattr(card, "find_card", lambda: found)
+    monkeypatch.setattr(approved, "driver_version", lambda: "999.1")
+    monkeypatch.setattr(card_check, "driver_version", lambda: "999.1")
+    monkeypatch.setenv("MGF_CACHE", str(tmp_path))
+    for name, value in {"GAUSSIANS": 600, "WIDTH": 96, "HEIGHT": 64, "ROUNDS": 8}.items():
+        monkeypatch.setattr(card_check, name, value)
+    return found
+
+
+@pytest.mark.usefixtures("no_card_but_its_sources")
+def test_doctor_remembers_a_card_that_passed_and_forgets_one_that_fails(
+    remembered: Found, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """The CUDA sources, built for the CPU, in place of the card: the whole check runs, only not on a card."""
+    assert main(["doctor", "--card"]) == 0
+    said = capsys.readouterr().out
+    assert "Card 9000" in said and "gradient of positions" in said and "training, 8 iterations" in said
+    assert "passed" in said and approved.is_approved(remembered)
+
+    step = card.Optimiser.step
+
+    def slow(self: card.Optimiser, *given: Any) -> None:
+        if device.CPU_BACKEND == "cpu":
+            step(self, *given)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(card.Optimiser, "step", slow)
+        assert main(["doctor", "--card"]) == 1
+    said = capsys.readouterr().out
+    assert "Problem: The card did not pass: after 8 iterations" in said and not approved.is_approved(remembered)
+
+
+def test_a_check_that_the_driver_stops_is_a_failed_one(
+    remembered: Found, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    def stop(*size: int) -> dict[str, float]:
+        raise DriverError("cuLaunchKernel failed: an illegal memory access was encountered (700)")
+
+    approved.approve(remembered)
+    monkeypatch.setattr(card, "compare", stop)
+    assert main(["doctor", "--card"]) == 1
+    assert "illegal memory access" in capsys.readouterr().out and not approved.is_approved(remembered)
+
+
+def test_doctor_says_where_there_is_no_card(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    def refuse() -> None:
+        raise BadInput("There is no card.")
+
+    monkeypatch.setattr(card, "find_card", refuse)
+    assert main(["doctor", "--card"]) == 2
+    assert capsys.readouterr().err == "Error: There is no card.\n"

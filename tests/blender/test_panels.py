@@ -9,6 +9,7 @@ import bpy
 import pytest
 from layouts import draw
 
+from mgf_blender import preferences
 from mgf_blender.common import runner
 from mgf_blender.engine import operators as engine_operators
 from mgf_blender.engine.task import Step, Task
@@ -180,6 +181,13 @@ def test_preferences(addon, engine, source, monkeypatch):
         stand.draw(bpy.context)
         return stand.layout.said
 
+    monkeypatch.setattr(engine_operators, "_task", None)
+    monkeypatch.setattr(preferences, "has_nvidia", lambda: True)
+    assert "Check Card" in said()
+    bpy.ops.mgf.check_card()
+    assert "The card passed in 9 s." in said()
+    monkeypatch.setattr(preferences, "has_nvidia", lambda: False)
+    assert "Check Card" not in said()
     monkeypatch.setattr(engine_operators, "_task", None)
     assert "Check Engine" in said() and ("Install Engine" in said()) == (source == "MANAGED")
     bpy.ops.mgf.check_engine()

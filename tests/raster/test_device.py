@@ -13,7 +13,7 @@ import torch
 
 from mgf_engine.errors import BadInput
 from mgf_engine.raster import device
-from mgf_engine.raster.cuda import card, compiler
+from mgf_engine.raster.cuda import approved, card, compiler
 from mgf_engine.raster.cuda.driver import Driver, DriverError
 
 
@@ -43,9 +43,47 @@ def test_cuda_without_a_card_is_refused_in_one_sentence(monkeypatch: pytest.Monk
         device.choose_device("cuda")
 
 
-def test_a_card_is_taken_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(card, "find_card", lambda: card.Found("Card 9000", 90, 24 * 2**30))
-    assert device.choose_device("auto").text == "Device: Card 9000, 24 GiB, because it can be used."
+@pytest.fixture
+def card_9000(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> card.Found:
+    found = card.Found("Card 9000", 90, 24 * 2**30)
+    monkeypatch.setattr(card, "find_card", lambda: found)
+    monkeypatch.setattr(approved, "driver_version", lambda: "999.1")
+    monkeypatch.setenv("MGF_CACHE", str(tmp_path))
+    return found
+
+
+def test_auto_takes_a_card_only_once_it_has_passed(card_9000: card.Found) -> None:
+    choice = device.choose_device("auto")
+    assert choice.device.type == "cpu" and choice.surprising and "\n" not in choice.text
+    assert "Card 9000" in choice.text and "mgf doctor --card" in choice.text and "--device cuda" in choice.text
+    approved.approve(card_9000)
+    device.choose_device.cache_clear()
+    assert device.choose_device("auto").device.type == "cuda"
+    approved.withdraw(card_9000)
+    device.choose_device.cache_clear()
+    assert device.choose_device("auto").device.type == "cpu"
+
+
+def test_a_pass_is_for_one_card_one_driver_and_one_state_of_the_kernels(
+    card_9000: card.Found, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    approved.approve(card_9000)
+    assert approved.is_approved(card_9000) and not approved.is_approved(card.Found("Card 9001", 90, 2**30))
+    with monkeypatch.context() as changed:
+        changed.setattr(approved, "driver_version", lambda: "999.2")
+        assert not approved.is_approved(card_9000)
+    with monkeypatch.context() as changed:
+        changed.setattr(approved, "digest", lambda: "other kernels")
+        assert not approved.is_approved(card_9000)
+    assert approved.is_approved(card_9000)
+    for damage in ("{", "[]", '"x"'):
+        approved.record_file().write_text(damage)
+        assert not approved.is_approved(card_9000)
+
+
+def test_a_card_is_taken_and_named(card_9000: card.Found) -> None:
+    approved.approve(card_9000)
+    assert device.choose_device("auto").text == "Device: Card 9000, 24 GiB, because it passed the check."
     assert device.choose_device("cuda").device.type == "cuda"
     assert device.choose_device("cpu").device.type == "cpu"
 
