@@ -5,8 +5,14 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from collections.abc import Callable
+from typing import Any
 
+#: For Popen: Ctrl-C reaches the job alone, which then ends its workers; a worker that it ended first would look broken.
+APART: dict[str, Any] = {"process_group": 0}
+if sys.platform == "win32":
+    APART = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
 _POLL_SECONDS = 0.3
 
 
@@ -20,10 +26,12 @@ def ended(process: subprocess.Popen[bytes]) -> bool:
 
 
 def wait_for(process: subprocess.Popen[bytes], check: Callable[[], None]) -> None:
-    """Waits until the process has ended; ``check`` is called at once and every moment, and may raise to cancel."""
+    """Waits until the process has ended; ``check`` is called at once, every moment and at the end, and may raise to
+    cancel."""
     check()
     while not ended(process):
         check()
+    check()
 
 
 def end_with_the_job() -> None:

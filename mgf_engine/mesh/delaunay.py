@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
-from mgf_engine.workers import end_with_the_job
+from mgf_engine.workers import APART, end_with_the_job
 
 with contextlib.suppress(ModuleNotFoundError):  # one that is there and cannot be loaded says why itself
     from igl.copyleft import tetgen
@@ -43,18 +43,20 @@ def begun(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]
     _check(points)
     pipe = subprocess.PIPE
     with (
-        ThreadPoolExecutor(1, "mgf-delaunay") as beside,
-        subprocess.Popen([*COMMAND, str(len(points))], stdin=pipe, stdout=pipe, stderr=pipe) as process,
+        ThreadPoolExecutor(2, "mgf-delaunay") as beside,
+        subprocess.Popen([*COMMAND, str(len(points))], stdin=pipe, stdout=pipe, stderr=pipe, **APART) as process,
     ):
+        assert process.stderr
         talk = beside.submit(_talk, process, points)
+        errors = beside.submit(process.stderr.read)  # a full pipe would stop the process
 
         def result(check: Callable[[], None]) -> Tetrahedra:
             check()
             while not wait([talk], _POLL_SECONDS).done:
                 check()
-            found, said = talk.result()
-            code = process.wait()
+            found, said, code = talk.result(), errors.result(), process.wait()
             if code != 0:
+                check()  # what ends the job may have ended the process, too
                 raise BadInput(_why(code, said.decode(errors="replace")))
             return np.frombuffer(found, np.int32).reshape(-1, 4)
 
@@ -64,13 +66,13 @@ def begun(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]
             process.kill()
 
 
-def _talk(process: subprocess.Popen[bytes], points: Points) -> tuple[bytes, bytes]:
-    """Hands the points over; what the process then writes to stdout and stderr."""
-    assert process.stdin and process.stdout and process.stderr
+def _talk(process: subprocess.Popen[bytes], points: Points) -> bytes:
+    """Hands the points over; what the process then writes to stdout."""
+    assert process.stdin and process.stdout
     with contextlib.suppress(OSError):  # it is gone already: its code says why
         process.stdin.write(points.astype(np.float64).tobytes())
         process.stdin.flush()
-    return process.stdout.read(), process.stderr.read()
+    return process.stdout.read()
 
 
 def delaunay(points: Points, method: str = "tetgen") -> Tetrahedra:

@@ -26,7 +26,7 @@ from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.images import read_info
 from mgf_engine.scene.sfm_worker import DATABASE, FEWEST, MODEL, NO_MODEL, TASK
 from mgf_engine.system import write_json
-from mgf_engine.workers import ended
+from mgf_engine.workers import APART, ended
 
 #: Up to this many photos every pair is matched; beyond it neighbours and photos that look alike.
 EXHAUSTIVE_LIMIT = 60
@@ -84,7 +84,8 @@ class _Worker:
     def run(self) -> int:
         """Start the worker and wait for its end; returns its exit code."""
         command = [sys.executable, "-m", "mgf_engine.scene.sfm_worker", str(self.folder)]
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, **APART)
         errors: list[bytes] = []
         readers = [
             threading.Thread(target=self._follow, args=(process.stdout,), daemon=True),
@@ -95,6 +96,7 @@ class _Worker:
         try:
             while not ended(process):
                 self._report()
+            self._report()
         finally:
             process.kill()
             process.wait()
