@@ -92,6 +92,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_evaluate_arguments(evaluate)
     preview = commands.add_parser("preview", help="the mask of one photo from its own clicks, within seconds")
     _add_preview_arguments(preview)
+    clean = commands.add_parser("clean", help="list the results of a job's earlier runs, or remove them")
+    clean.add_argument("job", type=_path, metavar="JOB", help="job folder")
+    clean.add_argument("runs", nargs="*", type=int, metavar="RUN", help="remove these")
+    clean.add_argument("--old", action="store_true", help="remove all but the present result")
     commands.add_parser("bench", help="run a suite of measurements; 'mgf bench --help' tells more", add_help=False)
     return parser
 
@@ -284,7 +288,14 @@ def _preview_command(args: argparse.Namespace) -> int:
     return preview_command(args)
 
 
+def _clean_command(args: argparse.Namespace) -> int:
+    from mgf_engine.clean import clean_command
+
+    return clean_command(args)
+
+
 _OTHER_COMMANDS = {
+    "clean": _clean_command,
     "doctor": _doctor_command,
     "options": _options_command,
     "weights": _weights_command,

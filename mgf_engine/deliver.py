@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.field.export import offset_of
 from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.job import Job
+from mgf_engine.job import CLICKS, OUTPUTS, Job
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.mesh.export import COORDINATES, IMAGE, write_glb, write_obj, write_texture
 from mgf_engine.mesh.model import Mesh, Texture
@@ -25,10 +25,13 @@ from mgf_engine.mesh.parts import FILE as PARTS_FILE
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Camera, Rendering, render
 from mgf_engine.raster.device import choose_device, each_view
+from mgf_engine.runs import MANIFEST, keep_run
 from mgf_engine.scene.model import Scene, View
-from mgf_engine.system import atomic_path, write_json
+from mgf_engine.system import atomic_path
 from mgf_engine.texture.make import make_texture
 
+#: What people take from a job, and the clicks it was made with.
+_RESULT = [name for name in (*OUTPUTS["mesh"], *OUTPUTS["deliver"], "field.ply", CLICKS) if name != MANIFEST]
 _RENDERED = 0.3  # share of the stage, for the progress bar
 
 
@@ -68,10 +71,8 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
             return made
 
         figures = report_job(job, scene, masks, field, normalised, texture, reporter)
-    write_json(
-        job.path("deliver.json"),
-        {**_manifest(scene, renders, figures), **_parts(job), **_painting(job), **_offset(field, scene)},
-    )
+    manifest = {**_manifest(scene, renders, figures), **_parts(job), **_painting(job), **_offset(field, scene)}
+    keep_run(job.folder, _RESULT, manifest, job.given)
     return figures
 
 

@@ -12,6 +12,8 @@ import hashlib
 import json
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -25,6 +27,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.inputs import Inputs, read_inputs
 from mgf_engine.masks.prompts import clicked_names
 from mgf_engine.messages import STAGES
+from mgf_engine.runs import delivered
 from mgf_engine.system import atomic_path, sweep, write_json
 
 FORMAT = 1
@@ -194,7 +197,8 @@ class Job:
         for stage in reversed(STAGES[: STAGES.index(until) + 1]):
             done = self.stages.get(stage, {}).get("key") == keys[stage]
             needed = runs or stage == until or stage in _TAKEN
-            if done and needed and not all(self.path(name).exists() for name in self._results(stage)):
+            there = all(self.path(name).exists() for name in self._results(stage))
+            if done and needed and not (there and (stage != "deliver" or delivered(self.folder))):
                 lost.add(stage)
             runs = runs or stage in lost or not done
         return lost
@@ -347,6 +351,21 @@ def _make_folder(folder: Path) -> None:
             pass
     except OSError as error:
         raise BadInput(f"Cannot write to '{folder}' ({error.strerror}); give a folder you may write to.") from error
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Nobody else works in the job folder meanwhile.
+
+    Raises:
+        BadInput: somebody does, or the folder cannot be locked.
+    """
+    lock = FileLock(str(folder.resolve() / ".lock"))
+    _acquire(lock, folder)
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _acquire(lock: FileLock, folder: Path) -> None:

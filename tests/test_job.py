@@ -2,6 +2,7 @@
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.job import ON_REQUEST, RESULTS, Job, read_job
 from mgf_engine.messages import STAGES
 from mgf_engine.pipeline import load_field, load_mesh, load_scene_of
+from mgf_engine.runs import keep_run
 from mgf_engine.scene.colmap import PHOTO_KINDS
 
 
@@ -208,7 +210,7 @@ def leave_results(job: Job) -> None:
     for stage in STAGES:
         for name in (*RESULTS[stage], *(ON_REQUEST["texture"] if stage == "deliver" else ())):
             job.path(name).parent.mkdir(parents=True, exist_ok=True)
-            job.path(name).write_bytes(b"1")
+            job.path(name).write_bytes(b"{}")
 
 
 @pytest.mark.parametrize(
@@ -232,6 +234,16 @@ def test_results_that_are_gone_are_missed_where_they_are_needed(tmp_path, source
             job.path(name).unlink()
     with Job.start(tmp_path / "job", given=options, resume=True) as job:
         assert job.lost("deliver") == lost
+
+
+def test_a_result_whose_run_was_deleted_by_hand_is_made_again(tmp_path: Path, source: Path) -> None:
+    with Job.start(tmp_path / "job", source) as job:
+        finish_all(job)
+        leave_results(job)
+        keep_run(job.folder, ["mesh.ply"], {"views": [], "mesh": "mesh.ply", "figures": {}}, {})
+        assert job.lost("deliver") == set()
+        shutil.rmtree(job.path("runs"))
+        assert job.lost("deliver") == {"deliver"}
 
 
 @pytest.mark.parametrize("stage", STAGES)

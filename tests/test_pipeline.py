@@ -95,7 +95,9 @@ def test_everything_promised_is_in_the_job_folder(finished) -> None:
     for view in held_out:
         render = cv2.imread(str(job / view["render"]), cv2.IMREAD_UNCHANGED)
         assert render.shape == (view["height"], view["width"], 4)
-    assert (manifest["texture"], manifest["texture_uv"]) == ("texture.jpg", "mesh_texture.npz")
+    assert (manifest["texture"], manifest["texture_uv"]) == ("runs/1/texture.jpg", "runs/1/mesh_texture.npz")
+    for name in ("mesh.ply", "field.ply", "report.html", "texture.jpg"):
+        assert (job / "runs/1" / name).read_bytes() == (job / name).read_bytes()
     assert report["counts"]["PSNR of the textured mesh, held-out photos (dB)"] > 15
     assert messages[0]["type"] == "started"
     assert messages[-1]["type"] == "result"

@@ -261,7 +261,7 @@ def _sentence(line: str) -> str:
 
 def _slim(job: Path) -> None:
     """Keep what people look at: the mesh, the report, the log and the sheet of masks."""
-    for name in ("checkpoints", "scene", "field.ply"):
+    for name in ("checkpoints", "scene", "field.ply", "runs"):
         path = job / name
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)

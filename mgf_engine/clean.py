@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf clean``: the results that the earlier runs of a job left, listed or removed."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.job import locked, read_job
+from mgf_engine.runs import Run, list_runs, remove_runs
+
+
+def clean_command(args: argparse.Namespace) -> int:
+    """List the runs, or remove those that were named.
+
+    Raises:
+        BadInput: there is no job, it is in use, or a run cannot be removed.
+    """
+    read_job(args.job)
+    if args.old and args.runs:
+        raise BadInput("Give either --old or the numbers of runs, not both.")
+    if not args.old and not args.runs:
+        _list(list_runs(args.job))
+        return EXIT_DONE
+    with locked(args.job):
+        numbers = [run.number for run in list_runs(args.job)[:-1]] if args.old else args.runs
+        removed = remove_runs(args.job, numbers)
+    freed = sum(run.size for run in removed)
+    print(f"Removed {len(removed)} of the earlier runs, {freed / 1e6:.1f} MB.")
+    return EXIT_DONE
+
+
+def _list(runs: list[Run]) -> None:
+    if not runs:
+        print("The job has no finished run.")
+        return
+    print(f"{'run':>4}  {'finished':<16}  {'faces':>9}  {'PSNR':>5}  {'MB':>8}  options given")
+    for run in runs:
+        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.time))
+        faces, psnr = run.figures.get("faces"), run.figures.get("psnr")
+        numbers = f"{'' if faces is None else faces:>9}  {'' if psnr is None else psnr:>5}  {run.size / 1e6:>8.1f}"
+        given = " ".join(f"{name}={value}" for name, value in run.given.items())
+        print(f"{run.number:>4}  {when}  {numbers}  {given}{'  (present result)' if run == runs[-1] else ''}")
+    print("'mgf clean JOB --old' removes all but the present result, 'mgf clean JOB 1 2' those two.")
+    print("A .blend that shows the mesh of a removed run loses its texture.")
