@@ -6,6 +6,7 @@ import uuid
 import bpy
 
 from .common import options
+from .compat import PATH
 from .prompts.properties import BUILDING, MGF_PG_click, MGF_PG_photo, show_photo
 
 PARTS = [BUILDING, "window", "door", "roof", "wall", "balcony"]
@@ -21,19 +22,26 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
 
     key: bpy.props.StringProperty(options={"HIDDEN"}, description="Names this scene to running jobs")
     source: bpy.props.StringProperty(
-        name="Source", description="COLMAP model, its project folder, or a folder of photos", subtype="DIR_PATH"
+        name="Source",
+        description="COLMAP model, its project folder, or a folder of photos",
+        subtype="DIR_PATH",
+        options=PATH,
     )
     photo_folder: bpy.props.StringProperty(
-        name="Photo Folder", description="Where the photos lie; searched near the model when empty", subtype="DIR_PATH"
+        name="Photo Folder",
+        description="Where the photos lie; searched near the model when empty",
+        subtype="DIR_PATH",
+        options=PATH,
     )
     masks_folder: bpy.props.StringProperty(
         name="Own Masks", description="Folder with your own masks, one PNG per photo; clicks are not needed then",
-        subtype="DIR_PATH",
+        subtype="DIR_PATH", options=PATH,
     )  # fmt: skip
     job_folder: bpy.props.StringProperty(
         name="Job Folder",
         description="Where the engine keeps its work and results; chosen beside the file when empty",
         subtype="DIR_PATH",
+        options=PATH,
     )
     options: bpy.props.PointerProperty(type=OptionsGroup)
     photos: bpy.props.CollectionProperty(type=MGF_PG_photo)

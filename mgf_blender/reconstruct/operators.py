@@ -119,7 +119,8 @@ class MGF_OT_import_photos(FileOperator):
         if not folder.is_dir() or not any(p.suffix.lower() in kinds for p in folder.rglob("*")):
             raise UserError("'{folder}' holds no photos; choose the folder they lie in.", folder=folder)
         state = context.scene.mgf
-        state.source, state.job_folder = str(folder), ""
+        if state.source != str(folder):
+            state.source, state.job_folder = str(folder), ""
         return submit(self, make_job(context.scene, "scene"))
 
 

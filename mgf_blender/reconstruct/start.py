@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
 from pathlib import Path
 
 import bpy
@@ -20,7 +22,8 @@ from . import estimate, live
 
 
 def job_folder(scene: bpy.types.Scene) -> Path:
-    """The scene's job folder; chosen beside the .blend, or inside the source, when none is set.
+    """The scene's job folder; chosen beside the .blend, or inside the source, when none is set. An unsaved file says
+    nothing of what it holds, so its folder is one that no other job has; a scene's is never another scene's.
 
     Raises:
         UserError: there is neither a job folder nor a source to put one in.
@@ -29,20 +32,47 @@ def job_folder(scene: bpy.types.Scene) -> Path:
     if not state.job_folder:
         if not state.source:
             raise UserError("There is nothing to reconstruct; import a COLMAP scene or photos first.")
-        place = Path(bpy.path.abspath(state.source))
+        known = _chosen.get(scene_key(scene))
+        state.job_folder = known[1] if known is not None and known[0] == state.source else _choose(scene)
+        _chosen[scene_key(scene)] = state.source, state.job_folder
+    return Path(bpy.path.abspath(state.job_folder))
+
+
+#: Scene key -> source and the folder chosen for it: an undo takes the property away, the job goes on.
+_chosen: dict[str, tuple[str, str]] = {}
+
+
+def _choose(scene: bpy.types.Scene) -> str:
+    """A folder for the scene's jobs, as it stands in the property."""
+    place = source = Path(bpy.path.abspath(scene.mgf.source))
+    if bpy.data.filepath:
         while place.name in {"0", "1", "sparse", "colmap", "dense"} and place != place.parent:
             place = place.parent  # the folder people call the scene by
-        name = place.name or "building"
-        if bpy.data.filepath:
-            state.job_folder = f"//{Path(bpy.data.filepath).stem}_jobs/{name}"
-        else:
-            state.job_folder = str(Path(bpy.path.abspath(state.source)) / "mgf_job")
-    return Path(bpy.path.abspath(state.job_folder))
+        first = f"//{Path(bpy.data.filepath).stem}_jobs/{place.name or 'building'}"
+    else:
+        first = str(source / "mgf_job")
+    others = [bpy.path.abspath(s.mgf.job_folder) for s in bpy.data.scenes if s.mgf.job_folder]
+    names = itertools.chain([first], (f"{first}_{number}" for number in itertools.count(2)))
+    free = (n for n in names if bpy.path.abspath(n) not in others)
+    return next(n for n in free if bpy.data.filepath or not _is_used(Path(bpy.path.abspath(n))))
+
+
+def _is_used(folder: Path) -> bool:
+    """Whether a job, or anything else, lies in a folder already."""
+    try:
+        return os.path.lexists(_prompts_path(folder)) or any(folder.iterdir())
+    except OSError:  # not there, no folder, or not ours to read
+        return os.path.lexists(folder)
+
+
+def _prompts_path(folder: Path) -> Path:
+    """Of a job's clicks. Beside the folder, not in it: the engine takes only an empty folder for a new job."""
+    return folder.with_name(folder.name + ".prompts.json")
 
 
 def has_job_file(scene: bpy.types.Scene, name: str = "") -> bool:
     """Whether the scene's job folder exists and holds a file; chooses no folder, so that drawing changes nothing."""
-    return bool(scene.mgf.job_folder) and (job_folder(scene) / name).exists()
+    return bool(scene.mgf.job_folder) and os.path.exists(job_folder(scene) / name)  # False where it may not be read
 
 
 def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
@@ -103,8 +133,7 @@ def _guidance(scene: bpy.types.Scene, folder: Path) -> list[str]:
             "No point marks the building; click at least one in the Image Editor, "
             "or choose your own masks under Advanced Options."
         )
-    # Beside the folder, not in it: the engine takes only an empty folder for a new job.
-    path = folder.with_name(folder.name + ".prompts.json")
+    path = _prompts_path(folder)
     files.write(scene, path)
     return ["--prompts", str(path)]
 

@@ -108,6 +108,9 @@ def main() -> int:
                 send("preview", stage=stage, path=os.environ["FAKE_PREVIEW"], title="Iteration 1")
             time.sleep(0.06 if mode in ("slow", "stubborn") else 0.002)
         record(job, arguments, STAGES[: i + 1])
+    model = os.environ.get("FAKE_MODEL")
+    if model and arguments[0] == "scene":
+        shutil.copytree(model, job / "scene" / "sfm" / "model", dirs_exist_ok=True)
     finished = os.environ.get("FAKE_RESULT")
     if finished and arguments[0] == "reconstruct":
         shutil.copytree(finished, job, dirs_exist_ok=True)
