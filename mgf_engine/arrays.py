@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read npz archives that may be damaged or hostile: nothing is allocated that the file does not hold.
+"""Read npz archives and npy files that may be damaged or hostile: nothing is allocated that the file does not hold.
 
 numpy's own reader believes the shape in an array's header and asks for that much memory first; a damaged checkpoint
 of some kilobytes then takes terabytes. Here every header is held against the bytes that are there.
@@ -37,6 +37,20 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
                 raise ValueError("it promises more than it holds")
             return {m.filename.removesuffix(".npy"): _array(archive.read(m), m.filename) for m in members}
     except Exception as error:  # zipfile and numpy fail in many ways
+        raise ValueError(str(error) or type(error).__name__) from error
+
+
+def read_array(path: Path) -> NDArray[Any]:
+    """The array of plain numbers in a file that ``numpy.save`` wrote.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no such file, is damaged, or promises more than it holds.
+    """
+    data = path.read_bytes()
+    try:
+        return _array(data, path.name)
+    except Exception as error:  # numpy fails in many ways
         raise ValueError(str(error) or type(error).__name__) from error
 
 

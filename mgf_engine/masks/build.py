@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import logging
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,8 @@ from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
 from mgf_engine.threads import in_order, plain_opencv
+
+log = logging.getLogger("mgf")
 
 SLIP = 10  # px that a click may lie beside the building
 _NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks."
@@ -77,7 +81,7 @@ def _build_masks(
         result = _supplied(scene, masks_folder, config)
     elif prompts is not None:
         clicks = read_prompts(prompts, scene, reporter.warning)
-        segmenter = choose_segmenter(config, folder)
+        segmenter = choose_segmenter(config, folder, reporter.warning)
         result = propagate(scene, clicks, segmenter, config, reporter)
     else:
         raise BadInput(_NO_CLICKS)
@@ -104,8 +108,12 @@ def _build_masks(
     return masks
 
 
-def choose_segmenter(config: Config, folder: Path) -> Segmenter:
+def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] = log.warning) -> Segmenter:
     """EfficientSAM where its weights are, else the one that needs none; or what the user asked for.
+
+    Args:
+        folder: its ``embeddings`` are kept there.
+        warn: called with one sentence when a GPU provider fails and the CPU goes on.
 
     Raises:
         BadInput: EfficientSAM is asked for and its weights are missing or damaged.
@@ -119,7 +127,7 @@ def choose_segmenter(config: Config, folder: Path) -> Segmenter:
             raise BadInput(missing_text(where))
         return RandomWalker()
     threads = config.threads or cores()
-    return EfficientSam(weights[1], weights[2], folder / "embeddings", threads, gpu=config.device != "cpu")
+    return EfficientSam(weights[1], weights[2], folder / "embeddings", threads, config.device != "cpu", warn)
 
 
 def _everything(scene: Scene) -> Propagation:

@@ -15,12 +15,14 @@ OPSET = [helper.make_opsetid("", 17)]
 FLOAT, INT = TensorProto.FLOAT, TensorProto.INT64
 
 
-def write_pair(folder: Path, encoder: str = "encoder.onnx", decoder: str = "decoder.onnx") -> tuple[Path, Path]:
-    """Write both files; returns their paths."""
+def write_pair(
+    folder: Path, encoder: str = "encoder.onnx", decoder: str = "decoder.onnx", points: int | str = "N"
+) -> tuple[Path, Path]:
+    """Write both files; returns their paths. ``points``: how many the decoder takes, a number or a free axis."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = folder / encoder, folder / decoder
     onnx.save(_model(_encoder()), paths[0])
-    onnx.save(_model(_decoder()), paths[1])
+    onnx.save(_model(_decoder(points)), paths[1])
     return paths
 
 
@@ -50,7 +52,7 @@ def _encoder() -> onnx.GraphProto:
     return helper.make_graph(nodes, "encoder", inputs, outputs, constants)
 
 
-def _decoder() -> onnx.GraphProto:
+def _decoder(points: int | str = "N") -> onnx.GraphProto:
     node = helper.make_node
     nodes = [
         node("Slice", ["image_embeddings", "zero", "three", "axis1"], ["rgb"]),
@@ -103,8 +105,8 @@ def _decoder() -> onnx.GraphProto:
     ]  # fmt: skip
     inputs = [
         helper.make_tensor_value_info("image_embeddings", FLOAT, [1, 256, 64, 64]),
-        helper.make_tensor_value_info("batched_point_coords", FLOAT, [1, 1, "N", 2]),
-        helper.make_tensor_value_info("batched_point_labels", FLOAT, [1, 1, "N"]),
+        helper.make_tensor_value_info("batched_point_coords", FLOAT, [1, 1, points, 2]),
+        helper.make_tensor_value_info("batched_point_labels", FLOAT, [1, 1, points]),
         helper.make_tensor_value_info("orig_im_size", INT, [2]),
     ]
     outputs = [

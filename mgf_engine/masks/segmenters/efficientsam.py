@@ -9,18 +9,19 @@ through the score that chooses among their candidates.
 from __future__ import annotations
 
 import hashlib
+import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.arrays import read_array
 from mgf_engine.masks.segmenters.base import Hints, Points, Segment, agreement
+from mgf_engine.masks.segmenters.network import Network
 from mgf_engine.masks.segmenters.random_walker import clean
 from mgf_engine.system import atomic_path
 
@@ -31,6 +32,10 @@ POINT, BOX_START, BOX_END = 1.0, 2.0, 3.0
 ENCODER_INPUT, ENCODER_OUTPUT = "batched_images", "image_embeddings"
 DECODER_INPUTS = ("image_embeddings", "batched_point_coords", "batched_point_labels", "orig_im_size")
 DECODER_OUTPUTS = ("output_masks", "iou_predictions")
+EMBEDDING = (1, 256, 64, 64)
+NO_POINT = -1.0  # label, and both coordinates, of the model's own padding
+
+log = logging.getLogger("mgf")
 
 
 class EfficientSam:
@@ -41,6 +46,7 @@ class EfficientSam:
         cache: folder for embeddings, kept between runs; 2 MB per photo.
         threads: of ONNX Runtime.
         gpu: use a GPU provider where ONNX Runtime offers one.
+        warn: called with one sentence when such a provider fails and the CPU goes on.
 
     Raises:
         BadInput: a file is no ONNX model or not EfficientSAM.
@@ -48,9 +54,12 @@ class EfficientSam:
 
     name = "efficientsam"
 
-    def __init__(self, encoder: Path, decoder: Path, cache: Path, threads: int = 0, gpu: bool = True) -> None:
-        self._encoder = _session(encoder, threads, gpu, {ENCODER_INPUT}, {ENCODER_OUTPUT})
-        self._decoder = _session(decoder, threads, gpu, set(DECODER_INPUTS), set(DECODER_OUTPUTS))
+    def __init__(
+        self, encoder: Path, decoder: Path, cache: Path, threads: int = 0, gpu: bool = True,
+        warn: Callable[[str], None] = log.warning,
+    ) -> None:  # fmt: skip
+        self._encoder = Network(encoder, threads, gpu, {ENCODER_INPUT}, {ENCODER_OUTPUT}, warn)
+        self._decoder = Network(decoder, threads, gpu, set(DECODER_INPUTS), set(DECODER_OUTPUTS), warn)
         self._model = f"{encoder.name}:{encoder.stat().st_size}"
         self._cache = cache
         self._encoding = threading.Lock()  # one image at a time bounds the memory
@@ -74,14 +83,18 @@ class EfficientSam:
         key = hashlib.sha256(self._model.encode() + str(photo.shape).encode() + photo.tobytes()).hexdigest()[:24]
         path = self._cache / f"{key}.npy"
         try:
-            return np.load(path, allow_pickle=False).astype(np.float32)
-        except (OSError, ValueError, EOFError):
+            kept = read_array(path)
+            if kept.shape == EMBEDDING:
+                return kept.astype(np.float32)
+        except (OSError, ValueError):
             pass
         height, width = _reduced(photo.shape[0], photo.shape[1])
         small = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA)
         image = np.ascontiguousarray(small.transpose(2, 0, 1)[None], np.float32) / np.float32(255)
         with self._encoding:
-            embedding = self._encoder.run([ENCODER_OUTPUT], {ENCODER_INPUT: image})[0]
+            embedding = self._encoder.run((ENCODER_OUTPUT,), {ENCODER_INPUT: image})[0]
+        if embedding.shape != EMBEDDING:
+            raise self._encoder.refusal(f"its embeddings have the shape {embedding.shape}")
         with atomic_path(path) as temporary, temporary.open("wb") as stream:
             np.save(stream, embedding.astype(np.float16), allow_pickle=False)
         return embedding.astype(np.float16).astype(np.float32)
@@ -101,14 +114,17 @@ class EfficientSam:
         """
         height, width = _reduced(*size)
         scaled = points[:MAX_POINTS] * (width / size[1], height / size[0])
-        feed = {
+        wanted = self._decoder.fixed("batched_point_coords", 2) or len(scaled)
+        feed: dict[str, NDArray[Any]] = {
             "image_embeddings": embedding,
-            "batched_point_coords": scaled.astype(np.float32)[None, None],
-            "batched_point_labels": labels[:MAX_POINTS].astype(np.float32)[None, None],
+            "batched_point_coords": _padded(scaled, wanted)[None, None],
+            "batched_point_labels": _padded(labels[:MAX_POINTS], wanted)[None, None],
             "orig_im_size": np.array([height, width], np.int64),
         }
-        masks, quality = self._decoder.run(list(DECODER_OUTPUTS), feed)
-        return masks[0, 0], quality[0, 0]
+        masks, quality = self._decoder.run(DECODER_OUTPUTS, feed)
+        if masks.ndim < 3 or 0 in masks.shape or masks.size // (masks.shape[-1] * masks.shape[-2]) != quality.size:
+            raise self._decoder.refusal(f"its masks have the shape {masks.shape} and its scores {quality.shape}")
+        return masks.reshape(-1, *masks.shape[-2:]), quality.reshape(-1)
 
 
 def queries(hints: Hints, attempt: int) -> Iterator[tuple[Points, NDArray[np.float64]]]:
@@ -154,24 +170,8 @@ def _enlarge(logits: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.f
     return cv2.resize(logits, (size[1], size[0]), interpolation=cv2.INTER_LINEAR).astype(np.float32)
 
 
-def _session(path: Path, threads: int, gpu: bool, inputs: set[str], outputs: set[str]) -> Any:
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.log_severity_level = 3
-    options.enable_cpu_mem_arena = False  # give the encoder's memory back after each image
-    wanted = ["CUDAExecutionProvider", "CoreMLExecutionProvider"] if gpu else []
-    providers = [p for p in wanted if p in onnxruntime.get_available_providers()] + ["CPUExecutionProvider"]
-    try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
-    except Exception as error:  # ONNX Runtime raises its own types, one per kind of damage
-        reason = _first_line(error)
-        raise BadInput(f"'{path}' cannot be loaded as an ONNX model ({reason}); download it again.") from error
-    have_in, have_out = {i.name for i in session.get_inputs()}, {o.name for o in session.get_outputs()}
-    if not (inputs <= have_in and outputs <= have_out):
-        lacking = ", ".join(sorted((inputs - have_in) | (outputs - have_out)))
-        raise BadInput(f"'{path}' is not an EfficientSAM model (it lacks {lacking}); use the files of 'mgf weights'.")
-    return session
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0][:160] if str(error).strip() else type(error).__name__
+def _padded(rows: NDArray[np.floating], count: int) -> NDArray[np.float32]:
+    """Points or labels as a decoder with a fixed number of points takes them; the rest is the model's own padding."""
+    result = np.full((count, *rows.shape[1:]), NO_POINT, np.float32)
+    result[: len(rows)] = rows[:count]
+    return result

@@ -2,9 +2,13 @@
 """The whole path through ONNX Runtime, on a small pair that segments by colour (the real weights are not here)."""
 
 import hashlib
+import io
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import onnx
+import onnxruntime
 import pytest
 
 from mgf_engine.config import make_config
@@ -163,3 +167,81 @@ def test_wrong_files_have_a_sentence(pair: tuple[Path, Path], tmp_path: Path):
     broken.write_bytes(b"\x00garbage")
     with pytest.raises(BadInput, match="cannot be loaded"):
         EfficientSam(broken, pair[1], tmp_path)
+
+
+def test_a_damaged_embedding_is_made_again(sam: EfficientSam, photo: np.ndarray, tmp_path: Path):
+    first = sam.embed(photo)
+    (file,) = (tmp_path / "cache").glob("*.npy")
+    huge = io.BytesIO()
+    np.lib.format.write_array_header_1_0(huge, {"descr": "<f2", "fortran_order": False, "shape": (1 << 40,)})
+    small = io.BytesIO()
+    np.save(small, np.zeros(3, np.float16))
+    for damage in (huge.getvalue(), small.getvalue(), b"", b"\x93NUMPY"):
+        file.write_bytes(damage)
+        assert (sam.embed(photo) == first).all()
+
+
+@pytest.mark.parametrize("points", [2, 6, 9])
+def test_a_decoder_with_a_fixed_number_of_points(photo: np.ndarray, tmp_path: Path, points: int):
+    sam = EfficientSam(*write_pair(tmp_path / "weights", points=points), tmp_path / "cache", threads=1, gpu=False)
+    truth = (photo == RED).all(-1)
+    given = hints(
+        truth.shape, positive=np.array([[120.0, 80]]), accepted=np.array([[x, 60.0] for x in range(70, 170, 9)])
+    )
+    assert iou(sam.segment(0, photo, given).mask, truth) > 0.93
+
+
+def test_a_decoder_that_takes_something_else_has_a_sentence(pair: tuple[Path, Path], photo: np.ndarray, tmp_path: Path):
+    model = onnx.load(pair[1])
+    for shape in ([2, 256, 64, 64], [1, 256, 32, 32]):
+        for dim, size in zip(model.graph.input[0].type.tensor_type.shape.dim, shape, strict=True):
+            dim.dim_value = size
+        other = tmp_path / "other.onnx"
+        other.write_bytes(model.SerializeToString())
+        sam = EfficientSam(pair[0], other, tmp_path / "cache", threads=1, gpu=False)
+        with pytest.raises(
+            BadInput, match=r"^'.*other\.onnx' does not work as EfficientSAM's \(.*random_walker[^\n]*$"
+        ):
+            sam.segment(0, photo, hints((160, 240), positive=np.array([[120.0, 80]])))
+
+
+class Provider:
+    """ONNX Runtime with a CUDA provider that fails: while it is loaded, or while it computes."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, while_loading: bool, error: str = "CUDA error 700") -> None:
+        self.real, self.while_loading, self.error = onnxruntime.InferenceSession, while_loading, error
+        monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider"])
+        monkeypatch.setattr(onnxruntime, "InferenceSession", self.open)
+
+    def open(self, path: str, options: object, providers: list[str]) -> object:
+        session = self.real(path, options, providers=["CPUExecutionProvider"])
+        if "CUDAExecutionProvider" not in providers:
+            return session
+        if self.while_loading:
+            raise RuntimeError(self.error)
+        return SimpleNamespace(get_inputs=session.get_inputs, get_outputs=session.get_outputs, run=self.fail)
+
+    def fail(self, *given: object) -> None:
+        raise RuntimeError(self.error)
+
+
+@pytest.mark.parametrize("while_loading", [True, False])
+def test_a_provider_that_fails_leaves_the_work_to_the_cpu(
+    pair: tuple[Path, Path], photo: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, while_loading: bool
+):
+    Provider(monkeypatch, while_loading)
+    said: list[str] = []
+    sam = EfficientSam(*pair, tmp_path / "cache", threads=1, gpu=True, warn=said.append)
+    truth = (photo == RED).all(-1)
+    for _ in range(2):
+        assert iou(sam.segment(0, photo, hints(truth.shape, positive=np.array([[120.0, 80]]))).mask, truth) > 0.93
+    assert len(said) == 2 and all("CUDA provider failed (CUDA error 700)" in s and "CPU" in s for s in said)
+
+
+def test_too_little_memory_is_called_that(sam: EfficientSam, photo: np.ndarray, monkeypatch: pytest.MonkeyPatch):
+    def fail(*given: object) -> None:
+        raise RuntimeError("[ONNXRuntimeError] : 6 : Failed to allocate memory for requested buffer of size 9")
+
+    monkeypatch.setattr(sam._encoder, "_session", SimpleNamespace(run=fail))
+    with pytest.raises(MemoryError):
+        sam.embed(photo)
