@@ -10,7 +10,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from rendered import assert_agrees, assert_finite, camera, draw, gaussians, random_weights, run
+from rendered import OUTPUTS, assert_agrees, assert_finite, camera, draw, gaussians, random_weights, run
 
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.raster.api import Camera
@@ -230,3 +230,30 @@ def test_wild_parameters_stay_finite(seed: int, wildness: float, near: float) ->
     alpha = found.rendering.alpha
     assert alpha.min() >= 0 and alpha.max() <= 1
     assert found.rendering.distortion.min() >= -1e-5
+
+
+def beyond_float32(seed: int) -> tuple[Gaussians, Camera]:
+    """Scales of 1000 units, focal lengths below a pixel, everything far away."""
+    generator = np.random.default_rng(seed)
+
+    def one_of(*values: float) -> float:
+        return float(generator.choice(values))
+
+    log_scale, log_spread = one_of(-2, 6.5, 6.9, 3.0, -13), one_of(0.1, 1, 4, 10, 30)
+    spread, filter_3d = one_of(1, 0.1, 30, 1000), one_of(0, 0.003, 1, 100)
+    field = gaussians(48, seed, spread, log_scale, log_spread, filter_3d=filter_3d)
+    field.log_scales[torch.arange(48), torch.from_numpy(generator.integers(0, 3, 48))] = one_of(6.9077, 9, -30)
+    field.opacity_logits += one_of(0, 5, -2)
+    field.positions[:, 2] += one_of(5, 0.01, 1000, 1e5, 1e7)
+    focal, near = one_of(0.001, 0.1, 0.5, 42.0, 1e6), one_of(0.01, 0.2, 1e-5)
+    return field, Camera(45, 35, focal, focal * 1.05, 22.0, 17.0, np.eye(3), np.zeros(3), near)
+
+
+@pytest.mark.parametrize("seed", [289, 449, 569, 1228, 1668, 1829, 1964, 2458])  # of 3,000, those that gave NaN
+@pytest.mark.parametrize("backend", ["cpu", "cuda-source-on-cpu"])  # the twin has NaN there
+def test_gradients_beyond_float32_count_as_none(variant: str, backend: str, seed: int) -> None:
+    field, view = beyond_float32(seed)
+    weights = random_weights(view, OUTPUTS, seed, torch.ones(35, 45, dtype=torch.bool))
+    found = run(field, view, backend, weights, torch.zeros(35, 45), sh_degree=3)
+    assert_finite(found)
+    assert found.rendering.visible.any()

@@ -87,13 +87,16 @@ static inline void zero_rows(const ParameterGradients *out, int64_t first, int l
 
 // All steps for Gaussians first..first + lanes - 1.
 static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camera *camera, const Parameters *in, int degree,
-                                const float *records, const int32_t *tile_counts, const v16 *sum, const ParameterGradients *out,
+                                const float *records, const int32_t *tile_counts, v16 *sum, const ParameterGradients *out,
                                 const Statistics *statistics) {
     v16 rec[REC_SIZE];
     i16 drawn = (i16){0};
     for (int l = 0; l < lanes; l++) drawn[l] = tile_counts[first + l] ? -1 : 0;
     load_columns(rec, REC_SIZE / 16, records, REC_SIZE, first, n);
     for (int c = 0; c < REC_SIZE; c++) rec[c] = choose(drawn, rec[c], splat(c == REC_OPACITY ? 1.0f : 0.0f));
+    // Sums and gradients beyond float32 (scales at their bound, focal lengths below a pixel) count as none.
+    const i16 summed = drawn & sound(sum, SUM_SIZE);
+    for (int c = 0; c < SUM_SIZE; c++) sum[c] = keep(summed, sum[c]);
     Lanes s;
     LaneGradients g;
     v16 position[3], log_scales[3], rotation[4], logit;
@@ -104,9 +107,10 @@ static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camer
     quaternion_gradient(&s, camera, g.axis, rotation);
     scale_gradients(&s, &g, log_scales, &logit);
     colour_gradients(&s, in, camera, sum, rec, degree, drawn, first, lanes, n, out, position);
-    for (int i = 0; i < 3; i++) position[i] = keep(drawn, position[i]), log_scales[i] = keep(drawn, log_scales[i]);
-    for (int i = 0; i < 4; i++) rotation[i] = keep(drawn, rotation[i]);
-    logit = keep(drawn, logit);
+    const i16 kept = summed & sound(position, 3) & sound(log_scales, 3) & sound(rotation, 4) & sound(&logit, 1);
+    for (int i = 0; i < 3; i++) position[i] = keep(kept, position[i]), log_scales[i] = keep(kept, log_scales[i]);
+    for (int i = 0; i < 4; i++) rotation[i] = keep(kept, rotation[i]);
+    logit = keep(kept, logit);
     store_rows(out->positions, position, 3, first, lanes);
     store_rows(out->log_scales, log_scales, 3, first, lanes);
     store_rows(out->rotations, rotation, 4, first, lanes);

@@ -19,6 +19,13 @@ typedef struct {
     v16 m[3], axis[3][3], h[3], opacity;
 } LaneGradients;
 
+// Where all of the values are finite.
+static inline i16 sound(const v16 *values, int count) {
+    v16 total = values[0];
+    for (int c = 1; c < count; c++) total += values[c];
+    return total - total == 0.0f;
+}
+
 // Steps 1 to 4. rec: the columns of the records; lanes that are not drawn hold zero sums and finite records.
 static inline void geometry_gradients(const Lanes *s, const v16 *rec, const v16 *sum, const Camera *camera, LaneGradients *out) {
     const float ifx = 1.0f / camera->fx, ify = 1.0f / camera->fy;

@@ -71,7 +71,7 @@ KERNEL(project_backward, int n, BY_VALUE Camera camera, const float *positions, 
        const int *slot_starts, const uint8_t *hits, const float *slot_sums, int columns, ParameterGradients out, Statistics statistics) {
     EACH(i, n) {
         float sum[SUM_SIZE];
-        if (!tile_counts[i] || !add_slots(sum, slot_starts[i], tile_counts[i], hits, slot_sums, columns)) {
+        if (!tile_counts[i] || !add_slots(sum, slot_starts[i], tile_counts[i], hits, slot_sums, columns) || !sound(sum, SUM_SIZE)) {
             zero_rows(out, i);
             continue;
         }
@@ -91,6 +91,12 @@ KERNEL(project_backward, int n, BY_VALUE Camera camera, const float *positions, 
         quaternion_gradient(&s, &camera, g.axis, rotation);
         scale_gradients(&s, &g, log_scale, &logit);
         colour_gradient(&s, sh + SH_ROW * (int64_t)i, &camera, sum, record.of, degree, out.sh + SH_ROW * (int64_t)i, position);
+        if (!(sound(position, 3) && sound(log_scale, 3) && sound(rotation, 4) && sound(&logit, 1))) {
+            // beyond float32 (scales at their bound, focal lengths below a pixel): as none
+            for (int c = 0; c < 3; c++) position[c] = log_scale[c] = 0.0f;
+            for (int c = 0; c < 4; c++) rotation[c] = 0.0f;
+            logit = 0.0f;
+        }
         for (int c = 0; c < 3; c++) out.positions[3 * (int64_t)i + c] = position[c], out.log_scales[3 * (int64_t)i + c] = log_scale[c];
         for (int c = 0; c < 4; c++) out.rotations[4 * (int64_t)i + c] = rotation[c];
         out.opacity_logits[i] = logit;
