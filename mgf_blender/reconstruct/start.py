@@ -164,6 +164,16 @@ def in_background() -> bool:
     return bool(bpy.app.background)
 
 
+def _push_undo(manager: bpy.types.WindowManager, name: str) -> None:
+    """An undo step of its own for what changed in a scene that no window shows, where operators make none.
+
+    Without it an undo of anything before leaves collections with freed objects, which ends Blender.
+    """
+    if manager.windows:
+        with bpy.context.temp_override(window=manager.windows[0]):
+            bpy.ops.ed.undo_push(message=name.replace("_", " ").title())
+
+
 def run_in(scene: bpy.types.Scene, name: str, **properties: object) -> str:
     """Call an operator of ours in a scene, as one undo step, from outside any area.
 
@@ -178,6 +188,8 @@ def run_in(scene: bpy.types.Scene, name: str, **properties: object) -> str:
     try:
         with bpy.context.temp_override(**override):
             getattr(bpy.ops.mgf, name)("EXEC_DEFAULT", window is not None, **properties)
+        if window is None:
+            _push_undo(manager, name)
     except RuntimeError as error:
         text = str(error).removeprefix("Error: ").strip()
         latest = runner.jobs(key_of(scene))

@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 
 REPO = Path(__file__).resolve().parents[2]
-_CHILD = """
-import os, sys
+_BEGIN = """
+import os, sys, time
 from pathlib import Path
 sys.path[:0] = sys.argv[1:3]
 import bpy, synthetic
 import mgf_blender
+from mgf_blender.results import arrival
 from mgf_blender.scene_import.crop import find_crop_box
 from mgf_blender.scene_import.tree import KINDS, Tree
 house = synthetic.write_house(Path(sys.argv[3]) / "house")
@@ -25,8 +26,8 @@ bpy.context.preferences.edit.use_global_undo = True
 mgf_blender.register()
 bpy.ops.ed.undo_push(message="start")
 
-def drawn():
-    tree = Tree.find(bpy.context.scene)
+def drawn(scene=None):
+    tree = Tree.find(scene or bpy.context.scene)
     find_crop_box(tree)
     return None if tree is None else [len(tree.objects(kind)) for kind in KINDS]
 
@@ -36,6 +37,12 @@ steps = {
     "result": lambda: bpy.ops.mgf.import_result("EXEC_DEFAULT", True, directory=str(house.job)),
     "crop": lambda: bpy.ops.mgf.add_crop_box("EXEC_DEFAULT", True),
 }
+"""
+_END = """
+print("survived", flush=True)
+os._exit(0)
+"""
+_STEPS = """
 states = [drawn()]
 for name in sys.argv[4:]:
     steps[name]()
@@ -47,16 +54,73 @@ for _ in range(3):
     for state in states[1:]:
         bpy.ops.ed.redo()
         assert drawn() == state, (drawn(), state)
-print("survived", flush=True)
-os._exit(0)
 """
+_ARRIVAL = """
+hidden, own, mode = sys.argv[4:]
+
+def push(call, *more, **properties):
+    call("EXEC_DEFAULT", True, *more, **properties)
+    bpy.ops.ed.undo_push(message="step")
+
+def go(name):
+    window = bpy.context.window_manager.windows[0]
+    window.scene = bpy.data.scenes[name]
+    window.scene.view_layers[0].update()
+
+steps["scene"]()
+first = bpy.context.scene.name
+if own == "own":
+    steps["result"]()
+    bpy.context.view_layer.objects.active = Tree.find(bpy.context.scene).objects("Mesh")[0]
+else:
+    if hidden == "hidden":
+        push(bpy.ops.scene.new, type="NEW")
+    push(bpy.ops.mesh.primitive_cube_add)
+push(bpy.ops.object.mode_set, mode=mode)
+if hidden == "hidden" and own == "own":
+    push(bpy.ops.scene.new, type="NEW")
+here = bpy.context.scene.name
+before = drawn(bpy.data.scenes[first])
+arrival.begin(bpy.data.scenes[first], house.job)
+while arrival.pump():
+    time.sleep(0.002)
+assert drawn(bpy.data.scenes[first]) == [12, 1, 1, 4] and not arrival.problem(bpy.data.scenes[first])
+for _ in range(2):
+    bpy.ops.ed.undo()
+    assert drawn(bpy.data.scenes[first]) == before, (drawn(bpy.data.scenes[first]), before)
+    bpy.ops.ed.redo()
+    assert drawn(bpy.data.scenes[first]) == [12, 1, 1, 4]
+go(first)
+assert drawn() == [12, 1, 1, 4]
+go(here)
+for _ in range(3):
+    bpy.ops.ed.undo()
+    [drawn(scene) for scene in bpy.data.scenes]
+for _ in range(3):
+    bpy.ops.ed.redo()
+assert drawn(bpy.data.scenes[first]) == [12, 1, 1, 4]
+"""
+
+
+def survives(tmp_path: Path, script: str, *words: str) -> None:
+    """Run a script in a Blender of its own."""
+    code = _BEGIN + script + _END
+    command = [sys.executable, "-c", code, str(REPO), str(REPO / "tests" / "blender"), str(tmp_path), *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and "survived" in done.stdout, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("steps", ["scene result", "scene result result", "scene again result", "scene crop result"])
 def test_undo_of_every_step(steps, tmp_path):
-    command = [sys.executable, "-c", _CHILD, str(REPO), str(REPO / "tests" / "blender"), str(tmp_path), *steps.split()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0 and "survived" in done.stdout, done.stdout + done.stderr
+    survives(tmp_path, _STEPS, *steps.split())
+
+
+@pytest.mark.parametrize(
+    "case", ["hidden other OBJECT", "hidden other EDIT", "shown other SCULPT", "shown own EDIT", "hidden own EDIT"]
+)
+def test_a_result_arrives_in_whatever_scene_and_mode(case, tmp_path):
+    """In a scene that no window shows there was no undo step; the next undo left freed objects in its collections."""
+    survives(tmp_path, _ARRIVAL, *case.split())
 
 
 def test_a_list_that_is_stale_after_undo_is_never_read():
