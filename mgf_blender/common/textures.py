@@ -7,6 +7,8 @@ and other programs know that form, and what the user changed in a material stays
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
 from .materials import MATTE, new_material
@@ -18,11 +20,13 @@ _KEY = "mgf_texture"  # on our materials: the part they are for
 def texture_material(part: str, texture: bpy.types.Image) -> bpy.types.Material:
     """A material that can show a texture, for one part of a mesh.
 
-    One that an earlier import of the same texture left is taken again, with what the user changed in it. One in use
-    is not, because each mesh chooses for itself what it shows.
+    One that an earlier import of the same job left is taken again, with what the user changed in it. One in use is
+    not, because each mesh chooses for itself what it shows.
     """
     for known in bpy.data.materials:
-        if known.get(_KEY) == part and known.users == 0 and texture_of(known) == texture:
+        earlier = texture_of(known) if known.get(_KEY) == part and known.users == 0 else None
+        if earlier is not None and _job_of(earlier) == _job_of(texture):
+            known.node_tree.nodes[_PICTURE].image = texture
             return known
     # Materials of parts without texture are in title case, so none of them has such a name.
     material, shader = new_material(f"MGF {part.title()} (texture)", MATTE)
@@ -35,6 +39,12 @@ def texture_material(part: str, texture: bpy.types.Image) -> bpy.types.Material:
     colors.name, colors.location = _COLORS, (x - 320, y - 300)
     tree.links.new(picture.outputs["Color"], shader.inputs["Base Color"])
     return material
+
+
+def _job_of(texture: bpy.types.Image) -> Path:
+    """The job folder of a texture, which lies in it or in the folder of one of its runs (``runs/1``, ``runs/2`` …)."""
+    folder = Path(bpy.path.abspath(texture.filepath)).parent
+    return folder.parents[1] if folder.parent.name == "runs" else folder
 
 
 def add_texture_node(tree: bpy.types.NodeTree, texture: bpy.types.Image) -> bpy.types.ShaderNodeTexImage:

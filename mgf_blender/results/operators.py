@@ -19,6 +19,7 @@ from . import arrival, surface, switch
 from .field import import_field
 from .job_folder import read_delivery
 from .load import import_result
+from .runs import old_runs, remove_runs, shown_runs
 
 
 class _NeedsJob(Operator):
@@ -159,8 +160,33 @@ class MGF_OT_export_field(_NeedsJob, FileOperator):
         self.report({"INFO"}, tr("Saved {path}", path=path))
 
 
+class MGF_OT_remove_old_runs(Operator):
+    """Delete what earlier runs of the job left, but what this file shows; other files that show them lose textures"""
+
+    bl_idname = "mgf.remove_old_runs"
+    bl_label = "Remove Old Runs"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        there = has_job_file(context.scene, "runs") and old_runs(job_folder(context.scene))
+        return cls.needs(there, "The job has no earlier runs")
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_confirm(self, event)
+
+    def run(self, context: bpy.types.Context) -> None:
+        runs = old_runs(job_folder(context.scene))
+        shown = shown_runs(runs)
+        remove_runs([run for run in runs if run not in shown])
+        self.report(
+            {"INFO"},
+            tr("{count} earlier runs removed; {kept} in use stay", count=len(runs) - len(shown), kept=len(shown)),
+        )
+
+
 CLASSES = (
     MGF_OT_import_result, MGF_OT_import_field, MGF_OT_export_field, MGF_OT_show_in_camera, MGF_OT_paint_mesh,
+    MGF_OT_remove_old_runs,
 )  # fmt: skip
 
 

@@ -7,11 +7,12 @@ import bpy
 
 from ..common.figures import draw_figures
 from ..common.text import N_, tr
-from ..reconstruct.start import has_job_file
+from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
 from . import surface, switch
 from .notice import draw_waiting
+from .runs import old_runs
 
 _PAINTS = {"TEXTURE": N_("Texture"), "COLOR": N_("Colors"), "CONFIDENCE": N_("Confidence"), "VIEWS": N_("Views")}
 _SHOWS = {"PHOTO": N_("Photo"), "RENDER": N_("Render"), "ERROR": N_("Error"), "MESH": N_("Mesh")}
@@ -38,6 +39,8 @@ class MGF_PT_results(bpy.types.Panel):
         row.operator("mgf.import_result", icon="IMPORT")
         if has_job_file(scene, "report.html"):
             row.operator("mgf.open_job_file", text="", icon="URL").name = "report.html"
+        if has_job_file(scene, "runs") and old_runs(job_folder(scene)):
+            row.operator("mgf.remove_old_runs", text="", icon="TRASH")
         draw_waiting(layout, scene)
         if not meshes:
             return

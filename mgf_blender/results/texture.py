@@ -61,6 +61,8 @@ def load_texture(path: Path) -> bpy.types.Image:
 
 
 def remove_unused_textures() -> None:
-    """Remove the materials and pictures of earlier imports that nothing uses any more."""
+    """Remove the materials, textures and renders of earlier imports that nothing uses any more."""
     remove_unused_materials()
-    bpy.data.batch_remove([i for i in bpy.data.images if i.get(IMAGE_KEY) == _KIND and i.users == 0])
+    ours = [i for i in bpy.data.images if i.get(IMAGE_KEY) in {_KIND, "render"}]
+    # Their own count of users is not enough: a picture taken from behind a camera keeps it.
+    bpy.data.batch_remove([image for image, users in bpy.data.user_map(subset=ours).items() if not users])
