@@ -81,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     doctor.add_argument(
         "--card", action="store_true", help="check this machine's card against the CPU, in a minute; auto takes it then"
     )
+    doctor.add_argument("--weights", type=_path, metavar="FOLDER", help="folder with the EfficientSAM weights")
     options = commands.add_parser("options", help="list every option with its default and meaning")
     options.add_argument("--json", action="store_true", help="as data for other programs")
     weights = commands.add_parser("weights", help="download the EfficientSAM weights and check them")
@@ -262,7 +263,7 @@ def _doctor_command(args: argparse.Namespace) -> int:
         return check_card()
     from mgf_engine.doctor import report
 
-    return report()
+    return report(args.weights)
 
 
 def _weights_command(args: argparse.Namespace) -> int:

@@ -3,13 +3,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from mgf_engine import __version__
-from mgf_engine.errors import EXIT_DONE, EXIT_FAULT
+from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
+from mgf_engine.masks.segmenters.download import default_folder
+from mgf_engine.masks.segmenters.notice import standing
 from mgf_engine.system import cores, cpu_name, total_memory, versions
 
 
-def report() -> int:
-    """Print the findings; returns 0 when a job can run here, 1 when something it needs is missing."""
+def report(weights: Path | None = None) -> int:
+    """Print the findings; returns 0 when a job can run here, 1 when something it needs is missing.
+
+    Args:
+        weights: folder with the EfficientSAM weights; None is the user's cache folder.
+    """
     print(f"mgf {__version__}")
     found = versions()
     for name, version in found.items():
@@ -25,6 +33,10 @@ def report() -> int:
     except (ImportError, OSError, RuntimeError) as error:
         problems.append(f"The CPU kernels cannot be loaded: {error}")
     print(f"  {'CUDA':<32} {_cuda()}")
+    try:
+        print(f"  {'segmenter of the masks':<32} {standing(weights or default_folder())}")
+    except BadInput as error:
+        problems.append(str(error))
     for problem in problems:
         print(f"Problem: {problem}")
     if not problems:

@@ -7,6 +7,7 @@ A message is one JSON object on one line. Every message has ``v`` (schema versio
 ===========  ==========================================================================================
 started      ``job`` (folder), ``pid``, ``version``, ``stages`` (names in order)
 device       ``device`` (cpu or cuda), ``text`` (one sentence: what was chosen, and why)
+segmenter    ``segmenter`` (random_walker or efficientsam), ``text`` (one sentence: what draws the masks, and the other)
 stage        ``stage`` (name), ``index``, ``count``, ``cached`` (true: an earlier result is used)
 progress     ``stage``, ``fraction`` (0..1 of the stage), ``overall`` (0..1 of the job), ``seconds_left`` (of the
              stage, null while unknown), ``figures`` (name -> number or text)

@@ -2,6 +2,7 @@
 """The command line as people and scripts meet it: exit codes, one sentence, nothing half written."""
 
 import errno
+import hashlib
 import json
 import os
 import subprocess
@@ -15,6 +16,8 @@ from scene.synthetic import reconstruction, write_model
 
 from mgf_engine import cli
 from mgf_engine.cli import main
+from mgf_engine.masks.segmenters import download
+from mgf_engine.masks.segmenters.download import WeightFile
 
 
 def mgf(*args: object, **more: object) -> subprocess.CompletedProcess:
@@ -250,6 +253,22 @@ def test_doctor_names_versions_and_the_kernel_variant() -> None:
     assert run.returncode == 0, run.stdout
     assert "kernel variant" in run.stdout
     assert "Everything a job needs is here." in run.stdout
+
+
+def test_doctor_names_the_segmenter_and_how_to_get_the_other(tmp_path: Path, monkeypatch, capsys) -> None:
+    assert main(["doctor", "--weights", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "random walker" in said and "'mgf weights' fetches" in said and "(41 MB, Apache-2.0)" in said
+    files = tuple(WeightFile(n, 3, hashlib.sha256(b"onx").hexdigest()) for n in ("encoder.onnx", "decoder.onnx"))
+    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
+    for file in files:
+        (tmp_path / file.name).write_bytes(b"onx")
+    assert main(["doctor", "--weights", str(tmp_path)]) == 0
+    assert "EfficientSAM (vitt)" in capsys.readouterr().out
+    (tmp_path / "decoder.onnx").write_bytes(b"xno")
+    assert main(["doctor", "--weights", str(tmp_path)]) == 1
+    said = capsys.readouterr().out
+    assert "Problem: " in said and "decoder.onnx' is damaged" in said and "Everything" not in said
 
 
 def test_help_lists_every_option() -> None:

@@ -99,7 +99,10 @@ def test_everything_promised_is_in_the_job_folder(finished) -> None:
     for name in ("mesh.ply", "field.ply", "report.html", "texture.jpg"):
         assert (job / "runs/1" / name).read_bytes() == (job / name).read_bytes()
     assert report["counts"]["PSNR of the textured mesh, held-out photos (dB)"] > 15
+    assert report["machine"]["segmenter of the masks"].startswith("random walker")
     assert messages[0]["type"] == "started"
+    (said,) = (m["text"] for m in messages if m["type"] == "segmenter")
+    assert "random walker" in said and "mgf weights" in said and "\n" not in said
     assert messages[-1]["type"] == "result"
     assert not list(job.rglob(".part-*"))
 

@@ -105,7 +105,7 @@ class MGF_OT_check_engine(_EngineOperator):
     bl_label = "Check Engine"
 
     def run(self, context: bpy.types.Context) -> set[str]:
-        steps = [Step(N_("Checking the engine"), engine_command("doctor"))]
+        steps = [Step(N_("Checking the engine"), engine_command("doctor", *_weights("--weights")))]
         task = Task(steps, log_path(), _explain_check)
         begin("check", task)
         return _finish_in_background(self, task)
@@ -135,9 +135,7 @@ class MGF_OT_download_weights(_EngineOperator):
         return allowed and super().poll(context)
 
     def run(self, context: bpy.types.Context) -> set[str]:
-        folder = preferences().weights_folder
-        extra = ["--folder", bpy.path.abspath(folder)] if folder else []
-        steps = [Step(N_("Downloading the weights"), engine_command("weights", *extra))]
+        steps = [Step(N_("Downloading the weights"), engine_command("weights", *_weights("--folder")))]
         task = Task(steps, log_path(), install.explain)
         begin("weights", task)
         return _finish_in_background(self, task)
@@ -184,6 +182,13 @@ class MGF_OT_open_engine_log(Operator):
 
     def run(self, context: bpy.types.Context) -> None:
         bpy.ops.wm.path_open(filepath=str(log_path()))
+
+
+def _weights(flag: str) -> list[str]:
+    """The folder of the mask weights for a command of the engine; nothing for the engine's own."""
+    prefs = preferences()
+    folder = prefs.weights_folder if prefs is not None else ""
+    return [flag, bpy.path.abspath(folder)] if folder else []
 
 
 def _install_question() -> str:

@@ -25,6 +25,7 @@ from mgf_engine.evaluate.surfaces import Surface
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
 from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.masks.segmenters.notice import used
 from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.view import shaded
 from mgf_engine.messages import Reporter
@@ -166,6 +167,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
             "processor": cpu_name(), "cores": str(cores()), "threads": str(job.config.threads or cores()),
             "memory": "unknown" if memory is None else f"{memory / 2**30:.1f} GiB",
             "device": choose_device(job.config.device).text.removeprefix("Device: "),
+            "segmenter of the masks": used(job.path("masks")),
         },
         kernel=variant(),
         peak_memory=max([peak_memory(), *(s.peak_memory or 0 for s in stages)]),

@@ -28,6 +28,7 @@ from mgf_engine.masks.propagate import Propagation, consistency, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam
+from mgf_engine.masks.segmenters.notice import notice
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.supplied import read_supplied
@@ -82,6 +83,7 @@ def _build_masks(
     elif prompts is not None:
         clicks = read_prompts(prompts, scene, reporter.warning)
         segmenter = choose_segmenter(config, folder, reporter.warning)
+        reporter.send("segmenter", segmenter=segmenter.name, text=notice(segmenter.name))
         result = propagate(scene, clicks, segmenter, config, reporter)
     else:
         raise BadInput(_NO_CLICKS)

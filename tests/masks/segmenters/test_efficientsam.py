@@ -20,10 +20,11 @@ from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.base import Hints
 from mgf_engine.masks.segmenters.download import WeightFile
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam, queries, spread
+from mgf_engine.masks.segmenters.notice import used
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
+from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
 from tests.house import House
-from tests.masks.conftest import quiet
 from tests.masks.small_sam import write_pair
 
 RED, GREEN = (200, 60, 50), (60, 150, 70)
@@ -127,7 +128,11 @@ def test_whole_stage(scene: Scene, house: House, tmp_path: Path, monkeypatch: py
     weights = tmp_path / "weights"
     install(weights, monkeypatch)
     config = make_config({"segmenter": "efficientsam", "weights": str(weights), "device": "cpu"})
-    masks = build_masks(scene, house.prompts, None, tmp_path / "masks", config, quiet())
+    messages: list[dict] = []
+    masks = build_masks(scene, house.prompts, None, tmp_path / "masks", config, Reporter(messages.append))
+    (said,) = (m for m in messages if m["type"] == "segmenter")
+    assert said["segmenter"] == "efficientsam" and "random_walker" in said["text"]
+    assert used(tmp_path / "masks") == "EfficientSAM"
     scores = [iou(building(m), house.masks[v.name]) for m, v in zip(masks.labels, scene.views, strict=True)]
     assert np.mean(scores) > 0.85
     assert len(list((tmp_path / "masks/embeddings").glob("*.npy"))) == len(scene.views)

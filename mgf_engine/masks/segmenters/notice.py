@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What people are told about the segmenter: which one draws the masks, and how to get the other."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from mgf_engine.masks.segmenters.download import WEIGHTS, find_weights
+
+TITLES = {"efficientsam": "EfficientSAM", "random_walker": "random walker, which needs no weights"}
+
+
+def offer() -> str:
+    """How to get EfficientSAM, as half a sentence."""
+    size = sum(f.size for f in WEIGHTS["vitt"]) / 1e6
+    return f"'mgf weights' fetches those of EfficientSAM, the paper's segmenter ({size:.0f} MB, Apache-2.0)"
+
+
+def notice(segmenter: str) -> str:
+    """One sentence for the start of the masks stage; ``segmenter`` is its ``name``."""
+    if segmenter == "efficientsam":
+        return "Masks: drawn by EfficientSAM; '--segmenter random_walker' draws them without weights."
+    return f"Masks: drawn by the random walker, which needs no weights; {offer()}."
+
+
+def standing(folder: Path) -> str:
+    """What ``auto`` takes with the weights in a folder, for ``mgf doctor``.
+
+    Raises:
+        BadInput: weights are there, but damaged.
+    """
+    found = find_weights(folder)
+    return f"{TITLES['efficientsam']} ({found[0]})" if found else f"{TITLES['random_walker']}; {offer()}"
+
+
+def used(masks_folder: Path) -> str:
+    """What drew the masks of a job, for its report."""
+    try:
+        name = json.loads((masks_folder / "scores.json").read_text(encoding="utf-8")).get("segmenter")
+    except (OSError, ValueError, AttributeError):
+        return "unknown"
+    return TITLES.get(name, "none; masks were given or switched off" if name == "none" else "unknown")
