@@ -30,6 +30,7 @@ from ..scene_import.tree import Tree, hide
 from .job_folder import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
 from .surface import paints_texture, show
+from .switch import forget_results
 from .texture import check_picture, load_texture, read_uv, remove_unused_textures
 
 SHARP_ANGLE = 40.0  # degrees
@@ -116,6 +117,7 @@ def import_result(
     if alone:
         tree = _tree_of_job(scene, content)
     tree.clear("Renders")
+    forget_results(tree)
     for view in delivery.views:
         _add_view(tree, view)
     if scene.camera is None and tree.objects("Cameras"):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import bpy
@@ -16,6 +17,7 @@ from .surface import ramp
 KINDS = ("PHOTO", "RENDER", "ERROR", "MESH")
 #: Difference of colour (0..1) that is drawn in the hottest colour.
 _HOTTEST = 0.3
+_STAMP_KEY = "mgf_made_of"  # on error maps
 #: Black, violet, orange, white.
 _HEAT = np.array([(0.0, 0.0, 0.05), (0.35, 0.05, 0.45), (0.9, 0.35, 0.15), (1.0, 1.0, 0.75)])
 
@@ -28,7 +30,7 @@ def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
     """
     slots = list(camera.data.background_images)
     kinds = {s.image.get(IMAGE_KEY): s for s in slots if s.image is not None}
-    if kind == "ERROR" and "error" not in kinds:
+    if kind == "ERROR" and not _is_fresh(kinds):
         make_error_map(camera)
         slots = list(camera.data.background_images)
     elif kind == "RENDER" and "render" not in kinds:
@@ -60,6 +62,36 @@ def available(camera: bpy.types.Object) -> set[str]:
     return kinds | ({"ERROR"} if {"photo", "render"} <= found or "error" in found else set())
 
 
+def forget_results(tree: Tree) -> None:
+    """Take renders and error maps off the cameras, which show the mesh before their photos again."""
+    for camera in tree.objects("Cameras"):
+        slots = camera.data.background_images
+        for slot in [s for s in slots if s.image is not None and s.image.get(IMAGE_KEY) in {"render", "error"}]:
+            slots.remove(slot)
+        for slot in slots:
+            slot.show_background_image, slot.display_depth = True, "BACK"
+        camera.pop(SHOWN_KEY, None)
+    tree.root.pop(SHOWN_KEY, None)
+
+
+def _is_fresh(kinds: dict[str, bpy.types.CameraBackgroundImage]) -> bool:
+    """Whether a camera has an error map, made of the photo and the render as they are on disk now; without them, one
+    that was made is all there is."""
+    if "error" not in kinds:
+        return False
+    stamp = _stamp({kind: slot.image for kind, slot in kinds.items()})
+    return not stamp or kinds["error"].image.get(_STAMP_KEY) == stamp
+
+
+def _stamp(images: dict[str, bpy.types.Image]) -> str:
+    """What tells the files of a photo and its render from those of another run; empty when one is not there."""
+    try:
+        paths = [bpy.path.abspath(images[kind].filepath) for kind in ("photo", "render")]
+        return " ".join(f"{path} {os.stat(path).st_mtime_ns} {os.stat(path).st_size}" for path in paths)
+    except (OSError, KeyError):
+        return ""
+
+
 def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
     """A heat map of the colour difference between photo and render, as an image packed into the file.
 
@@ -72,6 +104,8 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
             "'{name}' has no render to compare with its photo; switch Render All on and run the job again.",
             name=camera.name,
         )
+    if found["render"].has_data and not found["render"].is_dirty:
+        found["render"].reload()  # the job may have run again since it was shown
     render = _pixels(found["render"])
     height, width = render.shape[:2]
     photo = _resized(_pixels(found["photo"]), width, height)
@@ -88,6 +122,7 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
     image.update()
     image.pack()
     image[IMAGE_KEY] = "error"
+    image[_STAMP_KEY] = _stamp(found)
     add_background(camera, image, show=False)
     return image
 

@@ -94,6 +94,44 @@ def test_error_map_measures_the_difference(tree):
     assert again == image and sum(s.image == image for s in camera.data.background_images) == 1
 
 
+def brightness(image: bpy.types.Image) -> float:
+    return float(np.array(image.pixels[:]).reshape(-1, 4)[:, :3].mean())
+
+
+def test_error_map_is_made_again_when_the_render_changed(tree, house):
+    """After another run the renders have the same names; what the run before differed by is no measure of this one."""
+    camera = bpy.context.scene.camera
+    bpy.ops.mgf.show_in_camera(kind="ERROR")
+    old = brightness(bpy.data.images["Error IMG 00"])
+    made = bpy.data.images["Error IMG 00"]["mgf_made_of"]
+    bpy.ops.mgf.show_in_camera(kind="PHOTO")
+    bpy.ops.mgf.show_in_camera(kind="ERROR")
+    assert bpy.data.images["Error IMG 00"]["mgf_made_of"] == made
+    slots = {s.image["mgf_image"]: s.image for s in camera.data.background_images}
+    render = Path(bpy.path.abspath(slots["render"].filepath))
+    width, height = slots["render"].size
+    synthetic.write_png(render, synthetic._gradient(width, height))  # as the photo is
+    for again in (False, True):  # with and without an import in between
+        if again:
+            bpy.ops.mgf.import_result()
+        bpy.ops.mgf.show_in_camera(kind="ERROR")
+        assert brightness(bpy.data.images["Error IMG 00"]) < 0.2 * old and shown() == ["error"]
+    render.unlink()
+    bpy.ops.mgf.show_in_camera(kind="ERROR")  # the picture is in the file
+    assert shown() == ["error"]
+
+
+def test_a_new_result_leaves_no_picture_of_the_old_one(tree, house):
+    content = json.loads((house.job / "deliver.json").read_text())
+    for view in content["views"]:
+        view["render"] = None
+    (house.job / "deliver.json").write_text(json.dumps(content))
+    bpy.ops.mgf.show_in_camera(kind="ERROR")
+    bpy.ops.mgf.import_result()
+    assert switch.available(bpy.context.scene.camera) == {"MESH", "PHOTO"} and shown() == ["photo"]
+    assert not tree.objects("Mesh")[0].hide_get() and "mgf_shown" not in bpy.context.scene.camera
+
+
 def test_box_filter_keeps_the_mean():
     pixels = np.random.default_rng(1).random((40, 60, 3)).astype(np.float32)
     small = switch._resized(pixels, 30, 20)
