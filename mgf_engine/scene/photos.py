@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,6 +93,31 @@ def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Calla
         finally:
             for job in jobs:
                 job.cancel()
+
+
+class Room:
+    """Lets photos be open at the same time, on as many threads as there are, within the budget for all of them.
+
+    One photo is always let in, however large.
+    """
+
+    def __init__(self) -> None:
+        self._taken = 0
+        self._changed = threading.Condition()
+
+    @contextmanager
+    def photo(self, width: int, height: int) -> Iterator[None]:
+        """Wait until a photo of so many pixels may be opened; it is gone when the block ends."""
+        wanted = width * height * _BYTES_PER_PIXEL
+        with self._changed:
+            self._changed.wait_for(lambda: self._taken == 0 or self._taken + wanted <= _MEMORY)
+            self._taken += wanted
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._taken -= wanted
+                self._changed.notify_all()
 
 
 def original_photo(view: View) -> NDArray[np.uint8]:

@@ -14,6 +14,7 @@ from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import draw_triangles
 from mgf_engine.raster.library import side_by_side
 from mgf_engine.scene.model import View
+from mgf_engine.scene.photos import Room
 from mgf_engine.texture.charts import GUTTER
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
 from mgf_engine.texture.seams import Corrections
@@ -42,6 +43,7 @@ def bake(
     kinds, start = np.unique(owner, return_index=True)
     parts = np.split(pixel, start[1:])
     image = np.zeros((layout.height * layout.width, 3), np.uint8)
+    room = Room()
 
     def colors(k: int) -> NDArray[np.uint8]:
         faces, index = face.ravel()[parts[k]], int(kinds[k])
@@ -51,7 +53,8 @@ def bake(
             painted = (mesh.colors[mesh.faces[faces]] * weight).sum(1)
         else:
             points = (mesh.vertices[mesh.faces[faces]] * weight).sum(1)
-            painted = look_up(views[index], source(index), points, layout.scale)
+            with room.photo(views[index].original_width, views[index].original_height):
+                painted = look_up(views[index], source(index), points, layout.scale)
         painted = painted + (corrections.value[corrections.of_corner[faces]] * weight).sum(1)
         return np.clip(np.rint(painted), 0, 255).astype(np.uint8)
 

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import shutil
+import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,8 +17,11 @@ from mgf_engine.config import make_config
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.messages import Reporter
+from mgf_engine.raster.library import set_threads
+from mgf_engine.scene import photos
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.model import Lens, Scene
+from mgf_engine.texture import bake
 from mgf_engine.texture.bake import look_up
 from mgf_engine.texture.draw import draw_textured
 from mgf_engine.texture.make import make_texture
@@ -79,6 +84,30 @@ def test_every_spot_has_its_colour_finer_than_the_working_photos(house: House, s
     # walls of two triangles: wrong perspective inside a triangle would shift the pattern by many pixels
     coarse = _from_working_photos(scene, house, face, weight, true)
     assert np.median(error) < 8 and np.median(error) < 0.75 * np.median(coarse)
+
+
+@pytest.mark.parametrize(("fit", "most"), [(0.5, 1), (2.5, 2), (100.0, 8)])
+def test_no_more_photos_are_open_at_once_than_memory_allows(scene, house, monkeypatch, fit: float, most: int) -> None:
+    view = scene.views[0]
+    size = view.original_width * view.original_height
+    opened, counts, painting = [0], [], bake.look_up
+
+    def counted(*arguments: Any) -> Any:
+        opened[0] += 1
+        time.sleep(0.02)  # long enough for the others to come in
+        counts.append(opened[0])
+        opened[0] -= 1
+        return painting(*arguments)
+
+    monkeypatch.setattr(photos, "_MEMORY", int(fit * size * photos._BYTES_PER_PIXEL))
+    monkeypatch.setattr(bake, "look_up", counted)
+    set_threads(8)
+    try:
+        texture = make_texture(in_frame(scene, house.mesh), scene, masks_of(scene, house), 256, lambda text: None)
+    finally:
+        set_threads(0)
+    assert max(counts) <= most and len(counts) >= 4
+    assert texture.image.std() > 10
 
 
 def _from_working_photos(
