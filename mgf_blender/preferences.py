@@ -53,6 +53,12 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         description="Take torch from the package index this machine is configured for, whatever build that has",
         default=False,
     )
+    install_weights: bpy.props.BoolProperty(
+        name="EfficientSAM Weights (41 MB, Apache-2.0)",
+        description="Install the weights of EfficientSAM, too, which the paper draws its masks with; "
+        "the masks are drawn by a random walker without them",
+        default=True,
+    )
     weights_folder: bpy.props.StringProperty(
         name="Mask Weights",
         description="Folder with the weights of the mask model; empty uses the engine's own cache folder",
@@ -79,6 +85,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         column.prop(self, "torch_build")
         column.prop(self, "wheel_folder")
         column.prop(self, "default_index")
+        column.prop(self, "install_weights")
         there = python_of(managed_environment()).is_file()
         row = layout.row(align=True)
         row.operator("mgf.install_engine", text="Reinstall Engine" if there else "Install Engine", icon="IMPORT")
@@ -117,6 +124,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
                 split.label(text=name, translate=False)
                 if value:
                     split.label(text=value, translate=False)
+            if task.note:
+                draw_sentence(layout, task.note, "INFO")
 
 
 def _report_lines(output: list[str]) -> list[tuple[str, str]]:

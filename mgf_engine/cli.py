@@ -85,8 +85,11 @@ def _parser() -> argparse.ArgumentParser:
     options = commands.add_parser("options", help="list every option with its default and meaning")
     options.add_argument("--json", action="store_true", help="as data for other programs")
     weights = commands.add_parser("weights", help="download the EfficientSAM weights and check them")
-    weights.add_argument("--model", choices=("vitt", "vits"), default="vitt", help="size of the model")
+    weights.add_argument("--model", choices=("vitt", "vits"), help="size of the model (default vitt)")
     weights.add_argument("--folder", type=_path, help="where to put them (default: the user's cache folder)")
+    weights.add_argument(
+        "--from", dest="source", type=_path, metavar="FOLDER", help="take the files from this folder, without network"
+    )
     evaluate = commands.add_parser(
         "evaluate", help="compare a mesh with a true mesh, or measure how even its walls are"
     )
@@ -267,12 +270,16 @@ def _doctor_command(args: argparse.Namespace) -> int:
 
 
 def _weights_command(args: argparse.Namespace) -> int:
-    from mgf_engine.masks.segmenters.download import download_weights
+    from mgf_engine.masks.segmenters.download import copy_weights, download_weights
 
+    if args.source is not None:
+        model, folder = copy_weights(args.source, args.model, args.folder)
+        print(f"The weights of EfficientSAM ({model}) are in {folder}")
+        return EXIT_DONE
     reporter = Reporter(make_sink("auto"))
     reporter.stages = ("masks",)
     reporter.stage("masks")
-    folder = download_weights(args.model, args.folder, reporter)
+    folder = download_weights(args.model or "vitt", args.folder, reporter)
     print(f"Weights are in {folder}")
     return EXIT_DONE
 

@@ -49,6 +49,8 @@ class Plan:
         wheel_folder: install from this folder alone, without network; None downloads.
         torch: "cpu" or "cuda".
         default_index: leave the choice of torch's build to the package index in use.
+        weights: fetch the weights of EfficientSAM, too.
+        weights_folder: where they go; None is the engine's own cache folder.
     """
 
     target: Path
@@ -58,6 +60,8 @@ class Plan:
     wheel_folder: Path | None
     torch: str
     default_index: bool = False
+    weights: bool = False
+    weights_folder: Path | None = None
 
 
 def carried_wheel() -> Path:
@@ -133,8 +137,21 @@ def _steps(plan: Plan) -> list[Step]:
         # from there when the first does not answer. What torch needs comes with the engine.
         Step(N_("Installing torch"), [*install, *(folder or _torch_index(plan)), "--no-deps", "torch"], 6),
         Step(N_("Installing the engine"), [*install, *folder, str(plan.wheel)], 3),
+        *_weights_step(plan, python),
         Step(N_("Checking the engine"), [python, "-m", "mgf_engine", "doctor"], 0.5),
     ]
+
+
+def _weights_step(plan: Plan, python: str) -> list[Step]:
+    """The weights of EfficientSAM; the engine works without."""
+    if not plan.weights:
+        return []
+    command = [python, "-m", "mgf_engine", "weights"]
+    if plan.wheel_folder is not None:
+        command += ["--from", str(plan.wheel_folder)]
+    if plan.weights_folder is not None:
+        command += ["--folder", str(plan.weights_folder)]
+    return [Step(N_("Fetching the EfficientSAM weights"), command, 0.5, needed=False)]
 
 
 def _clear_away(task: Task, target: Path) -> None:
@@ -150,6 +167,9 @@ def _clear_away(task: Task, target: Path) -> None:
 def explain(step: Step, lines: list[str]) -> str:
     """One sentence for a failed step, from pip's last words."""
     output = "\n".join(lines)
+    said = next((line for line in reversed(lines) if line.startswith("Error: ")), None)
+    if said is not None and "mgf_engine" in step.command:
+        return said.removeprefix("Error: ")
     if "No space left on device" in output or "not enough space" in output:
         return tr("The disk is full; free some space and install again.")
     if any(sign in output for sign in _PATH_TOO_LONG):

@@ -217,7 +217,8 @@ def _plan() -> install.Plan:
         torch = "cuda" if install.has_nvidia() else "cpu"
     return install.Plan(
         managed_environment(), Path(sys.executable), wheel, wheel.parent / "constraints.txt", folder, torch,
-        prefs.default_index,
+        prefs.default_index, prefs.install_weights,
+        Path(bpy.path.abspath(prefs.weights_folder)) if prefs.weights_folder else None,
     )  # fmt: skip
 
 

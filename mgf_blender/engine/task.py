@@ -16,11 +16,16 @@ RUNNING, DONE, FAILED, CANCELLED = "RUNNING", "DONE", "FAILED", "CANCELLED"
 
 @dataclass(frozen=True)
 class Step:
-    """One command: what people read while it runs, the program with its arguments, and its share of the bar."""
+    """One command: what people read while it runs, the program with its arguments, and its share of the bar.
+
+    Attributes:
+        needed: without it the task has failed; else only a note is left.
+    """
 
     title: str
     command: Sequence[str]
     share: float = 1.0
+    needed: bool = True
 
 
 @dataclass
@@ -31,6 +36,7 @@ class Task:
         log: file that gets all output.
         explain: turns the last lines of a failed step into one sentence.
         on_end: called once at the end.
+        note: why a step that is not needed failed, as one sentence.
         finish: called after the last step; its UserError makes the task a failed one.
     """
 
@@ -41,6 +47,7 @@ class Task:
     finish: Callable[[], None] | None = None
     status: str = RUNNING
     text: str = ""
+    note: str = ""
     output: list[str] = field(default_factory=list)
     _at: int = -1
     _process: Process | None = None
@@ -74,7 +81,11 @@ class Task:
         if self._cancelled:
             return self._end(CANCELLED, "Cancelled.")
         if code != 0:
-            return self._end(FAILED, self.explain(self.steps[self._at], self.output[-60:]))
+            step = self.steps[self._at]
+            text = self.explain(step, self.output[-60:])
+            if step.needed:
+                return self._end(FAILED, text)
+            self.note = text
         return self._next()
 
     def cancel(self) -> None:

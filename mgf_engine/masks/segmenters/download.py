@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import sys
 import urllib.error
 import urllib.request
@@ -13,7 +14,7 @@ from pathlib import Path
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.system import put_in_place
+from mgf_engine.system import atomic_path, put_in_place
 
 #: Apache-2.0, exported to ONNX by the labelme project.
 BASE_URL = "https://github.com/labelmeai/efficient-sam/releases/download/onnx-models-20231225"
@@ -77,8 +78,8 @@ def missing_text(folder: Path) -> str:
     """What to say when the weights are asked for and absent."""
     names = " and ".join(f.name for f in WEIGHTS["vitt"])
     return (
-        f"The EfficientSAM weights are not in '{folder}'; run 'mgf weights', or put {names} there by hand "
-        f"(from {BASE_URL}), or choose segmenter=random_walker, which needs none."
+        f"The EfficientSAM weights are not in '{folder}'; run 'mgf weights', or fetch {names} "
+        f"from {BASE_URL} and run 'mgf weights --from FOLDER', or choose segmenter=random_walker, which needs none."
     )
 
 
@@ -110,6 +111,49 @@ def download_weights(model: str, folder: Path | None, reporter: Reporter, base_u
         done += file.size
         reporter.progress(done / total)
     return folder
+
+
+def copy_weights(source: Path, model: str | None, folder: Path | None) -> tuple[str, Path]:
+    """Take the two files of a model from a folder, under whatever names, known by their SHA-256.
+
+    Args:
+        source: for example of a stick.
+        model: vitt or vits; None takes the more accurate one that is there.
+
+    Returns:
+        The model and the folder its files are in now.
+
+    Raises:
+        BadInput: the folder does not hold both files of a model unharmed, or they cannot be written.
+    """
+    if not source.is_dir():
+        raise BadInput(f"'{source}' is no folder; give the one that holds the EfficientSAM weights.")
+    folder = folder or default_folder()
+    wanted = (model,) if model else ("vits", "vitt")
+    for name in wanted:
+        found = [_find(source, file) for file in WEIGHTS[name]]
+        if all(found):
+            for path, file in zip(found, WEIGHTS[name], strict=True):
+                _copy(path, folder / file.name)
+            return name, folder
+    names = " or ".join(f"{a.name} and {b.name}" for a, b in (WEIGHTS[name] for name in wanted))
+    raise BadInput(f"'{source}' does not hold {names} whole (by SHA-256); fetch them again from {BASE_URL}.")
+
+
+def _find(source: Path, file: WeightFile) -> Path | None:
+    """The file in a folder that has this size and checksum, its own name first."""
+    paths = sorted((p for p in source.iterdir() if p.is_file()), key=lambda p: (p.name != file.name, p.name))
+    return next((p for p in paths if p.stat().st_size == file.size and _digest(p) == file.sha256), None)
+
+
+def _copy(path: Path | None, target: Path) -> None:
+    assert path is not None
+    try:
+        if not (target.exists() and target.samefile(path)):
+            with atomic_path(target) as temporary:
+                shutil.copyfile(path, temporary)
+    except OSError as error:
+        raise BadInput(f"Cannot copy '{path}' to '{target}' ({error.strerror}); choose another folder.") from error
 
 
 def _fetch(file: WeightFile, target: Path, base_url: str, reporter: Reporter, done: int, total: int) -> None:

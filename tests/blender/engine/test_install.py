@@ -123,11 +123,31 @@ def test_an_index_of_torch_that_does_not_answer_is_named_and_no_other_is_asked(t
     assert "pytorch.org" not in install.explain(step, ["Retrying after 'NewConnectionError'"])
 
 
+def test_weights_are_fetched_or_taken_from_the_wheel_folder(tmp_path):
+    def weights(**more):
+        steps = install.make_task(plan(tmp_path, **more), tmp_path / "log.txt").steps
+        return [s for s in steps if "weights" in s.command]
+
+    assert weights() == []
+    (step,) = weights(weights=True, weights_folder=tmp_path / "mine")
+    assert step.command[-2:] == ["--folder", str(tmp_path / "mine")] and not step.needed
+    (tmp_path / "torch-2.whl").touch()
+    (step,) = weights(weights=True, wheel_folder=tmp_path)
+    assert step.command[-2:] == ["--from", str(tmp_path)]
+
+
+def test_an_installation_without_its_weights_is_done_and_says_so(tmp_path):
+    fails = [sys.executable, "-c", "raise SystemExit('Error: Cannot download the encoder; check the network.')"]
+    steps = [Step("Fetching", [*fails, "mgf_engine"], needed=False), Step("Next", [sys.executable, "-c", "0"])]
+    task = Task(steps, tmp_path / "log.txt", install.explain)
+    assert task.run() == DONE and task.note == "Cannot download the encoder; check the network."
+
+
 def shortened(tmp_path: Path, ending: str) -> Task:
     """An installation whose packages are left out: the environment, and a check that ends in some way."""
     task = install.make_task(plan(tmp_path), tmp_path / "log.txt")
     made = Step(task.steps[0].title, [*task.steps[0].command, "--without-pip"])
-    task.steps = [made, Step("Checking the engine", [task.steps[3].command[0], "-c", ending])]
+    task.steps = [made, Step("Checking the engine", [task.steps[-1].command[0], "-c", ending])]
     return task
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mgf_engine.cli import main
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.download import WeightFile, download_weights, find_weights
@@ -139,3 +140,41 @@ def test_published_checksums_are_whole():
     for files in (download.WEIGHTS["vitt"], download.WEIGHTS["vits"]):
         for file in files:
             assert len(file.sha256) == 64 and int(file.sha256, 16) and file.size > 1e7
+
+
+@pytest.fixture
+def stick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A folder that holds the two files, the decoder under a name of its own."""
+    files = tuple(WeightFile(n, len(d), hashlib.sha256(d).hexdigest()) for n, d in CONTENT.items())
+    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
+    folder = tmp_path / "stick"
+    folder.mkdir()
+    (folder / "encoder.onnx").write_bytes(CONTENT["encoder.onnx"])
+    (folder / "decoder (1).onnx").write_bytes(CONTENT["decoder.onnx"])
+    (folder / "photo.jpg").write_bytes(b"else")
+    return folder
+
+
+def test_files_from_a_stick_are_known_by_their_checksum(stick: Path, tmp_path: Path, capsys: pytest.CaptureFixture):
+    target = tmp_path / "a" / "weights"
+    assert main(["weights", "--from", str(stick), "--folder", str(target)]) == 0
+    assert str(target) in capsys.readouterr().out
+    found = find_weights(target)
+    assert found is not None and found[0] == "vitt"
+    assert sorted(p.name for p in target.iterdir()) == sorted(CONTENT)
+    assert main(["weights", "--from", str(target), "--folder", str(target)]) == 0  # where they are already
+
+
+def test_a_stick_with_damaged_or_no_files_is_refused_and_nothing_written(
+    stick: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    target = tmp_path / "weights"
+    with (stick / "encoder.onnx").open("r+b") as file:
+        file.write(b"x")
+    for folder, words in ((stick, "does not hold"), (tmp_path / "nowhere", "is no folder")):
+        assert main(["weights", "--from", str(folder), "--folder", str(target)]) == 2
+        said = capsys.readouterr().err
+        assert words in said and said.count("\n") == 1 and not target.exists()
+    assert main(["weights", "--from", str(stick), "--model", "vits", "--folder", str(target)]) == 2
+    said = capsys.readouterr().err
+    assert "vits" in said and "vitt" not in said
