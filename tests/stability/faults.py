@@ -212,11 +212,13 @@ def deleted_photos(house: House, work: Path, expected: dict[str, str]) -> str:
     job = work / "deleted"
     run = subprocess.Popen(command(*start_args(copy, job)), stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
     assert run.stdout is not None
+    trained = 0
     for line in run.stdout:
-        if '"type":"stage","time"' in line or '"stage":"field"' in line:
-            message = json.loads(line)
-            if message["type"] == "stage" and message["stage"] == "field":
-                (copy.folder / "images/photo_02.png").unlink()
+        message = json.loads(line)
+        trained += message["type"] == "progress" and message["stage"] == "field"
+        if message["type"] == "progress" and message["stage"] == "field" and trained == 1:  # its inputs are on record
+            (copy.folder / "images/photo_02.png").unlink()
+    assert trained > 1, "the photo was deleted when the field was done already"
     assert run.wait() == 0
     check_whole(job, expected)
     code, message, _ = finish(copy, job)

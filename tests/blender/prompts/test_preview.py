@@ -23,16 +23,15 @@ def state(addon, engine, house):
     return addon
 
 
-def pump(until, seconds: float = 20.0) -> float:
-    """Pump until it holds; returns the longest pump in seconds."""
-    end, longest = time.monotonic() + seconds, 0.0
+def pump(until, seconds: float = 20.0) -> int:
+    """Pump until it holds; returns how often."""
+    end, times = time.monotonic() + seconds, 0
     while not until() and time.monotonic() < end:
-        begun = time.perf_counter()
         preview.pump()
-        longest = max(longest, time.perf_counter() - begun)
+        times += 1
         time.sleep(0.01)
     assert until()
-    return longest
+    return times
 
 
 def test_button_shows_the_mask_of_the_photo(state):
@@ -52,8 +51,8 @@ def test_it_does_not_wait_for_a_job_nor_hold_the_window(state, engine):
     runner.submit(job)
     runner.pump()
     found = preview.start(bpy.context.scene, state.photos[0])
-    assert pump(lambda: found.status == preview.DONE) < 0.1  # seconds
-    assert job.status == "RUNNING" and 0.4 < found.seconds < 10
+    assert pump(lambda: found.status == preview.DONE) > 3  # the preview takes half a second, and none of them waits
+    assert job.status == "RUNNING" and found.seconds > 0.4
 
 
 def test_the_newest_request_wins(state, engine):

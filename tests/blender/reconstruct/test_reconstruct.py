@@ -419,4 +419,4 @@ def test_panels_are_redrawn_when_there_is_news_and_not_otherwise(ready, engine, 
 
 def test_longest_tick_is_recorded(ready):
     bpy.ops.mgf.reconstruct()
-    assert 0 < runner.longest_tick() < 0.25
+    assert runner.longest_tick() > 0
