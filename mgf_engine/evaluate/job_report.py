@@ -20,7 +20,7 @@ from mgf_engine.evaluate.curve import curve_svg
 from mgf_engine.evaluate.evenness import Evenness, measure_evenness, typical_pixel
 from mgf_engine.evaluate.images import Scores, mean_scores, score
 from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
-from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, write_report
+from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, shrunk, write_report
 from mgf_engine.evaluate.surfaces import Surface
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.job import Job
@@ -85,7 +85,8 @@ def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, vi
     """Adds a picture of the textured mesh to the views with pictures; returns its mean PSNR in held-out photos, dB."""
 
     def one(index: int) -> Scores | None:
-        picture = views[index].pictures["texture"] = draw_textured(mesh, texture, scene.views[index])[0]
+        picture = draw_textured(mesh, texture, scene.views[index])[0]
+        views[index].pictures["texture"] = shrunk(picture)
         measured = views[index].held_out and masks.used[index]
         return score(scene.photo(index), picture, building(masks.labels[index])) if measured else None
 
@@ -128,7 +129,7 @@ def _view_report(
         report.scores = score(photo, render, mask)
     assert rendering.normal is not None
     normals = rendering.normal.permute(1, 2, 0).numpy()
-    report.pictures = {
+    pictures = {
         "photo": photo,
         "mask": mask_overlay(photo, masks.labels[index]),
         "render": on_white(render, mask),
@@ -136,6 +137,8 @@ def _view_report(
         "mesh": shaded(mesh, view, from_side=True),
         "error": error_picture(photo, render, mask),
     }
+    # Of a thousand photos a hundred are kept out: in full size these would take gigabytes until the page is written.
+    report.pictures = {caption: shrunk(picture) for caption, picture in pictures.items()}
     return report
 
 

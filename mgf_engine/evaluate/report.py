@@ -189,16 +189,21 @@ def _render(data: ReportData) -> str:
 
 def embed(picture: Picture, side: int = _PICTURE_SIDE) -> str:
     """A picture as a ``data:`` address, shrunk to ``side`` pixels at most (never enlarged)."""
-    image = read_rgb(picture) if isinstance(picture, Path) else picture
-    scale = min(1.0, side / max(image.shape[:2]))
-    if scale < 1.0:
-        size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    image = shrunk(read_rgb(picture) if isinstance(picture, Path) else picture, side)
     bgr = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2BGR)
     ok, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     if not ok:
         raise ValueError(f"Cannot encode a picture of shape {image.shape}")
     return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
+
+
+def shrunk(image: NDArray[np.uint8], side: int = _PICTURE_SIDE) -> NDArray[np.uint8]:
+    """A picture as the page shows it, ``side`` pixels at most (never enlarged)."""
+    scale = min(1.0, side / max(image.shape[:2]))
+    if scale == 1.0:
+        return image
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def duration(seconds: float | None) -> str:

@@ -8,13 +8,16 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.evaluate import job_report
 from mgf_engine.evaluate.curve import curve_svg, smoothed
 from mgf_engine.evaluate.evenness import Evenness, Plane
 from mgf_engine.evaluate.images import score
@@ -189,3 +192,24 @@ def test_durations(seconds: float | None, text: str) -> None:
 
 def test_memory() -> None:
     assert [memory(n) for n in (5_300_000, 1_234_000_000, None)] == ["5 MB", "1.23 GB", "–"]
+
+
+def test_pictures_wait_for_the_page_in_the_size_it_shows(monkeypatch) -> None:
+    height, width = 900, 1600
+    rgb = np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)
+    view = SimpleNamespace(name="a.jpg", height=height, width=width)
+    scene = SimpleNamespace(views=[view], held_out=(0,), photo=lambda index: rgb)
+    masks = SimpleNamespace(labels=[np.ones((height, width), np.uint8)], used=np.array([True]))
+    drawn = SimpleNamespace(
+        color=torch.rand(3, height, width), normal=torch.rand(3, height, width), alpha=torch.ones(height, width)
+    )
+    monkeypatch.setattr(job_report, "render_view", lambda *given: drawn)
+    monkeypatch.setattr(job_report, "shaded", lambda *given, **how: rgb)
+    report = job_report._view_report(0, scene, masks, None, None, 0, True)
+    monkeypatch.setattr(job_report, "draw_textured", lambda *given: (rgb, None))
+    quality = job_report._show_texture(None, None, scene, masks, [report])
+    assert quality is not None and quality > 40  # in full size: the same picture
+    assert report.scores is not None
+    assert len(report.pictures) == 7
+    for caption, picture in report.pictures.items():
+        assert picture.shape == (360, 640, 3), caption
