@@ -8,8 +8,8 @@ import importlib
 
 _ROOMS = (
     "translations", "common.runner", "common.editors", "properties", "engine.operators", "preferences",
-    "scene_import.operators", "scene_import.panel", "prompts.tool", "reconstruct.operators", "prompts.operators",
-    "prompts.preview", "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.arrival",
+    "scene_import.operators", "scene_import.panel", "prompts.tool", "reconstruct.live", "reconstruct.operators",
+    "prompts.operators", "prompts.preview", "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.arrival",
     "results.operators", "results.panel", "cli",
 )  # fmt: skip
 

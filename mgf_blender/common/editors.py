@@ -147,6 +147,15 @@ def draw_texture(scene: bpy.types.Scene, on: bool) -> None:
             area.tag_redraw()
 
 
+def follow_paint(scene: bpy.types.Scene, texture: bool) -> None:
+    """Bring the viewports that draw our colours in step with what a scene's mesh is painted with by now."""
+    for window, area in _areas("VIEW_3D"):
+        shading = area.spaces.active.shading
+        if window.scene == scene and shading.color_type in {"TEXTURE", "VERTEX"}:
+            shading.color_type = "TEXTURE" if texture else "VERTEX"
+            area.tag_redraw()
+
+
 def register() -> None:
     """Nothing to do: the timer starts when an editor changes."""
 

@@ -12,6 +12,8 @@ from ..common.editors import fit_editors
 from ..common.job import Job
 
 NAME = "MGF Preview"
+_newest = ""  # file of the newest picture
+_editors: list[int] = []  # the Image Editors that showed it when an undo began
 
 
 def on_message(job: Job, message: dict[str, Any]) -> None:
@@ -22,8 +24,10 @@ def on_message(job: Job, message: dict[str, Any]) -> None:
 
 def show(path: Path) -> bpy.types.Image | None:
     """Load or reload the preview image; image editors that show it follow."""
+    global _newest
     if not path.is_file():
         return None
+    _newest = str(path)
     image = bpy.data.images.get(NAME)
     if image is None:
         image = bpy.data.images.load(str(path))
@@ -35,3 +39,45 @@ def show(path: Path) -> bpy.types.Image | None:
         if tuple(image.size) != size:
             fit_editors(image)
     return image
+
+
+@bpy.app.handlers.persistent
+def before_undo(*_: object) -> None:
+    """Handler: note which editors show the preview, for an undo takes away what no undo step holds."""
+    image = bpy.data.images.get(NAME)
+    _editors[:] = [a.as_pointer() for a in _image_editors() if image is not None and a.spaces.active.image == image]
+
+
+@bpy.app.handlers.persistent
+def after_undo(*_: object) -> None:
+    """Handler: show it there again."""
+    image = bpy.data.images.get(NAME) or (show(Path(_newest)) if _editors else None)
+    for area in _image_editors():
+        if image is not None and area.as_pointer() in _editors and area.spaces.active.image is None:
+            area.spaces.active.image = image
+    _editors.clear()
+
+
+def _image_editors() -> list[bpy.types.Area]:
+    windows = [w for manager in bpy.data.window_managers for w in manager.windows]
+    return [a for w in windows for a in w.screen.areas if a.type == "IMAGE_EDITOR"]
+
+
+_HANDLERS = (
+    (bpy.app.handlers.undo_pre, before_undo),
+    (bpy.app.handlers.redo_pre, before_undo),
+    (bpy.app.handlers.undo_post, after_undo),
+    (bpy.app.handlers.redo_post, after_undo),
+)
+
+
+def register() -> None:
+    """Follow undo and redo."""
+    for handlers, function in _HANDLERS:
+        handlers.append(function)
+
+
+def unregister() -> None:
+    """Follow them no more."""
+    for handlers, function in _HANDLERS:
+        handlers.remove(function)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from ..common.editors import draw_texture
+from ..common.editors import draw_texture, follow_paint
 from ..common.errors import UserError
 from ..common.files import replace_file
 from ..common.operators import FileOperator, Operator
@@ -190,4 +190,27 @@ CLASSES = (
 )  # fmt: skip
 
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+@bpy.app.handlers.persistent
+def after_undo(*_: object) -> None:
+    """Handler: an undo changes what the mesh is painted with, but not how the viewports draw it."""
+    for scene in bpy.data.scenes:
+        tree = Tree.find(scene)
+        if tree is not None:
+            follow_paint(scene, surface.paints_texture(tree))
+
+
+_register, _unregister = bpy.utils.register_classes_factory(CLASSES)
+
+
+def register() -> None:
+    """Register the operators and what follows an undo."""
+    _register()
+    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
+        handlers.append(after_undo)
+
+
+def unregister() -> None:
+    """Take them away again."""
+    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
+        handlers.remove(after_undo)
+    _unregister()

@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+import synthetic
 
 from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
@@ -327,6 +328,28 @@ def test_preview_follows_the_engine(ready, engine, house, tmp_path):
     write_png(tmp_path / "q.png", np.full((2, 2, 3), 10, np.uint8))
     live.show(tmp_path / "q.png")
     assert tuple(image.size) == (2, 2) and live.show(tmp_path / "gone.png") is None
+
+
+def test_undo_does_not_blank_the_preview(ready, engine, house, tmp_path):
+    """The picture came between two undo steps, so neither holds it."""
+    synthetic.write_png(tmp_path / "p.png", np.full((4, 6, 3), 200, np.uint8))
+    bpy.ops.ed.undo_push(message="one")
+    ready.part = "door"
+    bpy.ops.ed.undo_push(message="two")
+    area = max(bpy.context.window.screen.areas, key=lambda a: a.width * a.height)
+    area.type = "IMAGE_EDITOR"
+    live.show(tmp_path / "p.png")
+    area.spaces.active.image = bpy.data.images[live.NAME]
+    for turn in (bpy.ops.ed.undo, bpy.ops.ed.redo):
+        turn()
+        image = area.spaces.active.image
+        assert image is not None and image.name == live.NAME and tuple(image.size) == (6, 4)
+    synthetic.write_png(tmp_path / "q.png", np.full((2, 2, 3), 10, np.uint8))
+    live.show(tmp_path / "q.png")
+    assert tuple(area.spaces.active.image.size) == (2, 2) and len([i for i in bpy.data.images if "MGF" in i.name]) == 1
+    area.spaces.active.image = None
+    bpy.ops.ed.undo()
+    assert area.spaces.active.image is None
 
 
 def test_broken_result_is_a_sentence_not_a_traceback(ready, engine, house):

@@ -150,6 +150,16 @@ def test_kinds_to_and_fro(panel):
     assert panel.color_attributes.active_color.name == "Views Colors"
 
 
+def test_undo_keeps_panel_and_viewport_in_agreement(panel):
+    bpy.ops.ed.undo_push(message="textured")
+    bpy.ops.mgf.paint_mesh("EXEC_DEFAULT", True, kind="COLOR")
+    assert drawn_in() == {"VERTEX"}
+    for turn, kind, drawn in ((bpy.ops.ed.undo, "TEXTURE", "TEXTURE"), (bpy.ops.ed.redo, "COLOR", "VERTEX")):
+        turn()
+        (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
+        assert shown(obj.data) == kind and drawn_in() == {drawn}
+
+
 def test_a_viewport_in_another_colour_is_left_alone(panel):
     spaces = [a.spaces.active for a in bpy.context.window.screen.areas if a.type == "VIEW_3D"]
     spaces[0].shading.color_type = "RANDOM"
