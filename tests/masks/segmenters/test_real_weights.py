@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""EfficientSAM with its real weights, wherever they are: how well and how fast it draws the painted house.
+
+MGF_TEST_WEIGHTS=~/.cache/mgf/weights .venv/bin/python -m pytest tests/masks/segmenters/test_real_weights.py
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.config import make_config
+from mgf_engine.masks.build import build_masks
+from mgf_engine.masks.model import building
+from mgf_engine.masks.segmenters.download import find_weights
+from mgf_engine.masks.segmenters.notice import used
+from mgf_engine.scene.model import Scene
+from tests.house import House
+from tests.masks.conftest import quiet
+from tests.masks.segmenters.test_efficientsam import install, iou
+
+VARIABLE = "MGF_TEST_WEIGHTS"
+
+
+def measure(scene: Scene, house: House, segmenter: str, weights: Path, out: Path) -> tuple[list[float], float]:
+    """IoU with the truth of every photo, and seconds per photo."""
+    config = make_config({"segmenter": segmenter, "weights": str(weights), "device": "cpu"})
+    started = time.perf_counter()
+    masks = build_masks(scene, house.prompts, None, out, config, quiet())
+    seconds = (time.perf_counter() - started) / len(scene.views)
+    return [iou(building(m), house.masks[v.name]) for m, v in zip(masks.labels, scene.views, strict=True)], seconds
+
+
+@pytest.mark.skipif(
+    not os.environ.get(VARIABLE),
+    reason=f"{VARIABLE} names no folder with the real EfficientSAM weights, which are not part of the project",
+)
+def test_real_weights(scene: Scene, house: House, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    folder = Path(os.environ[VARIABLE]).expanduser()
+    found = find_weights(folder)
+    assert found is not None, f"'{folder}' holds no complete pair of weights"
+    for segmenter in ("efficientsam", "random_walker"):
+        scores, seconds = measure(scene, house, segmenter, folder, tmp_path / segmenter)
+        with capsys.disabled():
+            print(f"\n{segmenter}: IoU {np.mean(scores):.3f} (least {min(scores):.3f}), {seconds:.2f} s per photo")
+        assert np.mean(scores) > 0.85 and min(scores) > 0.6, segmenter
+    assert used(tmp_path / "efficientsam") == "EfficientSAM"
+
+
+def test_the_measurement_itself(
+    scene: Scene, house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """The same on the small pair, so that the test above is known to run."""
+    install(tmp_path / "weights", monkeypatch)
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "weights"))
+    test_real_weights(scene, house, tmp_path, capsys)
