@@ -44,20 +44,37 @@ def _overlap(
     sets = point_sets(scene, kept)
     count = len(views)
     shared, angle = np.zeros((count, count)), np.zeros((count, count))
-    rays = [_rays(scene.points[sets[i]] - scene.views[i].centre) for i in views]
-    place = np.empty(len(scene.points), np.int64)
-    for a in range(count):
-        place[:] = -1
-        place[sets[views[a]]] = np.arange(len(sets[views[a]]))
-        for b in range(a + 1, count):
-            at = place[sets[views[b]]]
-            both = at >= 0
-            if np.count_nonzero(both) < LEAST_SHARED:
-                continue
-            cosine = np.einsum("ni,ni->n", rays[a][at[both]], rays[b][both])
-            shared[a, b] = shared[b, a] = len(cosine)
-            angle[a, b] = angle[b, a] = np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1)))
+    if count == 0:
+        return shared, angle
+    # All observations in the order of the views, and the same ones in the order of their points: there those of the
+    # same point in later views follow each one.
+    point = np.concatenate([sets[i] for i in views])
+    view = np.repeat(np.arange(count), [len(sets[i]) for i in views])
+    rays = np.concatenate([_rays(scene.points[sets[i]] - scene.views[i].centre) for i in views])
+    by_point = np.argsort(point, kind="stable")
+    place = np.empty(len(point), np.int64)
+    place[by_point] = np.arange(len(point))
+    end = np.cumsum(np.bincount(point, minlength=len(scene.points)))
+    for a, mine in enumerate(np.split(np.arange(len(point)), np.searchsorted(view, np.arange(1, count)))):
+        later = end[point[mine]] - place[mine] - 1
+        first = np.repeat(mine, later)
+        steps = np.arange(len(first)) - np.repeat(np.cumsum(later) - later, later)
+        other = by_point[place[first] + 1 + steps]
+        number = np.bincount(view[other], minlength=count)
+        enough = number[view[other]] >= LEAST_SHARED
+        first, other = first[enough], other[enough]
+        b, middle = _medians(view[other], np.einsum("ni,ni->n", rays[first], rays[other]))
+        shared[a, b] = shared[b, a] = number[b]
+        angle[a, b] = angle[b, a] = np.degrees(np.arccos(np.clip(middle, -1, 1)))
     return shared, angle
+
+
+def _medians(group: NDArray[np.int64], values: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The groups that occur and the median of the values (-1 to 1) of each."""
+    values = values[np.argsort(4.0 * group + values)]  # four times as fast as np.lexsort
+    found, size = np.unique(group, return_counts=True)
+    start = np.cumsum(size) - size
+    return found, (values[start + (size - 1) // 2] + values[start + size // 2]) / 2
 
 
 def _rays(away: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -44,6 +44,21 @@ def test_overlap_is_that_of_the_points_both_photos_observed(scene: Scene) -> Non
                 assert angle[a, b] == pytest.approx(np.degrees(np.median(np.arccos(cosine))), abs=0.05)
 
 
+def test_medians_are_those_of_numpy() -> None:
+    rng = np.random.default_rng(0)
+    group, values = rng.integers(0, 900, 20_000), np.cos(rng.random(20_000) * 0.01)
+    found, middle = neighbours._medians(group, values)
+    assert np.array_equal(found, np.unique(group))
+    assert np.array_equal(middle, [np.median(values[group == g]) for g in found])
+    assert [len(part) for part in neighbours._medians(group[:0], values[:0])] == [0, 0]
+
+
+@pytest.mark.parametrize("views", [[], [2]])
+def test_a_photo_alone_has_no_neighbours(scene: Scene, views: list[int]) -> None:
+    assert neighbours.matching_views(scene, np.ones(300, bool), views, 3) == {i: [] for i in views}
+    assert neighbours.matching_views(scene, np.zeros(300, bool), views, 3) == {i: [] for i in views}
+
+
 def test_too_few_shared_points_make_no_pair(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(neighbours, "ANGLES", (0.0, 10.0, 180.0))
     monkeypatch.setattr(neighbours, "LEAST_SCORE", 0.0)
