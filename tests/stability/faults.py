@@ -221,11 +221,13 @@ def deleted_photos(house: House, work: Path, expected: dict[str, str]) -> str:
     assert trained > 1, "the photo was deleted when the field was done already"
     assert run.wait() == 0
     check_whole(job, expected)
+    made = (job / "mesh.ply").stat().st_mtime_ns
     code, message, _ = finish(copy, job)
     assert code == 2 and "photo_02.png" in message["text"], message
-    shutil.copy(house.folder / "images/photo_02.png", copy.folder / "images/photo_02.png")
+    shutil.copy2(house.folder / "images/photo_02.png", copy.folder / "images/photo_02.png")
     code, message, _ = finish(copy, job)
     assert code == 0, message
+    assert (job / "mesh.ply").stat().st_mtime_ns == made  # nothing was done again
     check_whole(job, expected)
     return "a photo deleted mid-run: the run ends well, the next one names it, and goes on when it is back"
 
