@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The readers to fuzz: for each a folder of sound files, which of them are damaged, and the call that reads them.
 
-A reader may return or raise :class:`BadInput` with one clear sentence. Anything else is a finding.
+A reader may return or raise :class:`BadInput` with one clear sentence. What it returns is handed on to what a job does
+next (:mod:`fuzz.uses`), which may only raise BadInput, too. Anything else is a finding.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,10 @@ import cv2
 import numpy as np
 from scene.synthetic import reconstruction, write_model, write_scene
 
+from fuzz.uses import all_inside, use_field, use_mesh, use_scene
 from mgf_engine.errors import BadInput
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.masks.model import MaskSet
 from mgf_engine.scene.model import Scene, Similarity, View
 
 
@@ -84,7 +88,7 @@ def _whole_scene() -> Target:
 
         job = folder / "job"
         try:
-            load(folder / "source", job, resolution=64)
+            use_scene(load(folder / "source", job, resolution=64), job)
         finally:
             check_contained(folder, {"source", "job"})
 
@@ -128,21 +132,47 @@ end_header
 """
 
 
+def _write_photos(scene: Scene) -> None:
+    (scene.folder / "images").mkdir()
+    for view in scene.views:
+        cv2.imwrite(str(scene.folder / view.file), np.full((12, 16, 3), 90, np.uint8))
+
+
 def _prepare_ply(folder: Path) -> None:
     from mgf_engine.mesh.export import write_ply
     from mgf_engine.mesh.model import Mesh
 
+    _write_photos(small_scene(folder))
     write_ply(Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8)), folder / "binary.ply")
     (folder / "ascii.ply").write_text(_ASCII_PLY)
 
 
 def _read_ply(folder: Path) -> Any:
+    from mgf_engine.evaluate.geometry import compare_surfaces
     from mgf_engine.evaluate.surfaces import read_surface
     from mgf_engine.mesh.export import read_ply
 
+    scene = small_scene(folder)
+    truth = read_surface(_sound_surface(folder))
+
+    def use(path: Path) -> None:
+        use_mesh(read_ply(path), scene, all_inside(scene), folder)
+
+    def compare(path: Path) -> None:
+        compare_surfaces(read_surface(path), truth, 100)
+
     for name in ("binary.ply", "ascii.ply"):
-        for reader in (read_ply, read_surface):
-            _ignore_bad_input(reader, folder / name)
+        _ignore_bad_input(use, folder / name)
+        _ignore_bad_input(compare, folder / name)
+
+
+def _sound_surface(folder: Path) -> Path:
+    from mgf_engine.mesh.export import write_ply
+    from mgf_engine.mesh.model import Mesh
+
+    if not (folder / "truth.ply").exists():
+        write_ply(Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8)), folder / "truth.ply")
+    return folder / "truth.ply"
 
 
 def _ignore_bad_input(reader: Callable[[Path], Any], path: Path) -> None:
@@ -196,6 +226,7 @@ def _read_config(folder: Path) -> Any:
 def _prepare_masks(folder: Path) -> None:
     mask = np.zeros((24, 32), np.uint8)
     mask[5:15, 8:20] = 255
+    _write_photos(small_scene(folder))
     cv2.imwrite(str(folder / "p0.png"), mask)
     cv2.imwrite(str(folder / "p1.png"), np.dstack([mask, mask, mask, mask]))
 
@@ -203,7 +234,29 @@ def _prepare_masks(folder: Path) -> None:
 def _read_masks(folder: Path) -> Any:
     from mgf_engine.masks.supplied import read_supplied
 
-    return read_supplied(folder, small_scene(folder))
+    scene = small_scene(folder)
+    given = read_supplied(folder, scene)
+    nothing = np.zeros((12, 16), np.uint8)
+    _use_masks(replace(all_inside(scene), labels=tuple(nothing if m is None else m for m in given)), scene, folder)
+
+
+def _use_masks(masks: MaskSet, scene: Scene, folder: Path) -> None:
+    """Train a step on the masks, and paint a mesh from what they show."""
+    from mgf_engine.mesh.model import Mesh
+
+    use_field(_field(), scene, masks, folder)
+    mesh = Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8))
+    use_mesh(mesh, scene, masks, folder)
+
+
+def _field() -> Gaussians:
+    import torch
+
+    from mgf_engine.field.initialise import initial_field
+
+    points = np.random.default_rng(0).normal(size=(6, 3))
+    torch.manual_seed(0)
+    return initial_field(points, np.full((6, 3), 90, np.uint8), np.tile([[0.0, 0, -5]], (6, 1)))
 
 
 def _prepare_photos(folder: Path) -> None:
@@ -248,9 +301,7 @@ def _prepare_scene(folder: Path) -> None:
     from mgf_engine.scene.store import save_scene
 
     scene = small_scene(folder)
-    (folder / "images").mkdir()
-    for view in scene.views:
-        cv2.imwrite(str(folder / view.file), np.full((12, 16, 3), 90, np.uint8))
+    _write_photos(scene)
     save_scene(scene)
 
 
@@ -261,6 +312,7 @@ def _read_scene(folder: Path) -> Any:
     for index in range(len(scene.views)):
         if folder.resolve() not in (folder / scene.views[index].file).resolve().parents:
             raise AssertionError(f"leads out of the folder: {scene.views[index].file}")
+    use_scene(scene, folder)
     return scene
 
 
@@ -269,6 +321,7 @@ def _prepare_saved_masks(folder: Path) -> None:
     from mgf_engine.masks.store import save_masks
 
     scene = small_scene(folder)
+    _write_photos(scene)
     labels = tuple(np.ones((12, 16), np.uint8) for _ in scene.views)
     clicks = (np.array([[3.5, 4.25], [6, 7]], np.float32), np.zeros((0, 2), np.float32))
     masks = MaskSet(labels, np.ones(2, bool), np.ones(2, np.float32), np.ones(3, bool), clicks)
@@ -281,20 +334,18 @@ def _read_saved_masks(folder: Path) -> Any:
 
     scene = small_scene(folder)
     named_parts(folder, scene)
-    return read_masks(folder, scene)
+    masks = read_masks(folder, scene)
+    _use_masks(masks, scene, folder)
+    return masks
 
 
 def _prepare_checkpoint(folder: Path) -> None:
-    import torch
-
     from mgf_engine.field.checkpoint import Checkpoint, write_checkpoint, write_field
-    from mgf_engine.field.initialise import initial_field
     from mgf_engine.field.optimiser import Optimiser
     from mgf_engine.raster.api import RenderStats
 
-    points = np.random.default_rng(0).normal(size=(6, 3))
-    torch.manual_seed(0)
-    field = initial_field(points, np.full((6, 3), 90, np.uint8), np.tile([[0.0, 0, -5]], (6, 1)))
+    field = _field()
+    _write_photos(small_scene(folder))
     write_field(field, folder / "field.npz")
     figures = {"start_gaussians": 6, "curve": [], "seconds": {"render": 1.0}}
     write_checkpoint(Checkpoint(Optimiser(field), RenderStats.zeros(6), 40, figures), folder / "training.npz")
@@ -303,10 +354,14 @@ def _prepare_checkpoint(folder: Path) -> None:
 def _read_checkpoint(folder: Path) -> Any:
     from mgf_engine.field.checkpoint import read_checkpoint, read_field
 
+    scene = small_scene(folder)
     checkpoint = read_checkpoint(folder / "training.npz")
     if checkpoint is not None:
         dict(checkpoint.figures["seconds"])
-    return read_field(folder / "field.npz")
+        use_field(checkpoint.optimiser.field, scene, all_inside(scene), folder)
+    field = read_field(folder / "field.npz")
+    use_field(field, scene, all_inside(scene), folder)
+    return field
 
 
 TARGETS: dict[str, Target] = {
