@@ -39,7 +39,8 @@ def _list(runs: list[Run]) -> None:
     for run in runs:
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.time))
         faces, psnr = run.figures.get("faces"), run.figures.get("psnr")
-        numbers = f"{'' if faces is None else faces:>9}  {'' if psnr is None else psnr:>5}  {run.size / 1e6:>8.1f}"
+        counted, measured = ("" if value is None else str(value) for value in (faces, psnr))
+        numbers = f"{counted:>9}  {measured:>5}  {run.size / 1e6:>8.1f}"
         given = " ".join(f"{name}={value}" for name, value in run.given.items())
         print(f"{run.number:>4}  {when}  {numbers}  {given}{'  (present result)' if run == runs[-1] else ''}")
     print("'mgf clean JOB --old' removes all but the present result, 'mgf clean JOB 1 2' those two.")

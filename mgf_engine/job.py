@@ -42,7 +42,7 @@ ON_REQUEST: dict[str, tuple[str, ...]] = {
 #: Files and folders each stage writes; removed before the stage runs anew.
 OUTPUTS: dict[str, tuple[str, ...]] = {
     "scene": ("scene",),
-    "masks": ("masks", CLICKS),
+    "masks": ("masks",),
     "field": ("checkpoints", "field.ply"),
     "mesh": ("mesh.ply", "mesh_parts.npz"),
     "deliver": (
@@ -156,7 +156,7 @@ class Job:
             given = {**earlier["given"], **given}
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
-        _check_inputs(source, prompts, masks)
+        _check_inputs(source, prompts, masks, folder / CLICKS)
         job = cls(folder, lock, source.resolve(), _resolved(prompts), _resolved(masks), given)
         _check_folder(folder, job.source, resume)
         job.stages = stages
@@ -231,7 +231,9 @@ class Job:
 
     def keep_clicks(self) -> None:
         """Write the clicks, as they were when the job was opened, beside the masks that are made from them."""
-        if self.inputs.clicks is not None:
+        if self.inputs.clicks is None:
+            self.path(CLICKS).unlink(missing_ok=True)  # of masks made before
+        else:
             with atomic_path(self.path(CLICKS)) as temporary:
                 temporary.write_bytes(self.inputs.clicks.content)
 
@@ -313,7 +315,12 @@ def _check_stages(stages: dict[str, Any]) -> None:
             raise TypeError(f"stage {name}")
 
 
-def _check_inputs(source: Path, prompts: Path | None, masks: Path | None) -> None:
+def _check_inputs(source: Path, prompts: Path | None, masks: Path | None, kept: Path) -> None:
+    if prompts is not None and not prompts.exists() and kept.is_file():
+        raise BadInput(
+            f"The prompts file '{prompts}' does not exist; check the path, or give the clicks that the job kept: "
+            f"--prompts '{kept}'."
+        )
     for path, what in ((source, "scene"), (prompts, "prompts file"), (masks, "mask folder")):
         if path is not None and not path.exists():
             raise BadInput(f"The {what} '{path}' does not exist; check the path.")

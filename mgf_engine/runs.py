@@ -60,10 +60,8 @@ def keep_run(job: Path, names: Iterable[str], manifest: dict[str, Any], given: d
     Returns:
         The run's number.
     """
-    number = max((run.number for run in list_runs(job)), default=0) + 1
-    folder = job / FOLDER / str(number)
-    shutil.rmtree(folder, ignore_errors=True)  # half of a run that was killed here
-    folder.mkdir(parents=True)
+    folder = _new_folder(job)
+    number = int(folder.name)
     for name in names:
         _link(job / name, folder / name)
     # For who imports this run's folder by itself; the working photos lie outside.
@@ -75,10 +73,23 @@ def keep_run(job: Path, names: Iterable[str], manifest: dict[str, Any], given: d
     return number
 
 
+def _new_folder(job: Path) -> Path:
+    number = max((run.number for run in list_runs(job)), default=0) + 1
+    while True:
+        folder = job / FOLDER / str(number)
+        shutil.rmtree(folder, ignore_errors=True)  # half of a run that was killed here
+        try:
+            folder.mkdir(parents=True)
+            return folder
+        except FileExistsError:  # Windows: something in it is open
+            number += 1
+
+
 def list_runs(job: Path) -> list[Run]:
     """The runs of a job that came to their end, oldest first; the last one is the job's present result."""
-    folders = [path for path in (job / FOLDER).glob("*") if path.name.isdecimal() and path.is_dir()]
-    runs = (_read(path) for path in sorted(folders, key=lambda path: int(path.name)))
+    names = [path.name for path in (job / FOLDER).glob("*") if path.is_dir()]
+    numbers = sorted(int(name) for name in names if name.isdecimal() and name == str(int(name)))
+    runs = (_read(job / FOLDER / str(number)) for number in numbers)
     return [run for run in runs if run is not None]
 
 
@@ -115,7 +126,8 @@ def _read(folder: Path) -> Run | None:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
         figures, given = dict(record["figures"]), dict(record["given"])
         moment = float(record["time"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        time.localtime(moment)
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
     states = [path.stat() for path in folder.rglob("*") if path.is_file()]
     return Run(int(folder.name), moment, figures, given, sum(s.st_size for s in states if s.st_nlink < 2))

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from mgf_engine import pipeline
+from mgf_engine.errors import BadInput
 from mgf_engine.job import CLICKS, RESULTS, Job
 from mgf_engine.messages import STAGES, Reporter
 
@@ -86,6 +87,31 @@ def test_a_click_added_in_the_middle_is_for_the_next_run(source: Path, tmp_path:
     assert (tmp_path / "job" / CLICKS).read_text() == CLICK
     assert run(tmp_path / "job") == list(STAGES[1:])
     assert (tmp_path / "job" / CLICKS).read_text() == more
+
+
+def test_clicks_that_are_gone_are_taken_from_the_job(source: Path, tmp_path: Path, run) -> None:
+    assert run(tmp_path / "job") == list(STAGES)
+    (source / "clicks.json").unlink()
+    with pytest.raises(BadInput, match=r"--prompts '.*job.prompts\.json'"):
+        run(tmp_path / "job")
+    kept = tmp_path / "job" / CLICKS
+    with Job.start(tmp_path / "job", source, kept, resume=True) as job:
+        assert all(job.done(stage) for stage in STAGES)
+        job.begin("masks")
+        assert kept.read_text() == CLICK
+    with Job.start(tmp_path / "job", source, kept, given={"vote_dilation": 1}, resume=True) as job:
+        job.begin("masks")
+        job.keep_clicks()
+        assert kept.read_text() == CLICK
+
+
+def test_clicks_of_earlier_masks_do_not_stay(source: Path, tmp_path: Path, run) -> None:
+    run(tmp_path / "job")
+    data = json.loads((tmp_path / "job" / "job.json").read_text())
+    (tmp_path / "job" / "job.json").write_text(json.dumps({**data, "prompts": None}))
+    with Job.start(tmp_path / "job", resume=True) as job:
+        job.keep_clicks()
+    assert not (tmp_path / "job" / CLICKS).exists()
 
 
 def test_a_second_job_of_the_same_photos_does_not_disturb_the_first(source: Path, run) -> None:

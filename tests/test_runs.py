@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,31 @@ def test_half_of_a_run_is_none(job: Path) -> None:
     assert [r.number for r in list_runs(job)] == [1]
     assert run(job, "second") == 2
     assert (job / "runs" / "2" / "texture.jpg").read_text() == "second"
+
+
+def test_half_of_a_run_that_cannot_be_removed_is_left_alone(job: Path, monkeypatch) -> None:
+    (job / "runs" / "1").mkdir(parents=True)
+    (job / "runs" / "1" / "texture.jpg").write_text("open elsewhere")
+    monkeypatch.setattr(shutil, "rmtree", lambda path, ignore_errors: None)
+    assert run(job, "first") == 2
+    assert (job / "runs" / "1" / "texture.jpg").read_text() == "open elsewhere"
+    assert [r.number for r in list_runs(job)] == [2]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "[" * 100_000, '{"time": 1e300, "figures": {}, "given": {}}',
+     '{"time": NaN, "figures": {}, "given": {}}',
+     '{"time": 1, "figures": 3, "given": {}}', '{"time": 1, "figures": {"faces": [1]}, "given": {"a": {}}}'],
+)  # fmt: skip
+def test_a_damaged_record_is_no_run_and_no_fault(job: Path, text: str, capsys) -> None:
+    run(job, "first")
+    for name in ("01", "x", "2"):
+        (job / "runs" / name).mkdir()
+        (job / "runs" / name / "run.json").write_text(text)
+    assert main(["clean", str(job)]) == 0
+    assert capsys.readouterr().out.count("present result)") == 1
+    assert {r.number for r in list_runs(job)} <= {1, 2}
 
 
 def test_runs_are_listed_and_removed(job: Path, capsys) -> None:
