@@ -58,7 +58,7 @@ def find_photo(folder: Path, name: str) -> Path | None:
     plain = plain_name(name)
     whole = plain != name.replace("\\", "/")
     places = (plain, PurePosixPath(plain).name) if whole else (plain,)
-    return next((path for place in places if (path := folder / place).is_file()), None)
+    return next((path for place in places if os.path.isfile(path := folder / place)), None)
 
 
 def plain_name(name: str, windows: bool = os.sep == "\\") -> str:
@@ -97,6 +97,6 @@ def _models(folder: Path) -> Iterator[_Found]:
 def _kind(folder: Path) -> str:
     """``.bin`` or ``.txt``, or nothing where there is no model."""
     for kind in (".bin", ".txt"):
-        if (folder / f"images{kind}").is_file() and (folder / f"cameras{kind}").is_file():
+        if all(os.path.isfile(folder / f"{part}{kind}") for part in ("images", "cameras")):
             return kind
     return ""

@@ -107,7 +107,7 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
     """
     found: dict[str, Path] = {}
     for place in _photo_places(model, source):
-        here = {name: path for name in names if (path := place / plain_name(name)).is_file()}
+        here = {name: path for name in names if os.path.isfile(path := place / plain_name(name))}
         found = here if len(here) > len(found) else found
         if len(found) == len(names):
             break
@@ -154,7 +154,7 @@ def _candidates(source: Path, exclude: Path | None) -> list[tuple[int, Path]]:
 
 
 def _has(folder: Path, part: str) -> bool:
-    return any((folder / (part + kind)).is_file() for kind in (".bin", ".txt"))
+    return any(os.path.isfile(folder / (part + kind)) for kind in (".bin", ".txt"))
 
 
 def _any_part(folder: Path) -> bool:
@@ -165,7 +165,7 @@ def _any_part(folder: Path) -> bool:
 
 def _kind(folder: Path) -> str:
     for kind in (".bin", ".txt"):
-        if all((folder / (part + kind)).is_file() for part in _PARTS):
+        if all(os.path.isfile(folder / (part + kind)) for part in _PARTS):
             return kind
     return ""
 
@@ -223,8 +223,12 @@ def _common(a: list[str], b: list[str]) -> int:
 
 
 def _of_a_job(folder: Path, own: Path | None = None) -> bool:
-    """Whether a folder is the job's own or another's: its pictures are results, not photos."""
-    return folder == own or (folder / "job.json").is_file()
+    """Whether a folder is the job's own or another's: its pictures are results, not photos.
+
+    Here as all through this file ``os.path.isfile``, not ``Path.is_file``: the latter raises at folders that one may
+    not look into, such as those that Windows and macOS keep at the root of a drive.
+    """
+    return folder == own or os.path.isfile(folder / "job.json")
 
 
 def _walk(root: Path, exclude: Path | None) -> list[Path]:

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -342,3 +345,24 @@ def test_files_of_two_models_are_refused(tmp_path: Path) -> None:
 
 def test_scene_written_by_the_helper_is_sound(tmp_path: Path) -> None:
     compare_with_pycolmap(write_scene(reconstruction(), tmp_path) / "sparse" / "0")
+
+
+def test_folders_that_one_may_not_look_into_are_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = write_scene(reconstruction(), tmp_path / "drive")
+    names = [image.name for image in read_model(find_model(source) or source).images]
+    (source / "System Volume Information").mkdir()
+    stat = os.stat
+
+    def denied(path: Any, *more: Any, **how: Any) -> os.stat_result:
+        if not isinstance(path, int) and "Information/" in os.fspath(path).replace(os.sep, "/"):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return stat(path, *more, **how)
+
+    monkeypatch.setattr(os, "stat", denied)
+    with pytest.raises(PermissionError):
+        (source / "System Volume Information" / "x").stat()
+    model = find_model(source)
+    assert model == source / "sparse" / "0"
+    (source / "images").rename(source / "DCIM")
+    assert {p.parent.name for p in find_photos(names, model, source)} == {"DCIM"}
+    assert len(list_photos(source)[1]) == len(names)
