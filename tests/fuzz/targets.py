@@ -8,6 +8,7 @@ next (:mod:`fuzz.uses`), which may only raise BadInput, too. Anything else is a 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -145,6 +146,7 @@ def _prepare_ply(folder: Path) -> None:
     _write_photos(small_scene(folder))
     write_ply(Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8)), folder / "binary.ply")
     (folder / "ascii.ply").write_text(_ASCII_PLY)
+    (folder / "plain.ply").write_text(re.sub(r"property uchar .*\n| (255|0) 0 0$", "", _ASCII_PLY, flags=re.MULTILINE))
 
 
 def _read_ply(folder: Path) -> Any:
@@ -161,7 +163,7 @@ def _read_ply(folder: Path) -> Any:
     def compare(path: Path) -> None:
         compare_surfaces(read_surface(path), truth, 100)
 
-    for name in ("binary.ply", "ascii.ply"):
+    for name in ("binary.ply", "ascii.ply", "plain.ply"):
         _ignore_bad_input(use, folder / name)
         _ignore_bad_input(compare, folder / name)
 
@@ -368,7 +370,7 @@ TARGETS: dict[str, Target] = {
     "colmap-bin": _colmap(".bin"),
     "colmap-txt": _colmap(".txt"),
     "scene-stage": _whole_scene(),
-    "ply": Target(_prepare_ply, {"binary.ply": "text", "ascii.ply": "text"}, _read_ply, 0.3),
+    "ply": Target(_prepare_ply, dict.fromkeys(("binary.ply", "ascii.ply", "plain.ply"), "text"), _read_ply, 0.3),
     "prompts": Target(_prepare_prompts, {"prompts.json": "json"}, _read_prompts, 2.0),
     "config": Target(_prepare_config, {"config.json": "json", "box.txt": "text"}, _read_config, 2.0),
     "masks": Target(_prepare_masks, {"p0.png": "png", "p1.png": "png"}, _read_masks, 1.0),

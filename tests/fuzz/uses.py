@@ -27,6 +27,7 @@ from mgf_engine.mesh.export import write_glb, write_obj, write_ply, write_textur
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.pixel_counts import count_pixels
 from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
+from mgf_engine.mesh.view import look
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.points import INSIDE, PointOpacity
 from mgf_engine.scene.model import Scene
@@ -50,6 +51,8 @@ def use_mesh(mesh: Mesh, scene: Scene, masks: MaskSet, folder: Path) -> None:
     if len(mesh.faces) > MOST_FACES or not _small(scene):
         return
     views = list(scene.views)
+    for view in views:  # as it is, as `mgf evaluate` does
+        look(mesh, view)
     mesh = clean.weld(clean.with_faces(replace(mesh, values={}), mesh.faces))
     mesh = clean.smooth(clean.split_nonmanifold(clean.drop_small_parts(mesh, 0.01)), 1)
     counts = count_pixels(mesh, views)
