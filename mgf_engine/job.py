@@ -112,7 +112,8 @@ class Job:
     ) -> Job:
         """Make a job folder, or take up the one that is there when ``resume`` is set.
 
-        A resumed job keeps the inputs and options it was started with where no new ones are given.
+        A resumed job keeps the inputs and options it was started with where no new ones are given; new clicks take the
+        place of masks given before.
 
         Raises:
             BadInput: an option or input is wrong, the folder cannot be written, holds something else or another
@@ -152,7 +153,8 @@ class Job:
         if resume and (source is None or (folder / "job.json").exists()):
             earlier = read_job(folder)
             source, stages = source or Path(earlier["source"]), earlier["stages"]
-            prompts, masks = prompts or _path(earlier["prompts"]), masks or _path(earlier["masks"])
+            if prompts is None:  # clicks given anew are meant to be used: they would not be beside earlier masks
+                prompts, masks = _path(earlier["prompts"]), masks or _path(earlier["masks"])
             given = {**earlier["given"], **given}
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
@@ -278,7 +280,11 @@ class Job:
             # Photos with clicks are used also where others are left out.
             return [self.inputs.scene, clicked_names(self.inputs.clicks) if self._leaves_photos_out() else None]
         if stage == "masks":
-            return [self.inputs.clicks and self.inputs.clicks.digest(), self.inputs.masks]
+            if not self.config.use_masks:
+                return None
+            if self.inputs.masks is not None:  # they win over clicks
+                return self.inputs.masks
+            return self.inputs.clicks and self.inputs.clicks.digest()
         return None
 
 

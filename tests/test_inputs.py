@@ -105,6 +105,32 @@ def test_clicks_that_are_gone_are_taken_from_the_job(source: Path, tmp_path: Pat
         assert kept.read_text() == CLICK
 
 
+def test_clicks_given_anew_win_over_masks_given_before(source: Path, tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "a.png").write_bytes(b"x")
+    clicks = source / "clicks.json"
+    Job.start(tmp_path / "job", source, None, tmp_path / "own").close()
+    with Job.start(tmp_path / "job", resume=True) as job:
+        assert job.masks == tmp_path / "own"
+        with_masks = job.keys
+    with Job.start(tmp_path / "job", source, clicks, resume=True) as job:
+        assert (job.prompts, job.masks) == (clicks, None)
+        assert job.keys["scene"] == with_masks["scene"] and job.keys["masks"] != with_masks["masks"]
+    with Job.start(tmp_path / "job", source, None, tmp_path / "own", resume=True) as job:
+        assert job.keys == with_masks  # clicks are not read where masks are given
+    clicks.write_text("{}")
+    with Job.start(tmp_path / "job", resume=True) as job:
+        assert job.keys == with_masks
+
+
+def test_without_masks_neither_clicks_nor_masks_are_watched(source: Path, tmp_path: Path) -> None:
+    with Job.start(tmp_path / "job", source, source / "clicks.json", given={"use_masks": False}) as job:
+        keys = job.keys
+    (source / "clicks.json").write_text("{}")
+    with Job.start(tmp_path / "job", resume=True) as job:
+        assert job.keys == keys
+
+
 def test_clicks_of_earlier_masks_do_not_stay(source: Path, tmp_path: Path, run) -> None:
     run(tmp_path / "job")
     data = json.loads((tmp_path / "job" / "job.json").read_text())
