@@ -342,16 +342,24 @@ def _check_no_file(folder: Path) -> None:
 
 
 def _check_folder(folder: Path, source: Path, resume: bool) -> None:
-    if folder == source:
+    if _same(folder, source):
         raise BadInput("The output folder is the scene itself; give another folder.")
     if (folder / "job.json").exists():
         other = Path(read_job(folder)["source"])
-        if other != source:
+        if not _same(other, source):
             raise BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
         if not resume:
             raise BadInput(f"'{folder}' already holds a job; add --resume to continue it, or give another folder.")
     elif folder.exists() and any(p.name != ".lock" for p in folder.iterdir()):
         raise BadInput(f"The output folder '{folder}' is not empty and holds no job; give an empty or new folder.")
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two paths are one folder, also where the case of letters does not count or a drive has two names."""
+    try:
+        return one == other or os.path.samefile(one, other)
+    except OSError:  # one of them is not there
+        return False
 
 
 def _make_folder(folder: Path) -> None:

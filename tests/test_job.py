@@ -165,6 +165,30 @@ def test_links_lead_to_the_same_inputs(tmp_path: Path, model: Path) -> None:
     assert redone(model / "job", lambda: photo.write_bytes(b"other"), model) == list(STAGES)
 
 
+@pytest.fixture
+def second_name(source: Path, tmp_path: Path):
+    """Another path of the source, which is no link: as letters in another case or a mapped drive give one."""
+    place = tmp_path / "second name"
+    place.mkdir()
+    if subprocess.run(["mount", "--bind", source, place], capture_output=True).returncode:
+        pytest.skip("this user may not give a folder a second name")
+    yield place
+    subprocess.run(["umount", place], check=True)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="mounts a folder a second time the way of Linux")
+def test_another_path_of_the_same_scene_is_the_same_job(tmp_path: Path, model: Path, second_name: Path) -> None:
+    with Job.start(model / "job", model) as job:
+        finish_all(job)
+    with Job.start(second_name / "job", second_name, resume=True) as job:
+        assert all(job.done(stage) for stage in STAGES)
+    with pytest.raises(BadInput, match="scene itself"):
+        Job.start(second_name, model)
+    (tmp_path / "other").mkdir()
+    with pytest.raises(BadInput, match="another scene"):
+        Job.start(second_name / "job", tmp_path / "other", resume=True)
+
+
 def test_a_photo_that_is_gone_is_named_and_nothing_is_lost(tmp_path: Path, model: Path) -> None:
     with Job.start(tmp_path / "job", model) as job:
         finish_all(job)
