@@ -2,8 +2,8 @@
 """A finished job comes into the scene without holding the window: a thread reads, short steps build the mesh.
 
 The last step calls ``mgf.import_result``, which links what is ready, so that the whole import is one undo step. Names
-and keys are held between the steps, never Blender data: an undo or another file in between costs the mesh made so
-far and nothing else.
+and keys are held between the steps, never Blender data: after an undo or another file in between the mesh is begun
+anew.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,10 +23,11 @@ from ..common.meshes import mesh_steps
 from ..common.runner import redraw
 from ..properties import key_of, scene_key, scene_of
 from ..scene_import.tree import Tree
-from .load import MESH_NAME, SHARP_ANGLE, Content, read_result
+from .load import SHARP_ANGLE, Content, read_result
 
 _TICK = 0.02  # seconds between two steps
 _KEY = "mgf_arriving"
+_PATIENCE = 3  # times that a mesh is begun anew because it was not there any more
 
 _arrivals: dict[str, Arrival] = {}  # scene key -> the import under way
 _problems: dict[str, str] = {}  # scene key -> why the last one failed
@@ -46,7 +48,9 @@ class Arrival:
         self.content: Content | None = None
         self.error: Exception | None = None
         self.mesh_name = ""
+        self.ready = False
         self._steps: Iterator[None] | None = None
+        self._lost = 0
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
@@ -58,17 +62,24 @@ class Arrival:
             return False
         try:
             if self._steps is None:
-                mesh = bpy.data.meshes.new(MESH_NAME)
+                # A name that nobody takes: giving a mesh a name that is taken may rename the other one.
+                mesh = bpy.data.meshes.new(f"MGF {uuid.uuid4().hex}")
                 mesh[_KEY] = True
                 self.mesh_name = mesh.name
                 self._steps = mesh_steps(mesh.name, self.content.mesh, SHARP_ANGLE)
             next(self._steps)
         except StopIteration:
             return False
-        except KeyError:  # an undo or another file took the mesh away; the import makes it in one go
-            self.mesh_name = ""
-            return False
+        except KeyError:  # somebody removed it
+            if self._lost == _PATIENCE:
+                raise
+            self._lost += 1
+            self.restart()
         return True
+
+    def restart(self) -> None:
+        """Begin the mesh anew: an undo or another file took it away, or put it back to how it was steps ago."""
+        self.mesh_name, self._steps = "", None
 
     def take_mesh(self) -> bpy.types.Mesh | None:
         """The finished mesh, which is the caller's from now on."""
@@ -93,10 +104,11 @@ class Arrival:
 
 
 def begin(scene: bpy.types.Scene, folder: Path) -> None:
-    """Start to bring a job's results into a scene; does nothing when that is under way."""
+    """Start to bring a job's results into a scene, in place of another job's; does nothing when that is under way."""
     key = scene_key(scene)
-    if key in _arrivals:
+    if key in _arrivals and _arrivals[key].folder == folder:
         return
+    forget(scene)
     tree = Tree.find(scene)
     _problems.pop(key, None)
     _arrivals[key] = Arrival(key, folder, tree.offset if tree is not None else None)
@@ -115,9 +127,16 @@ def problem(scene: bpy.types.Scene) -> str:
 
 
 def ready(scene: bpy.types.Scene, folder: Path) -> Arrival | None:
-    """The arrival of a folder that is waiting to be imported into a scene."""
+    """The arrival of a folder that is waiting to be imported into a scene: read, and its mesh made to the end."""
     found = _arrivals.get(key_of(scene))
-    return found if found is not None and found.folder == folder else None
+    return found if found is not None and found.folder == folder and found.ready else None
+
+
+def forget(scene: bpy.types.Scene) -> None:
+    """Drop what is on its way into a scene, because it was imported by other means."""
+    found = _arrivals.pop(key_of(scene), None)
+    if found is not None:
+        found.drop()
 
 
 def pump() -> bool:
@@ -126,7 +145,8 @@ def pump() -> bool:
     begun = time.perf_counter()
     for key, arrival in list(_arrivals.items()):
         try:
-            if arrival.drain():
+            arrival.ready = not arrival.drain()
+            if not arrival.ready:
                 continue
             _import(key, arrival)
         except Exception as error:  # Blender drops a timer whose function raises
@@ -152,18 +172,34 @@ def _import(key: str, arrival: Arrival) -> None:
             _problems[key] = text
 
 
+@bpy.app.handlers.persistent
+def start_over(*_: object) -> None:
+    """Handler: no half-made mesh outlives an undo or another file; what the threads read does."""
+    for arrival in _arrivals.values():
+        arrival.restart()
+    bpy.data.batch_remove([m for m in bpy.data.meshes if _KEY in m and m.users == 0])
+
+
 def _tick() -> float | None:
     alive = pump()
     redraw()
     return _TICK if alive else None
 
 
+_EVENTS = (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post, bpy.app.handlers.load_post)
+
+
 def register() -> None:
-    """Nothing to do: the timer starts with the first import."""
+    """Follow undo and other files; the timer starts with the first import."""
+    for handlers in _EVENTS:
+        handlers.append(start_over)
 
 
 def unregister() -> None:
     """Leave no timer and no half-made mesh behind."""
+    for handlers in _EVENTS:
+        if start_over in handlers:
+            handlers.remove(start_over)
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
     for arrival in _arrivals.values():

@@ -57,6 +57,8 @@ class MGF_OT_import_result(FileOperator):
             return {"CANCELLED"}  # nothing has changed yet; the arrival ends here again, which is the undo step
         content = arrival.content_of(there) if there is not None else None
         mesh = there.take_mesh() if there is not None else None
+        if there is None:
+            arrival.forget(scene)
         result = import_result(scene, folder, Tree.find(scene), content, mesh)
         scene.mgf.figures = json.dumps(result.delivery.figures)
         scene.mgf.job_folder = scene.mgf.job_folder or str(folder)

@@ -244,10 +244,11 @@ def list_roots(scene: bpy.types.Scene, done: Imported, path: Path) -> None:
     for i in reversed(range(len(photos))):
         if photos[i].name not in known or (photos[i].name not in names and not len(photos[i].clicks)):
             photos.remove(i)
-    have = {p.name: p for p in photos}
+    have = {p.name for p in photos}
     for photo in model.photos:
         if photo.name in names or photo.name in have:
-            entry = have.get(photo.name) or photos.add()
+            # Looked up anew each time: adding to a collection moves its items.
+            entry = photos[photo.name] if photo.name in have else photos.add()
             entry.name = photo.name
             entry.width, entry.height = photo.camera.width, photo.camera.height
             file = find_photo(done.photo_folder, photo.name) if done.photo_folder is not None else None

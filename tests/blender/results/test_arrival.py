@@ -77,6 +77,38 @@ def test_objects_deleted_or_undone_while_it_arrives(ready, house):
     assert len(meshes()) == 1 and len(meshes()[0].data.polygons) == 16
 
 
+def test_an_undo_to_a_half_made_mesh_begins_it_anew(ready, house):
+    """An undo step in between holds the mesh as it was then; going on where the steps are would write beyond it."""
+    arrival.begin(bpy.context.scene, house.job)
+    pump(lambda: pending())
+    bpy.ops.ed.undo_push(message="half made")
+    for _ in range(4):
+        arrival.pump()
+    bpy.ops.ed.undo_push(message="further")
+    bpy.ops.ed.undo()
+    assert not pending()
+    pump()
+    (obj,) = meshes()
+    assert len(obj.data.polygons) == 16 and not obj.data.validate() and not pending()
+
+
+def test_a_mesh_that_is_removed_each_time_is_a_sentence(ready, house):
+    arrival.begin(bpy.context.scene, house.job)
+    end = time.monotonic() + 20
+    while arrival._arrivals and time.monotonic() < end:
+        arrival.pump()
+        for name in pending():
+            bpy.data.meshes.remove(bpy.data.meshes[name])
+    assert "made a mistake" in arrival.problem(bpy.context.scene) and not meshes()
+
+
+def test_an_import_by_script_while_it_arrives_takes_no_half_made_mesh(ready, house):
+    arrival.begin(bpy.context.scene, house.job)
+    pump(lambda: pending())
+    bpy.ops.mgf.import_result()
+    assert len(meshes()[0].data.polygons) == 16 and not pending() and not arrival.under_way(bpy.context.scene)
+
+
 def test_another_file_while_it_arrives(ready, house):
     arrival.begin(bpy.context.scene, house.job)
     pump(lambda: pending())
