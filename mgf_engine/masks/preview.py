@@ -24,9 +24,10 @@ from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
 from mgf_engine.masks.propagate import RETRY_BELOW, make_hints
 from mgf_engine.masks.regions import cut_regions
-from mgf_engine.masks.segmenters.base import Segment
+from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
 from mgf_engine.masks.segmenters.download import default_folder
 from mgf_engine.masks.shape import measure_shape
+from mgf_engine.masks.steady import first_clicks, join, obey, touch
 from mgf_engine.masks.store import write_png
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
@@ -35,6 +36,8 @@ from mgf_engine.scene.load import build_scene
 from mgf_engine.scene.model import Scene, Similarity, View
 from mgf_engine.scene.photos import plan_photos
 from mgf_engine.scene.sparse import SparseImage, SparseModel, SparsePoints
+from mgf_engine.system import cores
+from mgf_engine.threads import in_order
 
 _MAP_STEP = 8  # px between the places where the lens is evaluated
 
@@ -84,7 +87,11 @@ def preview(source: Path, prompts: Path, name: str, config: Config) -> tuple[NDA
     if not len(clicks.positive):
         raise BadInput(f"'{prompts}' has no click on the building in '{name}'; click at least one point on it.")
     segment = _segment(scene, photo, clicks, config)
-    return _in_original(segment.mask, scene.views[0], config.resolution), segment.score
+    view = scene.views[0]
+    mask = _in_original(segment.mask, view, config.resolution)
+    scale = np.array([mask.shape[1] / view.original_width, mask.shape[0] / view.original_height])
+    kinds = (view.to_original(points) * scale for points in (clicks.positive, clicks.negative))
+    return touch(mask, Clicks(*kinds)), segment.score
 
 
 def one_view(source: Path, name: str, config: Config) -> tuple[Scene, NDArray[np.uint8]]:
@@ -146,15 +153,24 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
 
 def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Config) -> Segment:
     regions = cut_regions(photo)
-    belief = SceneGraph(scene, [regions], measure_shape(scene)).solve({0: clicks}, config.seed)
-    believed = belief.points > 0.5
-    hints = make_hints(scene, 0, clicks, regions, belief, believed[scene.track_point])
+    graph = SceneGraph(scene, [regions], measure_shape(scene))
     segmenter = choose_segmenter(config, default_folder().parent)
-    segment = segmenter.segment(0, photo, hints)
-    if segment.score < RETRY_BELOW:
-        again = segmenter.segment(0, photo, hints, attempt=1)
-        segment = again if again.score > segment.score + 0.02 else segment
-    return segment
+
+    def answer(given: Clicks) -> tuple[Segment, Hints]:
+        belief = graph.solve({0: given}, config.seed)
+        hints = make_hints(scene, 0, given, regions, belief, (belief.points > 0.5)[scene.track_point])
+        segment = segmenter.segment(0, photo, hints)
+        if segment.score < RETRY_BELOW:
+            again = segmenter.segment(0, photo, hints, attempt=1)
+            segment = again if again.score > segment.score + 0.02 else segment
+        return segment, hints
+
+    *earlier, everything = first_clicks(clicks)
+    last, hints = answer(everything)  # first, since it leaves behind what the others can use
+    threads = config.threads or cores()
+    masks = [segment.mask for _, (segment, _) in in_order(lambda i: answer(earlier[i]), range(len(earlier)), threads)]
+    mask = obey(join([*masks, last.mask]), regions, clicks)
+    return Segment(mask, agreement(mask, hints))
 
 
 def _in_original(mask: NDArray[np.bool_], view: View, resolution: int) -> NDArray[np.bool_]:
