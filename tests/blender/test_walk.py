@@ -14,6 +14,7 @@ import pytest
 @pytest.mark.parametrize("seed", [5, 21])  # each ended Blender once
 def test_a_random_walk_ends_well(seed, engine, tmp_path):
     command = [sys.executable, str(Path(__file__).with_name("walk.py")), str(seed), "300", str(tmp_path)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    here = Path(__file__).parent
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (here.parents[1], here.parent, here)))}
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment)
     assert done.returncode == 0 and "survived" in done.stdout, (done.stdout[-4000:], done.stderr[-4000:])
