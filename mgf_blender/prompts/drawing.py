@@ -32,7 +32,8 @@ def draw() -> None:
         return
     photo = scene.mgf.photos[index]
     view = context.region.view2d
-    preview.notice(scene, photo)
+    if not overlay.job_knows(scene, photo):
+        preview.notice(scene, photo)
     if scene.mgf.show_mask:
         overlay.draw(scene, photo, view)
     scale = context.preferences.system.ui_scale

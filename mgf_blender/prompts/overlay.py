@@ -10,12 +10,13 @@ from typing import Any
 import bpy
 import numpy as np
 
-from . import preview
+from . import files, preview
 
 _UNKNOWN = 255
 _BUILDING, _EDGE, _DOUBT = (1.0, 0.55, 0.1, 0.8), (1.0, 0.95, 0.4, 1.0), (0.4, 0.4, 0.4, 0.6)
 _textures: dict[str, tuple[int, Any]] = {}  # picture -> (its time, texture)
 _tables: dict[str, tuple[int, dict[str, dict[str, Any]]]] = {}  # scores.json -> (its time, photo -> entry)
+_clicks: dict[str, tuple[int, dict[str, Any]]] = {}  # prompts.json of a job -> (its time, photo -> clicks)
 
 
 def mask_entry(scene: bpy.types.Scene, name: str) -> dict[str, Any] | None:
@@ -66,7 +67,7 @@ def paint(labels: np.ndarray) -> np.ndarray:
 
 def draw(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup, view: bpy.types.View2D) -> None:
     """Draw the newest mask of a photo over it: a preview, or the job's."""
-    found = newest_mask(scene, photo.name)
+    found = newest_mask(scene, photo)
     texture = _texture(*found) if found is not None else None
     if texture is None:
         return
@@ -88,23 +89,44 @@ def draw(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup, view: bpy.types
     gpu.state.blend_set("NONE")
 
 
-def newest_mask(scene: bpy.types.Scene, name: str) -> tuple[Path, bool] | None:
-    """The picture of a photo's newest mask and whether it is a preview."""
-    entry, shown = mask_entry(scene, name), preview.of(scene, name)
-    if shown is not None and shown.status == preview.DONE:
+def newest_mask(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> tuple[Path, bool] | None:
+    """The picture of a photo's newest mask and whether it is a preview.
+
+    A preview of other clicks than the present ones counts only until the next one is there, or where there is nothing
+    else; what the job made of the present clicks of all photos is better than any preview.
+    """
+    entry, shown = mask_entry(scene, photo.name), preview.finished(scene, photo.name)
+    if entry is None:
+        return (shown.mask, True) if shown is not None and shown.mask.is_file() else None
+    labels = Path(entry["labels"])
+    fits = shown is not None and (shown.clicks == preview.signature(photo) or preview.under_way(scene, photo.name))
+    if shown is not None and fits and not job_knows(scene, photo):
         try:
-            newer = entry is None or shown.mask.stat().st_mtime_ns >= Path(entry["labels"]).stat().st_mtime_ns
+            if shown.mask.stat().st_mtime_ns >= labels.stat().st_mtime_ns:
+                return shown.mask, True
         except OSError:
-            newer = shown.mask.is_file()
-        if newer:
-            return shown.mask, True
-    return (Path(entry["labels"]), False) if entry is not None else None
+            pass
+    return labels, False
+
+
+def job_knows(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> bool:
+    """Whether the job's mask of a photo was made from the clicks that are on it now."""
+    if mask_entry(scene, photo.name) is None:
+        return False
+    path = Path(bpy.path.abspath(scene.mgf.job_folder)) / "prompts.json"
+    try:
+        changed = path.stat().st_mtime_ns
+        if _clicks.get(str(path), (0, {}))[0] != changed:
+            _clicks[str(path)] = (changed, dict(json.loads(path.read_text(encoding="utf-8-sig"))))
+    except (OSError, ValueError, TypeError, RecursionError):
+        return False
+    return bool(_clicks[str(path)][1].get(photo.name) == files.to_data(scene, photo.name).get(photo.name))
 
 
 def forget() -> None:
     """Drop the textures."""
-    _textures.clear()
-    _tables.clear()
+    for store in (_textures, _tables, _clicks):
+        store.clear()
 
 
 def _texture(path: Path, binary: bool) -> Any:

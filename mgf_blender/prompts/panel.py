@@ -134,7 +134,7 @@ def _draw_preview(layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy
         row.operator("mgf.cancel_preview", text="", icon="X")
     elif found.status == preview.FAILED:
         draw_sentence(layout, found.text, "ERROR")
-    elif found.clicks != preview.signature(photo):
+    elif found.clicks != preview.signature(photo) and not overlay.job_knows(scene, photo):
         layout.label(text="The points have changed since this mask", icon="INFO")
 
 

@@ -29,6 +29,7 @@ _TICK = 0.1  # seconds between two looks at the process
 _QUIET = 0.35  # seconds without a change of the clicks before an automatic preview starts
 
 _latest: dict[tuple[str, str], Preview] = {}  # (scene key, photo) -> its newest preview
+_finished: dict[tuple[str, str], Preview] = {}  # the same -> the one before that has a mask
 _wanted: dict[tuple[str, str], float] = {}  # the same -> when an automatic preview is due
 _seen: dict[tuple[str, str], str] = {}  # the clicks that :func:`notice` saw last
 _count = 0
@@ -106,7 +107,10 @@ def start(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> Preview:
     full = engine_command(*command)
     stop()
     found = Preview(photo.name, signature(photo), mask, Process(full), time.monotonic())
-    _latest[scene_key(scene), photo.name] = found
+    key = scene_key(scene), photo.name
+    if key in _latest and _latest[key].status == DONE:
+        _finished[key] = _latest[key]
+    _latest[key] = found
     _wake()
     return found
 
@@ -114,6 +118,18 @@ def start(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> Preview:
 def of(scene: bpy.types.Scene, photo: str) -> Preview | None:
     """The newest preview of a photo in a scene."""
     return _latest.get((key_of(scene), photo))
+
+
+def finished(scene: bpy.types.Scene, photo: str) -> Preview | None:
+    """The newest preview of a photo that has a mask, also while the next one runs."""
+    newest = of(scene, photo)
+    return newest if newest is not None and newest.status == DONE else _finished.get((key_of(scene), photo))
+
+
+def under_way(scene: bpy.types.Scene, photo: str) -> bool:
+    """Whether a preview of a photo runs or is due."""
+    found = of(scene, photo)
+    return (key_of(scene), photo) in _wanted or (found is not None and found.status == RUNNING)
 
 
 def stop() -> None:
@@ -154,7 +170,7 @@ def notice(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:
 def forget() -> None:
     """End everything and forget it: for disabling the add-on and for another file."""
     stop()
-    for store in (_latest, _wanted, _seen):
+    for store in (_latest, _finished, _wanted, _seen):
         store.clear()
 
 

@@ -36,13 +36,13 @@ def pump(until, seconds: float = 20.0) -> int:
 
 def test_button_shows_the_mask_of_the_photo(state):
     scene, photo = bpy.context.scene, state.photos[0]
-    assert overlay.newest_mask(scene, photo.name) is None
+    assert overlay.newest_mask(scene, photo) is None
     assert bpy.ops.mgf.preview_mask() == {"FINISHED"}
-    path, binary = overlay.newest_mask(scene, photo.name)
+    path, binary = overlay.newest_mask(scene, photo)
     rgba = overlay.mask_rgba(path, binary)
     assert rgba.shape == (6, 8, 4) and binary
     assert (rgba[:, :3, 3] > 0).all() and (rgba[:, 5:, 3] == 0).all()
-    assert overlay.newest_mask(scene, state.photos[1].name) is None
+    assert overlay.newest_mask(scene, state.photos[1]) is None
 
 
 def test_it_does_not_wait_for_a_job_nor_hold_the_window(state, engine):
@@ -121,7 +121,41 @@ def test_a_job_that_is_newer_than_the_preview_is_shown(state, tmp_path):
     (job / "masks" / "scores.json").write_text(json.dumps({"views": [{"name": name, "labels": "a.png"}]}))
     state.job_folder = str(job)
     os.utime(job / "masks" / "a.png", (1, 1))
-    assert overlay.newest_mask(bpy.context.scene, name)[1]
+    assert overlay.newest_mask(bpy.context.scene, state.photos[0])[1]
     later = time.time() + 100
     os.utime(job / "masks" / "a.png", (later, later))
-    assert overlay.newest_mask(bpy.context.scene, name) == (job / "masks" / "a.png", False)
+    assert overlay.newest_mask(bpy.context.scene, state.photos[0]) == (job / "masks" / "a.png", False)
+
+
+def test_an_old_preview_never_wins_over_the_mask_of_all_photos(state, tmp_path):
+    """Masks of all photos, a click more, its preview, and the click undone."""
+    import json
+
+    import synthetic
+
+    scene, photo = bpy.context.scene, state.photos[0]
+    job = tmp_path / "job"
+    synthetic.write_png(job / "masks" / "a.png", np.ones((4, 4), np.uint8))
+    (job / "masks" / "scores.json").write_text(json.dumps({"views": [{"name": photo.name, "labels": "a.png"}]}))
+    files.write(scene, job / "prompts.json")  # as the engine keeps them
+    state.job_folder = str(job)
+    of_all = (job / "masks" / "a.png", False)
+    assert overlay.newest_mask(scene, photo) == of_all and overlay.job_knows(scene, photo)
+    bpy.ops.mgf.preview_mask()  # of the same clicks, asked for by hand
+    assert overlay.newest_mask(scene, photo) == of_all
+
+    files.add_click(photo, 60, 60, False, "building")
+    assert overlay.newest_mask(scene, photo) == of_all  # the preview there is, is of other clicks
+    bpy.ops.mgf.preview_mask()
+    found = preview.of(scene, photo.name)
+    assert overlay.newest_mask(scene, photo) == (found.mask, True)
+    files.add_click(photo, 70, 60, False, "building")
+    preview.start(scene, photo)
+    assert overlay.newest_mask(scene, photo) == (found.mask, True)  # until the next one is there
+    pump(lambda: not preview.under_way(scene, photo.name))
+    assert overlay.newest_mask(scene, photo)[0] == preview.of(scene, photo.name).mask != found.mask
+    for _ in range(2):
+        photo.clicks.remove(len(photo.clicks) - 1)
+    assert overlay.newest_mask(scene, photo) == of_all
+    (job / "prompts.json").unlink()  # a job of an earlier version
+    assert overlay.newest_mask(scene, photo) == of_all
