@@ -138,6 +138,13 @@ def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float, te
         area.tag_redraw()
 
 
+def enter_camera(context: bpy.types.Context) -> None:
+    """Let the window's viewports look through the active camera."""
+    for area in context.screen.areas if context.screen is not None else ():
+        if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None:
+            area.spaces.active.region_3d.view_perspective = "CAMERA"
+
+
 def draw_texture(scene: bpy.types.Scene, on: bool) -> None:
     """Let the viewports that show a scene draw textures in solid mode; or vertex colours again, where they did."""
     for window, area in _areas("VIEW_3D"):

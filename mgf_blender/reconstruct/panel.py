@@ -22,6 +22,11 @@ _STAGES = {
     "mesh": N_("Making the mesh"),
     "deliver": N_("Rendering and reporting"),
 }
+_DONE = {
+    "reconstruct": N_("Mesh finished in {time}"),
+    "masks": N_("Masks found in {time}"),
+    "scene": N_("Cameras found in {time}"),
+}
 _SECTION_TITLES = {
     "run": N_("Run"),
     "scene": N_("Scene"),
@@ -188,7 +193,7 @@ def _outcome(job: Job) -> str:
     """How a job ended."""
     if job.text or job.status != DONE:
         return in_panel_words(job.text) or tr("Cancelled")
-    return tr("Finished in {time}", time=duration(job.seconds)) if job.seconds else tr("Finished")
+    return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=duration(job.seconds))
 
 
 def in_panel_words(text: str) -> str:

@@ -18,6 +18,7 @@ from ..engine.environment import engine_command
 from ..prompts import files
 from ..properties import key_of, scene_key, scene_of
 from ..results import arrival
+from ..results.load import job_name
 from . import estimate, live
 
 
@@ -99,7 +100,13 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
     if (folder / "job.json").is_file():
         command.append("--resume")
     return Job(
-        engine_command(*command), folder, folder.name, kind, scene_key(scene), on_message=live.on_message, on_end=ended
+        engine_command(*command),
+        folder,
+        job_name(folder),
+        kind,
+        scene_key(scene),
+        on_message=live.on_message,
+        on_end=ended,
     )
 
 

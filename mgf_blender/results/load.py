@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +35,7 @@ from .switch import forget_results
 from .texture import check_picture, load_texture, read_uv, remove_unused_textures
 
 SHARP_ANGLE = 40.0  # degrees
-MESH_NAME = "Building"
+_UNNAMED = re.compile(r"mgf_job(_\d+)?")  # default folders, which lie in one that people gave a name
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,9 @@ def import_result(
     if content.mesh is not None:
         had_texture = paints_texture(tree)
         tree.clear("Mesh")
-        obj = _add_mesh(tree, mesh or make_mesh(MESH_NAME, content.mesh, SHARP_ANGLE), content.parts, texture)
+        name = job_name(delivery.folder)
+        mesh = mesh or make_mesh(name, content.mesh, SHARP_ANGLE)
+        obj = _add_mesh(tree, name, mesh, content.parts, texture)
         remove_unused_textures()
         if texture is not None or had_texture:
             draw_texture(scene, texture is not None)
@@ -135,6 +138,11 @@ def import_result(
     if scene.camera is not None:
         clear_view(tree, scene.camera)
     return Result(tree, obj, len(tree.objects("Renders")), delivery)
+
+
+def job_name(folder: Path) -> str:
+    """What people call a job: the name of its folder, or of the folder around one that was never named."""
+    return folder.parent.name if _UNNAMED.fullmatch(folder.name) and folder.parent.name else folder.name or "Building"
 
 
 def _foreign(tree: Tree, delivery: Delivery) -> bool:
@@ -169,15 +177,15 @@ def _read_texture(delivery: Delivery, faces: int) -> np.ndarray | None:
 
 
 def _add_mesh(
-    tree: Tree, mesh: bpy.types.Mesh, parts: Parts | None, texture: bpy.types.Image | None
+    tree: Tree, name: str, mesh: bpy.types.Mesh, parts: Parts | None, texture: bpy.types.Image | None
 ) -> bpy.types.Object:
-    mesh.name = MESH_NAME
+    mesh.name = name
     mesh.materials.append(vertex_color_material() if texture is None else texture_material("Building", texture))
     if parts is not None:
         assign_parts(mesh, parts, texture)
     if texture is not None:
         show(mesh, "TEXTURE")  # materials of an earlier import may show the vertex colours
-    obj = bpy.data.objects.new(MESH_NAME, mesh)
+    obj = bpy.data.objects.new(name, mesh)
     tree.add("Mesh", obj)
     return obj
 

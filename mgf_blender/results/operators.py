@@ -7,13 +7,14 @@ from pathlib import Path
 
 import bpy
 
-from ..common.editors import draw_texture, follow_paint
+from ..common.editors import draw_texture, enter_camera, follow_paint
 from ..common.errors import UserError
 from ..common.files import replace_file
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
+from ..scene_import.operators import frame_object, select_only
 from ..scene_import.tree import Tree, hide
 from . import arrival, surface, switch
 from .field import import_field
@@ -59,7 +60,13 @@ class MGF_OT_import_result(FileOperator):
         mesh = there.take_mesh() if there is not None else None
         if there is None:
             arrival.forget(scene)
-        result = import_result(scene, folder, Tree.find(scene), content, mesh)
+        tree = Tree.find(scene)
+        first = tree is None or not tree.objects("Mesh")
+        result = import_result(scene, folder, tree, content, mesh)
+        if result.mesh is not None and context.mode == "OBJECT":
+            select_only(context, result.mesh)
+            if first:
+                frame_object(context, result.mesh, result.tree)
         scene.mgf.figures = json.dumps(result.delivery.figures)
         scene.mgf.job_folder = scene.mgf.job_folder or str(folder)
         faces = len(result.mesh.data.polygons) if result.mesh is not None else 0
@@ -83,7 +90,7 @@ class MGF_OT_import_field(_NeedsJob):
 
 
 class MGF_OT_show_in_camera(Operator):
-    """Choose what the camera shows: its photo, the render, the error between them, or the mesh alone"""
+    """Choose what the camera shows: its photo, the render, the error between them, or the mesh before the photo"""
 
     bl_idname = "mgf.show_in_camera"
     bl_label = "Show in Camera"
@@ -93,10 +100,10 @@ class MGF_OT_show_in_camera(Operator):
         name="Show",
         description="What the camera shows",
         items=[
-            ("PHOTO", "Photo", "The photo, with the mesh before it"),
+            ("PHOTO", "Photo", "The photo alone"),
             ("RENDER", "Render", "The rendering of the trained field"),
             ("ERROR", "Error", "Where photo and render differ"),
-            ("MESH", "Mesh", "The mesh alone"),
+            ("MESH", "Mesh", "The mesh, with the photo behind it"),
         ],
     )
 
@@ -109,6 +116,8 @@ class MGF_OT_show_in_camera(Operator):
     def run(self, context: bpy.types.Context) -> None:
         tree = Tree.find(context.scene)
         switch.show(tree, context.scene.camera, self.kind)
+        if self.kind != "MESH":
+            enter_camera(context)
         tree.root[SHOWN_KEY] = self.kind  # the next camera goes on with it
 
 

@@ -74,7 +74,7 @@ def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
     column = layout.column(align=True)
     column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
     row = column.row(align=True)
-    there, shown = switch.available(camera), camera.get(SHOWN_KEY, "PHOTO")
+    there, shown = switch.available(camera), camera.get(SHOWN_KEY, "MESH")
     for kind in switch.KINDS:
         cell = row.row(align=True)
         cell.enabled = kind in there

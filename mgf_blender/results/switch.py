@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a camera shows: its photo, the render, the error between them, or the mesh alone."""
+"""What a camera shows: its photo, the render, the error between them, or the mesh before the photo."""
 
 from __future__ import annotations
 
@@ -39,17 +39,18 @@ def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
         )
     elif kind == "PHOTO" and "photo" not in kinds:
         raise UserError("'{name}' has no photo; set the photo folder and import again.", name=camera.name)
+    wanted = "photo" if kind == "MESH" else kind.lower()
     for slot in slots:
-        slot.show_background_image = slot.image is not None and slot.image.get(IMAGE_KEY) == kind.lower()
-        slot.display_depth = "BACK" if kind == "PHOTO" else "FRONT"
+        slot.show_background_image = slot.image is not None and slot.image.get(IMAGE_KEY) == wanted
+        slot.display_depth = "BACK" if kind == "MESH" else "FRONT"
     for obj in tree.objects("Mesh"):
-        hide(obj, kind not in {"MESH", "PHOTO"})
+        hide(obj, kind != "MESH")  # renders are clear where there is no building
     clear_view(tree, camera)
     camera[SHOWN_KEY] = kind
 
 
 def follow(tree: Tree, camera: bpy.types.Object) -> None:
-    """Show in another camera what the user chose last, or its photo with the mesh where it has no such picture."""
+    """Show in another camera what the user chose last, or its photo where it has no such picture."""
     wanted, there = tree.root.get(SHOWN_KEY), available(camera)
     if wanted is not None:
         show(tree, camera, next(kind for kind in (wanted, "PHOTO", "MESH") if kind in there))

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..common.editors import frame_scene
+from ..common.editors import enter_camera, frame_scene
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
@@ -100,9 +100,7 @@ class MGF_OT_look_through(_NeedsScene):
         fit_render(context.scene, camera)
         clear_view(tree, camera)
         follow(tree, camera)
-        for area in context.screen.areas if context.screen is not None else ():
-            if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None:
-                area.spaces.active.region_3d.view_perspective = "CAMERA"
+        enter_camera(context)
 
 
 class MGF_OT_set_scale(_NeedsScene):
@@ -268,6 +266,16 @@ def frame_tree(context: bpy.types.Context, tree: Tree) -> None:
     matrix = np.array(root.matrix_basis)
     middle = matrix[:3, :3] @ middle + matrix[:3, 3]
     frame_scene(context, middle, tree.radius * root.matrix_basis.median_scale, paints_texture(tree))
+
+
+def frame_object(context: bpy.types.Context, obj: bpy.types.Object, tree: Tree) -> None:
+    """Turn the viewports to an object of a scene that fills less of it than the cameras do."""
+    corners = np.array(obj.bound_box)
+    # Fresh objects have no world matrices yet.
+    matrix = np.array(tree.root.matrix_basis @ obj.matrix_parent_inverse @ obj.matrix_basis)
+    corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    frame_scene(context, (low + high) / 2, float(np.linalg.norm(high - low)) / 2, paints_texture(tree))
 
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:

@@ -60,7 +60,7 @@ def test_from_import_to_mesh(addon, engine, house):
     assert "1 of 3 photos marked" in said and "1 on the building, 1 off it, 1 on its parts" in said
     bpy.ops.mgf.reconstruct()
     said = all_panels()
-    assert "Finished in " in said and "Open Report" in said and "Building: 16 faces" in said and "PSNR" in said
+    assert "Mesh finished in " in said and "Open Report" in said and "new job: 16 faces" in said and "PSNR" in said
     assert "Open Log" in said and "mgf.open_job_file" in [name for name, *_ in draw(MGF_PT_results).operators]
 
 

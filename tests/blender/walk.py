@@ -238,7 +238,7 @@ def check_camera(camera: bpy.types.Object) -> None:
     assert len(set(kinds)) == len(kinds), kinds
     shown = [s.image.get("mgf_image") for s in slots if s.show_background_image]
     kind = camera.get("mgf_shown")
-    if kind in {"RENDER", "ERROR"}:
+    if kind in {"PHOTO", "RENDER", "ERROR"}:
         assert shown == [kind.lower()], (kind, shown)
 
 

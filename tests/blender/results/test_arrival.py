@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 import time
 
 import bpy
@@ -47,7 +48,7 @@ def test_arrives_like_an_import_in_one_go(ready, house):
     (obj,) = meshes()
     truth, faces, _ = synthetic.house_mesh()
     assert (len(obj.data.vertices), len(obj.data.polygons)) == (len(truth), len(faces))
-    assert obj.data.name == "Building" and not pending() and not arrival.problem(bpy.context.scene)
+    assert obj.name == obj.data.name == "job" and not pending() and not arrival.problem(bpy.context.scene)
     assert len(Tree.find(bpy.context.scene).objects("Renders")) == 4
 
 
@@ -55,7 +56,32 @@ def test_again_replaces_and_leaves_no_blocks(ready, house):
     for _ in range(2):
         arrival.begin(bpy.context.scene, house.job)
         pump()
-    assert [m.name for m in bpy.data.meshes] == ["Building", "Sparse Points"]
+    assert [m.name for m in bpy.data.meshes] == ["job", "Sparse Points"]
+
+
+def test_comes_selected_and_framed_the_first_time(ready, house):
+    bpy.context.view_layer.objects.active = Tree.find(bpy.context.scene).root
+    space = next(a.spaces.active for a in bpy.context.window.screen.areas if a.type == "VIEW_3D")
+    for first in (True, False):
+        space.region_3d.view_location = (99, 99, 99)
+        bpy.ops.mgf.import_result()
+        (obj,) = meshes()
+        assert bpy.context.object == obj and bpy.context.selected_objects == [obj]
+        bpy.context.view_layer.update()
+        corners = np.array(obj.bound_box) @ np.array(obj.matrix_world)[:3, :3].T + np.array(obj.matrix_world)[:3, 3]
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        assert np.allclose(space.region_3d.view_location, middle if first else 99, atol=1e-4)
+        obj.select_set(False)
+
+
+@pytest.mark.parametrize(
+    ("folder", "name"),
+    [("house_jobs/west wing", "west wing"), ("tower/mgf_job", "tower"), ("tower/mgf_job_2", "tower")],
+)
+def test_the_mesh_is_called_as_its_job_is(ready, house, tmp_path, folder, name):
+    shutil.copytree(house.job, tmp_path / folder)
+    bpy.ops.mgf.import_result(directory=str(tmp_path / folder))
+    assert meshes()[0].name == meshes()[0].data.name == name
 
 
 def test_whole_import_is_one_undo_step(ready, house):

@@ -32,12 +32,20 @@ def shown() -> list[str]:
 
 
 def test_switch_shows_one_at_a_time(tree):
+    region = next(a.spaces.active for a in bpy.context.window.screen.areas if a.type == "VIEW_3D").region_3d
     for kind in ("RENDER", "PHOTO", "ERROR"):
+        region.view_perspective = "PERSP"
         bpy.ops.mgf.show_in_camera(kind=kind)
-        assert shown() == [kind.lower()]
-        assert tree.objects("Mesh")[0].hide_get() == (kind != "PHOTO")
+        assert shown() == [kind.lower()] and depths() == {"FRONT"}
+        assert tree.objects("Mesh")[0].hide_get() and region.view_perspective == "CAMERA"
+    region.view_perspective = "PERSP"
     bpy.ops.mgf.show_in_camera(kind="MESH")
-    assert shown() == [] and not tree.objects("Mesh")[0].hide_get()
+    assert shown() == ["photo"] and depths() == {"BACK"} and not tree.objects("Mesh")[0].hide_get()
+    assert region.view_perspective == "PERSP"
+
+
+def depths() -> set[str]:
+    return {s.display_depth for s in bpy.context.scene.camera.data.background_images if s.show_background_image}
 
 
 def standing(tree) -> set[str]:
@@ -63,7 +71,7 @@ def test_next_cameras_go_on_with_what_was_chosen(tree):
     for _ in range(12):
         bpy.ops.mgf.look_through(step=1)
         seen.append(shown()[0])
-        assert tree.objects("Mesh")[0].hide_get() == (seen[-1] == "error")
+        assert tree.objects("Mesh")[0].hide_get()
     assert seen.count("error") == 4 and seen.count("photo") == 8
 
 
