@@ -113,21 +113,35 @@ class MGF_OT_set_scale(_NeedsScene):
     distance: bpy.props.FloatProperty(
         name="Distance", description="True distance between the two points", default=1.0, min=1e-6, subtype="DISTANCE"
     )
+    measured: bpy.props.FloatProperty(options={"HIDDEN", "SKIP_SAVE"}, description="Distance before", precision=4)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        chosen = _count_points(context) == 2
+        return super().poll(context) and cls.needs(chosen, "Select exactly two vertices or two objects first")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            self.measured = self.distance = _distance(context)
+        except UserError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return context.window_manager.invoke_props_dialog(self)
 
+    def draw(self, context: bpy.types.Context) -> None:
+        self.layout.label(text=tr("Distance now: {measured:.6g}", measured=self.measured), translate=False)
+        self.layout.prop(self, "distance")
+
     def run(self, context: bpy.types.Context) -> None:
-        points = _two_points(context)
-        measured = (points[0] - points[1]).length
-        if measured < 1e-12:
-            raise UserError("The two points are in the same place; choose two different ones.")
+        self.measured = measured = _distance(context)
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")  # the undo steps of other modes know nothing of objects' scale
         tree, factor = Tree.find(context.scene), self.distance / measured
         root = tree.root
         root.matrix_basis = Matrix.Scale(factor, 4) @ root.matrix_basis
         for obj in tree.objects("Cameras"):
             set_clipping(obj.data, tree)
-        self.report({"INFO"}, tr("Scaled by {factor:.6g}", factor=factor))
+        self.report({"INFO"}, tr("{measured:.6g} measured, scaled by {factor:.6g}", measured=measured, factor=factor))
 
 
 class MGF_OT_set_up_axis(_NeedsScene):
@@ -286,6 +300,27 @@ def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
         obj.hide_set(False)
         obj.select_set(True)
         context.view_layer.objects.active = obj
+
+
+def _count_points(context: bpy.types.Context) -> int:
+    """How many points are selected: vertices in Edit Mode, else objects."""
+    obj = context.object
+    if obj is not None and obj.mode == "EDIT" and obj.type == "MESH":
+        return obj.data.total_vert_sel
+    return len(context.selected_objects)
+
+
+def _distance(context: bpy.types.Context) -> float:
+    """Between the two selected points.
+
+    Raises:
+        UserError: they are not two, or at one place.
+    """
+    a, b = _two_points(context)
+    measured = (a - b).length
+    if measured < 1e-12:
+        raise UserError("The two points are in the same place; choose two different ones.")
+    return measured
 
 
 def _two_points(context: bpy.types.Context) -> list[Vector]:

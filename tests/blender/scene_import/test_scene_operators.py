@@ -99,6 +99,32 @@ def test_scale_by_two_points(tree):
         bpy.ops.mgf.set_scale(distance=1.0)
 
 
+def test_scale_in_edit_mode_is_one_undo_step(tree, capfd):
+    mesh = bpy.data.meshes.new("rod")
+    mesh.from_pydata([(0, 0, 0), (0, 0, 2.5), (9, 9, 9)], [(0, 1)], [])
+    rod = bpy.data.objects.new("rod", mesh)
+    bpy.context.scene.collection.objects.link(rod)
+    bpy.context.view_layer.objects.active = rod
+    bpy.ops.ed.undo_push(message="rod")
+    bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
+    bpy.ops.mesh.select_all("EXEC_DEFAULT", True, action="DESELECT")
+    with pytest.raises(RuntimeError, match="exactly two"):
+        bpy.ops.mgf.set_scale(distance=5.0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for vertex, chosen in zip(mesh.vertices, (True, True, False), strict=True):
+        vertex.select = chosen
+    bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
+    bpy.ops.ed.undo_push(message="two vertices")
+    before = Tree.find(bpy.context.scene).root.matrix_basis.median_scale
+    bpy.ops.mgf.set_scale("EXEC_DEFAULT", True, distance=5.0)
+    assert "2.5 measured, scaled by 2" in capfd.readouterr().out and bpy.context.mode == "OBJECT"
+    assert Tree.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(2 * before)
+    bpy.ops.ed.undo()
+    assert Tree.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(before)
+    bpy.ops.ed.redo()
+    assert Tree.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(2 * before)
+
+
 def test_up_axis_by_hand_and_back(tree):
     root = tree.root
     upright = np.array(root.matrix_basis)[:3, :3]
