@@ -62,8 +62,11 @@ def choose_device(wanted: str) -> Choice:
             raise BadInput(f"{error} Or train without a card: --device cpu.") from error
         return Choice(torch.device("cpu"), f"Device: CPU. {error}", torch.cuda.is_available())
     if wanted == "auto" and not is_approved(found):
-        text = f"Device: CPU. A card was found, {found.name}: 'mgf doctor --card' checks it in a minute, then auto "
-        return Choice(torch.device("cpu"), text + "takes it; '--device cuda' takes it unchecked.", surprising=True)
+        text = (
+            f"Device: CPU. A card was found, {found.name}: 'mgf doctor --card' checks it in a minute, then auto takes "
+            "it; '--device cuda' takes it unchecked."
+        )
+        return Choice(torch.device("cpu"), text, surprising=True)
     memory = f"{found.memory / 2**30:.0f} GiB"
     why = "as asked for" if wanted == "cuda" else "because it passed the check"
     return Choice(torch.device("cuda", 0), f"Device: {found.name}, {memory}, {why}.")
