@@ -14,6 +14,11 @@ from .engine.swap import unfinished
 from .engine.task import CANCELLED, DONE, FAILED, RUNNING
 
 
+def _other_engine(prefs: bpy.types.AddonPreferences, context: bpy.types.Context) -> None:
+    """What the last check said was about the engine before."""
+    operators.forget()
+
+
 class MGF_Preferences(bpy.types.AddonPreferences):
     """What the add-on keeps for the user."""
 
@@ -27,11 +32,13 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             ("EXISTING", "Existing Environment", "Use a Python environment that has the engine already"),
         ],
         default="MANAGED",
+        update=_other_engine,
     )
     engine_path: bpy.props.StringProperty(
         name="Environment",
         description="Folder of a virtual environment with the engine, or its Python program",
         subtype="FILE_PATH",
+        update=_other_engine,
     )
     wheel_folder: bpy.props.StringProperty(
         name="Wheel Folder",
@@ -115,11 +122,13 @@ class MGF_Preferences(bpy.types.AddonPreferences):
                 layout.label(text=task.output[-1].strip()[:100], translate=False)
         elif task.status in {FAILED, CANCELLED}:
             draw_sentence(layout, task.text, "ERROR" if task.status == FAILED else "INFO")
-        elif task.status == DONE and kind == "card":
+        elif task.status == DONE and kind in {"card", "weights"}:
             draw_sentence(layout, task.output[-1], "CHECKMARK")
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
-            for name, value in _report_lines(task.output):
+            *rows, (verdict, _) = _report_lines(task.output) or [("", "")]
+            draw_sentence(box, verdict, "CHECKMARK")
+            for name, value in rows:
                 split = box.split(factor=0.3 if value else 1.0)
                 split.label(text=name, translate=False)
                 if value:

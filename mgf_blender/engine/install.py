@@ -189,9 +189,18 @@ def explain(step: Step, lines: list[str]) -> str:
         return tr(text, name=name, version=version)
     if "ResolutionImpossible" in output:
         return tr("The packages do not fit together; fill the wheel folder with 'pip download -c constraints.txt'.")
-    last = next((line for line in reversed(lines) if line.strip()), "no output")
+    spoken = [line for line in lines if line.strip()]
+    last = next(
+        (line for line in reversed(spoken) if line.lower().startswith("error: ")), (spoken or ["no output"])[-1]
+    )
     text = N_("{step} failed ({reason}); open the log for the details.")
-    return tr(text, step=tr(step.title), reason=last.strip()[:160])
+    return tr(text, step=tr(step.title), reason=short(last))
+
+
+def short(line: str) -> str:
+    """A line of another program as the reason in a sentence: at most 160 letters, cut between words."""
+    text = " ".join(line.split()).removeprefix("ERROR: ").removeprefix("error: ").rstrip(".")
+    return text if len(text) <= 160 else text[:160].rsplit(" ", 1)[0] + " …"
 
 
 def _torch_index(plan: Plan) -> list[str]:

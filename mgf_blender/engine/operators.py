@@ -27,6 +27,13 @@ def current() -> tuple[str, Task | None]:
     return _kind, _task
 
 
+def forget() -> None:
+    """Drop what the last task said: it spoke of another engine than the present one."""
+    global _task, _kind
+    if _task is not None and _task.status != RUNNING:
+        _task, _kind = None, ""
+
+
 def installing() -> bool:
     """Whether an installation runs."""
     return _kind == "install" and _task is not None and _task.status == RUNNING
@@ -166,6 +173,7 @@ class MGF_OT_remove_engine(_ReplacesEngine):
 
     def run(self, context: bpy.types.Context) -> None:
         swap.remove(managed_environment())
+        forget()
         if bpy.app.background:
             swap.wait()
 
@@ -231,7 +239,7 @@ def _explain_check(step: Step, lines: list[str]) -> str:
         if found is not None:
             return found.removeprefix(mark)
     last = next((line for line in reversed(lines) if line.strip()), "no output")
-    return tr("The engine cannot run ({reason}); open the log for the details.", reason=last.strip()[:160])
+    return tr("The engine cannot run ({reason}); open the log for the details.", reason=install.short(last))
 
 
 CLASSES = (

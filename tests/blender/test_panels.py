@@ -192,6 +192,9 @@ def test_preferences(addon, engine, source, monkeypatch):
     assert "Check Engine" in said() and ("Install Engine" in said()) == (source == "MANAGED")
     bpy.ops.mgf.check_engine()
     assert "torch\n2.13.0" in said() and "Everything a job needs is here." in said()
+    assert said().index("Everything a job needs") < said().index("2.13.0")  # the verdict comes first
+    preferences._other_engine(None, bpy.context)
+    assert "2.13.0" not in said()  # said of the engine before
     task = Task([Step("Making the environment", ["false"])], engine_operators.log_path(), lambda s, t: "It failed.")
     monkeypatch.setattr(engine_operators, "_task", task)
     assert "Making the environment" in said()

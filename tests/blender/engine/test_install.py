@@ -84,10 +84,12 @@ def test_full_disk_is_said_before_anything_is_written(tmp_path, monkeypatch):
         ),
         ("OSError: [WinError 206] The filename or extension is too long: 'C:\\x'", "path is too long"),
         ("something odd", "something odd"),
+        ("ERROR: Could not build this.\n  see the page\n  (above, or)", "(Could not build this)"),
+        ("word " * 90, "word …)"),
     ],
 )
 def test_pip_failures_are_one_sentence(output, words):
-    text = install.explain(Step("Installing torch", []), ["Collecting torch", output, ""])
+    text = install.explain(Step("Installing torch", []), ["Collecting torch", *output.split("\n"), ""])
     assert words in text and text.endswith(".") and "\n" not in text
 
 
