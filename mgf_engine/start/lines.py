@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lines in space from edges that three or more photos show, and points on them with the views that saw them."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.raster.library import parallel
+from mgf_engine.start.options import SegmentOptions
+from mgf_engine.start.segments import Segments
+
+log = logging.getLogger("mgf")
+_OUTSIDE = (2, 0.3)  # views that call a place outside, and the share of a line that may be
+_LARGEST = 32_000  # segments that are fitted at a time: bounds the memory
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line in space.
+
+    Attributes:
+        ends: [2, 3].
+        views: positions of the views that show it, [M].
+        shown: what each of them shows, from the first end, [M, 2].
+    """
+
+    ends: NDArray[np.float64]
+    views: NDArray[np.int64]
+    shown: NDArray[np.float64]
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """Unit vector [3]."""
+        d = self.ends[1] - self.ends[0]
+        return np.asarray(d / np.linalg.norm(d))
+
+
+def neighbours_of(segments: Segments) -> NDArray[np.int32]:
+    """The photos each photo is compared with, nearest in angle first, -1 for none, [V, count]."""
+    angles, (least, most) = segments.views.angles, segments.options.angles
+    fits = np.where((angles > least) & (angles < most), angles, np.inf)
+    order = np.argsort(fits, 1, kind="stable")[:, : segments.options.neighbours]
+    return np.ascontiguousarray(np.where(np.isfinite(np.take_along_axis(fits, order, 1)), order, -1), np.int32)
+
+
+def match_segments(segments: Segments, neighbours: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of each segment the line [S, 2, 3] that most neighbours see, and the sum of their supports [S]; 0 for none."""
+    lines, score = np.zeros((len(segments.ends), 2, 3)), np.zeros(len(segments.ends))
+    box = np.ascontiguousarray(np.stack([segments.views.low, segments.views.high]))
+    sine = float(np.sin(np.radians(segments.options.angles[0])))
+    parallel(
+        "match_segments_work", len(score), _by_reference(segments), neighbours, neighbours.shape[1], box, sine, lines,
+        score,
+    )  # fmt: skip
+    return lines, score
+
+
+def fit_segments(
+    segments: Segments, own: NDArray[np.int32], lines: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float32], NDArray[np.float64]]:
+    """Lines [N, 2, 3] of the segments ``own`` [N] where all photos want them.
+
+    Returns:
+        lines [N, 2, 3]; the segment of each photo that supports each, -1 for none, [N, V]; its residual in px [N, V];
+        and what of the line it shows, [N, V, 2].
+    """
+    count, views = len(own), len(segments.views.views)
+    lines, rows = np.ascontiguousarray(lines).copy(), np.zeros((count, views), np.int32)
+    residuals, ends = np.zeros((count, views), np.float32), np.zeros((count, views, 2))
+    parallel(
+        "fit_segments_work", count, _by_reference(segments), own, float(segments.views.pixel), lines, rows, residuals,
+        ends,
+    )  # fmt: skip
+    return lines, rows, residuals, ends
+
+
+def _by_reference(segments: Segments) -> object:
+    import ctypes
+
+    return ctypes.c_void_p(ctypes.addressof(segments.table))
+
+
+def find_lines(segments: Segments) -> list[Line]:
+    """The lines of a building, strongest first; each explains at least three segments that no earlier one does."""
+    o, lengths = segments.options, segments.lengths
+    hypotheses, score = match_segments(segments, neighbours_of(segments))
+    own = np.flatnonzero(score > o.least_score).astype(np.int32)
+    own = np.ascontiguousarray(own[np.argsort(-score[own] * lengths[own], kind="stable")])
+    used = np.zeros(len(lengths), bool)
+    result: list[Line] = []
+    for start in range(0, len(own), _LARGEST):
+        some = own[start : start + _LARGEST]
+        result += _unexplained(segments, some, fit_segments(segments, some, hypotheses[some]), used)
+    log.info("start: %d segments, %d with a line, %d lines", len(score), len(own), len(result))
+    return result
+
+
+def _unexplained(
+    segments: Segments,
+    own: NDArray[np.int32],
+    fitted: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float32], NDArray[np.float64]],
+    used: NDArray[np.bool_],
+) -> list[Line]:
+    """Those of the fitted lines that pass; marks the segments they explain in ``used``."""
+    o, views = segments.options, segments.views
+    lines, rows, residuals, ends = fitted
+    good = (rows >= 0) & (residuals < o.residual)
+    candidates = (good.sum(1) >= o.least_views) & np.take_along_axis(good, segments.view[own][:, None], 1)[:, 0]
+    share = np.linspace(0, 1, 9)
+    at = lines[:, None, 0] + share[None, :, None] * (lines[:, None, 1] - lines[:, None, 0])
+    outside = views.outside_views(at.reshape(-1, 3), 2.0, _OUTSIDE[0]).reshape(len(own), -1) >= _OUTSIDE[0]
+    candidates &= (outside.mean(1) <= _OUTSIDE[1]) & (np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > 1e-9)
+    result = []
+    for n in np.flatnonzero(candidates):
+        if used[own[n]]:
+            continue
+        seen = np.flatnonzero(good[n])
+        mine = rows[n, seen]
+        if np.count_nonzero(~used[mine]) < o.least_views or _spread(lines[n], views.centres[seen]) < o.spread:
+            continue
+        used[mine] = True
+        result.append(Line(lines[n], seen, ends[n, seen]))
+    return result
+
+
+def _spread(line: NDArray[np.float64], centres: NDArray[np.float64]) -> float:
+    """The largest angle between the planes through a line [2, 3] and cameras [M, 3], degrees."""
+    d = line[1] - line[0]
+    d = d / np.linalg.norm(d)
+    to = centres - line.mean(0)
+    to = to - (to @ d)[:, None] * d
+    to = to / np.maximum(np.linalg.norm(to, axis=1, keepdims=True), 1e-30)
+    return float(np.degrees(np.arccos(np.clip((to @ to.T).min(), -1, 1))))
+
+
+def line_points(
+    lines: list[Line], step: float, pixel: float, least: int = 3
+) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
+    """Points every ``step`` where at least ``least`` views show a line [N, 3], and positions of those views."""
+    points: list[NDArray[np.float64]] = []
+    seen: list[NDArray[np.int64]] = []
+    for line in lines:
+        low, high = np.sort(line.shown[:, 0])[least - 1], np.sort(line.shown[:, 1])[-least]
+        if high - low < 2 * pixel:
+            continue
+        at = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
+        cover = (line.shown[:, 0] <= at[:, None] + 0.5 * step) & (line.shown[:, 1] >= at[:, None] - 0.5 * step)
+        kept = cover.sum(1) >= least
+        points.append(line.ends[0] + at[kept, None] * line.direction)
+        seen += [line.views[row] for row in cover[kept]]
+    return np.concatenate([np.zeros((0, 3)), *points]), seen

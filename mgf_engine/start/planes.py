@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Planes through the lines of a building, and points on them to which Delaunay tetrahedra conform."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from mgf_engine.start.lines import Line
+from mgf_engine.start.options import PlaneOptions
+
+_DIRECTION = 3.0  # degrees about a dominant direction
+_DIRECTION_SHARE, _MOST_DIRECTIONS = 0.04, 8  # of the length of all lines that a direction must carry; number of them
+_PARALLEL, _CROSSING, _ALONG = 4.0, 15.0, 2.0  # degrees
+_CANDIDATES = 4000  # pairs of lines that are judged
+_REGULAR = 2.0  # planes along two dominant directions count so much more
+_LONGEST = 100.0  # px of a line that count
+_SAME = (0.9995, 0.5)  # cosine and px between planes that are one
+_CONTRADICTED = (10.0, 4, 2.0)  # px around, points at least, px: median distance of dense points that refuse a plane
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Planes [K, 4] (unit normal, offset), strongest first.
+
+    Attributes:
+        members: of each plane the numbers of its lines.
+        strength: px of lines they carry, counted as far as these run in two directions, [K].
+    """
+
+    planes: NDArray[np.float64]
+    members: list[NDArray[np.int64]]
+    strength: NDArray[np.float64]
+
+    def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distances [N, K]."""
+        return np.asarray(points @ self.planes[:, :3].T + self.planes[:, 3])
+
+
+def dominant_directions(directions: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Directions [M, 3] that most of the lines (unit [N, 3], lengths [N]) follow, most length first."""
+    left, found = lengths.copy(), []
+    limit = np.cos(np.radians(_DIRECTION))
+    while len(found) < _MOST_DIRECTIONS:
+        votes = (np.abs(directions @ directions.T) > limit) @ left
+        best = int(votes.argmax()) if len(votes) else 0
+        if not len(votes) or votes[best] < _DIRECTION_SHARE * lengths.sum():
+            break
+        d = directions[best]
+        for _ in range(5):
+            cosine = directions @ d
+            near = np.abs(cosine) > limit
+            d = (directions[near] * (np.sign(cosine[near]) * left[near])[:, None]).sum(0)
+            d = d / max(float(np.linalg.norm(d)), 1e-30)
+        found.append(d)
+        left[near] = 0
+    return np.array(found).reshape(-1, 3)
+
+
+def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> Planes:
+    """Planes that carry lines, each taken for the length of line that no earlier one explains.
+
+    Candidates are pairs of dominant directions at each line parallel to both, and pairs of lines that lie in one plane.
+    """
+    if len(lines) < 2:
+        return Planes(np.zeros((0, 4)), [], np.zeros(0))
+    a, b = np.stack([line.ends[0] for line in lines]), np.stack([line.ends[1] for line in lines])
+    d, length = _unit(b - a), np.linalg.norm(b - a, axis=1)
+    regular, pairs = _regular(a, b, d, length), _pairs(a, b, d, length, pixel, o.near)
+    normal, offset = np.concatenate([regular[:, :3], pairs[:, :3]]), np.r_[regular[:, 3], pairs[:, 3]]
+    factor = np.r_[np.full(len(regular), _REGULAR), np.ones(len(pairs))]
+    inlier = _within(normal, offset, a, b, o.near * pixel).astype(np.float32)
+    weight = np.minimum(length / pixel, _LONGEST)
+    turned = np.abs(d @ d.T) < np.cos(np.radians(_CROSSING))
+    across = inlier * turned[np.where(inlier > 0, weight, 0).argmax(1)]
+    taken, alive = np.zeros(len(lines)), np.ones(len(normal), bool)
+    planes: list[NDArray[np.float64]] = []
+    members: list[NDArray[np.int64]] = []
+    strength: list[float] = []
+    while len(planes) < o.most and alive.any():
+        w = (weight * np.select([taken == 0, taken == 1], [1.0, 0.7], 0.1)).astype(np.float32)
+        whole, other = inlier @ w, across @ w  # what runs another way than the longest line must hold its own
+        gain = factor * np.minimum(whole, 3 * other + np.where(factor > 1, 0.5 * whole, 0)) * alive
+        best = int(gain.argmax())
+        if gain[best] < o.least:
+            break
+        alive[best] = False
+        plane, mine = _fitted(np.r_[normal[best], offset[best]], inlier[best] > 0, a, b, length, factor[best] > 1)
+        mine = np.flatnonzero(_within(plane[None, :3], plane[3:], a, b, o.near * pixel)[0])
+        if len(mine) < (2 if factor[best] > 1 else 3):
+            continue
+        alive &= ~_same(normal, offset, plane, pixel)
+        if planes and _same(np.stack(planes)[:, :3], np.stack(planes)[:, 3], plane, pixel).any():
+            continue
+        planes.append(plane)
+        members.append(mine)
+        taken[mine] += 1
+        crossing = turned[mine[weight[mine].argmax()]][mine]
+        strength.append(min(weight[mine].sum(), 3 * weight[mine][crossing].sum() + 0.2 * weight[mine].sum()))
+    return Planes(np.array(planes).reshape(-1, 4), members, np.array(strength))
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30))
+
+
+def _within(
+    normal: NDArray[np.float64], offset: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], near: float
+) -> NDArray[np.bool_]:
+    """Which lines lie in which planes, bool [K, N]."""
+    return np.asarray(np.all([np.abs(normal @ p.T + offset[:, None]) < near for p in (a, b)], axis=0))
+
+
+def _same(
+    normal: NDArray[np.float64], offset: NDArray[np.float64], plane: NDArray[np.float64], pixel: float
+) -> NDArray[np.bool_]:
+    cosine = normal @ plane[:3]
+    return np.asarray((np.abs(cosine) > _SAME[0]) & (np.abs(offset * np.sign(cosine) - plane[3]) < _SAME[1] * pixel))
+
+
+def _regular(
+    a: NDArray[np.float64], b: NDArray[np.float64], d: NDArray[np.float64], length: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Candidates [C, 4] along two dominant directions, through each line that is parallel to both."""
+    main, middle = dominant_directions(d, length), (a + b) / 2
+    found = [np.zeros((0, 4))]
+    for i in range(len(main)):
+        for j in range(i):
+            normal = np.cross(main[i], main[j])
+            if np.linalg.norm(normal) < 0.5:
+                continue
+            normal = normal / np.linalg.norm(normal)
+            rows = np.abs(d @ normal) < np.sin(np.radians(_ALONG))
+            found.append(np.c_[np.broadcast_to(normal, (rows.sum(), 3)), -(middle[rows] @ normal)])
+    return np.concatenate(found)
+
+
+def _pairs(
+    a: NDArray[np.float64], b: NDArray[np.float64], d: NDArray[np.float64], length: NDArray[np.float64], pixel: float,
+    near: float,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Candidates [C, 4] through two lines that cross or run side by side, those of long lines first."""
+    strong = np.argsort(-length, kind="stable")[:1500]  # pairs are quadratic in memory
+    i, j = (strong[k] for k in np.triu_indices(len(strong), 1))
+    middle = (a + b) / 2
+    cosine = np.abs((d[i] * d[j]).sum(1))
+    beside = cosine > np.cos(np.radians(_PARALLEL))
+    keep = beside | (cosine < np.cos(np.radians(_CROSSING)))
+    i, j, beside = i[keep], j[keep], beside[keep]
+    across = middle[j] - middle[i]
+    across -= (across * d[i]).sum(1)[:, None] * d[i]
+    normal = np.where(beside[:, None], np.cross(d[i], across), np.cross(d[i], d[j]))
+    size = np.linalg.norm(normal, axis=1)
+    usable = (size > 1e-9) & (~beside | (np.linalg.norm(across, axis=1) > 5 * pixel))
+    i, j, normal = i[usable], j[usable], normal[usable] / size[usable, None]
+    offset = -(normal * (middle[i] + middle[j]) / 2).sum(1)
+    reach = [np.abs((normal * p).sum(1) + offset) for p in (a[i], a[j])]
+    touch = np.flatnonzero(np.maximum(*reach) < near * pixel)
+    touch = touch[np.argsort(-np.minimum(length[i[touch]], length[j[touch]]), kind="stable")[:_CANDIDATES]]
+    return np.c_[normal[touch], offset[touch]]
+
+
+def _fitted(
+    plane: NDArray[np.float64], mine: NDArray[np.bool_], a: NDArray[np.float64], b: NDArray[np.float64],
+    length: NDArray[np.float64], regular: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # fmt: skip
+    """The plane through its lines; a regular one keeps its direction."""
+    rows = np.flatnonzero(mine)
+    if regular:
+        middle = np.average((a[rows] + b[rows]) / 2, axis=0, weights=length[rows])
+        return np.r_[plane[:3], -plane[:3] @ middle], rows
+    if len(rows) < 3:
+        return plane, rows
+    points, weight = np.concatenate([a[rows], b[rows]]), np.r_[length[rows], length[rows]]
+    centre = np.average(points, axis=0, weights=weight)
+    normal = np.linalg.svd((points - centre) * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
+    return np.r_[normal, -normal @ centre], rows
+
+
+def snap(
+    points: NDArray[np.float64], planes: Planes, near: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Points [N, 3] moved onto all planes within ``near`` [N], to their common point where there are several.
+
+    Returns:
+        The points and which planes each lies on, bool [N, K].
+    """
+    distance, out = planes.distances(points), points.copy()
+    on = np.abs(distance) < near[:, None]
+    normals = planes.planes[:, :3]
+    single = on.sum(1) == 1
+    which = on[single].argmax(1) if single.any() else np.zeros(0, int)
+    out[single] -= distance[single, which][:, None] * normals[which]
+    for n in np.flatnonzero(on.sum(1) > 1):
+        rows: list[int] = []
+        for k in np.argsort(np.abs(distance[n])):
+            if not on[n, k] or len(rows) == 3:
+                break
+            if all(abs(normals[k] @ normals[r]) < 0.97 for r in rows):
+                rows.append(int(k))
+        move = -np.linalg.lstsq(normals[rows], distance[n, rows], rcond=0.05)[0]
+        if np.linalg.norm(move) < 2 * near[n]:
+            out[n] += move
+    return out, np.abs(planes.distances(out)) < 0.1 * near[:, None]
+
+
+def plane_points(
+    planes: Planes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, o: PlaneOptions
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points every ``o.grid`` px on each plane over the convex hull of its lines [N, 3], and the plane of each.
+
+    A plane just beside a stronger parallel one (a pane, a frame) has points near its own lines only, since nothing else
+    tells which of the two a bare stretch lies on. Where dense points [M, 3] lie beside the plane there are none.
+    """
+    found, owner = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
+    tree = cKDTree(dense) if len(dense) else None
+    for k, plane in enumerate(planes.planes):
+        ends = np.stack([lines[n].ends for n in planes.members[k]])
+        along, down = _axes(plane[:3], ends[0, 1] - ends[0, 0])
+        uv = np.concatenate([np.linspace(p, q, 2 + int(np.linalg.norm(q - p) / (4 * pixel))) for p, q in ends])
+        uv = np.stack([uv @ along, uv @ down], 1)
+        flat = _grid(uv, o.grid * pixel, o.reach * pixel)
+        cosine = planes.planes[:, :3] @ plane[:3]
+        beside = np.abs(planes.planes[:, 3] * np.sign(cosine) - plane[3]) < o.layer * pixel
+        if (beside & (np.abs(cosine) > 0.995) & (planes.strength > planes.strength[k])).any() and len(flat):
+            flat = flat[cKDTree(uv).query(flat)[0] < o.reach * pixel]
+        points = flat[:, :1] * along + flat[:, 1:] * down - plane[3] * plane[:3]
+        if tree is not None and len(points):
+            points = points[~_contradicted(points, plane, dense, tree, pixel)]
+        found.append(points)
+        owner.append(np.full(len(points), k))
+    return np.concatenate(found), np.concatenate(owner)
+
+
+def _contradicted(
+    points: NDArray[np.float64], plane: NDArray[np.float64], dense: NDArray[np.float64], tree: cKDTree, pixel: float
+) -> NDArray[np.bool_]:
+    """Points of a plane around which dense points lie beside it: on a vault, chords are no planes."""
+    reach, least, off = _CONTRADICTED
+    result = np.zeros(len(points), bool)
+    for n, near in enumerate(tree.query_ball_point(points, reach * pixel)):
+        if len(near) >= least:
+            result[n] = np.median(np.abs(dense[near] @ plane[:3] + plane[3])) > off * pixel
+    return result
+
+
+def _axes(
+    normal: NDArray[np.float64], towards: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    along = towards - (towards @ normal) * normal
+    along = along / np.linalg.norm(along)
+    return along, np.cross(normal, along)
+
+
+def _grid(uv: NDArray[np.float64], step: float, reach: float) -> NDArray[np.float64]:
+    """Points [N, 2] of a grid over the convex hull of ``uv``, grown by ``reach``."""
+    low, high = uv.min(0) - reach, uv.max(0) + reach
+    axes = [np.arange(a, b, step) for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+    try:
+        hull = ConvexHull(uv)
+    except QhullError:  # all lines on one
+        return np.zeros((0, 2))
+    return np.asarray(grid[(grid @ hull.equations[:, :2].T + hull.equations[:, 2]).max(1) < reach])
+
+
+def crease_points(
+    planes: Planes, points: NDArray[np.float64], owner: NDArray[np.int64], step: float, reach: float
+) -> NDArray[np.float64]:
+    """Points every ``step`` where two planes meet and both have points of their own within ``reach``, [N, 3]."""
+    if not len(points):
+        return np.zeros((0, 3))
+    trees = [cKDTree(points[owner == k]) if (owner == k).any() else None for k in range(len(planes.planes))]
+    low, high, found = points.min(0), points.max(0), [np.zeros((0, 3))]
+    span = np.arange(-0.5, 0.5, step / np.linalg.norm(high - low)) * np.linalg.norm(high - low)
+    for i, first in enumerate(planes.planes):
+        for j in range(i):
+            second, one, other = planes.planes[j], trees[i], trees[j]
+            d = np.cross(first[:3], second[:3])
+            if np.linalg.norm(d) < 0.25 or one is None or other is None:
+                continue
+            d = d / np.linalg.norm(d)
+            rows = np.stack([first[:3], second[:3], d])
+            at = np.linalg.solve(rows, np.r_[-first[3], -second[3], d @ (low + high) / 2]) + span[:, None] * d
+            at = at[((at > low) & (at < high)).all(1)]
+            if len(at):
+                found.append(at[(one.query(at)[0] < reach) & (other.query(at)[0] < reach)])
+    return np.concatenate(found)

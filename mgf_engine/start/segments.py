@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Straight edges in photos: detection, the colours beside them, and the table that the kernels search."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.model import BACKGROUND
+from mgf_engine.start.options import SegmentOptions
+from mgf_engine.start.views import StartViews
+from mgf_engine.threads import in_order
+
+_SIDE = np.linspace(2.0, 4.0, 3)  # px beside the edge where its colours are read,
+_ALONG = np.linspace(0.15, 0.85, 7)  # and where along it
+_CELL = 8.0  # px, of the grid that tells which segments pass near a pixel
+_POINTERS = ("ends", "sides", "rays", "normals", "view", "projection", "centre", "first", "grid", "cell", "near")
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Edges of all photos; ``S`` segments, ``V`` views, those of one photo beside each other.
+
+    Attributes:
+        ends: float64 [S, 4], x1 y1 x2 y2 in pixels; the brighter side always on the same hand.
+        sides: float32 [S, 2, 3], Lab of the brighter and the darker side.
+        rays: float64 [S, 2, 3], unit directions of the ends in the normalised frame.
+        view: int32 [S].
+        first: int32 [V + 1], where each photo's begin.
+        views: the cameras.
+        options: reach, colour and overlap are handed to the kernels.
+    """
+
+    ends: NDArray[np.float64]
+    sides: NDArray[np.float32]
+    rays: NDArray[np.float64]
+    view: NDArray[np.int32]
+    first: NDArray[np.int32]
+    views: StartViews
+    options: SegmentOptions
+
+    @property
+    def lengths(self) -> NDArray[np.float64]:
+        """Pixels, [S]."""
+        return np.hypot(*(self.ends[:, 2:] - self.ends[:, :2]).T)
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normals of the planes through camera and segment, [S, 3]."""
+        normals = np.cross(self.rays[:, 0], self.rays[:, 1])
+        return np.ascontiguousarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
+
+    @cached_property
+    def grid(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+        """Columns, rows and first cell of each photo's grid [V, 3]; where cells begin [C + 1] in the list of segments."""
+        reach = self.options.reach + 0.5
+        size = np.array([[np.ceil(v.width / _CELL), np.ceil(v.height / _CELL)] for v in self.views.views], np.int64)
+        base = np.concatenate([[0], np.cumsum(size.prod(1))])
+        steps = np.maximum(2, np.ceil(self.lengths).astype(int) + 1)
+        owner = np.repeat(np.arange(len(self.ends)), steps)
+        share = (np.arange(len(owner)) - np.repeat(np.cumsum(steps) - steps, steps)) / np.repeat(steps - 1, steps)
+        at = self.ends[owner, :2] + share[:, None] * (self.ends[owner, 2:] - self.ends[owner, :2])
+        keys = []
+        for dx in (-reach, reach):
+            for dy in (-reach, reach):
+                cell = np.floor((at + [dx, dy]) / _CELL).astype(np.int64)
+                photo = self.view[owner]
+                inside = (cell >= 0).all(1) & (cell < size[photo]).all(1)
+                number = base[photo] + cell[:, 1] * size[photo, 0] + cell[:, 0]
+                keys.append(number[inside] * len(self.ends) + owner[inside])
+        key = np.unique(np.concatenate(keys))
+        cell, near = np.divmod(key, max(len(self.ends), 1))
+        start = np.searchsorted(cell, np.arange(base[-1] + 1)).astype(np.int32)
+        return np.c_[size, base[:-1]].astype(np.int32), start, near.astype(np.int32)
+
+    @cached_property
+    def table(self) -> Any:
+        """As ``raster/kernels/segments.c`` takes it (struct Segments); holds on to its arrays."""
+        grid, cell, near = self.grid
+        arrays = (
+            self.ends, self.sides, self.rays, self.normals, self.view, self.views.projections, self.views.centres,
+            self.first, grid, cell, near,
+        )  # fmt: skip
+        arrays = tuple(np.ascontiguousarray(a) for a in arrays)
+        o = self.options
+        numbers = (*(a.ctypes.data for a in arrays), len(self.views.views), _CELL, o.reach, o.colour, o.overlap)
+        kinds = [*((n, ctypes.c_void_p) for n in _POINTERS), ("views", ctypes.c_int64)]
+        kinds += [(n, ctypes.c_double) for n in ("cell_size", "reach", "colour", "overlap")]
+        table = type("SegmentTable", (ctypes.Structure,), {"_fields_": kinds})(*numbers)
+        table.arrays = arrays
+        return table
+
+
+def find_segments(views: StartViews, options: SegmentOptions, threads: int) -> Segments:
+    """The edges of all photos in and beside their masks."""
+    found = [f for _, f in in_order(lambda n: _detect(views, n, options), range(len(views.views)), threads)]
+    first = np.cumsum([0, *(len(ends) for ends, _ in found)]).astype(np.int32)
+    ends = np.concatenate([ends for ends, _ in found])
+    view = np.repeat(np.arange(len(found), dtype=np.int32), np.diff(first))
+    rays = np.stack([pixel_rays(views, view, ends[:, 2 * e : 2 * e + 2]) for e in range(2)], 1)
+    sides = np.ascontiguousarray(np.concatenate([s for _, s in found]), np.float32)
+    return Segments(ends, sides, np.ascontiguousarray(rays), view, first, views, options)
+
+
+def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit directions [N, 3] in the normalised frame of pixels [N, 2] of views ``number`` [N]."""
+    inverse = np.stack([np.linalg.inv(p[:, :3]) for p in views.projections])
+    rays = np.einsum("nij,nj->ni", inverse[number], np.c_[uv, np.ones(len(uv))])
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def _detect(views: StartViews, number: int, o: SegmentOptions) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Ends [N, 4] and colours of both sides [N, 2, 3] of a photo's longest edges."""
+    photo = views.photo(number)
+    lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)
+    grey = np.clip(lab[..., 0] * 2.55, 0, 255).astype(np.uint8)
+    large = cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)  # edges of one pixel are found, too
+    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, scale=0.8, quant=1.0, ang_th=22.5)
+    lines = detector.detect(large)[0]
+    if lines is None:
+        return np.zeros((0, 4)), np.zeros((0, 2, 3), np.float32)
+    ends = (lines.reshape(-1, 4).astype(float) + 0.5) / 2
+    along = ends[:, 2:] - ends[:, :2]
+    length = np.hypot(*along.T)
+    near = cv2.dilate((views.labels[number] != BACKGROUND).astype(np.uint8), np.ones((2 * o.margin + 1,) * 2, np.uint8))
+    middle = np.clip(((ends[:, :2] + ends[:, 2:]) / 2).astype(int), 0, [grey.shape[1] - 1, grey.shape[0] - 1])
+    wanted = np.flatnonzero((length > o.shortest) & (near[middle[:, 1], middle[:, 0]] > 0))
+    wanted = wanted[np.argsort(-length[wanted], kind="stable")[: o.most]]
+    ends, along = ends[wanted], along[wanted]
+    across = np.stack([-along[:, 1], along[:, 0]], 1) / length[wanted, None]
+    sides = np.stack([_side_colours(lab, ends, along, sign * across) for sign in (1, -1)], 1)
+    flip = sides[:, 0, 0] < sides[:, 1, 0]
+    ends[flip] = ends[flip][:, [2, 3, 0, 1]]
+    sides[flip] = sides[flip][:, ::-1]
+    return ends, sides
+
+
+def _side_colours(
+    lab: NDArray[np.float32], ends: NDArray[np.float64], along: NDArray[np.float64], across: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Median colours [N, 3] beside edges."""
+    at = ends[:, None, None, :2] + _ALONG[None, :, None, None] * along[:, None, None]
+    at = (at + _SIDE[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32) - 0.5
+    if not len(at):
+        return np.zeros((0, 3), np.float32)
+    read = cv2.remap(lab, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(np.median(read, 1), np.float32)

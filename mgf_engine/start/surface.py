@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The starting surface of a building, from its photos, cameras and masks."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.model import MaskSet
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.messages import Reporter
+from mgf_engine.scene.model import Scene
+from mgf_engine.start.cut import Evidence, cut_surface
+from mgf_engine.start.dense import dense_points
+from mgf_engine.start.lines import Line, find_lines, line_points
+from mgf_engine.start.options import PlaneOptions, StartOptions
+from mgf_engine.start.planes import Planes, crease_points, find_planes, plane_points, snap
+from mgf_engine.start.segments import find_segments
+from mgf_engine.start.views import StartViews, start_views
+from mgf_engine.system import cores
+from mgf_engine.timing import PartTimes
+
+log = logging.getLogger("mgf")
+_LEAST = 20  # points that carry evidence: with fewer there is no surface to find
+_STRONGEST = 3  # planes that tell how strong a strong one is
+
+
+@dataclass(frozen=True)
+class StartSurface:
+    """A closed surface in the normalised frame.
+
+    Attributes:
+        mesh: its triangles, outward; colours are 0.
+        sure: 0..1 by the strength of the plane each face lies on, 0 on none, float32 [F].
+        dense: points by stereo [N, 3], some beside the surface, and seen: a view (of the scene) that saw each.
+        pixel: size of a pixel at the building.
+    """
+
+    mesh: Mesh
+    sure: NDArray[np.float32]
+    dense: NDArray[np.float64]
+    seen: NDArray[np.int64]
+    pixel: float
+
+
+def start_surface(
+    scene: Scene,
+    masks: MaskSet,
+    indices: Sequence[int],
+    reporter: Reporter,
+    threads: int = 0,
+    options: StartOptions = StartOptions(),  # noqa: B008  # frozen
+    times: PartTimes | None = None,
+) -> StartSurface:
+    """The surface that the photos ``indices`` and their masks speak for.
+
+    Args:
+        times: where to note what the parts of the work take.
+
+    Raises:
+        BadInput: too few edges and points for a surface, or masks without a place in common.
+        Cancelled: the user asked to stop.
+    """
+    threads, times = threads or cores(), times or PartTimes()
+    with times.part("views"):
+        views = start_views(scene, masks, indices, options.longest_side)
+    reporter.check()
+    with times.part("lines"):
+        lines = find_lines(find_segments(views, options.segments, threads))
+    reporter.check()
+    with times.part("dense"):
+        dense, seen = dense_points(views, masks, options.dense, threads, reporter.check)
+    with times.part("planes"):
+        evidence = gather(views, lines, (dense, seen), options)
+    reporter.check()
+    with times.part("cut"):
+        mesh, bits = cut_surface(views, evidence, options.cut, reporter.check)
+    if not len(mesh.faces):
+        raise BadInput("The masks and photos leave no surface to start from; check the masks and the cameras.")
+    first = np.array([views.indices[s[0]] for s in seen], np.int64)
+    return StartSurface(mesh, _sure(bits, evidence.strength), dense, first, views.pixel)
+
+
+def gather(
+    views: StartViews,
+    lines: Sequence[Line],
+    dense: tuple[NDArray[np.float64], list[NDArray[np.int64]]],
+    options: StartOptions,
+) -> Evidence:
+    """All points the surface may pass: on lines, sparse, dense; on planes and creases those that only shape it.
+
+    Raises:
+        BadInput: hardly any.
+    """
+    o, pixel = options.planes, views.pixel
+    planes = find_planes(lines, pixel, o)
+    on_lines, lines_seen = line_points(list(lines), 4 * pixel, pixel)
+    groups = [(on_lines, lines_seen, 1.0, o.near), (views.points, views.seen, 1.0, 2 * o.near),
+              (dense[0], dense[1], options.dense.weight, 1.5 * o.near)]  # fmt: skip
+    if sum(len(points) for points, *_ in groups) < _LEAST:
+        raise BadInput(
+            "The photos show too few edges and points on the building for a surface; add photos that overlap more."
+        )
+    shaping = _shaping(views, planes, lines, dense[0], options)
+    groups += [(points, [np.zeros(0, np.int64)] * len(points), 0.0, o.near) for points in shaping]
+    log.info("start: %d planes; points on lines, sparse, dense, creases, planes: %s", len(planes.planes),
+             [len(points) for points, *_ in groups])  # fmt: skip
+    points = np.concatenate([g[0] for g in groups])
+    near = np.concatenate([np.full(len(g[0]), g[3] * pixel) for g in groups])
+    weight = np.concatenate([np.full(len(g[0]), g[2]) for g in groups])
+    seen = [s for g in groups for s in g[1]]
+    points, on = snap(points, planes, near)
+    bits = (on.astype(np.uint64) << np.arange(on.shape[1], dtype=np.uint64)).sum(1, dtype=np.uint64)
+    return _merged(points, seen, weight, bits, _relative(planes), 0.5 * pixel)
+
+
+def _shaping(
+    views: StartViews, planes: Planes, lines: Sequence[Line], dense: NDArray[np.float64], options: StartOptions
+) -> list[NDArray[np.float64]]:
+    """Points on creases and planes in the hull."""
+    o, pixel = options.planes, views.pixel
+    in_hull = lambda p: views.outside_views(p, options.cut.margin, 2) < 2  # noqa: E731
+    points, owner = plane_points(planes, lines, dense, pixel, o)
+    kept = in_hull(points)
+    points, owner = points[kept], owner[kept]
+    creases = crease_points(planes, points, owner, o.crease * pixel, 1.2 * o.grid * pixel)
+    return [creases[in_hull(creases)], points]
+
+
+def _relative(planes: Planes) -> NDArray[np.float64]:
+    """Strengths beside the mean of the strongest, 0..1."""
+    if not len(planes.strength):
+        return planes.strength
+    return np.clip(planes.strength / np.sort(planes.strength)[-_STRONGEST:].mean(), 1e-3, 1)
+
+
+def _merged(
+    points: NDArray[np.float64],
+    seen: Sequence[NDArray[np.int64]],
+    weight: NDArray[np.float64],
+    bits: NDArray[np.uint64],
+    strength: NDArray[np.float64],
+    size: float,
+) -> Evidence:
+    """One point per cube of ``size``: the first of each, all their views, the largest weight."""
+    key = np.round((points - points.min(0)) / size).astype(np.int64)
+    spans = key.max(0) + 1
+    _, first, group = np.unique(
+        (key[:, 0] * spans[1] + key[:, 1]) * spans[2] + key[:, 2], return_index=True, return_inverse=True
+    )
+    largest = np.zeros(len(first))
+    np.maximum.at(largest, group, weight)
+    count = np.array([len(s) for s in seen])
+    pair = np.unique(np.repeat(group, count) * 65536 + np.concatenate([np.zeros(0, np.int64), *seen]))
+    owner, number = np.divmod(pair, 65536)
+    together = np.split(number, np.searchsorted(owner, np.arange(1, len(first))))
+    return Evidence(points[first], together, largest, bits[first], strength)
+
+
+def _sure(bits: NDArray[np.uint64], strength: NDArray[np.float64]) -> NDArray[np.float32]:
+    sure = np.zeros(len(bits), np.float32)
+    for n, s in enumerate(strength):
+        sure = np.maximum(sure, np.where((bits >> np.uint64(n)) & np.uint64(1) == 1, np.float32(s), 0))
+    return sure
+
+
+__all__ = ["PlaneOptions", "StartSurface", "gather", "start_surface"]

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The photos, cameras and masks of one building as the starting surface uses them, at its working size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.hull import FEW, hull_cells
+from mgf_engine.masks.model import BACKGROUND, MaskSet, building
+from mgf_engine.mesh.view import scaled_view
+from mgf_engine.raster.library import parallel
+from mgf_engine.scene.model import Scene, View
+
+_PAD = 0.3  # of the box's longest side, around the points
+_LEAST_TRACK = 3  # photos that must have seen a sparse point
+_TRUST_VIEWS = 4  # masks that must call a cell of the coarse hull outside
+_TRUST_CELLS = 60  # of that hull, along its longest side
+_TRUST_TIMES, _TRUST_LEAST = 3.0, 0.02  # share of the hull a mask may cut off: times the median's, and at least
+
+
+@dataclass(frozen=True)
+class StartViews:
+    """What the steps of the starting surface ask of the scene; ``V`` views, in the normalised frame.
+
+    Attributes:
+        indices: their numbers in the scene.
+        views: the cameras at working size.
+        labels: uint8 [H, W] each.
+        outside: uint8 [V, H, W] (of the largest photo), distance outside of the mask in eighths of a pixel.
+        points, seen: sparse points on the building [N, 3], and of each the positions of the views that saw it.
+        pixel: size of a pixel at the building.
+        low, high: the box that holds it, [3] each.
+    """
+
+    scene: Scene
+    indices: list[int]
+    views: list[View]
+    labels: list[NDArray[np.uint8]]
+    outside: NDArray[np.uint8]
+    points: NDArray[np.float64]
+    seen: list[NDArray[np.int64]]
+    pixel: float
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+    @cached_property
+    def centres(self) -> NDArray[np.float64]:
+        """Camera centres [V, 3]."""
+        return np.stack([view.centre for view in self.views])
+
+    @cached_property
+    def projections(self) -> NDArray[np.float64]:
+        """Matrices [V, 3, 4] that take points to pixels."""
+        return np.ascontiguousarray(np.stack([projection(view) for view in self.views]))
+
+    @cached_property
+    def angles(self) -> NDArray[np.float64]:
+        """Angles between the views as the middle of the building sees them, degrees [V, V]."""
+        away = self.centres - (self.low + self.high) / 2
+        away = away / np.linalg.norm(away, axis=1, keepdims=True)
+        return np.asarray(np.degrees(np.arccos(np.clip(away @ away.T, -1, 1))))
+
+    def photo(self, number: int) -> NDArray[np.uint8]:
+        """RGB at working size, uint8 [H, W, 3]."""
+        view, photo = self.views[number], self.scene.photo(self.indices[number])
+        if photo.shape[:2] == (view.height, view.width):
+            return photo
+        return np.asarray(cv2.resize(photo, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8)
+
+    def outside_views(self, points: NDArray[np.float64], margin: float, enough: int = 255) -> NDArray[np.uint8]:
+        """How many views call points [N, 3] outside by more than ``margin`` px, counted to ``enough``; uint8 [N]."""
+        return count_outside(points, self.projections, self.outside, margin, enough)
+
+
+def projection(view: View) -> NDArray[np.float64]:
+    """[3, 4], pixels of points in the normalised frame."""
+    intrinsics = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]])
+    return np.asarray(intrinsics @ np.c_[view.rotation, view.translation])
+
+
+def count_outside(
+    points: NDArray[np.float64], projections: NDArray[np.float64], outside: NDArray[np.uint8], margin: float,
+    enough: int = 255,
+) -> NDArray[np.uint8]:  # fmt: skip
+    """How many views call each point outside (kernel ``count_outside_work``); arguments as in :class:`StartViews`."""
+    result = np.zeros(len(points), np.uint8)
+    points, (views, height, width) = np.ascontiguousarray(points, dtype=np.float64), outside.shape
+    parallel(
+        "count_outside_work", len(points), points, projections, views, outside, height, width, float(margin), enough,
+        result,
+    )  # fmt: skip
+    return result
+
+
+def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], longest_side: int) -> StartViews:
+    """The views ``indices`` of a scene for the starting surface.
+
+    Raises:
+        BadInput: few sparse points lie on the building, and its masks have no place in common.
+    """
+    views, labels = [], []
+    for i in indices:
+        view = scene.views[i]
+        view = scaled_view(view, min(1.0, longest_side / max(view.width, view.height)))
+        size = (view.width, view.height)
+        views.append(view)
+        labels.append(np.asarray(cv2.resize(masks.labels[i], size, interpolation=cv2.INTER_NEAREST), np.uint8))
+    points, seen = _points_of(scene, masks, indices)
+    if len(points) >= FEW:
+        low, high = np.percentile(points, [2, 98], axis=0)
+    else:
+        cells, _ = hull_cells(scene, masks, indices)
+        low, high = cells.min(0), cells.max(0)
+    pad = _PAD * float((high - low).max())
+    middle = (low + high) / 2
+    pixel = float(np.median([np.linalg.norm(view.centre - middle) / view.fx for view in views]))
+    if len(points) >= FEW:
+        pixel = _pixel(points, seen, views)
+    outside = _outside(labels)
+    result = StartViews(scene, list(indices), views, labels, outside, points, seen, pixel, low - pad, high + pad)
+    for number in _distrusted(result):
+        outside[number] = 0
+    return result
+
+
+def _points_of(
+    scene: Scene, masks: MaskSet, indices: Sequence[int]
+) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
+    """Sparse points that enough of the views saw inside of their masks [N, 3], and positions of those views."""
+    position = np.full(len(scene.views), -1)
+    position[list(indices)] = np.arange(len(indices))
+    number, point = position[scene.track_view], scene.track_point
+    inside = np.zeros(len(number), bool)
+    for i in indices:
+        rows = scene.observations(i)
+        at = np.floor(scene.track_uv[rows]).astype(int)
+        inside[rows] = building(masks.labels[i])[at[:, 1], at[:, 0]]
+    used = (number >= 0) & masks.point_mask[point]
+    track = np.bincount(point[used], minlength=len(scene.points))
+    agree = np.bincount(point[used & inside], minlength=len(scene.points))
+    kept = np.flatnonzero((track >= _LEAST_TRACK) & (agree > 0.66 * track))
+    seen = [np.unique(number[a:b][used[a:b]]) for a, b in zip(scene.track_start[kept], scene.track_start[kept + 1])]  # noqa: B905
+    return scene.points[kept], seen
+
+
+def _pixel(points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], views: Sequence[View]) -> float:
+    number = np.concatenate(seen)
+    owner = np.repeat(np.arange(len(points)), [len(s) for s in seen])
+    size = np.zeros(len(number))
+    for n, view in enumerate(views):
+        rows = number == n
+        size[rows] = view.project(points[owner[rows]])[1] / view.fx
+    return float(np.median(size))
+
+
+def _outside(labels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Distance outside of each mask in eighths of a pixel; unknown pixels are not outside."""
+    height, width = (max(label.shape[k] for label in labels) for k in range(2))
+    result = np.zeros((len(labels), height, width), np.uint8)
+    for out, label in zip(result, labels, strict=True):
+        distance = cv2.distanceTransform((label == BACKGROUND).astype(np.uint8), cv2.DIST_L2, 5)
+        out[: label.shape[0], : label.shape[1]] = np.minimum(8 * distance, 255)
+    return result
+
+
+def _distrusted(views: StartViews) -> list[int]:
+    """Masks that cut off parts of the building.
+
+    The coarse hull of what few masks call outside holds the building even where single masks fail. A mask that calls
+    far more of it outside than the others do is not trusted; one at a time, and at most half of them.
+    """
+    step = float((views.high - views.low).max()) / _TRUST_CELLS
+    axes = [np.arange(a, b, step) for a, b in zip(views.low, views.high, strict=True)]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    each = zip(views.projections, views.outside, strict=True)
+    says = np.stack([count_outside(cells, p[None].copy(), d[None], 2.0) > 0 for p, d in each])
+    trusted = np.ones(len(says), bool)
+    while trusted.sum() > len(says) / 2:
+        inside = says[trusted].sum(0) < min(_TRUST_VIEWS, len(says))
+        share = says[:, inside].mean(1) if inside.any() else np.zeros(len(says))
+        worst = int(np.where(trusted, share, -1).argmax())
+        if share[worst] < max(_TRUST_LEAST, _TRUST_TIMES * float(np.median(share[trusted]))):
+            break
+        trusted[worst] = False
+    return [int(n) for n in np.flatnonzero(~trusted)]
