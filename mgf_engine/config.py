@@ -78,7 +78,7 @@ class Config:
     passes: int = option(50, "field", "Iterations for each photo trained on, as for 20 photos where there are fewer and 60 where there are more", low=1, high=1000)
     holdout_every: int = option(8, "field", "Every n-th photo is kept out of training to measure the result; 0 trains on all", low=0, high=1000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
-    dense_start: bool = option(True, "field", "Start from dense points by stereo between neighbouring photos, not from sparse points alone")
+    start: str = option("surface", "field", "Where the first Gaussians lie: on a starting surface from edges, planes and stereo, on dense points by stereo, or on sparse points alone", choices=("surface", "dense", "sparse"))
     sh_degree: int = option(2, "field", "Degree of the spherical harmonics that make colour depend on the view", low=0, high=3)
     coarse_to_fine: bool = option(True, "field", "Start on small pictures and end at the full working resolution")
     multilevel_loss: bool = option(False, "field", "Multi-level perceptual mask loss, eq. 18-19; off uses the plain RGB loss, eq. 16 (ablation c)")

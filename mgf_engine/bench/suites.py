@@ -64,7 +64,7 @@ ABLATION: dict[str, Options] = {
 SWITCHES: dict[str, Options] = {
     "multi-level loss": {"multilevel_loss": True},
     "boundary loss": {"boundary_loss": True},
-    "no dense start": {"dense_start": False},
+    "sparse start": {"start": "sparse"},
     "no coarse-to-fine": {"coarse_to_fine": False},
     "no distortion term": {"distortion_lambda": 0.0},
     "no normal term": {"normal_lambda": 0.0},
@@ -77,7 +77,7 @@ SWITCHES: dict[str, Options] = {
 }
 _UNMASKED: Options = {
     "use_masks": False, "masked_points": False, "multilevel_loss": False, "boundary_loss": False, "screening": False,
-    "second_level": "off", "background_lambda": 0.0, "dense_start": False, "coarse_to_fine": False,
+    "second_level": "off", "background_lambda": 0.0, "start": "sparse", "coarse_to_fine": False,
 }  # fmt: skip
 #: Our engine set up the way the methods the paper compares with work.
 PEERS: dict[str, Options] = {

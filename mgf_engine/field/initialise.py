@@ -17,13 +17,19 @@ _FLATNESS = 0.25  # thickness of a disc as a share of its radius
 _OPACITY = 0.3
 
 
-def initial_field(points: NDArray[np.float64], colors: NDArray[np.uint8], towards: NDArray[np.float64]) -> Gaussians:
+def initial_field(
+    points: NDArray[np.float64],
+    colors: NDArray[np.uint8],
+    towards: NDArray[np.float64],
+    given: NDArray[np.float64] | None = None,
+) -> Gaussians:
     """One Gaussian per point.
 
     Args:
         points: [N, 3] in the normalised frame.
         colors: uint8 [N, 3].
         towards: [N, 3] a place that sees each point (a camera centre); orients the discs.
+        given: [N, 3] unit normals where they are known, NaN elsewhere: there they are those of the points around.
 
     Raises:
         BadInput: fewer than four points, too few to know distances from.
@@ -35,6 +41,8 @@ def initial_field(points: NDArray[np.float64], colors: NDArray[np.uint8], toward
         )
     distance, index = cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))
     normals = _normals(points, index, towards)
+    if given is not None:
+        normals = np.where(np.isnan(given), normals, given)
     spacing = distance[:, 1:4].mean(1)
     # A lone point far from all others must not become a disc that covers the building.
     spacing = np.clip(spacing, 1e-4, max(3.0 * float(np.median(spacing)), 1e-4))

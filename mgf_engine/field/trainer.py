@@ -15,16 +15,13 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
-from mgf_engine.field.dense import dense_points
 from mgf_engine.field.density import budget_at, refine
 from mgf_engine.field.filter3d import update_filter
 from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.field.initialise import initial_field
 from mgf_engine.field.losses import LossTerms, total_loss
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.field.schedule import (
@@ -37,11 +34,11 @@ from mgf_engine.field.schedule import (
     view_order,
     work_at,
 )
+from mgf_engine.field.start import start_field
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import vote
 from mgf_engine.messages import Reporter
-from mgf_engine.order import along_curve
 from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.raster.device import choose_device, rendered_nothing, restore_room, room_state
 from mgf_engine.scene.model import Scene
@@ -51,7 +48,6 @@ log = logging.getLogger("mgf")
 CHECKPOINT = "training.npz"
 _PREVIEW_SECONDS = 15.0
 _CURVE_POINTS = 200
-_DENSE_SHARE = 0.5  # of the Gaussians' budget may be dense starting points
 _VOTE_ROUNDS = 5  # the masks vote on the Gaussians at every n-th round
 
 
@@ -90,7 +86,7 @@ class _Trainer:
         if found is None:
             if self.checkpoint_path.exists():
                 reporter.warning("The checkpoint of the field is damaged; training starts over.")
-            field = start_field(scene, masks, self.views, config, reporter)
+            field = start_field(scene, masks, self.views, config, folder, reporter)
             self._update_filter(field)
             figures = {"start_gaussians": len(field), "curve": [], "seconds": {}}
             found = Checkpoint(Optimiser(field), RenderStats.zeros(len(field)), 0, figures)
@@ -252,26 +248,3 @@ def training_views(scene: Scene, masks: MaskSet) -> list[int]:
     if not views:
         raise BadInput("No photo has a usable mask; add clicks on the building or give masks with --masks.")
     return views
-
-
-def start_field(scene: Scene, masks: MaskSet, views: list[int], config: Config, reporter: Reporter) -> Gaussians:
-    """The first Gaussians: the masked points P' (or all points, ablation b), and dense points where switched on."""
-    chosen = masks.point_mask if config.masked_points else np.ones(len(scene.points), bool)
-    index = np.flatnonzero(chosen)
-    if len(index) > config.max_gaussians:
-        generator = np.random.default_rng(config.seed)
-        index = np.sort(generator.choice(index, config.max_gaussians, replace=False))
-    parts = [(scene.points[index], scene.colors[index], _seen_from(scene, index))]
-    if config.dense_start:
-        limit = int(_DENSE_SHARE * config.max_gaussians)
-        parts.append(dense_points(scene, masks, views, limit, reporter, config.threads))
-    points, colors, towards = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = along_curve(points)  # what one tile shows lies close together in memory
-    return initial_field(points[order], colors[order], towards[order])
-
-
-def _seen_from(scene: Scene, index: NDArray[np.int64]) -> NDArray[np.float64]:
-    """A camera centre that observed each point, [N, 3]."""
-    centres = np.stack([view.centre for view in scene.views])
-    first = np.minimum(scene.track_start[index], max(len(scene.track_view) - 1, 0))
-    return centres[scene.track_view[first]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The visual hull: where in space the building can be, by its masks alone; it stands in where sparse points are missing.
+"""The visual hull: where in space the building can be, by its masks alone; it stands in for missing sparse points.
 
 Photos straight down on shingles, or of plain walls, share few points on the building. The cells of the hull's surface
 tell which photos see the same of it and how far away it is, as points would.

@@ -2,7 +2,7 @@
 """The starting surface: a closed surface of the building from edges, planes, stereo and masks, before any field.
 
 Plain walls give stereo nothing to match, but their edges are sharp, planes through edges are accurate, and rays to what
-photos show keep the space before it free. In the order of the work: ``views``, ``segments`` (edges in photos), ``lines``
-(in space), ``planes``, ``dense`` (stereo where there is texture), ``cut`` (inside or outside, by an s-t cut over
-tetrahedra), ``surface`` (all of it), ``samples`` (what the field starts from).
+photos show keep the space before it free. In the order of the work: ``views``, ``segments`` (edges in photos),
+``lines`` (in space), ``planes``, ``dense`` (stereo where there is texture), ``cut`` (inside or outside, by an s-t cut
+over tetrahedra), ``surface`` (all of it), ``samples`` (what the field starts from).
 """

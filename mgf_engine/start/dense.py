@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dense points by stereo where photos have texture of their own and others confirm them, with the views that saw them."""
+"""Dense points by stereo where photos have texture and others confirm them, with the views that saw them."""
 
 from __future__ import annotations
 

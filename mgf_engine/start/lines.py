@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.raster.library import parallel
-from mgf_engine.start.options import SegmentOptions
 from mgf_engine.start.segments import Segments
 
 log = logging.getLogger("mgf")
@@ -47,7 +46,9 @@ def neighbours_of(segments: Segments) -> NDArray[np.int32]:
     return np.ascontiguousarray(np.where(np.isfinite(np.take_along_axis(fits, order, 1)), order, -1), np.int32)
 
 
-def match_segments(segments: Segments, neighbours: NDArray[np.int32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def match_segments(
+    segments: Segments, neighbours: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Of each segment the line [S, 2, 3] that most neighbours see, and the sum of their supports [S]; 0 for none."""
     lines, score = np.zeros((len(segments.ends), 2, 3)), np.zeros(len(segments.ends))
     box = np.ascontiguousarray(np.stack([segments.views.low, segments.views.high]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The numbers of the starting surface, each with its unit; px is a pixel of the working photo or its size on the building."""
+"""The numbers of the starting surface, each with its unit; px: a pixel of a working photo, or its size in space."""
 
 from __future__ import annotations
 

@@ -43,7 +43,8 @@ class Planes:
 
 def dominant_directions(directions: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     """Directions [M, 3] that most of the lines (unit [N, 3], lengths [N]) follow, most length first."""
-    left, found = lengths.copy(), []
+    left = lengths.copy()
+    found: list[NDArray[np.float64]] = []
     limit = np.cos(np.radians(_DIRECTION))
     while len(found) < _MOST_DIRECTIONS:
         votes = (np.abs(directions @ directions.T) > limit) @ left
@@ -109,7 +110,11 @@ def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _within(
-    normal: NDArray[np.float64], offset: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], near: float
+    normal: NDArray[np.float64],
+    offset: NDArray[np.float64],
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    near: float,
 ) -> NDArray[np.bool_]:
     """Which lines lie in which planes, bool [K, N]."""
     return np.asarray(np.all([np.abs(normal @ p.T + offset[:, None]) < near for p in (a, b)], axis=0))
@@ -248,9 +253,7 @@ def _contradicted(
     return result
 
 
-def _axes(
-    normal: NDArray[np.float64], towards: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _axes(normal: NDArray[np.float64], towards: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     along = towards - (towards @ normal) * normal
     along = along / np.linalg.norm(along)
     return along, np.cross(normal, along)

@@ -13,6 +13,7 @@ from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import face_normals, look
 from mgf_engine.scene.model import Scene
 
+_CANDIDATES = 4.0  # random points for each that stays
 _FACING = 0.05  # least cosine between a face's normal and the direction to a view that shows it
 
 
@@ -25,29 +26,56 @@ class Samples:
     colors: NDArray[np.uint8]
 
 
-def sample_surface(mesh: Mesh, scene: Scene, indices: Sequence[int], count: int, seed: int = 0) -> Samples:
-    """About ``count`` points on what the photos ``indices`` show of a surface, evenly by area."""
-    normals = face_normals(mesh)
-    corners = mesh.vertices[mesh.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    generator = np.random.default_rng(seed)
-    face, points = _spread(corners, area, count, generator)
-    normal = normals[face]
-    colors, seen = _colors(mesh, scene, indices, points, normal)
-    return Samples(points[seen], normal[seen], colors[seen])
+def sample_surface(
+    mesh: Mesh, scene: Scene, indices: Sequence[int], most: int, spacing: float, seed: int = 0
+) -> Samples:
+    """Points on what the photos ``indices`` show of a surface, about ``spacing`` apart, and at most about ``most``."""
+    shown = _shown(mesh, scene, indices)
+    mesh = Mesh(mesh.vertices, mesh.faces[shown], mesh.colors)
+    area = _areas(mesh)
+    if not len(area):
+        return Samples(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+    spacing = max(spacing, float(np.sqrt(area.sum() / max(most, 1))))
+    face, points = spread(mesh, spacing, np.random.default_rng(seed))
+    normals = face_normals(mesh)[face]
+    colors, seen = _colors(mesh, scene, indices, points, normals)
+    return Samples(points[seen], normals[seen], colors[seen])
 
 
-def _spread(
-    corners: NDArray[np.float64], area: NDArray[np.float64], count: int, generator: np.random.Generator
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Faces [N] and points [N, 3]; along the cumulated area in equal steps, so that they are even."""
+def spread(mesh: Mesh, spacing: float, generator: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Faces [N] and points on them [N, 3], one in each cube of side ``spacing`` that the surface passes."""
+    area = _areas(mesh)
     total = np.cumsum(area)
+    count = int(np.ceil(_CANDIDATES * total[-1] / spacing**2))
     face = np.searchsorted(total, (np.arange(count) + generator.random(count)) / count * total[-1])
     face = np.minimum(face, len(area) - 1)
     u, v = generator.random((2, count))
     root = np.sqrt(u)
     weights = np.stack([1 - root, root * (1 - v), root * v], 1)
-    return face, np.einsum("nk,nkj->nj", weights, corners[face])
+    points = np.einsum("nk,nkj->nj", weights, mesh.vertices[mesh.faces[face]])
+    cell = np.floor((points - points.min(0)) / spacing).astype(np.int64)
+    spans = cell.max(0) + 1
+    off = np.abs((points - points.min(0)) / spacing - cell - 0.5).max(1)
+    order = np.argsort(off, kind="stable")  # nearest to the middle of their cubes: evenly apart
+    key = (cell[order, 0] * spans[1] + cell[order, 1]) * spans[2] + cell[order, 2]
+    kept = order[np.unique(key, return_index=True)[1]]
+    return face[kept], points[kept]
+
+
+def _areas(mesh: Mesh) -> NDArray[np.float64]:
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+def _shown(mesh: Mesh, scene: Scene, indices: Sequence[int]) -> NDArray[np.bool_]:
+    """Faces that at least one photo shows from the front, bool [F]."""
+    result, normals = np.zeros(len(mesh.faces), bool), face_normals(mesh)
+    middle = mesh.vertices[mesh.faces].mean(1)
+    for i in indices:
+        face = look(mesh, scene.views[i]).face
+        seen = np.unique(face[face >= 0])
+        result[seen[((scene.views[i].centre - middle[seen]) * normals[seen]).sum(1) > 0]] = True
+    return result
 
 
 def _colors(

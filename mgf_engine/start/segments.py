@@ -58,7 +58,7 @@ class Segments:
 
     @cached_property
     def grid(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-        """Columns, rows and first cell of each photo's grid [V, 3]; where cells begin [C + 1] in the list of segments."""
+        """Columns, rows and first cell of each photo's grid [V, 3]; where cells begin [C + 1] in the segments' list."""
         reach = self.options.reach + 0.5
         size = np.array([[np.ceil(v.width / _CELL), np.ceil(v.height / _CELL)] for v in self.views.views], np.int64)
         base = np.concatenate([[0], np.cumsum(size.prod(1))])
@@ -69,7 +69,7 @@ class Segments:
         keys = []
         for dx in (-reach, reach):
             for dy in (-reach, reach):
-                cell = np.floor((at + [dx, dy]) / _CELL).astype(np.int64)
+                cell = np.floor((at + np.array([dx, dy])) / _CELL).astype(np.int64)
                 photo = self.view[owner]
                 inside = (cell >= 0).all(1) & (cell < size[photo]).all(1)
                 number = base[photo] + cell[:, 1] * size[photo, 0] + cell[:, 0]
@@ -83,7 +83,7 @@ class Segments:
     def table(self) -> Any:
         """As ``raster/kernels/segments.c`` takes it (struct Segments); holds on to its arrays."""
         grid, cell, near = self.grid
-        arrays = (
+        arrays: tuple[NDArray[Any], ...] = (
             self.ends, self.sides, self.rays, self.normals, self.view, self.views.projections, self.views.centres,
             self.first, grid, cell, near,
         )  # fmt: skip
@@ -118,7 +118,7 @@ def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.fl
 def _detect(views: StartViews, number: int, o: SegmentOptions) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
     """Ends [N, 4] and colours of both sides [N, 2, 3] of a photo's longest edges."""
     photo = views.photo(number)
-    lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)
+    lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2Lab), np.float32)
     grey = np.clip(lab[..., 0] * 2.55, 0, 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)  # edges of one pixel are found, too
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, scale=0.8, quant=1.0, ang_th=22.5)
@@ -146,8 +146,8 @@ def _side_colours(
 ) -> NDArray[np.float32]:
     """Median colours [N, 3] beside edges."""
     at = ends[:, None, None, :2] + _ALONG[None, :, None, None] * along[:, None, None]
-    at = (at + _SIDE[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32) - 0.5
-    if not len(at):
+    places = (at + _SIDE[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32)
+    if not len(places):
         return np.zeros((0, 3), np.float32)
-    read = cv2.remap(lab, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    read = cv2.remap(lab, places[..., 0] - 0.5, places[..., 1] - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(np.median(read, 1), np.float32)

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the first Gaussians lie: on the starting surface, on dense points by stereo, or on sparse points alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
+from mgf_engine.field.dense import dense_points
+from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.field.initialise import initial_field
+from mgf_engine.masks.model import MaskSet
+from mgf_engine.messages import Reporter
+from mgf_engine.order import along_curve
+from mgf_engine.scene.model import Scene
+from mgf_engine.start.samples import sample_surface
+from mgf_engine.start.store import FILE, write_start
+from mgf_engine.start.surface import start_surface
+
+_SHARE = 0.5  # of the budget of Gaussians that may be starting points besides the sparse ones
+_SPACING = 2.0  # px between samples of the starting surface, at least
+_BESIDE = 4.0  # px off the starting surface from which points by stereo are no part of it
+
+
+class _Points(NamedTuple):
+    """Points [N, 3], colours uint8 [N, 3], a camera centre that sees each [N, 3], normals [N, 3], NaN where unknown."""
+
+    points: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+    towards: NDArray[np.float64]
+    normals: NDArray[np.float64]
+
+
+def start_field(
+    scene: Scene, masks: MaskSet, views: list[int], config: Config, folder: Path, reporter: Reporter
+) -> Gaussians:
+    """The first Gaussians, as ``config.start`` wants them.
+
+    Args:
+        folder: where the starting surface is left for the mesh stage.
+
+    Raises:
+        BadInput: too few points lie on the building.
+        Cancelled: the user asked to stop.
+    """
+    parts = []
+    limit = int(_SHARE * config.max_gaussians)
+    (folder / FILE).unlink(missing_ok=True)
+    if config.start == "surface" and config.use_masks:
+        try:
+            parts = _on_surface(scene, masks, views, limit, config, folder, reporter)
+        except BadInput as error:
+            reporter.warning(f"There is no starting surface, training starts from points alone. {error}")
+    if not parts:
+        parts = [_sparse(scene, masks, config)]
+        if config.start != "sparse":
+            points, colors, towards = dense_points(scene, masks, views, limit, reporter, config.threads)
+            parts.append(_Points(points, colors, towards, np.full(points.shape, np.nan)))
+    points, colors, towards, normals = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = along_curve(points)  # what one tile shows lies close together in memory
+    return initial_field(points[order], colors[order], towards[order], normals[order])
+
+
+def _on_surface(
+    scene: Scene, masks: MaskSet, views: list[int], limit: int, config: Config, folder: Path, reporter: Reporter
+) -> list[_Points]:
+    """Samples of the starting surface, and the points by stereo that lie beside it."""
+    surface = start_surface(scene, masks, views, reporter, config.threads)
+    write_start(surface, folder / FILE)
+    samples = sample_surface(surface.mesh, scene, views, limit, _SPACING * surface.pixel, config.seed)
+    reporter.check()
+    if len(samples.points) < 4:
+        raise BadInput("No photo shows the surface that edges and planes make.")
+    found = [_Points(samples.points, samples.colors, samples.points + samples.normals, samples.normals)]
+    if len(surface.dense):
+        off = cKDTree(samples.points).query(surface.dense, distance_upper_bound=_BESIDE * surface.pixel)[0]
+        beside = np.flatnonzero(~np.isfinite(off))[: max(0, limit - len(samples.points))]
+        seen, points = surface.seen[beside], surface.dense[beside]
+        centres = np.stack([view.centre for view in scene.views])
+        colors = np.zeros((len(points), 3), np.uint8)
+        for i in np.unique(seen):
+            rows, view = np.flatnonzero(seen == i), scene.views[i]
+            uv = np.floor(view.project(points[rows])[0]).astype(int)
+            column, row = np.clip(uv, 0, [view.width - 1, view.height - 1]).T
+            colors[rows] = scene.photo(i)[row, column]
+        found.append(_Points(points, colors, centres[seen], np.full(points.shape, np.nan)))
+    return found
+
+
+def _sparse(scene: Scene, masks: MaskSet, config: Config) -> _Points:
+    """The masked points P', or all points (ablation b), at most as many as there may be Gaussians."""
+    index = np.flatnonzero(masks.point_mask if config.masked_points else np.ones(len(scene.points), bool))
+    if len(index) > config.max_gaussians:
+        generator = np.random.default_rng(config.seed)
+        index = np.sort(generator.choice(index, config.max_gaussians, replace=False))
+    centres = np.stack([view.centre for view in scene.views])
+    first = np.minimum(scene.track_start[index], max(len(scene.track_view) - 1, 0))
+    towards = centres[scene.track_view[first]] if len(index) else np.zeros((0, 3))
+    return _Points(scene.points[index], scene.colors[index], towards, np.full((len(index), 3), np.nan))

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The starting surface as a file: the field stage leaves it to the mesh stage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mgf_engine.arrays import read_arrays
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.start.surface import StartSurface
+from mgf_engine.system import atomic_path
+
+FILE = "start.npz"
+_NAMES = ("vertices", "faces", "sure", "dense", "seen", "pixel")
+
+
+def write_start(surface: StartSurface, path: Path) -> None:
+    """Write a starting surface; a stop half way leaves no file."""
+    mesh = surface.mesh
+    values = mesh.vertices, mesh.faces, surface.sure, surface.dense, surface.seen, np.float64(surface.pixel)
+    with atomic_path(path) as part:
+        np.savez(part, **dict(zip(_NAMES, values, strict=True)))  # type: ignore[arg-type]
+
+
+def read_start(path: Path) -> StartSurface | None:
+    """The surface that was written; None where there is none, or none that can be used."""
+    if not path.exists():
+        return None
+    try:
+        data = read_arrays(path)
+        vertices, faces, sure, dense, seen, pixel = (data[name] for name in _NAMES)
+    except (OSError, ValueError, KeyError):
+        return None
+    if len(faces) == 0 or faces.min() < 0 or faces.max() >= len(vertices) or len(sure) != len(faces):
+        return None
+    mesh = Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8))
+    return StartSurface(mesh, sure, dense, seen, float(pixel))
