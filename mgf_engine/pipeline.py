@@ -188,11 +188,14 @@ def _run_mesh(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.mesh.extract import extract_mesh
     from mgf_engine.mesh.parts import FILE as PARTS_FILE
     from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
+    from mgf_engine.start.store import FILE as START
+    from mgf_engine.start.store import read_start
     from mgf_engine.timing import PartTimes
 
     scene, masks = load_inputs(job)
     times = PartTimes()
-    mesh = extract_mesh(load_field(job), scene, masks, job.config, reporter, times)
+    start = read_start(job.path("checkpoints", START)) if job.config.start == "surface" else None
+    mesh = extract_mesh(load_field(job), scene, masks, job.config, reporter, times, start)
     write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
     named = named_parts(job.path("masks"), scene)
     if named:

@@ -29,17 +29,19 @@ from mgf_engine.mesh.isosurface import FREE, find_level, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
 from mgf_engine.mesh.pixel_counts import count_pixels
+from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.shadows import drop_shadows
-from mgf_engine.mesh.tetrahedra import TetraPoints, tetra_points
+from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
 from mgf_engine.mesh.unconfirmed import UNCONFIRMED, stretch_unconfirmed
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
 from mgf_engine.scene.model import Scene, View
 from mgf_engine.scene.neighbours import matching_views
+from mgf_engine.start.surface import StartSurface
 from mgf_engine.timing import PartTimes
 
 log = logging.getLogger("mgf")
@@ -78,10 +80,12 @@ def extract_mesh(
     config: Config,
     reporter: Reporter,
     times: PartTimes | None = None,
+    start: StartSurface | None = None,
 ) -> Mesh:
     """The building's surface as a coloured triangle mesh in the normalised frame.
 
     Args:
+        start: the surface that training started on, which counts where photos say nothing (surface 'fused' only).
         times: where to note what the parts of the work take.
 
     Raises:
@@ -95,9 +99,13 @@ def extract_mesh(
     with times.part("points"):
         kept = screen(gaussians, scene, masks, config)
         spanned = tetra_points(kept if box is None else beside(kept, box))
+        prior = None
+        if start is not None and judges.photos is not None:
+            prior = Prior(start.mesh, start.sure)
+            spanned = beside_surface(spanned, start.mesh, start.pixel, box)
     with begun(spanned.points) as made:
         with times.part("depth maps"):
-            field = surface_field(kept, judges, config, reporter)
+            field = surface_field(kept, judges, config, reporter, prior)
             if isinstance(field, FusedField):
                 sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
                 shift = field.calibrate(scene.points[sure])
@@ -148,15 +156,16 @@ def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
 
 
 def surface_field(
-    gaussians: Gaussians, judges: Judges, config: Config, reporter: Reporter
+    gaussians: Gaussians, judges: Judges, config: Config, reporter: Reporter, prior: Prior | None = None
 ) -> OpacityField | FusedField:
-    """What tells solid from free, as ``config.surface`` wants it."""
+    """What tells solid from free, as ``config.surface`` wants it; ``prior`` for 'fused' only."""
     gaussians = gaussians.to(choose_device(config.device).device)
     if config.surface == "opacity":
         return OpacityField(gaussians, judges.views, judges.verdicts, config.opacity_level, agree=1)
     return fuse_gaussians(
-        gaussians, judges.views, judges.verdicts, judges.photos, lambda share: reporter.progress(_RENDERED * share)
-    )
+        gaussians, judges.views, judges.verdicts, judges.photos, lambda share: reporter.progress(_RENDERED * share),
+        prior,
+    )  # fmt: skip
 
 
 def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:

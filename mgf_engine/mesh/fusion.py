@@ -23,6 +23,7 @@ from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import outside_hull
 from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_surface, unmatched
+from mgf_engine.mesh.prior import Prior, decided, joined
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.device import each_view
@@ -100,6 +101,7 @@ class FusedField:
         search: how far, and in which steps.
         band: half width of the band in which distances are known, in pixels.
         device: where ``show`` draws.
+        prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
     """
 
     def __init__(
@@ -111,28 +113,39 @@ class FusedField:
         band: float = BAND_PIXELS,
         progress: Progress = lambda share: None,
         device: torch.device = CPU,
+        prior: Callable[[int], tuple[Surface, NDArray[np.float32]]] | None = None,
     ) -> None:
         self.offset, self.band = 0.0, band
         near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
         left = np.bincount([k for number in range(len(masks)) for k in (number, *near[number])], minlength=len(masks))
         surfaces: dict[int, Surface] = {}  # only those that a view still to come is matched with
+        before: dict[int, tuple[Surface, NDArray[np.float32]]] = {}  # and what they show of the prior
         first_needed = list(dict.fromkeys(k for number in range(len(masks)) for k in (number, *near[number])))
         shown = each_view(show, first_needed, device)
 
-        def needed() -> Iterator[tuple[Surface, list[Surface], NDArray[np.uint8]]]:
+        def needed() -> Iterator[_Asked]:
             for number, mask in enumerate(masks):
-                for k in (number, *near[number]):
+                wanted = number, *near[number]
+                for k in wanted:
                     if k not in surfaces:
                         surfaces[k] = next(shown)
-                yield surfaces[number], [surfaces[k] for k in near[number]], mask
-                for k in (number, *near[number]):
+                        if prior is not None:
+                            before[k] = prior(k)
+                            surfaces[k] = joined(surfaces[k], *before[k])
+                yield _Asked(mask, [surfaces[k] for k in wanted], [before[k] for k in wanted if k in before])
+                for k in wanted:
                     left[k] -= 1
                     if left[k] == 0:
                         del surfaces[k]
+                        before.pop(k, None)
 
-        def matched(given: tuple[Surface, list[Surface], NDArray[np.uint8]]) -> DepthMap:
-            surface, others, mask = given
-            return depth_map(surface, mask, match_surface(surface, others, search) if others else unmatched(surface))
+        def matched(asked: _Asked) -> DepthMap:
+            surface, *others = asked.surfaces
+            found = match_surface(surface, others, search) if others else unmatched(surface)
+            if asked.prior:
+                (known, sure), *rest = asked.prior
+                surface, found = decided(surface, known, sure, found, [other for other, _ in rest], search)
+            return depth_map(surface, asked.mask, found)
 
         self.maps: list[DepthMap] = []
         for m in side_by_side(matched, needed()):
@@ -233,6 +246,15 @@ class FusedField:
         return (*pose_and_intrinsics(m.view), *arrays, m.view.height, m.view.width, self.band / m.view.fx, LEAST_SLOPE)
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """A view's mask, what it and its neighbours show, and what they show of the prior with how sure that is."""
+
+    mask: NDArray[np.uint8]
+    surfaces: list[Surface]
+    prior: list[tuple[Surface, NDArray[np.float32]]]
+
+
 def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[Any]:
     return np.concatenate([np.zeros(0, kind), *chunks])
 
@@ -249,18 +271,26 @@ def fuse_gaussians(
     masks: Sequence[NDArray[np.uint8]],
     photos: Photos | None = None,
     progress: Progress = lambda share: None,
+    prior: Prior | None = None,
 ) -> FusedField:
     """The field's own surface as the cameras that judge see it, normalised frame.
 
     Args:
         photos: where given, the depths are first moved to where the photos look most alike.
+        prior: a surface known before the field, used with ``photos`` only.
     """
 
     def show(number: int) -> Surface:
         return render_surface(gaussians, views[number], photos.grey(number) if photos else None)
 
-    device = gaussians.positions.device
-    return FusedField(show, masks, photos.neighbours if photos else (), progress=progress, device=device)
+    def known(number: int) -> tuple[Surface, NDArray[np.float32]]:
+        assert prior is not None and photos is not None
+        return prior.seen_from(views[number], photos.grey(number))
+
+    return FusedField(
+        show, masks, photos.neighbours if photos else (), progress=progress, device=gaussians.positions.device,
+        prior=known if prior is not None and photos is not None else None,
+    )  # fmt: skip
 
 
 def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None) -> Surface:
@@ -279,11 +309,14 @@ def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | N
 def depth_map(surface: Surface, mask: NDArray[np.uint8], matched: Matched) -> DepthMap:
     """A rendered surface as the fusion asks for it, with its matched depth and how far each pixel may be trusted."""
     view, normal, depth = surface.view, surface.normal, matched.depth
+    trust = UNMATCHED if matched.trust is None else matched.trust
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     slope = np.clip(-(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), LEAST_SLOPE, None)
     weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, UNMATCHED)
+    weight *= np.where(_rim(depth), 0.1, 1.0) * np.where(
+        matched.likeness > 0, 1.0, matched.trust if matched.trust is not None else UNMATCHED
+    )
     shown = depth > 0
     weight = np.where(shown, weight, 0.0)
     if shown.any():  # where the view looks past everything, all along the ray is free

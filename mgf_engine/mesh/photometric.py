@@ -66,10 +66,16 @@ class Surface:
 
 @dataclass(frozen=True)
 class Matched:
-    """What the neighbours make of a depth map: [H, W] depth, and 0..1 how alike the photos look there (0: no say)."""
+    """What the neighbours make of a depth map, [H, W].
+
+    Attributes:
+        likeness: 0..1, how alike the photos look there (0: no say).
+        trust: weight of what no photo has a say on; None for what the field vouches for alone.
+    """
 
     depth: Array
     likeness: Array
+    trust: Array | None = None
 
 
 def unmatched(surface: Surface) -> Matched:

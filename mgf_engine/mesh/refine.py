@@ -18,6 +18,7 @@ from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.fusion import FusedField, Photos
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.photometric import Search, Surface
+from mgf_engine.mesh.prior import sight_surface
 from mgf_engine.mesh.reduce import ground_pixels
 from mgf_engine.mesh.view import look
 from mgf_engine.scene.model import View
@@ -59,15 +60,7 @@ def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDA
         grey: the photo's brightness, [H, W].
     """
     sight = look(mesh, view)
-    pixels = np.flatnonzero(sight.face >= 0)
-    normal = np.zeros((*sight.face.shape, 3), np.float32)
-    normal.reshape(-1, 3)[pixels] = normals.take(sight.face.ravel().take(pixels), axis=0) @ view.rotation.T
-    u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
-    v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
-    front = normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2] < 0
-    depth = np.where(front, sight.depth, 0.0).astype(np.float32)
-    # Where the mesh has a hole nothing is known: it may be missing there.
-    return Surface(view, grey, depth, normal, np.zeros(sight.face.shape, bool))
+    return sight_surface(sight.depth, sight.face, normals, view, grey)
 
 
 def _matched(

@@ -12,14 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import face_normals
 from mgf_engine.order import morton
 from mgf_engine.raster.points import deviations
+from mgf_engine.scene.crop import CropBox
+from mgf_engine.start.samples import spread
 
 MAX_SIGMA = 3.0
 MERGE = 1e-6  # of the points' bounding box: nearer points become one
+
+BESIDE_SPACING, BESIDE_OFF, BESIDE_NEAR = 3.0, 1.5, 2.0  # px: between points beside a surface, off it, to Gaussians
 
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # [8, 3]
 
@@ -54,6 +61,24 @@ def tetra_points(gaussians: Gaussians) -> TetraPoints:
     points = np.concatenate([centres[:, None], centres[:, None] + offsets], 1).reshape(-1, 3)
     extent = np.repeat(np.sqrt((half_axes**2).sum((1, 2))), 1 + len(_CORNERS))
     return _merge(points, extent)
+
+
+def beside_surface(spanned: TetraPoints, mesh: Mesh, pixel: float, box: CropBox | None = None) -> TetraPoints:
+    """The points, and others on both sides of a surface where no Gaussian spans any: it can be taken there, too.
+
+    Args:
+        pixel: size of a pixel at the building.
+        box: where given, only in and beside it.
+    """
+    spacing = BESIDE_SPACING * pixel
+    face, points = spread(mesh, spacing, np.random.default_rng(0))
+    normals = face_normals(mesh)[face]
+    kept = cKDTree(spanned.points).query(points, distance_upper_bound=BESIDE_NEAR * pixel)[0] == np.inf
+    if box is not None:
+        kept &= box.contains(points, 0.1)
+    both = [points[kept] + side * BESIDE_OFF * pixel * normals[kept] for side in (-1, 1)]
+    extent = np.concatenate([spanned.extent, np.full(2 * int(kept.sum()), 2 * spacing)])
+    return _merge(np.concatenate([spanned.points, *both]), extent)
 
 
 def _merge(points: NDArray[np.float64], extent: NDArray[np.float64]) -> TetraPoints:

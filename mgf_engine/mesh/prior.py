@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The starting surface beside the field, pixel by pixel: what photos confirm wins, and where they say nothing, it does.
+
+A field trained on colours wanders where a wall is plain, and its depths are as noisy as its Gaussians; planes through
+edges are neither. But planes pass by what stands out from them, and there the photos know better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.photometric import Matched, Search, Surface, match_surface
+from mgf_engine.mesh.view import face_normals, look
+from mgf_engine.scene.model import View
+
+SAME = 1.5  # px: depths whose places differ by less are one
+GAIN = 0.05  # of the correlation: what the photos must like the field's depth better by, where the plane is sure
+SURE = 0.3  # strength from which a plane is sure
+TRUST = (0.2, 0.6)  # weight of what no photo confirms: any of it, and in addition on the strongest planes
+
+Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A surface known before the field.
+
+    Attributes:
+        mesh: normalised frame, outward.
+        sure: 0..1 for each face, float32 [F].
+    """
+
+    mesh: Mesh
+    sure: Array
+
+    def seen_from(self, view: View, grey: NDArray[np.uint8]) -> tuple[Surface, Array]:
+        """What a view shows of it, and how sure that is, [H, W]."""
+        sight = look(self.mesh, view)
+        surface = sight_surface(sight.depth, sight.face, face_normals(self.mesh), view, grey)
+        sure = np.where(surface.depth > 0, self.sure[np.maximum(sight.face, 0)], 0).astype(np.float32)
+        return surface, sure
+
+
+def sight_surface(
+    depth: Array, face: NDArray[np.int32], normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]
+) -> Surface:
+    """What a view sees of a mesh from the front, by depth and face of each pixel.
+
+    Args:
+        normals: unit normal of each face, [F, 3].
+        grey: the photo's brightness, [H, W].
+    """
+    pixels = np.flatnonzero(face >= 0)
+    normal = np.zeros((*face.shape, 3), np.float32)
+    normal.reshape(-1, 3)[pixels] = normals.take(face.ravel().take(pixels), axis=0) @ view.rotation.T
+    u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
+    v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    front = normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2] < 0
+    # Where the mesh has a hole nothing is known: it may be missing there.
+    return Surface(view, grey, np.where(front, depth, 0.0).astype(np.float32), normal, np.zeros(face.shape, bool))
+
+
+def joined(field: Surface, prior: Surface, sure: Array) -> Surface:
+    """The field's surface with the prior where both are one and its plane is sure, or where the field shows nothing."""
+    same = np.abs(field.depth - prior.depth) * field.view.fx < SAME * prior.depth
+    take = (prior.depth > 0) & ((same & (sure >= SURE)) | (field.depth == 0))
+    depth = np.where(take, prior.depth, field.depth).astype(np.float32)
+    normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
+    return replace(field, depth=depth, normal=normal, through=field.through & (prior.depth == 0))
+
+
+def decided(
+    field: Surface, prior: Surface, sure: Array, matched: Matched, others: Sequence[Surface], search: Search,
+    match: Callable[[Surface, Sequence[Surface], Search], Matched] = match_surface,
+) -> tuple[Surface, Matched]:  # fmt: skip
+    """The surface of a view and its matched depth, each pixel from the field or from the prior.
+
+    Args:
+        field: as :func:`joined` gives it, with ``matched`` as it was matched.
+        others: what the neighbours show of the prior.
+    """
+    known = prior.depth > 0
+    apart = known & (np.abs(field.depth - prior.depth) * field.view.fx >= SAME * prior.depth)
+    rival = match(replace(prior, depth=np.where(apart, prior.depth, 0).astype(np.float32)), others, search)
+    better = rival.likeness > matched.likeness - np.where(sure >= SURE, GAIN, -GAIN)
+    take = apart & np.where(rival.likeness > 0, better, (matched.likeness == 0) & known)
+    depth = np.where(take, rival.depth, matched.depth).astype(np.float32)
+    likeness = np.where(take, rival.likeness, matched.likeness).astype(np.float32)
+    normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
+    here = known & (np.abs(depth - prior.depth) * field.view.fx < SAME * prior.depth)
+    trust = np.where(here, TRUST[0] + TRUST[1] * sure, TRUST[0]).astype(np.float32)
+    return replace(field, depth=depth, normal=normal), Matched(depth, likeness, trust)
