@@ -79,8 +79,10 @@ def _on_surface(
         raise BadInput("No photo shows the surface that edges and planes make.")
     found = [_Points(samples.points, samples.colors, samples.points + samples.normals, samples.normals)]
     if len(surface.dense):
-        off = cKDTree(samples.points).query(surface.dense, distance_upper_bound=_BESIDE * surface.pixel)[0]
-        beside = np.flatnonzero(~np.isfinite(off))[: max(0, limit - len(samples.points))]
+        away, nearest = cKDTree(samples.points).query(surface.dense)
+        off = np.abs(((surface.dense - samples.points[nearest]) * samples.normals[nearest]).sum(1))
+        far = (off > _BESIDE * surface.pixel) | (away > 2 * max(samples.spacing, _BESIDE * surface.pixel))
+        beside = np.flatnonzero(far)[: max(0, limit - len(samples.points))]
         seen, points = surface.seen[beside], surface.dense[beside]
         centres = np.stack([view.centre for view in scene.views])
         colors = np.zeros((len(points), 3), np.uint8)

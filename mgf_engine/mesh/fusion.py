@@ -314,9 +314,7 @@ def depth_map(surface: Surface, mask: NDArray[np.uint8], matched: Matched) -> De
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     slope = np.clip(-(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), LEAST_SLOPE, None)
     weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth), 0.1, 1.0) * np.where(
-        matched.likeness > 0, 1.0, matched.trust if matched.trust is not None else UNMATCHED
-    )
+    weight *= np.where(_rim(depth), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, trust)
     shown = depth > 0
     weight = np.where(shown, weight, 0.0)
     if shown.any():  # where the view looks past everything, all along the ray is free

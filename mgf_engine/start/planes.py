@@ -278,7 +278,7 @@ def crease_points(
     if not len(points):
         return np.zeros((0, 3))
     trees = [cKDTree(points[owner == k]) if (owner == k).any() else None for k in range(len(planes.planes))]
-    low, high, found = points.min(0), points.max(0), [np.zeros((0, 3))]
+    low, high, found = points.min(0) - reach, points.max(0) + reach, [np.zeros((0, 3))]
     span = np.arange(-0.5, 0.5, step / np.linalg.norm(high - low)) * np.linalg.norm(high - low)
     for i, first in enumerate(planes.planes):
         for j in range(i):

@@ -6,24 +6,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import face_normals, look
 from mgf_engine.scene.model import Scene
 
 _CANDIDATES = 4.0  # random points for each that stays
+_DISK = 0.8  # of the spacing, what no two points are nearer than: as many points as on a grid
 _FACING = 0.05  # least cosine between a face's normal and the direction to a view that shows it
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Points [N, 3] with outward unit normals [N, 3] and colours uint8 [N, 3]."""
+    """Points [N, 3], ``spacing`` apart, with outward unit normals [N, 3] and colours uint8 [N, 3]."""
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     colors: NDArray[np.uint8]
+    spacing: float
 
 
 def sample_surface(
@@ -34,16 +38,16 @@ def sample_surface(
     mesh = Mesh(mesh.vertices, mesh.faces[shown], mesh.colors)
     area = _areas(mesh)
     if not len(area):
-        return Samples(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+        return Samples(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), spacing)
     spacing = max(spacing, float(np.sqrt(area.sum() / max(most, 1))))
     face, points = spread(mesh, spacing, np.random.default_rng(seed))
     normals = face_normals(mesh)[face]
-    colors, seen = _colors(mesh, scene, indices, points, normals)
-    return Samples(points[seen], normals[seen], colors[seen])
+    colors, seen = _colors(mesh, scene, indices, points, normals, spacing)
+    return Samples(points[seen], normals[seen], colors[seen], spacing)
 
 
 def spread(mesh: Mesh, spacing: float, generator: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Faces [N] and points on them [N, 3], one in each cube of side ``spacing`` that the surface passes."""
+    """Faces [N] and points on them [N, 3], about ``spacing`` apart (Poisson disks)."""
     area = _areas(mesh)
     total = np.cumsum(area)
     count = int(np.ceil(_CANDIDATES * total[-1] / spacing**2))
@@ -53,13 +57,27 @@ def spread(mesh: Mesh, spacing: float, generator: np.random.Generator) -> tuple[
     root = np.sqrt(u)
     weights = np.stack([1 - root, root * (1 - v), root * v], 1)
     points = np.einsum("nk,nkj->nj", weights, mesh.vertices[mesh.faces[face]])
-    cell = np.floor((points - points.min(0)) / spacing).astype(np.int64)
-    spans = cell.max(0) + 1
-    off = np.abs((points - points.min(0)) / spacing - cell - 0.5).max(1)
-    order = np.argsort(off, kind="stable")  # nearest to the middle of their cubes: evenly apart
-    key = (cell[order, 0] * spans[1] + cell[order, 1]) * spans[2] + cell[order, 2]
-    kept = order[np.unique(key, return_index=True)[1]]
+    kept = apart(points, _DISK * spacing)
     return face[kept], points[kept]
+
+
+def apart(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
+    """Numbers of points [N, 3] of which no two are nearer than ``radius`` and to which none can be added.
+
+    Of points that are all in each other's way the first stays (Luby's maximal independent set).
+    """
+    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    state = np.zeros(len(points), np.int8)  # 0: not decided, 1: stays, -1: goes
+    low, high = pairs.min(1), pairs.max(1)
+    while len(low):
+        first = np.ones(len(points), bool)
+        first[high] = False
+        state[first & (state == 0)] = 1
+        state[high[state[low] == 1]] = -1
+        state[low[state[high] == 1]] = -1
+        open_ = (state[low] == 0) & (state[high] == 0)
+        low, high = low[open_], high[open_]
+    return np.flatnonzero(state >= 0)
 
 
 def _areas(mesh: Mesh) -> NDArray[np.float64]:
@@ -79,9 +97,14 @@ def _shown(mesh: Mesh, scene: Scene, indices: Sequence[int]) -> NDArray[np.bool_
 
 
 def _colors(
-    mesh: Mesh, scene: Scene, indices: Sequence[int], points: NDArray[np.float64], normals: NDArray[np.float64]
+    mesh: Mesh,
+    scene: Scene,
+    indices: Sequence[int],
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    spacing: float,
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Mean colours by the photos that show the points [N, 3], and whether any does, bool [N]."""
+    """Mean colours ``spacing`` around points [N, 3] in the photos that show them; whether any does, bool [N]."""
     total, weight = np.zeros((len(points), 3)), np.zeros(len(points))
     for i in indices:
         view = scene.views[i]
@@ -94,7 +117,10 @@ def _colors(
         rows, at, depth = rows[framed], (row[framed].astype(int), column[framed].astype(int)), depth[framed]
         surface = look(mesh, view).depth[at]
         shown = (surface > 0) & (np.abs(surface - depth) < 0.01 * depth)
-        total[rows[shown]] += facing[rows[shown], None] * scene.photo(i)[at][shown]
+        if not shown.any():
+            continue
+        size = max(1, round(spacing * view.fx / float(np.median(depth[shown]))))  # px that a sample stands for
+        total[rows[shown]] += facing[rows[shown], None] * cv2.blur(scene.photo(i), (size, size))[at][shown]
         weight[rows[shown]] += facing[rows[shown]]
     colors = total / np.maximum(weight, 1e-12)[:, None]
     return np.clip(colors.round(), 0, 255).astype(np.uint8), weight > 0

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import MaskSet
@@ -122,14 +123,27 @@ def gather(
 def _shaping(
     views: StartViews, planes: Planes, lines: Sequence[Line], dense: NDArray[np.float64], options: StartOptions
 ) -> list[NDArray[np.float64]]:
-    """Points on creases and planes in the hull."""
+    """Points on creases and planes in the hull, and coarse ones in all of it: what no photo shows has a volume, too."""
     o, pixel = options.planes, views.pixel
     in_hull = lambda p: views.outside_views(p, options.cut.margin, 2) < 2  # noqa: E731
     points, owner = plane_points(planes, lines, dense, pixel, o)
     kept = in_hull(points)
     points, owner = points[kept], owner[kept]
     creases = crease_points(planes, points, owner, o.crease * pixel, 1.2 * o.grid * pixel)
-    return [creases[in_hull(creases)], points]
+    return [creases[in_hull(creases)], points, _apart(views.cells, [dense, points])]
+
+
+def _apart(cells: NDArray[np.float64], others: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Every second cell in each direction that has no other point within its size, [N, 3]."""
+    if len(cells) < 2:
+        return cells
+    size = float(np.diff(np.unique(cells[:, 0].round(9))).min(initial=np.inf))
+    if not np.isfinite(size):
+        return cells
+    number = np.round((cells - cells.min(0)) / size).astype(int)
+    coarse = cells[(number % 2 == 0).all(1)]
+    tree = cKDTree(np.concatenate(others))
+    return coarse[tree.query(coarse, distance_upper_bound=2 * size)[0] == np.inf] if tree.n else coarse
 
 
 def _relative(planes: Planes) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.errors import BadInput
 from mgf_engine.masks.hull import FEW, hull_cells
 from mgf_engine.masks.model import BACKGROUND, MaskSet, building
 from mgf_engine.mesh.view import scaled_view
@@ -36,6 +37,7 @@ class StartViews:
         points, seen: sparse points on the building [N, 3], and of each the positions of the views that saw it.
         pixel: size of a pixel at the building.
         low, high: the box that holds it, [3] each.
+        cells: centres of the cells of its coarse visual hull [C, 3].
     """
 
     scene: Scene
@@ -48,6 +50,7 @@ class StartViews:
     pixel: float
     low: NDArray[np.float64]
     high: NDArray[np.float64]
+    cells: NDArray[np.float64]
 
     @cached_property
     def centres(self) -> NDArray[np.float64]:
@@ -112,21 +115,36 @@ def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], longest_si
         views.append(view)
         labels.append(np.asarray(cv2.resize(masks.labels[i], size, interpolation=cv2.INTER_NEAREST), np.uint8))
     points, seen = _points_of(scene, masks, indices)
-    if len(points) >= FEW:
-        low, high = np.percentile(points, [2, 98], axis=0)
-    else:
-        cells, _ = hull_cells(scene, masks, indices)
-        low, high = cells.min(0), cells.max(0)
+    low, high, cells = _box(scene, masks, indices, points)
     pad = _PAD * float((high - low).max())
     middle = (low + high) / 2
     pixel = float(np.median([np.linalg.norm(view.centre - middle) / view.fx for view in views]))
     if len(points) >= FEW:
         pixel = _pixel(points, seen, views)
     outside = _outside(labels)
-    result = StartViews(scene, list(indices), views, labels, outside, points, seen, pixel, low - pad, high + pad)
+    result = StartViews(scene, list(indices), views, labels, outside, points, seen, pixel, low - pad, high + pad, cells)
     for number in _distrusted(result):
         outside[number] = 0
     return result
+
+
+def _box(
+    scene: Scene, masks: MaskSet, indices: Sequence[int], points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Box around the sparse points and the visual hull (plain parts have no points), and the hull's cells.
+
+    Raises:
+        BadInput: few points, and masks that have no place in common.
+    """
+    if len(points) < FEW:
+        cells, _ = hull_cells(scene, masks, indices)
+        return cells.min(0), cells.max(0), cells
+    low, high = np.percentile(points, [2, 98], axis=0)
+    try:
+        cells, _ = hull_cells(scene, masks, indices)
+    except BadInput:
+        return low, high, np.zeros((0, 3))
+    return np.minimum(low, cells.min(0)), np.maximum(high, cells.max(0)), cells
 
 
 def _points_of(

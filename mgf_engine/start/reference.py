@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Plain twins of the kernels of the starting surface, float64, one item at a time, for tests."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.start.cut import Tetrahedra
+from mgf_engine.start.segments import Segments
+
+Array = NDArray[np.float64]
+
+
+def _projected(p: Array, x: Array) -> Array | None:
+    w = p[2, :3] @ x + p[2, 3]
+    return None if w <= 0 else (p[:2, :3] @ x + p[:2, 3]) / w
+
+
+def _image_line(segments: Segments, view: int, line: Array) -> tuple[Array, Array, float] | None:
+    """Start, unit direction and length in pixels of a line's projection; None where it has none to speak of."""
+    a, b = (_projected(segments.views.projections[view], x) for x in line)
+    if a is None or b is None or np.linalg.norm(b - a) < 4:
+        return None
+    length = float(np.linalg.norm(b - a))
+    return a, (b - a) / length, length
+
+
+def support(segments: Segments, m: int, line: Array, reach: float) -> float:
+    """How well segment ``m`` covers a line [2, 3] in its photo, 0..1."""
+    found = _image_line(segments, int(segments.view[m]), line)
+    if found is None:
+        return 0.0
+    a, d, length = found
+    ends = segments.ends[m].reshape(2, 2) - a
+    off, along = np.abs(ends[:, 0] * d[1] - ends[:, 1] * d[0]), ends @ d
+    over = min(along[1], length) - max(along[0], 0.0)
+    if (off > reach).any() or along[1] <= along[0] or over < segments.options.overlap * length:
+        return 0.0
+    return float(np.exp(-2 * off.mean() ** 2 / reach**2) * min(1.0, over / length))
+
+
+def same_colour(segments: Segments, n: int, m: int) -> bool:
+    """Whether at least one side of two segments has the same colour."""
+    off = (segments.sides[n].astype(float) - segments.sides[m]) / np.array([3.0, 1, 1])
+    return bool(((off**2).sum(1) < segments.options.colour**2).any())
+
+
+def vote(segments: Segments, view: int, line: Array, n: int) -> tuple[int, float]:
+    """The segment of a photo that fits a line of segment ``n`` best, and its score; -1, 0 for none."""
+    rows = range(segments.first[view], segments.first[view + 1])
+    scores = [support(segments, m, line, segments.options.reach) * same_colour(segments, n, m) for m in rows]
+    best = int(np.argmax(scores)) if scores else -1
+    return (-1, 0.0) if best < 0 or scores[best] == 0 else (rows[best], scores[best])
+
+
+def match_segment(segments: Segments, n: int, neighbours: NDArray[np.int32]) -> tuple[Array, float]:
+    """The line [2, 3] of a segment that most neighbours see, and the sum of their supports; score 0 for none."""
+    best, score, view = np.zeros((2, 3)), 0.0, int(segments.view[n])
+    others = [int(v) for v in neighbours[view] if v >= 0]
+    for other in others:
+        for m in range(segments.first[other], segments.first[other + 1]):
+            line = line_of(segments, n, m) if same_colour(segments, n, m) else None
+            if line is None or support(segments, m, line, 1.0) == 0:
+                continue
+            total = sum(vote(segments, k, line, n)[1] for k in others)
+            if total > score:
+                best, score = line, total
+    return best, score
+
+
+def line_of(segments: Segments, n: int, m: int) -> Array | None:
+    """The line that two segments make, None outside of the box or where it is badly known."""
+    p, q = segments.normals[n], segments.normals[m]
+    if np.linalg.norm(np.cross(p, q)) < np.sin(np.radians(segments.options.angles[0])):
+        return None
+    views = segments.views
+    origin, slope = views.centres[segments.view[n]], segments.rays[n] @ q
+    if (np.abs(slope) < 1e-4).any():
+        return None
+    depth = (views.centres[segments.view[m]] - origin) @ q / slope
+    line = origin + depth[:, None] * segments.rays[n]
+    inside = (line > views.low).all() and (line < views.high).all()
+    return line if (depth > 0).all() and inside else None
+
+
+def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple[int, list[tuple[int, int, float]]]:
+    """The cell of the camera and (cell, face, share of the weight) of every face a point's ray passes, by brute force:
+    all faces of all tetrahedra are intersected with the segment."""
+    origin = shape.points[point]
+    d = centre - origin
+    length = float(np.linalg.norm(d))
+    d = d / length
+    spans = []
+    for cell, planes in enumerate(shape.planes):
+        slope, off = planes[:, :3] @ d, planes[:, :3] @ origin + planes[:, 3]
+        off[shape.corners[cell] != point] *= np.abs(off[shape.corners[cell] != point]) > 1e-12
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = -off / slope
+        near = max(0.0, float(at[slope < -1e-12].max(initial=-np.inf)))
+        far = float(at[slope > 1e-12].min(initial=np.inf))
+        if far > near + 1e-9 and not ((np.abs(slope) <= 1e-12) & (off > 1e-12)).any():
+            spans.append((near, far, cell))
+    spans.sort()
+    passed: list[tuple[int, int, float]] = []
+    for (_, far, cell), (_, _, following) in pairwise(spans):
+        if far >= length:
+            return cell, passed
+        face = int(np.flatnonzero(shape.neighbours[following] == cell)[0])
+        passed.append((following, face, 1 - float(np.exp(-(far**2) / (2 * soft**2)))))
+    return spans[-1][2], passed
+
+
+def count_outside(points: Array, projections: Array, outside: NDArray[np.uint8], margin: float) -> NDArray[np.int64]:
+    """As :func:`mgf_engine.start.views.count_outside`, not bounded."""
+    result = np.zeros(len(points), np.int64)
+    for p, distance in zip(projections, outside, strict=True):
+        for n, x in enumerate(points):
+            at = _projected(p, x)
+            if at is not None and (at >= 0).all() and at[0] < distance.shape[1] and at[1] < distance.shape[0]:
+                result[n] += distance[int(at[1]), int(at[0])] > 8 * margin
+    return result

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The starting surface beside the field: which of both a pixel takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mgf_engine.mesh.fusion import UNMATCHED, depth_map
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.photometric import WIDE, Matched, Surface, match_surface
+from mgf_engine.mesh.prior import TRUST, Prior, decided, joined
+from mgf_engine.raster.points import INSIDE
+from tests.mesh.test_photometric import SIZE, view
+
+AT, BESIDE = 5.0, 5.5
+NOTHING = np.zeros((SIZE, SIZE), np.float32)
+
+
+def surface(depth: float) -> Surface:
+    normal = np.zeros((SIZE, SIZE, 3), np.float32)
+    normal[..., 2] = -1
+    return Surface(view(0.0), np.full((SIZE, SIZE), 90, np.uint8), NOTHING + np.float32(depth), normal, NOTHING > 0)
+
+
+def likes(depth: float):
+    """A matching by which photos confirm surfaces at one depth only."""
+
+    def match(first: Surface, others: object, search: object) -> Matched:
+        return Matched(first.depth, np.where(np.abs(first.depth - depth) < 0.01, 0.9, 0).astype(np.float32))
+
+    return match
+
+
+def decide(field: float, prior: float, sure: float, confirmed: float) -> tuple[Surface, Matched]:
+    match = likes(confirmed)
+    both, known = joined(surface(field), surface(prior), NOTHING + np.float32(sure)), surface(prior)
+    return decided(both, known, NOTHING + np.float32(sure), match(both, [], WIDE), [], WIDE, match)
+
+
+@pytest.mark.parametrize(("confirmed", "taken"), [(AT, AT), (BESIDE, BESIDE), (9.0, BESIDE)])
+def test_what_photos_confirm_wins_and_else_the_prior(confirmed: float, taken: float) -> None:
+    _, matched = decide(AT, BESIDE, 1.0, confirmed)
+    np.testing.assert_allclose(matched.depth, taken)
+
+
+def test_the_prior_fills_what_the_field_does_not_show() -> None:
+    shown, matched = decide(0.0, AT, 0.0, 9.0)
+    np.testing.assert_allclose(matched.depth, AT)
+    assert not shown.through.any()
+
+
+def test_a_sure_plane_stands_for_a_field_that_lies_almost_on_it() -> None:
+    near = AT * (1 + 1.0 / view(0.0).fx)
+    for sure, taken in ((1.0, AT), (0.0, near)):
+        both = joined(surface(near), surface(AT), NOTHING + np.float32(sure))
+        np.testing.assert_allclose(both.depth, taken, rtol=1e-6)
+
+
+def test_what_no_photo_confirms_weighs_by_how_sure_its_plane_is() -> None:
+    mask = np.full((SIZE, SIZE), INSIDE, np.uint8)
+    weights = []
+    for sure in (0.0, 1.0):
+        shown, matched = decide(AT, AT, sure, 9.0)
+        weights.append(depth_map(shown, mask, matched).pixels[..., 2].mean())
+    assert weights[1] / weights[0] == pytest.approx((TRUST[0] + TRUST[1]) / TRUST[0], rel=1e-4)
+    assert TRUST[0] == UNMATCHED
+
+
+def test_a_view_shows_the_prior_from_the_front_only() -> None:
+    seen = view(0.0)
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    front = Mesh(square, np.array([[0, 2, 1], [0, 3, 2]], np.int32), np.zeros((4, 3), np.uint8))
+    sure = np.array([0.3, 0.7], np.float32)
+    shown, known = Prior(front, sure).seen_from(seen, np.zeros((SIZE, SIZE), np.uint8))
+    assert set(np.unique(known)) == {np.float32(0), np.float32(0.3), np.float32(0.7)}
+    assert (shown.depth[known > 0] > 4.5).all()
+    back = replace(front, faces=front.faces[:, ::-1].copy())
+    assert not Prior(back, sure).seen_from(seen, np.zeros((SIZE, SIZE), np.uint8))[0].depth.any()
+
+
+def test_matching_without_neighbours_leaves_the_prior_alone() -> None:
+    assert match_surface(surface(AT), [], WIDE).likeness.max() == 0

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The kernels of the starting surface against their plain twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plain_house import PlainHouse
+
+from mgf_engine.mesh.delaunay import delaunay
+from mgf_engine.raster import library
+from mgf_engine.raster.library import parallel
+from mgf_engine.start import reference
+from mgf_engine.start.cut import Tetrahedra, _positive
+from mgf_engine.start.lines import fit_segments, match_segments, neighbours_of
+from mgf_engine.start.options import SegmentOptions
+from mgf_engine.start.segments import Segments, find_segments, pixel_rays
+from mgf_engine.start.views import StartViews, count_outside, start_views
+
+
+@pytest.fixture(scope="module")
+def views(plain_house: PlainHouse) -> StartViews:
+    return start_views(plain_house.scene, plain_house.masks, range(16), 750)
+
+
+@pytest.fixture(scope="module")
+def segments(views: StartViews) -> Segments:
+    return find_segments(views, SegmentOptions(), 2)
+
+
+@pytest.fixture(params=library.runnable_variants())
+def variant(request: pytest.FixtureRequest):
+    library.use_variant(request.param)
+    yield
+    library.use_variant("")
+
+
+def test_matching_is_that_of_the_twin(segments: Segments, variant: None) -> None:
+    neighbours = neighbours_of(segments)
+    lines, score = match_segments(segments, neighbours)
+    assert np.count_nonzero(score > 2) > 20
+    for n in range(0, len(score), 7):
+        line, best = reference.match_segment(segments, n, neighbours)
+        assert score[n] == pytest.approx(best, rel=1e-6, abs=1e-9)
+        if best > 0:
+            np.testing.assert_allclose(lines[n], line, atol=1e-6)
+
+
+def test_segments_of_a_known_line_are_fitted_to_it(views: StartViews, variant: None) -> None:
+    truth = np.array([[-1.2, -1.5, 0.8], [1.0, -1.5, 1.1]])
+    front = [n for n, view in enumerate(views.views) if view.centre[1] < -3]
+    ends = np.array([np.concatenate([views.views[n].project(truth)[0][k] for k in (0, 1)]) for n in front])
+    ends += np.random.default_rng(0).normal(0, 0.05, ends.shape)
+    number = np.array(front, np.int32)
+    first = np.searchsorted(number, np.arange(len(views.views) + 1)).astype(np.int32)
+    rays = np.stack([pixel_rays(views, number, ends[:, 2 * e : 2 * e + 2]) for e in range(2)], 1)
+    sides = np.zeros((len(ends), 2, 3), np.float32)
+    made = Segments(ends, sides, np.ascontiguousarray(rays), number, first, views, SegmentOptions())
+    moved = truth + np.array([[0.0, 0.02, 0.02], [0.0, -0.01, 0.02]])
+    lines, rows, residuals, shown = fit_segments(made, np.zeros(1, np.int32), moved[None])
+    d = (truth[1] - truth[0]) / np.linalg.norm(truth[1] - truth[0])
+    off = (lines[0] - truth[0]) - ((lines[0] - truth[0]) @ d)[:, None] * d
+    assert np.linalg.norm(off, axis=1).max() < 0.01
+    assert (rows[0, front] == np.arange(len(front))).all() and (np.delete(rows[0], front) == -1).all()
+    assert residuals[0, front].max() < 0.3
+    long = np.linalg.norm(truth[1] - truth[0])
+    np.testing.assert_allclose(shown[0, front, 1] - shown[0, front, 0], long, atol=0.05)
+
+
+def test_points_outside_of_masks_are_counted_as_by_the_twin(views: StartViews, variant: None) -> None:
+    points = np.random.default_rng(1).uniform(-3, 3, (200, 3))
+    got = count_outside(points, views.projections, views.outside, 1.5)
+    np.testing.assert_array_equal(got, reference.count_outside(points, views.projections, views.outside, 1.5))
+    assert len(np.unique(got)) > 4
+    bounded = count_outside(points, views.projections, views.outside, 1.5, 2)
+    np.testing.assert_array_equal(bounded, np.minimum(got, 2))
+
+
+@pytest.fixture(scope="module")
+def shape() -> Tetrahedra:
+    points = np.random.default_rng(2).random((40, 3))
+    return Tetrahedra(points, _positive(points, delaunay(points)))
+
+
+def test_neighbours_share_three_corners(shape: Tetrahedra) -> None:
+    for cell, row in enumerate(shape.neighbours):
+        for k, other in enumerate(row):
+            corners = set(np.delete(shape.corners[cell], k))
+            holders = [c for c, tetra in enumerate(shape.corners) if corners <= set(tetra) and c != cell]
+            assert holders == ([] if other < 0 else [other])
+
+
+def test_rays_pass_the_cells_that_the_twin_finds(shape: Tetrahedra, variant: None) -> None:
+    centres = np.array([[0.5, 0.5, 3.0], [-2.0, 0.4, 0.3]])
+    inner = np.argsort(np.abs(shape.points - 0.5).max(1))[:8].astype(np.int32)  # none at the rim
+    for number, centre in enumerate(centres):
+        for point in inner:
+            free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
+            face = np.zeros((len(shape.corners), 4), np.int32)
+            one = np.ones(1, np.float32)
+            parallel(
+                "cast_rays_work", 1, shape.reference, np.array([point], np.int32), np.array([number], np.int32),
+                centres, one, 0 * one, 0.1, 0.2, free, solid, face,
+            )  # fmt: skip
+            cell, passed = reference.cast_ray(shape, int(point), centre, 0.1)
+            assert free[cell] == 1024 and free.sum() == 1024 and not solid.any()
+            want = np.zeros_like(face)
+            for c, k, weight in passed:
+                want[c, k] += round(weight * 1024)
+            assert np.abs(face - want).max() <= 1
+
+
+def test_what_lies_behind_a_point_is_inside(shape: Tetrahedra, variant: None) -> None:
+    point = int(np.argmin(np.abs(shape.points - 0.5).max(1)))
+    centre = np.array([[0.5, 0.5, 3.0]])
+    d = shape.points[point] - centre[0]
+    behind = shape.points[point] + 0.05 * d / np.linalg.norm(d)
+    solid, face = np.zeros(len(shape.corners), np.int32), np.zeros((len(shape.corners), 4), np.int32)
+    one = np.ones(1, np.float32)
+    parallel(
+        "cast_rays_work", 1, shape.reference, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
+        0.1, 0.05, np.zeros_like(solid), solid, face,
+    )  # fmt: skip
+    holds = (np.einsum("tkj,j->tk", shape.planes[..., :3], behind) + shape.planes[..., 3] <= 1e-9).all(1)
+    assert (np.flatnonzero(solid) == np.flatnonzero(holds)).all() and solid.sum() == 1024
+
+
+def test_pulled_rays_share_their_weight_by_length(shape: Tetrahedra, variant: None) -> None:
+    start = np.array([[0.5, 0.5, 0.5]])
+    direction = np.array([[0.36, 0.48, 0.8]])
+    shut = np.zeros(len(shape.corners), np.uint8)
+    long, short = np.zeros(len(shut), np.int32), np.zeros(len(shut), np.int32)
+    parallel("pull_rays_work", 1, shape.reference, start, direction, shut, 0.5, 10.0, long)
+    assert abs(int(long.sum()) - 512) < 4
+    parallel("pull_rays_work", 1, shape.reference, start, direction, shut, 0.5, 1e-3, short)
+    assert short.sum() < 4
+    outside = np.zeros(len(shut), np.int32)
+    parallel("pull_rays_work", 1, shape.reference, start + 9, direction, shut, 0.5, 10.0, outside)
+    assert not outside.any()

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Planes through lines, and the points that shape the tetrahedra."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mgf_engine.start.lines import Line, line_points
+from mgf_engine.start.options import PlaneOptions
+from mgf_engine.start.planes import Planes, crease_points, dominant_directions, find_planes, plane_points, snap
+
+PIXEL = 0.01
+
+
+def line(a: list[float], b: list[float]) -> Line:
+    ends = np.array([a, b], float)
+    shown = np.tile([[0.0, np.linalg.norm(ends[1] - ends[0])]], (4, 1))
+    return Line(ends, np.arange(4), shown)
+
+
+def frame(z: float) -> list[Line]:
+    """The edges of a square of 2 x 2 and a window in it, at height ``z``."""
+    outer = [[0, 0, z], [2, 0, z], [2, 2, z], [0, 2, z]]
+    inner = [[0.5, 0.5, z], [1.2, 0.5, z], [1.2, 1.2, z], [0.5, 1.2, z]]
+    return [line(c[k], c[(k + 1) % 4]) for c in (outer, inner) for k in range(4)]
+
+
+def test_a_plane_with_its_lines_is_found_once() -> None:
+    found = find_planes(frame(1.0), PIXEL, PlaneOptions())
+    assert len(found.planes) == 1 and len(found.members[0]) == 8
+    np.testing.assert_allclose(np.abs(found.planes[0]), [0, 0, 1, 1], atol=1e-9)
+    assert len(find_planes([], PIXEL, PlaneOptions()).planes) == 0
+    assert len(find_planes([line([0, 0, 0], [1, 0, 0])], PIXEL, PlaneOptions()).planes) == 0
+
+
+def test_directions_are_those_of_the_lines() -> None:
+    d = np.array([[1.0, 0, 0], [-1, 0.01, 0], [0, 1, 0], [0, 0, 1]])
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    found = dominant_directions(d, np.array([2.0, 2, 1, 0.01]))
+    assert len(found) == 2
+    np.testing.assert_allclose(np.abs(found), [[1, 0, 0], [0, 1, 0]], atol=0.02)
+
+
+def test_points_snap_to_the_common_place_of_their_planes() -> None:
+    planes = Planes(np.array([[0, 0, 1.0, 0], [1.0, 0, 0, 0]]), [], np.ones(2))
+    points = np.array([[0.005, 3, 0.004], [0.5, 3, 0.004], [0.5, 3, 0.5]])
+    moved, on = snap(points, planes, np.full(3, 0.01))
+    np.testing.assert_allclose(moved, [[0, 3, 0], [0.5, 3, 0], [0.5, 3, 0.5]], atol=1e-12)
+    np.testing.assert_array_equal(on, [[True, True], [True, False], [False, False]])
+
+
+def test_a_plane_is_covered_by_points_but_not_where_dense_ones_lie_beside_it() -> None:
+    lines, o = frame(1.0), PlaneOptions()
+    planes = find_planes(lines, PIXEL, o)
+    points, owner = plane_points(planes, lines, np.zeros((0, 3)), PIXEL, o)
+    np.testing.assert_allclose(points[:, 2], 1.0, atol=1e-9)
+    assert len(points) > 0.9 * (2 / (o.grid * PIXEL)) ** 2 and not owner.any()
+    x, y = np.meshgrid(np.arange(1.3, 2.0, 0.03), np.arange(0, 2.0, 0.03))
+    vault = np.stack([x.ravel(), y.ravel(), np.full(x.size, 1.05)], 1)
+    fewer, _ = plane_points(planes, lines, vault, PIXEL, o)
+    assert ((fewer[:, 0] < 1.3) | (fewer[:, 0] > 2.0)).all() and len(fewer) > 0.5 * len(points)
+    same, _ = plane_points(planes, lines, vault - [0, 0, 0.05], PIXEL, o)
+    assert len(same) == len(points)
+
+
+def test_creases_lie_on_both_planes() -> None:
+    planes = Planes(np.array([[0, 0, 1.0, 0], [1.0, 0, 0, 0]]), [], np.ones(2))
+    grid = np.stack(np.meshgrid(np.arange(0, 1, 0.1), np.arange(0, 1, 0.1), indexing="ij"), -1).reshape(-1, 2)
+    flat = np.c_[grid, np.zeros(len(grid))]
+    points = np.concatenate([flat, flat[:, [2, 1, 0]]])
+    found = crease_points(planes, points, np.repeat([0, 1], len(flat)), 0.05, 0.12)
+    assert len(found) > 15 and np.abs(found[:, [0, 2]]).max() < 1e-9
+    apart = points + np.repeat([[0.5, 0, 0], [0, 0, 0.5]], len(flat), axis=0)
+    assert not len(crease_points(planes, apart, np.repeat([0, 1], len(flat)), 0.05, 0.12))
+
+
+def test_points_of_a_line_lie_where_three_views_show_it() -> None:
+    part = Line(np.array([[0.0, 0, 0], [1, 0, 0]]), np.arange(4), np.array([[0, 1], [0, 1], [0.5, 1], [0.6, 1.0]]))
+    points, seen = line_points([part], 0.05, PIXEL)
+    assert points[:, 0].min() >= 0.44 and points[:, 0].max() <= 1.0 + 1e-9
+    assert {len(s) for s in seen} == {3, 4} and len(seen) == len(points)

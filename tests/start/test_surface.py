@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The starting surface of a plain house, from edges and masks alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+from plain_house import PlainHouse, make_plain_house
+from scipy.spatial import cKDTree
+
+from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.masks.hull import hull_cells, with_hull_points
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.messages import Reporter
+from mgf_engine.start.samples import apart, sample_surface, spread
+from mgf_engine.start.store import read_start, write_start
+from mgf_engine.start.surface import StartSurface, start_surface
+
+
+@pytest.fixture(scope="module")
+def found(plain_house: PlainHouse) -> StartSurface:
+    return start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2)
+
+
+def _off(points: np.ndarray, mesh: Mesh) -> np.ndarray:
+    return np.sqrt(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))[0])
+
+
+def test_plain_walls_and_roof_lie_where_they_are(plain_house: PlainHouse, found: StartSurface) -> None:
+    samples = sample_surface(found.mesh, plain_house.scene, range(16), 4000, 0.02)
+    assert len(samples.points) > 2000
+    off = _off(samples.points, plain_house.truth)
+    assert np.mean(off < 2 * found.pixel) > 0.85
+    truth = trimesh.sample.sample_surface(
+        trimesh.Trimesh(plain_house.truth.vertices, plain_house.truth.faces, process=False), 3000, seed=0
+    )[0]
+    assert np.mean(_off(truth, found.mesh) < 2 * found.pixel) > 0.85
+
+
+def test_the_surface_is_closed_and_faces_outward(found: StartSurface) -> None:
+    mesh = trimesh.Trimesh(found.mesh.vertices, found.mesh.faces, process=False)
+    edges = np.sort(mesh.edges, axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    assert (count % 2 == 0).all()
+    assert 0.7 < mesh.volume / (4 * 3 * 2 + 0.5 * 4 * 3 * 1.2) < 1.2
+    assert found.sure.max() <= 1 and found.sure.min() >= 0 and np.mean(found.sure > 0) > 0.5
+
+
+def test_samples_have_the_colours_and_normals_of_the_surface(plain_house: PlainHouse, found: StartSurface) -> None:
+    samples = sample_surface(found.mesh, plain_house.scene, range(16), 4000, 0.02)
+    np.testing.assert_allclose(np.linalg.norm(samples.normals, axis=1), 1, atol=1e-9)
+    high = samples.points[:, 2] > 2.5
+    assert samples.colors[high, 0].mean() < 190 < samples.colors[samples.points[:, 2] < 1.5, 0].mean()
+
+
+def test_samples_are_apart_and_leave_no_gap(found: StartSurface) -> None:
+    points = spread(found.mesh, 0.1, np.random.default_rng(0))[1]
+    assert cKDTree(points).query(points, k=2)[0][:, 1].min() >= 0.08
+    everywhere = spread(found.mesh, 0.02, np.random.default_rng(1))[1]
+    assert np.quantile(cKDTree(points).query(everywhere)[0], 0.99) < 0.1
+
+
+def test_the_first_of_points_in_each_others_way_stays() -> None:
+    line = np.array([[0.0, 0, 0], [0.6, 0, 0], [1.2, 0, 0], [9, 0, 0], [1.8, 0, 0]])
+    np.testing.assert_array_equal(apart(line, 1.0), [0, 2, 3])
+
+
+def test_it_comes_back_from_its_file(found: StartSurface, tmp_path: Path) -> None:
+    write_start(found, tmp_path / "start.npz")
+    back = read_start(tmp_path / "start.npz")
+    assert back is not None
+    np.testing.assert_array_equal(back.mesh.vertices, found.mesh.vertices)
+    np.testing.assert_array_equal(back.mesh.faces, found.mesh.faces)
+    np.testing.assert_array_equal(back.sure, found.sure)
+    assert back.pixel == found.pixel
+    (tmp_path / "start.npz").write_bytes(b"PK\x03\x04 nothing")
+    assert read_start(tmp_path / "start.npz") is None
+    assert read_start(tmp_path / "none.npz") is None
+
+
+def test_the_same_twice(plain_house: PlainHouse, found: StartSurface) -> None:
+    again = start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 1)
+    np.testing.assert_array_equal(again.mesh.faces, found.mesh.faces)
+    np.testing.assert_array_equal(again.mesh.vertices, found.mesh.vertices)
+
+
+def test_one_mask_that_cuts_off_half_of_the_house_does_no_harm(plain_house: PlainHouse, found: StartSurface) -> None:
+    labels = [label.copy() for label in plain_house.masks.labels]
+    labels[3][:, :120] = 0
+    cut = start_surface(plain_house.scene, replace(plain_house.masks, labels=tuple(labels)), range(16), Reporter(), 2)
+    whole = trimesh.Trimesh(found.mesh.vertices, found.mesh.faces, process=False).volume
+    assert trimesh.Trimesh(cut.mesh.vertices, cut.mesh.faces, process=False).volume > 0.9 * whole
+
+
+def test_the_hull_stands_in_for_sparse_points(plain_house: PlainHouse) -> None:
+    cells, size = hull_cells(plain_house.scene, plain_house.masks, range(16))
+    assert (cells.min(0) > np.array([-2, -1.5, 0]) - 3 * size).all()
+    assert (cells.max(0) < np.array([2, 1.5, 3.2]) + 4 * size).all()
+    scene, kept = with_hull_points(plain_house.scene, plain_house.masks, list(range(16)))
+    assert kept.all() and len(kept) == len(scene.points) > 100
+    for i in (0, 5):
+        rows = scene.observations(i)
+        uv, _ = scene.views[i].project(scene.points[scene.track_point[rows]])
+        np.testing.assert_allclose(uv, scene.track_uv[rows], atol=1e-3)
+
+
+def test_masks_with_nothing_in_common_are_one_sentence(plain_house: PlainHouse) -> None:
+    labels = []
+    for k, label in enumerate(plain_house.masks.labels):
+        labels.append(np.zeros_like(label))
+        labels[-1][(k * 37) % 170 : (k * 37) % 170 + 6, (k * 53) % 230 : (k * 53) % 230 + 6] = 1
+    with pytest.raises(BadInput, match="nothing in common"):
+        start_surface(plain_house.scene, replace(plain_house.masks, labels=tuple(labels)), range(16), Reporter(), 2)
+
+
+def test_photos_without_edges_are_one_sentence(plain_house: PlainHouse, tmp_path: Path) -> None:
+    bare = make_plain_house(tmp_path / "scene", 4)
+    grey = [np.full_like(bare.scene.photo(i), 128) for i in range(4)]
+    import cv2
+
+    for view, picture in zip(bare.scene.views, grey, strict=True):
+        cv2.imwrite(str(tmp_path / "scene" / view.file), picture)
+    with pytest.raises(BadInput, match="too few edges"):
+        start_surface(bare.scene, bare.masks, range(4), Reporter(), 2)
+
+
+@pytest.mark.parametrize("views", [[0], [0, 1]])
+def test_one_or_two_photos_are_one_sentence(plain_house: PlainHouse, views: list[int]) -> None:
+    with pytest.raises(BadInput):
+        start_surface(plain_house.scene, plain_house.masks, views, Reporter(), 2)
+
+
+def test_a_stop_is_heard(plain_house: PlainHouse) -> None:
+    reporter = Reporter()
+    reporter.cancel()
+    with pytest.raises(Cancelled):
+        start_surface(plain_house.scene, plain_house.masks, range(16), reporter, 2)
