@@ -9,6 +9,7 @@ leaves uncovered then pull what lies on their rays inside, and the cut is made a
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import logging
 from collections.abc import Callable, Sequence
@@ -17,10 +18,10 @@ from functools import cached_property
 from typing import Any
 
 import cv2
-import maxflow
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.errors import BadInput
 from mgf_engine.masks.model import building
 from mgf_engine.mesh.delaunay import begun
 from mgf_engine.mesh.model import Mesh
@@ -29,6 +30,9 @@ from mgf_engine.raster.library import parallel
 from mgf_engine.start.options import CutOptions
 from mgf_engine.start.segments import pixel_rays
 from mgf_engine.start.views import StartViews
+
+with contextlib.suppress(ModuleNotFoundError):  # no wheel for Linux on ARM
+    import maxflow
 
 log = logging.getLogger("mgf")
 #: Corners of the face opposite of each corner, outward: the tetrahedra have positive volume.
@@ -127,7 +131,14 @@ def face_neighbours(corners: NDArray[np.int32], points: int) -> NDArray[np.int32
 def cut_surface(
     views: StartViews, evidence: Evidence, o: CutOptions, check: Callable[[], None]
 ) -> tuple[Mesh, NDArray[np.uint64]]:
-    """The closed surface that the evidence speaks for, and of each face the planes it lies on (bits, uint64 [F])."""
+    """The closed surface that the evidence speaks for, and of each face the planes it lies on (bits, uint64 [F]).
+
+    Raises:
+        BadInput: PyMaxflow is not installed.
+        Cancelled: the user asked to stop.
+    """
+    if "maxflow" not in globals():
+        raise BadInput("PyMaxflow is not installed; run 'pip install PyMaxflow', or choose the start 'dense'.")
     low, high = evidence.points.min(0), evidence.points.max(0)
     points = np.concatenate([evidence.points, _box(low, high)])
     with begun(points) as made:

@@ -17,6 +17,7 @@ from mgf_engine.scene.model import Scene
 
 _CANDIDATES = 4.0  # random points for each that stays
 _DISK = 0.8  # of the spacing, what no two points are nearer than: as many points as on a grid
+_VIEWS = 2  # photos that must show a point: one alone does not know how far away it is
 _FACING = 0.05  # least cosine between a face's normal and the direction to a view that shows it
 
 
@@ -104,8 +105,8 @@ def _colors(
     normals: NDArray[np.float64],
     spacing: float,
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Mean colours ``spacing`` around points [N, 3] in the photos that show them; whether any does, bool [N]."""
-    total, weight = np.zeros((len(points), 3)), np.zeros(len(points))
+    """Mean colours ``spacing`` around points [N, 3] in the photos that show them; whether enough do, bool [N]."""
+    total, weight, views = np.zeros((len(points), 3)), np.zeros(len(points)), np.zeros(len(points), int)
     for i in indices:
         view = scene.views[i]
         away = view.centre - points
@@ -122,5 +123,6 @@ def _colors(
         size = max(1, round(spacing * view.fx / float(np.median(depth[shown]))))  # px that a sample stands for
         total[rows[shown]] += facing[rows[shown], None] * cv2.blur(scene.photo(i), (size, size))[at][shown]
         weight[rows[shown]] += facing[rows[shown]]
+        views[rows[shown]] += 1
     colors = total / np.maximum(weight, 1e-12)[:, None]
-    return np.clip(colors.round(), 0, 255).astype(np.uint8), weight > 0
+    return np.clip(colors.round(), 0, 255).astype(np.uint8), views >= _VIEWS

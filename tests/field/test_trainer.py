@@ -16,7 +16,8 @@ from mgf_engine.raster import device
 from mgf_engine.raster.cuda import room
 from mgf_engine.raster.library import set_threads
 
-OPTIONS = {"iterations": 120, "densify_every": 20, "max_gaussians": 1500, "geometry_from": 0.3}
+#: From points: masks that fill the picture leave the starting surface without a silhouette.
+OPTIONS = {"iterations": 120, "densify_every": 20, "max_gaussians": 1500, "geometry_from": 0.3, "start": "dense"}
 CENTRES = [[x, y, -3.0] for x in (-0.5, 0, 0.5) for y in (0, 0.4)]
 
 
