@@ -128,7 +128,9 @@ def _prepare(job: Job, reporter: Reporter) -> None:
     log.info("kernel variant %s", variant())  # loads the kernels: better now than after the first stages
     choice = choose_device(job.config.device)
     log.info("%s", choice.text)
-    reporter.send("device", device=choice.device.type, text=choice.text)
+    # A surprise is a warning, which the panel shows and the report keeps; it need not be read twice.
+    text = "Device: CPU." if choice.surprising else choice.text
+    reporter.send("device", device=choice.device.type, text=text)
     if choice.surprising:
         reporter.warning(choice.text)
 

@@ -11,7 +11,10 @@ from typing import Any
 import pytest
 import torch
 
+from mgf_engine import pipeline
+from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.messages import Message, Reporter
 from mgf_engine.raster import device
 from mgf_engine.raster.cuda import approved, card, compiler
 from mgf_engine.raster.cuda.driver import Driver, DriverError
@@ -62,6 +65,14 @@ def test_auto_takes_a_card_only_once_it_has_passed(card_9000: card.Found) -> Non
     approved.withdraw(card_9000)
     device.choose_device.cache_clear()
     assert device.choose_device("auto").device.type == "cpu"
+
+
+@pytest.mark.usefixtures("card_9000")
+def test_a_job_says_once_that_a_card_was_found() -> None:
+    messages: list[Message] = []
+    pipeline._prepare(SimpleNamespace(config=make_config()), Reporter(messages.append))  # type: ignore[arg-type]
+    assert [m["type"] for m in messages if "Card 9000" in m.get("text", "")] == ["warning"]
+    assert messages[0]["type"] == "device" and messages[0]["device"] == "cpu"
 
 
 def test_a_pass_is_for_one_card_one_driver_and_one_state_of_the_kernels(
