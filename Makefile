@@ -41,6 +41,7 @@ extension: $(VENV)/.ready $(BPY)/.ready
 	$(BPY)/bin/python tools/build_extension.py --engine-python $(RUN)
 
 test-window: extension
+	PYTHONPATH=tests:tests/blender $(RUN) tests/blender/window/undo.py --blender "$(or $(BLENDER),blender)" --out build/window-undo
 	$(RUN) tests/blender/window/run.py --blender "$(or $(BLENDER),blender)" --zip dist/mgf-*.zip --scene "$(SCENE)" \
 		--out build/window $(if $(WHEELS),--wheels "$(WHEELS)",--engine "$(or $(ENGINE),$(RUN))") $(ARGS)
 

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Ctrl+Z three times after every step of the workflow, in a real window with our tab open; needs no engine.
+
+    PYTHONPATH=tests:tests/blender python tests/blender/window/undo.py --blender BLENDER --out shots
+
+Needs what ``run.py`` needs. The scene is the small synthetic house and its finished job. Exits with 0 only when Blender
+is still there and, after as many redos, has the same objects as before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import synthetic
+from driver import Window
+
+REPO = Path(__file__).resolve().parents[3]
+IMPORT = 50  # place of the button in the sidebar, pixels below its top
+
+
+def main() -> int:
+    """Every step; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Press Ctrl+Z after every step in a real Blender.")
+    parser.add_argument("--blender", required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    args = parser.parse_args()
+    out = args.out.absolute()
+    shutil.rmtree(out, ignore_errors=True)
+    house = synthetic.write_house(out / "house")
+    addon = out / "user" / "extensions" / "user_default" / "mgf"
+    shutil.copytree(REPO / "mgf_blender", addon)
+    shutil.copyfile(REPO / "blender_manifest.toml", addon / "blender_manifest.toml")
+    window = Window(args.blender, out)
+    try:
+        begin(window)
+        for name, command, test in steps(house):
+            if command is None:
+                window.press(window.button(IMPORT), "the file browser", lambda s: s["browser"])
+                window.choose_file(f"{house.folder}/")
+            else:
+                window.tell(command)
+            window.wait(name, test, 60)
+            time.sleep(1)
+            undo_thrice(window, name)
+        window.shot("end")
+    finally:
+        window.close()
+    return 0
+
+
+def begin(window: Window) -> None:
+    """The add-on on, an empty scene, our tab in the sidebar."""
+    window.tell('py bpy.context.preferences.view.filebrowser_display_type = "SCREEN"')
+    window.tell('py bpy.ops.preferences.addon_enable(module="bl_ext.user_default.mgf")')
+    window.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
+    window.tell('py bpy.ops.ed.undo_push(message="empty")')
+    window.tell("editor VIEW_3D")
+    window.wait("the sidebar", lambda s: s["regions"]["UI"][2] > 100)
+    time.sleep(2)
+    window.tell("tab")
+    time.sleep(1)
+
+
+def steps(house: synthetic.House) -> list[tuple]:
+    """What is done, how (None: by its button), and what shows that it was."""
+    has = lambda kind, count: lambda s: s["objects"][kind] == count and not s["browser"]  # noqa: E731
+    result = f'py bpy.ops.mgf.import_result("INVOKE_DEFAULT", True, directory={str(house.job)!r})'
+    plain = "py bpy.ops.mgf.{}('EXEC_DEFAULT', True{})"
+    return [
+        ("import of the scene", None, has("Cameras", 12)),
+        ("the result", result, has("Mesh", 1)),
+        ("the result once more", result, has("Mesh", 1)),
+        ("import again", plain.format("reload_scene", ""), has("Cameras", 12)),
+        ("the result after it", result, has("Mesh", 1)),
+        ("a crop box", plain.format("add_crop_box", ""), lambda s: s["crop"] == 1),
+        ("a camera", plain.format("look_through", ", step=3"), has("Mesh", 1)),
+        ("its render", plain.format("show_in_camera", ", kind='PHOTO'"), lambda s: s["camera"] == "PHOTO"),
+        ("the up axis", plain.format("set_up_axis", ", axis='X'"), has("Mesh", 1)),
+    ]
+
+
+def undo_thrice(window: Window, name: str) -> None:
+    """Ctrl+Z three times and back again; Blender lives, draws, and has the same objects."""
+    before = window.state()
+    for keys in ("ctrl+z", "ctrl+shift+z"):
+        window.move(400, 500)
+        for _ in range(3):
+            window.key(keys)
+            window.settle(2)
+    same = lambda s: s["objects"] == before["objects"] and s["crop"] == before["crop"]  # noqa: E731
+    window.wait(f"{name}, after undo and redo", same, 30)
+    print(f"{name}: undone and redone three times", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
