@@ -50,7 +50,7 @@ def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str) -> None:
     """A sentence on as many lines as it needs, the icon before the first."""
     column = layout.column(align=True)
     for i, line in enumerate(wrapped(text, _fits_here())):
-        column.label(text=line, icon=icon if i == 0 else "BLANK1", translate=False)
+        column.label(text=line, icon="BLANK1" if i and icon != "NONE" else icon, translate=False)
 
 
 def _fits_here() -> Callable[[str], bool]:

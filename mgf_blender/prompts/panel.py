@@ -37,7 +37,7 @@ class MGF_PT_prompts(bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
         if not len(state.photos):
-            layout.label(text="Import a scene in the 3D viewport first", icon="INFO")
+            draw_sentence(layout, tr("Import a scene in the 3D viewport first"), "INFO")
             return
         row = layout.row(align=True)
         row.scale_y = 1.4
@@ -65,16 +65,17 @@ class MGF_PT_prompts(bpy.types.Panel):
         negative = sum(c.negative for c in photo.clicks)
         parts = sum(not c.negative and c.part != BUILDING for c in photo.clicks)
         positive = len(photo.clicks) - negative - parts
-        row = layout.row(align=True)
-        text = tr("{positive} on the building, {negative} off it", positive=positive, negative=negative)
+        text = tr("{positive} on it, {negative} off it", positive=positive, negative=negative)
         if parts:
-            text += tr(", {count} on its parts", count=parts)
-        if not len(photo.clicks):
-            text = tr("Click the building, Ctrl click beside it")
-        row.label(text=text, translate=False)
-        row.operator("mgf.clear_clicks", text="", icon="TRASH")
+            text += tr(", {count} on parts", count=parts)
+        if len(photo.clicks):
+            row = layout.row(align=True)
+            row.label(text=text, translate=False)
+            row.operator("mgf.clear_clicks", text="", icon="TRASH")
+        else:
+            draw_sentence(layout, tr("Click the building, Ctrl click beside it"), "NONE")
         if not photo.file:
-            layout.label(text="The photo was not found on disk", icon="ERROR")
+            draw_sentence(layout, tr("The photo was not found on disk"), "ERROR")
 
     def _draw_mask(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
@@ -117,8 +118,8 @@ class MGF_PT_masks(bpy.types.Panel):
         photo = active_photo(context.scene)
         entry = overlay.mask_entry(context.scene, photo.name) if photo is not None else None
         if entry is not None:
-            text = tr("Agreement with the points: {share:.0%}", share=float(entry.get("score", 0)))
-            layout.label(text=text, translate=False)
+            text = tr("Agrees with points: {share:.0%}", share=float(entry.get("score", 0)))
+            draw_sentence(layout, text, "NONE")
             if entry.get("flag"):
                 draw_sentence(layout, str(entry["flag"]), "ERROR")
 
@@ -135,7 +136,7 @@ def _draw_preview(layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy
     elif found.status == preview.FAILED:
         draw_sentence(layout, found.text, "ERROR")
     elif found.clicks != preview.signature(photo) and not overlay.job_knows(scene, photo):
-        layout.label(text="The points have changed since this mask", icon="INFO")
+        draw_sentence(layout, tr("The points have changed since this mask"), "INFO")
 
 
 CLASSES = (MGF_UL_photos, MGF_PT_prompts, MGF_PT_masks)

@@ -54,14 +54,14 @@ class MGF_PT_mark(bpy.types.Panel):
         layout, state = self.layout, context.scene.mgf
         if state.masks_folder or not state.options.use_masks:
             text = tr("Your own masks are used") if state.masks_folder else tr("Masks are switched off")
-            layout.label(text=text, icon="INFO", translate=False)
+            draw_sentence(layout, text, "INFO")
             return
         done, count = sum(p.done() for p in state.photos), len(state.photos)
         row = layout.row()
         row.scale_y = 1.0 if done else 1.6
         row.operator("mgf.mark_building", icon="CURSOR")
         text = tr("{done} of {count} photos marked", done=done, count=count)
-        layout.label(text=text, icon="CHECKMARK" if done else "INFO", translate=False)
+        draw_sentence(layout, text, "CHECKMARK" if done else "INFO")
 
 
 class MGF_PT_reconstruct(bpy.types.Panel):
@@ -100,14 +100,14 @@ class MGF_PT_reconstruct(bpy.types.Panel):
         state = context.scene.mgf
         cost = estimate(state.options, photos_of(context.scene))
         text = tr(
-            "About {time} and {gigabytes:.1f} GB of memory", time=duration(cost.seconds), gigabytes=cost.memory / 1e9
+            "About {time}, {gigabytes:.1f} GB of memory", time=duration(cost.seconds), gigabytes=cost.memory / 1e9
         )
-        layout.label(text=text, icon="TIME", translate=False)
+        draw_sentence(layout, text, "TIME")
         column = layout.column()
         column.scale_y = 1.6
         column.operator("mgf.reconstruct", icon="HOME")
         if job is None and interrupted(context.scene):
-            layout.label(text="An earlier job was interrupted", icon="INFO")
+            draw_sentence(layout, tr("An earlier job was interrupted"), "INFO")
             layout.operator("mgf.resume", icon="PLAY")
         elif job is not None and job.status != DONE and has_job_file(context.scene, "job.json"):
             layout.operator("mgf.resume", icon="PLAY")

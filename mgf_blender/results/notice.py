@@ -3,13 +3,13 @@
 
 import bpy
 
-from ..common.text import draw_sentence
+from ..common.text import draw_sentence, tr
 from . import arrival
 
 
 def draw_waiting(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The state of an import that is not part of a job shown elsewhere."""
     if arrival.under_way(scene):
-        layout.label(text="Bringing the results in", icon="SORTTIME")
+        draw_sentence(layout, tr("Bringing the results in"), "SORTTIME")
     elif arrival.problem(scene):
         draw_sentence(layout, arrival.problem(scene), "ERROR")

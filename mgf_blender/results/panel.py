@@ -6,7 +6,7 @@ import json
 import bpy
 
 from ..common.figures import draw_figures
-from ..common.text import N_, tr
+from ..common.text import N_, draw_sentence, tr
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
@@ -58,7 +58,7 @@ def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     """A mesh, and what it is painted with."""
     column = layout.column(align=True)
     text = tr("{name}: {count:,} faces", name=obj.name, count=len(obj.data.polygons))
-    column.label(text=text, icon="MESH_DATA", translate=False)
+    draw_sentence(column, text, "MESH_DATA")
     kinds, now = surface.available(obj.data), surface.shown(obj.data)
     if len(kinds) < 2:
         return
@@ -66,7 +66,7 @@ def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     for kind in kinds:
         grid.operator("mgf.paint_mesh", text=_PAINTS[kind], depress=kind == now).kind = kind
     if now in {"CONFIDENCE", "VIEWS"}:
-        column.label(text=surface.scale_text(obj.data, now), translate=False)
+        draw_sentence(column, surface.scale_text(obj.data, now), "NONE")
 
 
 def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
@@ -80,9 +80,9 @@ def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
         cell.enabled = kind in there
         cell.operator("mgf.show_in_camera", text=_SHOWS[kind], depress=kind == shown).kind = kind
     if shown == "ERROR":
-        column.label(text="Dark: alike, bright: different")
+        draw_sentence(column, tr("Dark: alike, bright: different"), "NONE")
     elif "RENDER" not in there:
-        column.label(text="No render of this photo", icon="INFO")
+        draw_sentence(column, tr("No render of this photo"), "INFO")
 
 
 def _draw_figures(layout: bpy.types.UILayout, text: str) -> None:

@@ -57,7 +57,7 @@ def test_from_import_to_mesh(addon, engine, house):
     files.add_click(addon.photos[0], 90, 9, True, "building")
     files.add_click(addon.photos[0], 90, 90, False, "door")
     said = all_panels()
-    assert "1 of 3 photos marked" in said and "1 on the building, 1 off it, 1 on its parts" in said
+    assert "1 of 3 photos marked" in said and "1 on it, 1 off it, 1 on parts" in said
     bpy.ops.mgf.reconstruct()
     said = all_panels()
     assert "Mesh finished in " in said and "Open Report" in said and "new job: 16 faces" in said and "PSNR" in said

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import json
 import string
@@ -107,3 +108,25 @@ def test_damaged_or_empty_dictionaries_are_left_out(tmp_path):
     assert translations.dictionary(tmp_path) == {
         "it_IT": {("*", "Cancel"): "Annulla", ("Operator", "Cancel"): "Annulla"}
     }
+
+
+def labels() -> list[tuple[str, int]]:
+    """Texts that panels of the sidebar show on one line, beside an icon or a button: text and where it stands."""
+    rooms = ("prompts/panel", "reconstruct/panel", "results/panel", "results/notice", "scene_import/panel")
+    found = []
+    for name in rooms:
+        tree = ast.parse((REPO / "mgf_blender" / f"{name}.py").read_text(encoding="utf-8"))
+        calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and getattr(n.func, "attr", "") == "label"]
+        texts = [k.value for n in calls for k in n.keywords if k.arg == "text"]
+        texts = [t.args[0] if isinstance(t, ast.Call) and t.args else t for t in texts]
+        found += [(t.value, t.lineno) for t in texts if isinstance(t, ast.Constant) and isinstance(t.value, str)]
+    return found
+
+
+def test_no_label_of_one_line_is_cut_off():
+    """A sidebar of the default width has room for 34 letters; what is longer goes through ``draw_sentence``."""
+    known = translations.dictionary()["de_DE"]
+    found = labels()
+    assert len(found) >= 2
+    for text, line in found:
+        assert max(len(text), len(known.get(("*", text), ""))) <= 30, (text, line)
