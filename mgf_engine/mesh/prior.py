@@ -88,7 +88,7 @@ def decided(
     apart = known & (np.abs(field.depth - prior.depth) * field.view.fx >= SAME * prior.depth)
     rival = match(replace(prior, depth=np.where(apart, prior.depth, 0).astype(np.float32)), others, search)
     better = rival.likeness > matched.likeness - np.where(sure >= SURE, GAIN, -GAIN)
-    take = apart & np.where(rival.likeness > 0, better, (matched.likeness == 0) & known)
+    take = apart & np.where(rival.likeness > 0, better, (matched.likeness == 0) & (sure > 0))
     depth = np.where(take, rival.depth, matched.depth).astype(np.float32)
     likeness = np.where(take, rival.likeness, matched.likeness).astype(np.float32)
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)

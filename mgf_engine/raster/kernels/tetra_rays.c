@@ -6,7 +6,7 @@
 
 #include "export.h"
 
-enum { ONE = 1024, PIECE = 256, MOST_CELLS = 100000 };
+enum { ONE = 1024, PIECE = 256, MOST_CELLS = 3000 };
 
 // Tetrahedra [n]: corners, neighbours (opposite of each corner, -1 at the rim), outward planes of the faces opposite each.
 typedef struct {
