@@ -49,7 +49,7 @@ class Config:
 
     # fmt: off
     # run
-    preset: str = option("standard", "run", "How much time to spend", choices=("draft", "standard", "fine"), advanced=False)
+    preset: str = option("standard", "run", "How much time to spend", choices=("quick", "draft", "standard", "fine"), advanced=False)
     device: str = option("auto", "run", "Where the field is trained", choices=("auto", "cpu", "cuda"), advanced=False)
     threads: int = option(0, "run", "Worker threads of the kernels; 0 takes every core", low=0, high=256)
     seed: int = option(0, "run", "Seed of everything random; the same seed and thread count give the same mesh", low=0, high=2**31 - 1)
@@ -75,7 +75,7 @@ class Config:
 
     # field
     iterations: int = option(0, "field", "Training iterations; 0 takes as many as the passes over the photos come to", low=0, high=1_000_000)
-    passes: int = option(50, "field", "Iterations for each photo trained on, as for 20 photos where there are fewer and 60 where there are more", low=1, high=1000)
+    passes: int = option(50, "field", "Iterations for each photo trained on, as for 20 photos where there are fewer and 60 where there are more; 0 trains nothing and keeps the start", low=0, high=1000)
     holdout_every: int = option(8, "field", "Every n-th photo is kept out of training to measure the result; 0 trains on all", low=0, high=1000)
     max_gaussians: int = option(120_000, "field", "The field never grows beyond this many Gaussians", low=100, high=10_000_000)
     start: str = option("surface", "field", "Where the first Gaussians lie: on a starting surface from edges, planes and stereo, on dense points by stereo, or on sparse points alone", choices=("surface", "dense", "sparse"))
@@ -133,6 +133,7 @@ class Config:
 
 #: What each preset changes from the defaults; options the user gives win over both.
 PRESETS: dict[str, dict[str, Any]] = {
+    "quick": {"passes": 0, "max_photos": 60, "holdout_every": 0},
     "draft": {"passes": 13, "max_photos": 60, "holdout_every": 0, "densify_every": 75},
     "standard": {},
     "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},

@@ -47,6 +47,8 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     mesh = load_mesh(job)
     field = load_field(job).to(choose_device(job.config.device).device)
     chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
+    if job.stages["field"]["figures"].get("iterations") == 0:
+        chosen = ()  # a field that nothing was trained in shows nothing worth a look
 
     def one(index: int) -> str:
         name = f"renders/{Path(scene.views[index].file).stem}.png"

@@ -53,7 +53,7 @@ def test_libraries_are_told_to_keep_to_one_thread_before_they_are_loaded() -> No
         ("empty", ["{}/empty"], "photo"),
         ("empty", ["{}/empty", "--set", "iterations=-1"], "at least 0"),
         ("empty", ["{}/empty", "--set", "nonsense"], "NAME=VALUE"),
-        ("empty", ["{}/empty", "--preset", "fast"], "one of draft, standard, fine"),
+        ("empty", ["{}/empty", "--preset", "fast"], "one of quick, draft, standard, fine"),
         ("empty", ["{}/empty", "--config", "{}/missing.json"], "Cannot read the config"),
         ("empty", ["{}/empty", "--prompts", "{}/missing.json"], "does not exist"),
         ("empty", ["{}/empty", "--masks", "{}/missing"], "does not exist"),

@@ -42,7 +42,7 @@ def test_presets_are_valid_and_options_win_over_them(preset: str) -> None:
         ({"opacity_level": "nan"}, "a number"),
         ({"opacity_level": 2}, "at most 0.99"),
         ({"use_masks": "perhaps"}, "true or false"),
-        ({"preset": "fast"}, "one of draft, standard, fine"),
+        ({"preset": "fast"}, "one of quick, draft, standard, fine"),
         ({"weights": 3}, "text"),
         ({"densify_from": 0.9, "densify_until": 0.1}, "densify_from"),
         ({"max_photos": 2}, "at least 3"),

@@ -72,6 +72,16 @@ def test_the_mesh_is_the_house(house: House, finished) -> None:
     assert f1(job / "mesh.ply", house, 0.1) > 0.9
 
 
+def test_quick_gives_the_mesh_without_training(house: House, tmp_path: Path) -> None:
+    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", tmp_path / "job", "--preset", "quick")
+    messages = finish(run)
+    assert run.returncode == 0, messages[-1]
+    assert f1(tmp_path / "job" / "mesh.ply", house, 0.1) > 0.85
+    made = json.loads((tmp_path / "job" / "deliver.json").read_text())
+    assert not any(view["render"] for view in made["views"])
+    assert (tmp_path / "job" / "texture.jpg").exists()
+
+
 def test_the_masks_are_the_house(house: House, finished) -> None:
     job, _ = finished
     for file in sorted((job / "masks" / "labels").glob("*.png")):
