@@ -21,7 +21,6 @@ import synthetic
 from driver import Window
 
 REPO = Path(__file__).resolve().parents[3]
-IMPORT = 50  # place of the button in the sidebar, pixels below its top
 
 
 def main() -> int:
@@ -40,11 +39,7 @@ def main() -> int:
     try:
         begin(window)
         for name, command, test in steps(house):
-            if command is None:
-                window.press(window.button(IMPORT), "the file browser", lambda s: s["browser"])
-                window.choose_file(f"{house.folder}/")
-            else:
-                window.tell(command)
+            window.tell(command)
             window.wait(name, test, 60)
             time.sleep(1)
             undo_thrice(window, name)
@@ -68,12 +63,12 @@ def begin(window: Window) -> None:
 
 
 def steps(house: synthetic.House) -> list[tuple]:
-    """What is done, how (None: by its button), and what shows that it was."""
+    """What is done, how, and what shows that it was."""
     has = lambda kind, count: lambda s: s["objects"][kind] == count and not s["browser"]  # noqa: E731
     result = f'py bpy.ops.mgf.import_result("INVOKE_DEFAULT", True, directory={str(house.job)!r})'
     plain = "py bpy.ops.mgf.{}('EXEC_DEFAULT', True{})"
     return [
-        ("import of the scene", None, has("Cameras", 12)),
+        ("import of the scene", plain.format("import_colmap", f", filepath={str(house.folder)!r}"), has("Cameras", 12)),
         ("the result", result, has("Mesh", 1)),
         ("the result once more", result, has("Mesh", 1)),
         ("import again", plain.format("reload_scene", ""), has("Cameras", 12)),
