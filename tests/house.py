@@ -142,15 +142,17 @@ def solid_noise(points: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
     return result
 
 
-def write_model(folder: Path, views: list[View], both: Mesh, house: Mesh, count: int = 1500) -> None:
-    """A COLMAP model with exact cameras and tracks of points on the surfaces."""
+def write_model(
+    folder: Path, views: list[View], both: Mesh, house: Mesh, count: int = 1500, on_lawn: int = 750
+) -> None:
+    """A COLMAP model with exact cameras and tracks of ``count`` points on the house, and some on the lawn."""
     import trimesh
 
     folder.mkdir(parents=True, exist_ok=True)
-    surfaces = [(house, count), (Mesh(both.vertices, both.faces[len(house.faces) :], both.colors), count // 2)]
+    surfaces = [(house, count), (Mesh(both.vertices, both.faces[len(house.faces) :], both.colors), on_lawn)]
     points = np.concatenate([
         trimesh.sample.sample_surface(trimesh.Trimesh(m.vertices, m.faces, process=False), n, seed=5)[0]
-        for m, n in surfaces
+        for m, n in surfaces if n
     ])  # fmt: skip
     seen = [_observed(view, both, points) for view in views]
     model = pycolmap.Reconstruction()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from house import OFFSET, house_mesh, lawn_mesh, ring_view
+from house import OFFSET, house_mesh, lawn_mesh, ring_view, write_model
 from numpy.typing import NDArray
 
 from mgf_engine.masks.model import MaskSet
@@ -59,6 +59,22 @@ def make_plain_house(folder: Path, photos: int = PHOTOS) -> PlainHouse:
     )  # fmt: skip
     masks = MaskSet(tuple(labels), np.ones(photos, bool), np.ones(photos, np.float32), np.zeros(0, bool))
     return PlainHouse(scene, masks, house)
+
+
+def write_inputs(plain: PlainHouse) -> tuple[Path, Path]:
+    """A folder to reconstruct from, with sparse points on the lawn alone, and one with the true masks beside it."""
+    folder, lawn = plain.scene.folder, lawn_mesh()
+    both = Mesh(
+        np.r_[plain.truth.vertices, lawn.vertices - OFFSET],
+        np.r_[plain.truth.faces, lawn.faces + len(plain.truth.vertices)].astype(np.int32),
+        np.zeros((len(plain.truth.vertices) + len(lawn.vertices), 3), np.uint8),
+    )  # fmt: skip
+    write_model(folder / "sparse" / "0", list(plain.scene.views), both, plain.truth, 0, 1500)
+    masks = folder.parent / "masks"
+    masks.mkdir()
+    for view, labels in zip(plain.scene.views, plain.masks.labels, strict=True):
+        cv2.imwrite(str(masks / view.name), labels * 255)
+    return folder, masks
 
 
 def _colours(house: Mesh) -> NDArray[np.int64]:

@@ -177,6 +177,8 @@ SCENES |= {
     "masks_block": replace(_MASKS, photos=36, building="flat_block", wall="white", trees_in_front=4, seed=13),
     "masks_hall": replace(SCENES["curved_hall"], photos=36, width=480, samples=8, trees_in_front=3, cars=6),
 }
+# As `nadir_shingles`, for tuning: hardly any sparse point lies on the roof, and the masks must do without.
+SCENES["nadir_slate"] = replace(SURFACES["nadir_shingles"], building="plain_house", seed=44, held_out=False)
 for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("dortmund", "zeche"):

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.hull import points_to_match
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.depths import Depths, match_photos
@@ -38,7 +39,8 @@ def dense_points(
     """
     threads = threads or cores()
     inside = lambda i: building(masks.labels[i])  # noqa: E731
-    depths = match_photos(scene, views, masks.point_mask, inside, _NEIGHBOURS, _LONGEST_SIDE, threads, reporter.check)
+    told, kept = points_to_match(scene, masks, views)
+    depths = match_photos(told, views, kept, inside, _NEIGHBOURS, _LONGEST_SIDE, threads, reporter.check)
     agreed = in_order(lambda i: _agreed(i, depths, scene), depths.maps, threads)
     found = [f for _, f in agreed if len(f[0])]
     if not found:

@@ -19,6 +19,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks.agreement import contradicted_masks
 from mgf_engine.masks.contact import write_contact_sheet
 from mgf_engine.masks.fit import forgive, measure_fit, misfits
+from mgf_engine.masks.hull import hull_cells
 from mgf_engine.masks.levels import Part, add_elements, tie_parts
 from mgf_engine.masks.model import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.masks.plain import PLAIN, plain_share, plain_text
@@ -87,7 +88,7 @@ def _build_masks(
         result = propagate(scene, clicks, segmenter, config, reporter)
     else:
         raise BadInput(_NO_CLICKS)
-    _check(result)
+    _check(scene, result, config)
     masks, parts = result.masks, list[Part]()
     parts_clicked = any(photo.parts for photo in clicks.values())
     if segmenter is not None and config.wants_elements(parts_clicked):
@@ -176,11 +177,24 @@ def _second_level(
     return replace(masks, labels=tuple(labels)), tie_parts(scene, labels, names)
 
 
-def _check(result: Propagation) -> None:
+def _check(scene: Scene, result: Propagation, config: Config) -> None:
+    """Refuse what no field can start from.
+
+    Raises:
+        BadInput: no mask is used; or no sparse point lies on the building, and the start needs some or the masks have
+            no place in common.
+    """
     if not result.masks.used.any():
         raise BadInput("No photo got a usable mask; click more points on the building and beside it, in more photos.")
-    if not result.masks.point_mask.any():
-        raise BadInput("No sparse point lies on the building; check that clicks or masks belong to these photos.")
+    if result.masks.point_mask.any():
+        return
+    if config.start == "surface" and config.use_masks:
+        hull_cells(scene, result.masks, np.flatnonzero(result.masks.used).tolist())
+    else:
+        raise BadInput(
+            "No sparse point lies on the building, and this start needs some: choose start=surface, or check that "
+            "clicks or masks belong to these photos."
+        )
 
 
 def _check_clicks(clicks: Prompts, masks: MaskSet) -> None:

@@ -68,6 +68,17 @@ def with_hull_points(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tupl
     return hull, np.ones(len(cells), bool)
 
 
+def points_to_match(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[Scene, NDArray[np.bool_]]:
+    """As :func:`with_hull_points`, but the few points that there are where the masks have no place in common.
+
+    For stereo, which can do without: photos that share no points are matched with none.
+    """
+    try:
+        return with_hull_points(scene, masks, views)
+    except BadInput:
+        return scene, masks.point_mask
+
+
 def _seen_box(scene: Scene, views: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A box of what the photos look at: sparse points if there are any, the cameras' own common place in any case."""
     centres = np.stack([scene.views[i].centre for i in views])

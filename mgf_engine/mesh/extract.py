@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.masks.hull import points_to_match
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.apart import belongs
@@ -170,7 +171,7 @@ def surface_field(
 
 def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
     position = {view: number for number, view in enumerate(chosen)}
-    pairs = matching_views(scene, masks.point_mask, chosen, MATCHED_WITH)
+    pairs = matching_views(*points_to_match(scene, masks, chosen), chosen, MATCHED_WITH)
 
     def grey(number: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)
