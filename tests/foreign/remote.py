@@ -233,7 +233,9 @@ class Remote:
         moves = []
         bases = np.array(sorted(self._known), np.uint64)
         for base, (size, array) in list(sent.items()):
-            holds = isinstance(array, ctypes.Structure) or (isinstance(array, np.ndarray) and array.dtype.kind in "iV")
+            holds = isinstance(array, ctypes.Structure) or (
+                isinstance(array, np.ndarray) and array.dtype.kind in "iV" and array.itemsize >= 8
+            )
             if not holds or size % 8 or size > 1 << 16:
                 continue
             words = np.frombuffer(ctypes.string_at(base, size), np.uint64)

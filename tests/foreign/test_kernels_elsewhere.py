@@ -35,8 +35,9 @@ FEW = [
     "tests/masks/test_patches.py",
     "tests/masks/test_surface.py",
     "tests/masks/test_regions.py",
-    "tests/bench/test_roofline.py::test_the_command_prints_plain_figures",
 ]
+#: They only measure speed, which means nothing in an emulator.
+TIMED = {"mgf_peak", "mgf_peak_operations"}
 
 
 def tool():
@@ -51,9 +52,9 @@ def tool():
 def test_every_kernel_agrees_with_its_twin(target: str) -> None:
     if emulator_of(target) is None:
         pytest.skip(f"needs {EMULATORS[target]} ({PACKAGES[EMULATORS[target]]})")
-    code, calls = tool().run(target, ["-k", "not v3 and not v4", *FEW])
+    code, calls = tool().run(target, ["-k", "not v3 and not v4 and not quick", "--tb=short", *FEW])
     assert code == 0
-    assert set(exported()) - set(calls) == set()
+    assert set(exported()) - set(calls) == TIMED
 
 
 @pytest.mark.skipif(build.host_target() != "linux-x86_64", reason="the host process is tried on Linux x86-64")
