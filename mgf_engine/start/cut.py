@@ -179,11 +179,11 @@ def _box(low: Array, high: Array) -> Array:
 
 
 def _positive(points: Array, corners: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The tetrahedra, all turned so that volumes are positive. Of flat ones rounding decides the sign, so each alone
+    cannot be asked: all are turned alike already."""
     a, b, c, d = (points[corners[:, k]] for k in range(4))
-    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    corners = corners.copy()
-    corners[turned] = corners[turned][:, [0, 1, 3, 2]]
-    return np.ascontiguousarray(corners)
+    total = np.einsum("ij,ij->", np.cross(b - a, c - a), d - a)
+    return np.ascontiguousarray(corners if total > 0 else corners[:, [0, 1, 3, 2]])
 
 
 def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array:
