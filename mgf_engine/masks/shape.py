@@ -17,6 +17,9 @@ from mgf_engine.scene.model import Scene
 NEIGHBOURS = 10
 ASTRAY = 1.5  # times the spacing of its neighbours
 ONE_SIDED = 0.75  # of their mean distance, the distance of their middle
+#: Photos of a grid straight down: so many at least, their mean viewing direction so long (1: all the same), and the
+#: grid as wide as this share of its length.
+FEWEST_IN_GRID, ALIKE, GRID = 8, 0.97, 0.3
 GROUP_GAP = 4.0  # spacings; side of the cells whose contact makes a group
 
 
@@ -46,7 +49,10 @@ class Shape:
 
 
 def up_direction(scene: Scene) -> NDArray[np.float64]:
-    """The direction against gravity, from how people hold cameras: upright, with a level horizon."""
+    """The direction against gravity, from how people hold cameras: upright, with a level horizon, or straight down."""
+    down = _looking_down(scene)
+    if down is not None:
+        return -down
     right = np.stack([v.rotation[0] for v in scene.views])
     mean_up = -np.stack([v.rotation[1] for v in scene.views]).mean(0)
     length = np.linalg.norm(mean_up)
@@ -56,6 +62,24 @@ def up_direction(scene: Scene) -> NDArray[np.float64]:
     up = np.linalg.eigh(matrix)[1][:, 0]
     up = up * np.sign(up @ mean_up or 1.0)
     return up if up @ mean_up > 0.7 else mean_up
+
+
+def _looking_down(scene: Scene) -> NDArray[np.float64] | None:
+    """Where a grid of photos that all look the same way looks, [3]; None where they do not.
+
+    Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.
+    """
+    axis = np.stack([v.rotation[2] for v in scene.views]).mean(0)
+    length = np.linalg.norm(axis)
+    if len(scene.views) < FEWEST_IN_GRID or length < ALIKE:
+        return None
+    axis /= length
+    centres = np.stack([v.centre for v in scene.views])
+    centres = centres - centres.mean(0)
+    across = centres - np.outer(centres @ axis, axis)
+    wide = np.linalg.svd(across, compute_uv=False)
+    flat = np.linalg.norm(centres @ axis) < 0.5 * wide[1]
+    return axis if flat and wide[1] > GRID * wide[0] else None
 
 
 def measure_shape(scene: Scene) -> Shape:
