@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,12 +20,13 @@ from mgf_engine.masks.model import MaskSet
 from mgf_engine.messages import Reporter
 from mgf_engine.order import along_curve
 from mgf_engine.scene.model import Scene
-from mgf_engine.start.samples import sample_surface
+from mgf_engine.start.samples import Samples, sample_surface
 from mgf_engine.start.store import FILE, write_start
-from mgf_engine.start.surface import start_surface
+from mgf_engine.start.surface import StartSurface, start_surface
 
 _SHARE = 0.5  # of the budget of Gaussians that may be starting points besides the sparse ones
 _SPACING = 2.0  # px between samples of the starting surface, at least
+_FOUNDED = 6.0  # px within which points by stereo confirm a sample
 _BESIDE = 4.0  # px off the starting surface from which points by stereo are no part of it
 
 
@@ -74,6 +76,7 @@ def _on_surface(
     surface = start_surface(scene, masks, views, reporter, config.threads)
     write_start(surface, folder / FILE)
     samples = sample_surface(surface.mesh, scene, views, limit, _SPACING * surface.pixel, config.seed)
+    samples = _founded(samples, surface)
     reporter.check()
     if len(samples.points) < 4:
         raise BadInput("No photo shows the surface that edges and planes make.")
@@ -93,6 +96,18 @@ def _on_surface(
             colors[rows] = scene.photo(i)[row, column]
         found.append(_Points(points, colors, centres[seen], np.full(points.shape, np.nan)))
     return found
+
+
+def _founded(samples: Samples, surface: StartSurface) -> Samples:
+    """Those on planes that carry lines, and those that points by stereo confirm; the rest only spans gaps."""
+    kept = surface.sure[samples.faces] > 0
+    if len(surface.dense):
+        near = cKDTree(surface.dense).query(samples.points, distance_upper_bound=_FOUNDED * surface.pixel)[0]
+        kept |= np.isfinite(near)
+    return replace(
+        samples, points=samples.points[kept], faces=samples.faces[kept], normals=samples.normals[kept],
+        colors=samples.colors[kept],
+    )  # fmt: skip
 
 
 def _sparse(scene: Scene, masks: MaskSet, config: Config) -> _Points:

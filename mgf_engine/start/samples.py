@@ -23,9 +23,11 @@ _FACING = 0.05  # least cosine between a face's normal and the direction to a vi
 
 @dataclass(frozen=True)
 class Samples:
-    """Points [N, 3], ``spacing`` apart, with outward unit normals [N, 3] and colours uint8 [N, 3]."""
+    """Points [N, 3], ``spacing`` apart, with the face [N] each lies on, outward unit normals [N, 3] and colours uint8
+    [N, 3]."""
 
     points: NDArray[np.float64]
+    faces: NDArray[np.int64]
     normals: NDArray[np.float64]
     colors: NDArray[np.uint8]
     spacing: float
@@ -39,12 +41,12 @@ def sample_surface(
     mesh = Mesh(mesh.vertices, mesh.faces[shown], mesh.colors)
     area = _areas(mesh)
     if not len(area):
-        return Samples(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), spacing)
+        return Samples(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), spacing)
     spacing = max(spacing, float(np.sqrt(area.sum() / max(most, 1))))
     face, points = spread(mesh, spacing, np.random.default_rng(seed))
     normals = face_normals(mesh)[face]
     colors, seen = _colors(mesh, scene, indices, points, normals, spacing)
-    return Samples(points[seen], normals[seen], colors[seen], spacing)
+    return Samples(points[seen], np.flatnonzero(shown)[face[seen]], normals[seen], colors[seen], spacing)
 
 
 def spread(mesh: Mesh, spacing: float, generator: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
