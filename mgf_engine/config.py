@@ -106,6 +106,7 @@ class Config:
     opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26 (surface 'opacity' only)", low=0.01, high=0.99)
     level_steps: int = option(8, "mesh", "Points tried at most on each edge that crosses the surface", low=0, high=16)
     smoothing: int = option(2, "mesh", "Rounds of smoothing, each over the next vertices only; 0 keeps the raw surface", low=0, high=1000)
+    flatten: bool = option(True, "mesh", "Move what lies in a plane but for noise into it, and vertices between planes onto their edge")
     face_error: float = option(0.25, "mesh", "Leave out faces as long as the surface stays this near to the full one, in pixels of the nearest photo; 0 only keeps to max_faces", low=0, high=100, unit="px")
     color_error: float = option(8.0, "mesh", "Leave out faces as long as vertex colours stay this near to those of the full mesh (root mean square); 256 lets shape alone decide", low=0, high=256, unit="grey levels")
     max_faces: int = option(1_000_000, "mesh", "The mesh never has more faces than this, colours and shape give way, in this order; 0 for no limit", low=0, high=100_000_000, advanced=False)

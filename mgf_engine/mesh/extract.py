@@ -30,6 +30,7 @@ from mgf_engine.mesh.isosurface import FREE, find_level, march
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
 from mgf_engine.mesh.pixel_counts import count_pixels
+from mgf_engine.mesh.planar import flatten
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
 from mgf_engine.mesh.refine import refine
@@ -124,6 +125,9 @@ def extract_mesh(
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with times.part("refinement"):
         mesh = refined(mesh, judges, config, reporter)
+    if config.flatten:
+        with times.part("planes"):
+            mesh = flatten(mesh, ground_pixels(mesh, judges.views))
     with times.part("colours"):
         colored = color_from_photos(
             trimmed(mesh, config, box), judges.views, lambda i: scene.photo(judges.indices[i]),

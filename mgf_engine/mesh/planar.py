@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Flat is flat, edges are edges: what lies in a plane but for noise is moved into it.
+
+Planes are grown over the finished mesh from places with even normals and fitted robustly. Their noise is measured from
+the mesh itself; a vertex within three times that, and never further than a ground pixel, goes into its plane, one
+between two planes onto the line where they meet, one between three into the corner. What stands out by more stays. So
+does what is bent: where the means over larger cells leave the plane by more than noise, the plane is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from mgf_engine.mesh.clean import edges, face_areas
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.order import arrange, cells_of, morton
+
+#: All lengths are in ground pixels (:func:`mgf_engine.mesh.reduce.ground_pixels`), all areas in their squares.
+LEAST_AREA, LEAST_WIDTH = 400.0, 6.0  # of a plane
+SEED_SIDE, SEED_AREA, SEED_EVEN = 10.0, 25.0, 0.95  # cells that planes begin in: side, area, length of the mean normal
+TRIES = 250  # places at most where a plane is begun
+RADII = 15.0, 40.0, 120.0, np.inf  # around its beginning within which a plane is fitted, one after the other
+BAND = 1.0  # faces this near belong to a plane, and no vertex is moved further into one
+TURN = np.cos(np.radians(30.0))  # and their smoothed normals are within this angle
+SIGMAS = 3.0  # of the noise: what stands out by more is not noise
+BEND_CELL, BEND_AREA = 12.0, 30.0  # side and least area of the cells whose means tell whether a plane is bent
+WAVES = 0.1, 0.3  # their root mean square may be as large as the noise around them, within these bounds
+BOWS = 0.06, 0.2  # that of a paraboloid through the faces half as large
+CREASE = np.cos(np.radians(20.0))  # planes with a smaller angle between them meet nowhere in particular
+CREASE_MOVE = 1.5  # a vertex moves this far at most onto a crease or into a corner
+RINGS = 3  # edges between a plane's vertices and those that may lie on its crease
+NORMAL_ROUNDS = 2  # of smoothing
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Planes and the faces in them.
+
+    Attributes:
+        normals: unit, outward, [P, 3].
+        offsets: ``normals @ x = offsets`` in the mesh's units, [P].
+        noise: standard deviation of the vertices of these faces, in ground pixels, [P].
+        label: the plane of each face, -1 for none, int32 [F].
+    """
+
+    normals: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    label: NDArray[np.int32]
+
+    def distances(self, points: NDArray[np.float64], plane: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Signed distances of points [K, 3] from the planes with these numbers [K], in the mesh's units."""
+        return np.asarray(np.einsum("ij,ij->i", points, self.normals[plane]) - self.offsets[plane])
+
+
+@dataclass(frozen=True)
+class _Faces:
+    """What growing asks about faces; lengths in the mesh's units, ``area`` in square ground pixels."""
+
+    mesh: Mesh
+    centre: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    pixel: NDArray[np.float64]
+    area: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+
+
+def flatten(mesh: Mesh, pixel: NDArray[np.floating]) -> Mesh:
+    """The mesh with its planar parts in their planes; no face comes, goes or turns over.
+
+    Args:
+        pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
+    """
+    if len(mesh.faces) == 0 or not (np.asarray(pixel) > 0).all():
+        return mesh
+    size: NDArray[np.float64] = np.asarray(pixel, np.float64)
+    faces = _faces(mesh, size)
+    planes = find_planes(faces)
+    if len(planes.normals) == 0:
+        return mesh
+    vertex, plane = _near(mesh, size, planes)
+    label = _sides(mesh, faces, planes, vertex, plane)
+    moved = mesh.vertices + _moves(mesh, size, planes, label, vertex)
+    return replace(mesh, vertices=_unturned(mesh, moved, planes, label))
+
+
+def _faces(mesh: Mesh, pixel: NDArray[np.float64]) -> _Faces:
+    at = np.ascontiguousarray(mesh.vertices)
+    normal = _unit(mesh.around.vertex_normals(at))
+    for _ in range(NORMAL_ROUNDS):
+        normal = mesh.around.smooth(normal, np.zeros(len(at), bool))
+    key, face = edges(mesh.faces)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order][1:] == key[order][:-1])
+    pairs = np.stack([face[order[same]], face[order[same + 1]]])
+    size = pixel[mesh.faces].mean(1)
+    area = face_areas(mesh) / size**2
+    return _Faces(mesh, at[mesh.faces].mean(1), _unit(normal[mesh.faces].sum(1)), size, area, pairs)
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300))
+
+
+def find_planes(faces: _Faces) -> Planes:
+    """Planes of at least ``LEAST_AREA``, the most even places first."""
+    label = np.full(len(faces.area), -1, np.int32)
+    found: list[tuple[NDArray[np.float64], float, float]] = []
+    group, begin = _seeds(faces)
+    for seed in begin[:TRIES]:
+        rows = np.flatnonzero(group == seed)
+        rows = rows[label[rows] < 0]
+        if faces.area[rows].sum() < SEED_AREA:
+            continue
+        grown = _grow(faces, rows, np.flatnonzero(label < 0))
+        if grown is not None:
+            plane, inside = grown
+            label[inside] = len(found)
+            found.append(plane)
+    normals = np.array([normal for normal, *_ in found]).reshape(-1, 3)
+    return Planes(normals, np.array([at for _, at, _ in found]), np.array([noise for *_, noise in found]), label)
+
+
+def _seeds(faces: _Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The group of each face, by place and direction, and the groups that planes may begin in, best first."""
+    side = SEED_SIDE * float(np.median(faces.pixel))
+    local = np.floor((faces.centre - faces.centre.min(0)) / side)
+    cell = morton(local.astype(np.int64)) if local.max() < 2**20 else morton(cells_of(faces.centre))
+    axis = np.abs(faces.normal).argmax(1)
+    direction = 2 * axis + (np.take_along_axis(faces.normal, axis[:, None], 1)[:, 0] < 0)
+    order, new = arrange(cell, direction)
+    group = np.empty(len(order), np.int64)
+    group[order] = np.cumsum(new) - 1
+    area = np.bincount(group, faces.area)
+    mean = np.stack([np.bincount(group, faces.area * faces.normal[:, k]) for k in range(3)], 1)
+    even = np.linalg.norm(mean, axis=1) / np.maximum(area, 1e-12)
+    fit = np.flatnonzero((area >= SEED_AREA) & (even >= SEED_EVEN))
+    return group, fit[np.argsort(-(even[fit] - SEED_EVEN) * np.minimum(area[fit], SEED_SIDE**2), kind="stable")]
+
+
+def _grow(
+    faces: _Faces, seed: NDArray[np.int64], free: NDArray[np.int64]
+) -> tuple[tuple[NDArray[np.float64], float, float], NDArray[np.int64]] | None:
+    """The plane (normal, offset, noise) that begins in the faces ``seed``, and its faces; None where there is none."""
+    normal, offset = _fit(faces, seed, np.ones(len(seed)))
+    if normal @ faces.normal[seed].sum(0) < 0:
+        normal, offset = -normal, -offset
+    middle, side = faces.centre[seed].mean(0), float(np.median(faces.pixel[seed]))
+    free = free[faces.normal[free] @ normal > TURN]
+    away = np.linalg.norm(faces.centre[free] - middle, axis=1) / side
+    for radius in RADII:
+        near = free[away < radius]
+        for _ in range(2):
+            off = (faces.centre[near] @ normal - offset) / faces.pixel[near]
+            inside = np.abs(off) < BAND
+            if faces.area[near[inside]].sum() < SEED_AREA:
+                return None
+            normal, offset = _turned(normal, *_fit(faces, near[inside], (1 - (off[inside] / BAND) ** 2) ** 2))
+    off = (faces.centre[free] @ normal - offset) / faces.pixel[free]
+    inside = _largest_part(faces, free[np.abs(off) < BAND])
+    if faces.area[inside].sum() < LEAST_AREA:
+        return None
+    for _ in range(3):
+        off = (faces.centre[inside] @ normal - offset) / faces.pixel[inside]
+        reach = max(min(SIGMAS * _noise(off, faces.area[inside]), BAND), 1e-6)
+        weight = np.maximum(1 - (off / reach) ** 2, 0) ** 2
+        if faces.area[inside[weight > 0]].sum() < LEAST_AREA:
+            return None
+        normal, offset = _turned(normal, *_fit(faces, inside, weight))
+    off = (faces.centre[inside] @ normal - offset) / faces.pixel[inside]
+    # the mean of three corners has less noise than each: a relief of some sigma has hardly a face that passes for flat
+    kept = np.abs(off) <= SIGMAS * _noise(off, faces.area[inside])
+    inside, off = inside[kept], off[kept]
+    if faces.area[inside].sum() < LEAST_AREA or _bent(faces, inside, off, normal):
+        return None
+    corners = (faces.mesh.vertices[faces.mesh.faces[inside]] @ normal - offset) / faces.pixel[inside, None]
+    noise = _noise(corners.ravel(), np.repeat(faces.area[inside], 3))
+    return (normal, offset, noise), inside
+
+
+def _turned(like: NDArray[np.float64], normal: NDArray[np.float64], offset: float) -> tuple[NDArray[np.float64], float]:
+    return (normal, offset) if like @ normal > 0 else (-normal, -offset)
+
+
+def _fit(faces: _Faces, rows: NDArray[np.int64], weight: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Normal and offset of the plane through faces, weighted also by their area."""
+    weight = weight * faces.area[rows] + 1e-12
+    middle = weight @ faces.centre[rows] / weight.sum()
+    local = faces.centre[rows] - middle
+    normal = np.linalg.eigh((local * weight[:, None]).T @ local)[1][:, 0]
+    return normal, float(normal @ middle)
+
+
+def _largest_part(faces: _Faces, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of the faces that hang together and have most area."""
+    place = np.full(len(faces.area), -1, np.int64)
+    place[rows] = np.arange(len(rows))
+    a, b = place[faces.pairs]
+    both = (a >= 0) & (b >= 0)
+    graph = coo_array((np.ones(both.sum(), np.int8), (a[both], b[both])), (len(rows), len(rows)))
+    part = connected_components(graph, directed=False)[1]
+    if not len(part):
+        return rows
+    return rows[part == np.bincount(part, faces.area[rows]).argmax()]
+
+
+def _noise(off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
+    """Standard deviation of distances by the median of their amounts, weighted by area."""
+    order = np.argsort(np.abs(off))
+    sums = np.cumsum(area[order])
+    return float(1.4826 * np.abs(off)[order[np.searchsorted(sums, sums[-1] / 2)]])
+
+
+def _bent(faces: _Faces, rows: NDArray[np.int64], off: NDArray[np.float64], normal: NDArray[np.float64]) -> bool:
+    """Whether the faces are too narrow for a plane, or leave it together.
+
+    Two tests: the means over cells against the noise around them, and what a paraboloid explains.
+    """
+    across = np.linalg.svd(normal[None])[2][1:]
+    flat = (faces.centre[rows] - faces.centre[rows].mean(0)) @ across.T / np.median(faces.pixel[rows])
+    area = faces.area[rows]
+    spread = np.linalg.eigvalsh((flat * area[:, None]).T @ flat / area.sum())
+    if np.sqrt(12 * max(spread[0], 0.0)) < LEAST_WIDTH:
+        return True
+    places = np.floor(flat / BEND_CELL).astype(np.int64)
+    places -= places.min(0)
+    cell = places[:, 0] * (places[:, 1].max() + 1) + places[:, 1]
+    sums = np.bincount(cell, area)
+    means = np.bincount(cell, area * off) / np.maximum(sums, 1e-12)
+    noise = _noise(off - means[cell], area)
+    full = sums >= BEND_AREA
+    waves = np.sqrt((sums * means**2)[full].sum() / max(sums[full].sum(), 1e-12))
+    u, v = (flat / np.abs(flat).max()).T
+    terms = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], 1)
+    weighted = terms * area[:, None]
+    bow = terms @ np.linalg.lstsq(weighted.T @ terms, weighted.T @ off, rcond=1e-9)[0]
+    bows = np.sqrt(area @ bow**2 / area.sum())
+    return bool(waves > np.clip(noise, *WAVES) or bows > np.clip(0.5 * noise, *BOWS))
+
+
+def _near(mesh: Mesh, pixel: NDArray[np.float64], planes: Planes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of a vertex and a plane that it is near, by distance and along edges, ordered by vertex."""
+    count = len(planes.normals)
+    labelled = np.flatnonzero(planes.label >= 0)
+    keys = np.unique(mesh.faces[labelled].astype(np.int64) * count + planes.label[labelled, None])
+    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    for _ in range(RINGS):
+        # only vertices beside a part without plane, or of another one, pass theirs on
+        vertex, plane = np.divmod(keys, count)
+        several = np.bincount(vertex, minlength=len(pixel))
+        begin = np.searchsorted(vertex, np.arange(len(pixel)))
+        first = np.where(several > 0, plane[np.minimum(begin, len(plane) - 1)], -1)
+        apart = (first[start] != first[end]) | (several[start] != several[end])
+        a, b = (np.r_[start[apart], end[apart]], np.r_[end[apart], start[apart]])
+        times = several[a]
+        rows = np.repeat(begin[a] - np.r_[0, np.cumsum(times)[:-1]], times) + np.arange(times.sum())
+        new, of = np.repeat(b, times), plane[rows]
+        close = np.abs(planes.distances(mesh.vertices[new], of)) <= BAND * pixel[new]
+        keys = np.union1d(keys, new[close].astype(np.int64) * count + of[close])
+    vertex, plane = np.divmod(keys, count)
+    return vertex, plane
+
+
+def _sides(
+    mesh: Mesh, faces: _Faces, planes: Planes, vertex: NDArray[np.int64], plane: NDArray[np.int64]
+) -> NDArray[np.int32]:
+    """The plane of each face, int32 [F], also of those along creases: there the nearest of its planes."""
+    corner = mesh.around.corner
+    start = mesh.around.start.astype(np.int64)
+    times = (start[1:] - start[:-1])[vertex]
+    rows = np.repeat(start[vertex] - np.r_[0, np.cumsum(times)[:-1]], times) + np.arange(times.sum())
+    key, shared = np.unique((corner[rows] // 3).astype(np.int64) * len(planes.normals) + np.repeat(plane, times),
+                            return_counts=True)  # fmt: skip
+    face, of = np.divmod(key[shared == 3], len(planes.normals))
+    label = planes.label.copy()
+    several = (np.bincount(face, minlength=len(label)) > 1)[face]
+    face, of = face[several], of[several]
+    off = np.abs(planes.distances(faces.centre[face], of))
+    order = np.lexsort((off, face))
+    face, of = face[order], of[order]
+    first = np.r_[True, face[1:] != face[:-1]][: len(face)]
+    second = np.flatnonzero(first) + 1  # every face here has two planes at least
+    meet = np.einsum("ij,ij->i", planes.normals[of[first]], planes.normals[of[second]]) < CREASE
+    label[face[first][meet]] = of[first][meet]
+    return label
+
+
+def _moves(
+    mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, label: NDArray[np.int32], near: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """The shortest way of each vertex into the planes of its faces, [N, 3]; none where it is too far."""
+    count, total = len(planes.normals), len(pixel)
+    several = np.bincount(near, minlength=total) > 1
+    labelled = np.flatnonzero(label >= 0)
+    key = np.unique(mesh.faces[labelled].astype(np.int64) * count + label[labelled, None])
+    vertex, plane = np.divmod(key, count)
+    off = planes.distances(mesh.vertices[vertex], plane)
+    reach = np.where(several[vertex], BAND, np.minimum(SIGMAS * planes.noise[plane], BAND)) * pixel[vertex]
+    far = np.zeros(total, bool)
+    far[vertex[np.abs(off) > reach]] = True
+    times = np.bincount(vertex, minlength=total)
+    place = np.arange(len(vertex)) - (np.cumsum(times) - times)[vertex]
+    moves = np.zeros((total, 3))
+    one = times[vertex] == 1
+    moves[vertex[one]] = -off[one, None] * planes.normals[plane[one]]
+    far |= times > 3
+    more = ~one & ~far[vertex]
+    rows, at = np.unique(vertex[more], return_inverse=True)
+    matrix, want = np.zeros((len(rows), 3, 3)), np.zeros((len(rows), 3))
+    matrix[at, place[more]], want[at, place[more]] = planes.normals[plane[more]], -off[more]
+    if len(rows):
+        moves[rows] = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=0.15), want)
+    far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, CREASE_MOVE, BAND) * pixel
+    moves[far] = 0
+    return moves
+
+
+def _unturned(mesh: Mesh, moved: NDArray[np.float64], planes: Planes, label: NDArray[np.int32]) -> NDArray[np.float64]:
+    """The moved vertices [N, 3], those of faces that would turn over where they were."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    before = np.cross(b - a, c - a)
+    size = np.einsum("ij,ij->i", before, before)
+    check = np.flatnonzero((moved != mesh.vertices).any(1)[mesh.faces].any(1))
+    while len(check):
+        a, b, c = (moved[mesh.faces[check, k]] for k in range(3))
+        after = np.cross(b - a, c - a)
+        turned = np.einsum("ij,ij->i", before[check], after) <= 1e-3 * size[check]
+        turned &= (moved != mesh.vertices).any(1)[mesh.faces[check]].any(1)
+        if not turned.any():
+            break
+        undone = np.unique(mesh.faces[check[turned]])
+        moved[undone] = mesh.vertices[undone]
+        touched = np.zeros(len(moved), bool)
+        touched[undone] = True
+        check = np.flatnonzero(touched[mesh.faces].any(1))
+    return moved

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Planar parts go into their planes, edges become lines, and what stands out or is bent stays."""
+
+import time
+
+import numpy as np
+import pytest
+
+from mgf_engine.mesh.clean import weld
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.planar import flatten
+
+NOISE = 0.2  # ground pixels, which are 1 here
+
+
+def sheet(u, v, place):
+    """A grid over ``u`` and ``v`` at ``place(u, v)``, facing along the cross product of its axes."""
+    grid = np.stack(np.meshgrid(u, v, indexing="ij"), -1).reshape(-1, 2)
+    at = np.arange(len(grid)).reshape(len(u), len(v))
+    a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
+    return np.asarray(place(*grid.T), float).T, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def joined(*sheets):
+    """Sheets with one vertex where they meet."""
+    sizes = np.cumsum([0, *(len(points) for points, _ in sheets)])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(sheets, sizes[:-1], strict=True)])
+    points = np.concatenate([points for points, _ in sheets])
+    return weld(Mesh(np.round(points, 6), faces.astype(np.int32), np.zeros((len(points), 3), np.uint8)))
+
+
+def box(x, y, z, step=1.5):
+    """A closed box from the origin, its faces outward."""
+    size = np.array([x, y, z], float)
+    sides = []
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        for at, (i, j) in ((size[axis], (first, second)), (0.0, (second, first))):
+
+            def place(u, v, at=at, i=i, j=j, axis=axis):
+                points = np.empty((3, len(u)))
+                points[axis], points[i], points[j] = at, u, v
+                return points
+
+            sides.append(sheet(*(np.linspace(0, size[k], round(size[k] / step) + 1) for k in (i, j)), place))
+    return joined(*sides)
+
+
+def noisy(mesh, noise=NOISE, seed=0):
+    moved = mesh.vertices + np.random.default_rng(seed).normal(0, noise, mesh.vertices.shape)
+    return Mesh(moved, mesh.faces, mesh.colors)
+
+
+def flat(mesh):
+    """The flattened mesh, checked for what must always hold."""
+    result = flatten(mesh, np.ones(len(mesh.vertices), np.float32))
+    assert np.isfinite(result.vertices).all()
+    assert (result.faces == mesh.faces).all()
+    before, after = normals(mesh), normals(result)
+    assert ((before * after).sum(1) > 0).all(), "a face turned over"
+    return result
+
+
+def normals(mesh):
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_noisy_box_becomes_flat_with_straight_edges():
+    exact = box(60, 45, 30)
+    result = flat(noisy(exact))
+    sides = np.array([60, 45, 30])
+    on = (exact.vertices == 0) | (exact.vertices == sides)  # the sides that each vertex lies in
+    off = result.vertices - exact.vertices
+    for axis in range(3):
+        for side in (exact.vertices[:, axis] == 0, exact.vertices[:, axis] == sides[axis]):
+            assert rms(off[side, axis]) < 0.4 * NOISE
+    edge = on.sum(1) >= 2
+    assert np.percentile(np.abs(off[on & edge[:, None]]), 95) < 0.5 * NOISE
+    turned = normals(result) / np.linalg.norm(normals(result), axis=1, keepdims=True)
+    assert np.percentile(np.abs(turned).max(1), 10) > np.cos(np.radians(2))
+
+
+def test_rounded_edges_become_sharp():
+    """Smoothing rounds an edge by half a pixel; the vertices on it go back onto the line."""
+    exact = box(60, 45, 30)
+    result = flat(noisy(Mesh(exact.around.smooth(exact.vertices, np.zeros(len(exact.vertices), bool)),
+                             exact.faces, exact.colors), 0.05))  # fmt: skip
+    on = (exact.vertices == 0) | (exact.vertices == np.array([60, 45, 30]))
+    crease = on & (on.sum(1) == 2)[:, None]
+    assert np.median(np.abs((result.vertices - exact.vertices)[crease])) < 0.05
+
+
+def relief(u, v, height):
+    return np.where((np.abs(u - 40) < 10) & (np.abs(v - 40) < 10), height, 0.0)
+
+
+def test_what_stands_out_by_four_sigma_stays():
+    line = np.arange(0, 81.0)
+    wall = noisy(joined(sheet(line, line, lambda u, v: (u, v, relief(u, v, 4 * NOISE)))))
+    result = flat(wall)
+    inner = relief(*wall.vertices[:, :2].T, 1.0) > 0
+    inner &= (np.abs(wall.vertices[:, :2] - 40) < 9).all(1)
+    assert abs(result.vertices[inner, 2].mean() - 4 * NOISE) < 0.5 * NOISE
+    far = (np.abs(wall.vertices[:, :2] - 40) > 12).any(1)
+    assert rms(result.vertices[far, 2]) < 0.3 * NOISE
+
+
+@pytest.mark.parametrize("radius", [12.0, 40.0, 150.0])
+def test_cylinder_stays_round(radius):
+    around, up = np.linspace(0, 2 * np.pi, round(2 * np.pi * radius / 1.5) + 1), np.arange(0, 60, 1.5)
+    place = lambda u, v: (radius * np.cos(u), radius * np.sin(u), v)  # noqa: E731
+    rough = noisy(joined(sheet(around, up, place)))
+    result = flat(rough)
+    before, after = (np.linalg.norm(mesh.vertices[:, :2], axis=1) - radius for mesh in (rough, result))
+    assert rms(after) < 1.1 * rms(before)
+    assert np.abs(after).max() < 5 * NOISE
+
+
+@pytest.mark.parametrize("sag", [0.5, 1.0, 3.0])
+def test_gently_curved_wall_stays_curved(sag):
+    line = np.arange(0, 121.0, 1.5)
+    truth = lambda u: sag * (1 - ((u - 60) / 60) ** 2)  # noqa: E731
+    rough = noisy(joined(sheet(line, line[:40], lambda u, v: (u, v, truth(u)))), 0.1)
+    result = flat(rough)
+    assert rms(result.vertices[:, 2] - truth(result.vertices[:, 0])) < 0.15
+    assert np.abs(result.vertices[:, 2] - truth(result.vertices[:, 0])).max() < 0.6
+
+
+def test_thin_bar_keeps_its_thickness():
+    exact = box(3, 3, 200, 1.0)
+    rough = noisy(exact, 0.15)
+    result = flat(rough)
+    for axis in range(2):
+        high, low = exact.vertices[:, axis] == 3, exact.vertices[:, axis] == 0
+        thickness = result.vertices[high, axis].mean() - result.vertices[low, axis].mean()
+        assert abs(thickness - 3) < 0.1
+
+
+def test_step_between_two_levels_stays():
+    """A ledge of two pixels: its levels become flat, the riser stays between them."""
+    exact = joined(
+        sheet(np.arange(0, 41.0), np.arange(0, 61.0), lambda u, v: (u, v, 0 * u)),
+        sheet(np.arange(0, 3.0), np.arange(0, 61.0), lambda u, v: (0 * u + 40, v, u)),
+        sheet(np.arange(40, 81.0), np.arange(0, 61.0), lambda u, v: (u, v, 0 * u + 2)),
+    )
+    result = flat(noisy(exact))
+    for level in (0.0, 2.0):
+        there = (exact.vertices[:, 2] == level) & (np.abs(exact.vertices[:, 0] - 40) > 3)
+        assert rms(result.vertices[there, 2] - level) < 0.3 * NOISE
+
+
+def test_without_planes_the_mesh_is_returned_as_it_is():
+    empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8))
+    assert flatten(empty, np.zeros(0, np.float32)) is empty
+    small = box(8, 8, 8)
+    assert flatten(small, np.ones(len(small.vertices))) is small
+    rough = noisy(box(60, 45, 30), 3.0)
+    assert np.array_equal(flatten(rough, np.ones(len(rough.vertices))).vertices, rough.vertices)
+    assert flatten(rough, np.zeros(len(rough.vertices))) is rough  # no view tells how large a pixel is
+
+
+def test_degenerate_faces_do_no_harm():
+    mesh = box(60, 45, 30)
+    vertices = np.concatenate([mesh.vertices, mesh.vertices[:1], mesh.vertices[:1]])
+    last = len(vertices) - 1
+    faces = np.concatenate([mesh.faces, [[0, last - 1, last]]]).astype(np.int32)
+    rough = Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8))
+    result = flatten(rough, np.ones(len(vertices)))
+    assert np.isfinite(result.vertices).all()
+
+
+def test_size_of_the_scene_does_not_matter():
+    rough = noisy(box(60, 45, 30))
+    small = Mesh(rough.vertices * 1e-4, rough.faces, rough.colors)
+    result = flatten(small, np.full(len(small.vertices), 1e-4))
+    assert np.allclose(result.vertices * 1e4, flatten(rough, np.ones(len(rough.vertices))).vertices, atol=1e-6)
+
+
+def test_takes_little_time():
+    rough = noisy(box(200, 150, 100, 1.0))
+    assert len(rough.faces) > 200_000
+    start = time.process_time()
+    flatten(rough, np.ones(len(rough.vertices)))
+    assert time.process_time() - start < 6.0  # about 1.5 seconds on one core
