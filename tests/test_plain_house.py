@@ -36,6 +36,7 @@ def test_given_masks_alone_lead_to_the_house(plain: PlainHouse, inputs: tuple[Pa
     run = start("reconstruct", scene, "--masks", masks, "--out", tmp_path / "job", *OPTIONS)
     messages = finish(run)
     assert run.returncode == 0, messages[-1]
+    assert not [m for m in messages if "masks are weak" in m.get("text", "")]  # all are true
     mesh = read_ply(tmp_path / "job" / "mesh.ply")
     truth = plain.truth
     off = np.sqrt(igl.point_mesh_squared_distance(mesh.vertices, truth.vertices, truth.faces.astype(np.int64))[0])

@@ -71,7 +71,7 @@ def _agreement(
     index: int, says: NDArray[np.int8], owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_]
 ) -> float:
     """How far a view agrees with the majority of the trusted others: share right inside plus share right outside, less
-    1; where the others know only one side, that share doubled, less 1. NaN where too few points tell.
+    1; where few points tell of one side, the other's share doubled, less 1. NaN where too few points tell.
     """
     own = scene.track_view == index
     others = trusted & ~own
@@ -80,5 +80,5 @@ def _agreement(
     if mine.sum() < FEWEST_SPOTS:
         return float("nan")
     right, inside = np.sign(total[owner[mine]]) == says[mine], total[owner[mine]] > 0
-    shares = [right[side].mean() for side in (inside, ~inside) if side.sum() >= 3]
-    return float(2 * np.mean(shares) - 1)
+    shares = [right[side].mean() for side in (inside, ~inside) if side.sum() >= FEWEST_SPOTS]
+    return float(2 * np.mean(shares) - 1) if shares else float("nan")

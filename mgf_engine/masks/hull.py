@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.model import BACKGROUND, MaskSet, building
+from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
 from mgf_engine.scene.model import Scene
 
 FEW = 100  # sparse points on a building; with fewer the hull's cells stand in for them
@@ -66,6 +66,33 @@ def with_hull_points(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tupl
         track_start=start, track_view=seen, track_uv=uv,
     )  # fmt: skip
     return hull, np.ones(len(cells), bool)
+
+
+def hull_agreement(scene: Scene, masks: MaskSet, others: Sequence[int], index: int) -> float | None:
+    """How far a mask is what the masks of other views make of the building: intersection over union with their hull.
+
+    Returns:
+        0..1; None where the others leave no hull, or none of it lies in this view's frame.
+    """
+    if len(others) < _LEAST:
+        return None
+    try:
+        cells, size = hull_cells(scene, masks, others)
+    except BadInput:
+        return None
+    view = scene.views[index]
+    uv, depth = view.project(cells)
+    framed = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+    if not framed.any():
+        return None
+    cover = np.zeros((view.height, view.width), np.uint8)
+    column, row = np.floor(uv[framed]).astype(int).T
+    cover[row, column] = 1
+    reach = int(np.ceil(size * view.fx / float(np.median(depth[framed])))) | 1
+    hull = cv2.morphologyEx(cover, cv2.MORPH_CLOSE, np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
+    known = masks.labels[index] != UNKNOWN
+    mask = building(masks.labels[index])
+    return float((mask & hull & known).sum() / max(int(((mask | hull) & known).sum()), 1))
 
 
 def points_to_match(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[Scene, NDArray[np.bool_]]:

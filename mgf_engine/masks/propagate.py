@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
+from mgf_engine.masks.agreement import FEWEST_SPOTS
 from mgf_engine.masks.appearance import lab_of, plants
 from mgf_engine.masks.bare import with_bare_points
 from mgf_engine.masks.belief import Belief, SceneGraph
@@ -24,6 +25,7 @@ from mgf_engine.masks.doubt import Doubt, clicked_elsewhere, doubtful_clicks, le
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.gaps import sky_through
 from mgf_engine.masks.ground_seen import GroundSeen
+from mgf_engine.masks.hull import hull_agreement
 from mgf_engine.masks.leaves import leaves_before
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
 from mgf_engine.masks.openwork import Openwork, find_openwork
@@ -43,6 +45,7 @@ T = TypeVar("T")
 #: Agreement below which a photo is prompted again, and below which it is flagged and not trained on.
 RETRY_BELOW = 0.9
 FLAG_BELOW = 0.75
+HULL_BELOW = 0.3  # a hull of few photos is larger than the building
 #: Share of a photo's points on which the other photos may say otherwise before the mask is made again.
 DISAGREE_ABOVE = 0.05
 LEAFY = 0.3  # likeness to leaves, 0..1, from which no surface is looked for
@@ -230,6 +233,7 @@ class _Work:
 
     def _finish(self, disagreement: NDArray[np.float64], doubts: list[Doubt]) -> Propagation:
         reasons = [_reason(self.labels[i], float(self.scores[i]), float(disagreement[i])) for i in self.views]
+        reasons = self._without_points(reasons)
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
         accepted = self._accepted(self.full, voters)
@@ -252,6 +256,13 @@ class _Work:
         return Propagation(
             masks, reasons, self._doubt_texts(doubts), consistency(self.scene, masks, self.config.vote_dilation)
         )
+
+    def _without_points(self, reasons: list[str]) -> list[str]:
+        """The reasons, less what too few points said; clicks judge as well as points do."""
+        kept = self._accepted(self.scene, list(self.views))
+        judged = [len(self._seen_points(i, kept)) >= FEWEST_SPOTS or i in self.prompts for i in self.views]
+        masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
+        return judged_by_masks(self.scene, masks, reasons, np.array(judged))
 
     def _finish_view(self, index: int, extent: Extent, accepted: NDArray[np.bool_]) -> None:
         """The edge of one mask against the sky, what is stray in it, and what stands before it; in place."""
@@ -376,3 +387,21 @@ def _reason(labels: NDArray[np.uint8], score: float, disagreement: float) -> str
     if disagreement > 1 - FLAG_BELOW:
         return f"other photos contradict {disagreement:.0%} of its points"
     return ""
+
+
+def judged_by_masks(scene: Scene, masks: MaskSet, reasons: list[str], judged: NDArray[np.bool_]) -> list[str]:
+    """Why each mask is left out, where points do not tell: only because the other photos' masks contradict it.
+
+    Args:
+        masks: those used are the others.
+        judged: bool [V], views whose reason stands, since enough points lie in their masks.
+    """
+    result = list(reasons)
+    used = np.flatnonzero(masks.used).tolist()
+    for index in np.flatnonzero(~judged).tolist():
+        if float(building(masks.labels[index]).mean()) < MIN_BUILDING:
+            continue
+        share = hull_agreement(scene, masks, [i for i in used if i != index], index)
+        low = share is not None and share < HULL_BELOW
+        result[index] = f"the other photos' masks agree with it only to {share:.0%}" if low else ""
+    return result
