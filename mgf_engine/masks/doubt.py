@@ -62,6 +62,13 @@ def clicked_elsewhere(view: int, doubts: list[Doubt], prompts: Prompts) -> bool:
     return sum(d.positive for d in doubts if d.view == view) == len(prompts[view].positive) > 0
 
 
+def on_points(graph: SceneGraph, index: int, clicks: Clicks) -> bool:
+    """Whether half of the positive clicks of a view are in regions with a sparse point: only those tie it to others."""
+    with_points = graph.observed[graph.scene.observations(index)] - graph.start[index]
+    held = np.isin(graph.regions[index].at(clicks.positive), with_points)
+    return bool(2 * held.sum() >= len(held))
+
+
 def _original_row(doubt: Doubt, prompts: Prompts, kept: Prompts) -> Doubt:
     """The doubt with its row among all clicks, not only those still tested."""
     before, after = prompts[doubt.view], kept[doubt.view]

@@ -21,7 +21,7 @@ from mgf_engine.masks.appearance import lab_of, plants
 from mgf_engine.masks.bare import with_bare_points
 from mgf_engine.masks.belief import Belief, SceneGraph
 from mgf_engine.masks.distant import cut_distant
-from mgf_engine.masks.doubt import Doubt, clicked_elsewhere, doubtful_clicks, left_out, without
+from mgf_engine.masks.doubt import Doubt, clicked_elsewhere, doubtful_clicks, left_out, on_points, without
 from mgf_engine.masks.extent import Extent
 from mgf_engine.masks.gaps import sky_through
 from mgf_engine.masks.ground_seen import GroundSeen
@@ -135,7 +135,8 @@ class _Work:
 
     def _left_out_text(self, index: int, doubts: list[Doubt]) -> str:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
-        if clicked_elsewhere(index, doubts, self.original):
+        evidence = on_points(self.graph, index, self.original[index])
+        if evidence and clicked_elsewhere(index, doubts, self.original):
             return f"'{name}' seems to be clicked on another building; its clicks {spots} were left out."
         return (
             f"The clicks {spots} in '{name}' contradict the other photos and were left out; if they are right, "
