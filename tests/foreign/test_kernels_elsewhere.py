@@ -31,7 +31,7 @@ FEW = [
     "tests/mesh/test_reduce.py::test_rims_stay_where_they_are",
     "tests/mesh/test_reduce.py::test_the_count_is_met_where_tolerances_ask_for_more[6.0]",
     "tests/mesh/test_colors.py",
-    "tests/start/test_kernels.py",
+    "tests/start/test_start_kernels.py",
     "tests/masks/test_patches.py",
     "tests/masks/test_surface.py",
     "tests/masks/test_regions.py",
