@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.ground import Ground
 from mgf_engine.masks.overhang import Overhangs, enclosed
-from mgf_engine.masks.shape import Shape
+from mgf_engine.masks.shape import Shape, looking_down
 from mgf_engine.masks.surface import Map, make_surface
 from mgf_engine.scene.model import Scene, View
 
@@ -70,7 +70,10 @@ class Extent:
         self.scene, self.keep, self.ground = scene, keep, ground
         self.sight = sight
         fine = FINE * _map_pixel(scene, keep)
-        over = Overhangs(scene.points[keep], shape.up, float(np.median(shape.spacing[keep]))) if keep.any() else None
+        over = None
+        if keep.any():
+            spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene) is None
+            over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen)
         self.posts = make_surface(scene, shape, keep, ground, discs=False, overhangs=over, coarse=fine)
         self.body = make_surface(scene, shape, keep, ground, discs=True, overhangs=over, coarse=fine)
         others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)

@@ -24,9 +24,10 @@ class Overhangs:
 
     Args:
         points: [P, 3], of the building; up: [3]; spacing: of the points, side of the cells of the ground plan.
+        walls_seen: photos straight down show walls at a slant, with hardly a point on them: there nothing overhangs.
     """
 
-    def __init__(self, points: Points, up: Points, spacing: float) -> None:
+    def __init__(self, points: Points, up: Points, spacing: float, walls_seen: bool = True) -> None:
         self._across, self._spacing = np.linalg.svd(up[None])[2][1:].T, spacing
         plan, height = points @ self._across, (points @ up).astype(np.float32)
         border = round(OVERHANG) + 1
@@ -43,7 +44,7 @@ class Overhangs:
         padded = cv2.copyMakeBorder(walls, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
         closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _round(reach))[reach:-reach, reach:-reach]
         inside = cv2.erode(enclosed(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
-        self._over = (inside == 0) & (cv2.dilate(inside, _round(round(OVERHANG))) > 0)
+        self._over = walls_seen & (inside == 0) & (cv2.dilate(inside, _round(round(OVERHANG))) > 0)
 
     def __call__(self, samples: Points) -> Map:
         """Whether samples [K, 3] overhang, [K]."""

@@ -50,7 +50,7 @@ class Shape:
 
 def up_direction(scene: Scene) -> NDArray[np.float64]:
     """The direction against gravity, from how people hold cameras: upright, with a level horizon, or straight down."""
-    down = _looking_down(scene)
+    down = looking_down(scene)
     if down is not None:
         return -down
     right = np.stack([v.rotation[0] for v in scene.views])
@@ -64,7 +64,7 @@ def up_direction(scene: Scene) -> NDArray[np.float64]:
     return up if up @ mean_up > 0.7 else mean_up
 
 
-def _looking_down(scene: Scene) -> NDArray[np.float64] | None:
+def looking_down(scene: Scene) -> NDArray[np.float64] | None:
     """Where a grid of photos that all look the same way looks, [3]; None where they do not.
 
     Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.

@@ -4,6 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mgf_engine.masks.overhang import Overhangs
 from mgf_engine.masks.shape import up_direction
 from mgf_engine.scene.model import Scene
 from tests.masks.test_points import make_scene, view
@@ -40,3 +41,15 @@ def test_a_row_of_photos_of_a_front_is_upright() -> None:
     front = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y, z up
     row = np.c_[np.arange(12), np.zeros(12), 0.05 * (np.arange(12) % 3)]
     assert up_direction(photos(row, [front] * 12)) @ [0, 0, 1] > 0.999
+
+
+def test_under_photos_straight_down_roofs_reach_the_ground() -> None:
+    x, y = np.meshgrid(np.arange(0, 20.0), np.arange(0, 20.0))
+    roof = np.stack([x.ravel(), y.ravel(), np.full(x.size, 12.0)], 1)
+    z = np.arange(0, 12.0)
+    walls = np.concatenate([[[a, b, c] for c in z] for a in range(3, 17) for b in (3, 16)] +
+                           [[[a, b, c] for c in z] for b in range(3, 17) for a in (3, 16)])  # fmt: skip
+    eave = np.array([[1.2, 10.0, 5.0]])
+    points, up = np.concatenate([roof, walls.astype(float)]), np.array([0.0, 0, 1])
+    assert Overhangs(points, up, 1.0)(eave).all()
+    assert not Overhangs(points, up, 1.0, walls_seen=False)(eave).any()
