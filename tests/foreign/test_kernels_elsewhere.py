@@ -38,6 +38,8 @@ FEW = [
 ]
 #: They only measure speed, which means nothing in an emulator.
 TIMED = {"mgf_peak", "mgf_peak_operations"}
+#: Wine's own server was seen to end under load, with every result right until then; a wrong kernel is wrong each time.
+TRIES = 3
 
 
 def tool():
@@ -52,7 +54,11 @@ def tool():
 def test_every_kernel_agrees_with_its_twin(target: str) -> None:
     if emulator_of(target) is None:
         pytest.skip(f"needs {EMULATORS[target]} ({PACKAGES[EMULATORS[target]]})")
-    code, calls = tool().run(target, ["-k", "not v3 and not v4 and not quick", "--tb=short", *FEW])
+    code, calls = 1, []
+    for _ in range(TRIES):
+        code, calls = tool().run(target, ["-k", "not v3 and not v4 and not quick", "--tb=short", *FEW])
+        if code == 0:
+            break
     assert code == 0
     assert set(exported()) - set(calls) == TIMED
 
