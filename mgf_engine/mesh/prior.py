@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +39,15 @@ class Prior:
     mesh: Mesh
     sure: Array
 
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normal of each face, [F, 3]."""
+        return face_normals(self.mesh)
+
     def seen_from(self, view: View, grey: NDArray[np.uint8]) -> tuple[Surface, Array]:
         """What a view shows of it, and how sure that is, [H, W]."""
         sight = look(self.mesh, view)
-        surface = sight_surface(sight.depth, sight.face, face_normals(self.mesh), view, grey)
+        surface = sight_surface(sight.depth, sight.face, self.normals, view, grey)
         sure = np.where(surface.depth > 0, self.sure[np.maximum(sight.face, 0)], 0).astype(np.float32)
         return surface, sure
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.mesh.clean import face_areas
 from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.view import face_normals, look
 from mgf_engine.scene.model import Scene
@@ -39,7 +40,7 @@ def sample_surface(
     """Points on what the photos ``indices`` show of a surface, about ``spacing`` apart, and at most about ``most``."""
     shown = _shown(mesh, scene, indices)
     mesh = Mesh(mesh.vertices, mesh.faces[shown], mesh.colors)
-    area = _areas(mesh)
+    area = face_areas(mesh)
     if not len(area):
         return Samples(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), spacing)
     spacing = max(spacing, float(np.sqrt(area.sum() / max(most, 1))))
@@ -51,7 +52,7 @@ def sample_surface(
 
 def spread(mesh: Mesh, spacing: float, generator: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Faces [N] and points on them [N, 3], about ``spacing`` apart (Poisson disks)."""
-    area = _areas(mesh)
+    area = face_areas(mesh)
     total = np.cumsum(area)
     count = int(np.ceil(_CANDIDATES * total[-1] / spacing**2))
     face = np.searchsorted(total, (np.arange(count) + generator.random(count)) / count * total[-1])
@@ -81,11 +82,6 @@ def apart(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
         open_ = (state[low] == 0) & (state[high] == 0)
         low, high = low[open_], high[open_]
     return np.flatnonzero(state >= 0)
-
-
-def _areas(mesh: Mesh) -> NDArray[np.float64]:
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
 
 
 def _shown(mesh: Mesh, scene: Scene, indices: Sequence[int]) -> NDArray[np.bool_]:

@@ -19,7 +19,7 @@ from mgf_engine.scene.model import Scene
 from mgf_engine.start.cut import Evidence, cut_surface
 from mgf_engine.start.dense import dense_points
 from mgf_engine.start.lines import Line, find_lines, line_points
-from mgf_engine.start.options import PlaneOptions, StartOptions
+from mgf_engine.start.options import StartOptions
 from mgf_engine.start.planes import Planes, crease_points, find_planes, plane_points, snap
 from mgf_engine.start.segments import find_segments
 from mgf_engine.start.views import StartViews, start_views
@@ -181,6 +181,3 @@ def _sure(bits: NDArray[np.uint64], strength: NDArray[np.float64]) -> NDArray[np
     for n, s in enumerate(strength):
         sure = np.maximum(sure, np.where((bits >> np.uint64(n)) & np.uint64(1) == 1, np.float32(s), 0))
     return sure
-
-
-__all__ = ["PlaneOptions", "StartSurface", "gather", "start_surface"]
