@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -26,7 +27,7 @@ def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: T
     # Outside the mask the photo stands in for the render, so that no window reaches over the edge.
     color = torch.where(pixels.inside > 0, color, pixels.photo)
     l1 = (color - pixels.photo).abs().mean(0)
-    color_loss = _color_loss(color, l1, pixels, target.label_weight, config)
+    color_loss = _color_loss(color, l1, pixels, target.label_weight, target.elements, config)
     geometry_loss = alpha.new_zeros(())
     if geometry:
         geometry_loss = geometry * _geometry_loss(rendering, target, pixels, alpha, config)
@@ -36,7 +37,9 @@ def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: T
     return LossTerms(total, color_loss.detach(), geometry_loss.detach(), background.detach(), error)
 
 
-def _color_loss(color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor, config: Config) -> Tensor:
+def _color_loss(
+    color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor, elements: int, config: Config
+) -> Tensor:
     """lambda_1 Loss_mlpm + lambda_2 Loss_boundary; a term switched off hands its weight to the plain eq. 16."""
     multilevel = config.multilevel_lambda if config.multilevel_loss else 0.0
     boundary = config.boundary_lambda if config.boundary_loss else 0.0
@@ -46,48 +49,41 @@ def _color_loss(color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor,
     l1_weight = per_pixel
     loss = config.ssim_weight * (per_pixel * (1.0 - ssim)).sum()
     if multilevel > 0:
-        area = _areas(pixels.labels, len(label_weight)).clamp_min(1)
-        l1_weight = per_pixel + multilevel * (label_weight / area)[pixels.labels]
-        similarity = ms_ssim_per_label(color, pixels, len(label_weight), ssim, contrast)
-        loss = loss + multilevel * config.ssim_weight * (label_weight * (1.0 - similarity)).sum()
+        for share, mask in _masks(pixels.labels, label_weight, elements):
+            l1_weight = l1_weight + multilevel * share * mask / mask.sum()
+            similarity = ms_ssim(color, pixels, mask, ssim, contrast)
+            loss = loss + multilevel * config.ssim_weight * share * (1.0 - similarity)
     return loss + config.l1_weight * (l1_weight * l1).sum()
 
 
-def _areas(labels: Tensor, count: int) -> Tensor:
-    return torch.bincount(labels.flatten(), minlength=count)
+def _masks(labels: Tensor, label_weight: Tensor, elements: int) -> Iterator[tuple[float, Tensor]]:
+    """Weight and pixels (bool [h, w]) of the k masks of eq. 19: the whole building, and each of its elements."""
+    yield float(label_weight[0]), (labels > 0) & (labels <= elements)
+    for label in range(2, elements + 1):
+        yield float(label_weight[label]), labels == label
 
 
-def ms_ssim_per_label(color: Tensor, pixels: Pixels, count: int, ssim: Tensor, contrast: Tensor) -> Tensor:
-    """Multi-scale SSIM pooled per label, [count]; see :func:`mgf_engine.raster.loss.ms_ssim`."""
-    labels, photo = pixels.labels, pixels.photo
-    area = _areas(labels, count).to(color.dtype)
-    scales = max(1, min(len(MS_SSIM_WEIGHTS), int(torch.log2(area[1:].max().sqrt() / WINDOW).floor()) + 1))
-    scales = min(scales, int(math.log2(min(labels.shape))) + 1)
+def ms_ssim(color: Tensor, pixels: Pixels, mask: Tensor, ssim: Tensor, contrast: Tensor) -> Tensor:
+    """Multi-scale SSIM pooled over one mask; see :func:`mgf_engine.raster.loss.ms_ssim`.
+
+    Args:
+        mask: bool [h, w].
+        ssim, contrast: the maps at full resolution.
+    """
+    photo, side = pixels.photo, math.sqrt(int(mask.sum()))
+    scales = sum(side >= WINDOW * 2.0**s for s in range(len(MS_SSIM_WEIGHTS)))
+    scales = min(scales, int(math.log2(min(mask.shape))) + 1)
     exponents = color.new_tensor(MS_SSIM_WEIGHTS[:scales])
-    side = area.sqrt()
-    takes_part = side[None, :] >= WINDOW * 2.0 ** torch.arange(scales)[:, None]  # [scales, count]
-    takes_part[:, 0] = False
-    share = exponents[:, None] * takes_part
-    share = share / share.sum(0).clamp_min(1e-9)
-    last = takes_part.sum(0) - 1
-    log_similarity = color.new_zeros(count)
+    log_similarity = color.new_zeros(())
     for scale in range(scales):
         if scale > 0:
             color, photo = F.avg_pool2d(color[None], 2)[0], F.avg_pool2d(photo[None], 2)[0]
-            labels = labels[: labels.shape[0] // 2 * 2 : 2, : labels.shape[1] // 2 * 2 : 2]
+            mask = mask[: mask.shape[0] // 2 * 2 : 2, : mask.shape[1] // 2 * 2 : 2]
             ssim, contrast = ssim_maps(color, photo)
-        pooled_ssim, pooled_contrast = _pool(ssim, labels, count), _pool(contrast, labels, count)
-        value = torch.where(last == scale, pooled_ssim, pooled_contrast).clamp_min(FLOOR)
-        log_similarity = log_similarity + share[scale] * torch.log(value)
+        map = ssim if scale == scales - 1 else contrast
+        value = map[mask].mean() if mask.any() else map.new_ones(())
+        log_similarity = log_similarity + exponents[scale] / exponents.sum() * torch.log(value.clamp_min(FLOOR))
     return torch.exp(log_similarity)
-
-
-def _pool(map: Tensor, labels: Tensor, count: int) -> Tensor:
-    """Mean of a map over each label, [count]; 1 for labels without a pixel."""
-    flat = labels.flatten()
-    total = map.new_zeros(count).index_add(0, flat, map.flatten())
-    area = torch.bincount(flat, minlength=count)
-    return torch.where(area > 0, total / area.clamp_min(1), 1.0)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from mgf_engine.config import Config
 from mgf_engine.masks.boundaries import boundaries
-from mgf_engine.masks.model import BACKGROUND, UNKNOWN, building
+from mgf_engine.masks.model import BACKGROUND, BUILDING, building
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.loss import PhotoSide, photo_side
 from mgf_engine.scene.model import View
@@ -30,9 +30,10 @@ class Pixels:
 
     Attributes:
         photo: float [3, h, w] in 0..1.
-        labels: int64 [h, w]; 0 where nothing is compared, else 1..count (ids made consecutive).
+        labels: int64 [h, w]; 0 where nothing is compared, 1 on the building where it is no element, 2..elements on its
+            elements (ids made consecutive), then one more on the rim of background.
         inside: float [h, w]; 1 on the building and its rim.
-        edge_weight: float [h, w]; w of eq. 12, zero outside.
+        edge_weight: float [h, w]; w of eq. 12, zero outside; 1 on the rim, which is no part of the building.
         ring: float [h, w]; 1 on certain background near the building.
     """
 
@@ -53,7 +54,8 @@ class Target:
         box: y0, y1, x0, x1, aligned to tiles.
         image: uint8 [3, h, w].
         labels: uint8 [h, w], see :class:`Pixels`.
-        count: highest of the labels.
+        elements: labels 1..elements are the building.
+        count: highest of the labels; one more than ``elements`` where there is a rim.
         edges, ring: bool [h, w].
         w_edge: eq. 12.
     """
@@ -63,6 +65,7 @@ class Target:
     box: tuple[int, int, int, int]
     image: Tensor
     labels: Tensor
+    elements: int
     count: int
     edges: Tensor
     ring: Tensor
@@ -81,13 +84,17 @@ class Target:
     def photo_side(self) -> PhotoSide:
         """The same maps as the loss kernels take them."""
         origin = (self.box[0], self.box[2])
-        return photo_side(self.image, self.labels, self.edges, self.ring, self.count + 1, origin)
+        return photo_side(self.image, self.labels, self.edges, self.ring, self.count + 1, self.elements, origin)
 
     @cached_property
     def label_weight(self) -> Tensor:
-        """Area share times delta of eq. 19 per label, summing to one: float32 [count + 1]."""
+        """Area times delta of eq. 19 per mask, summing to one: float32 [count + 1].
+
+        Entry 0 is the whole building (level one), the others are its elements (level two); zero for the rim and for
+        label 1, which is no mask but what the elements leave of the building.
+        """
         photo = np.ascontiguousarray(self.image.numpy().transpose(1, 2, 0))
-        return torch.from_numpy(_label_weights(photo, self.labels.numpy(), self.count))
+        return torch.from_numpy(_label_weights(photo, self.labels.numpy(), self.elements, self.count))
 
     def pixels(self, dtype: torch.dtype = torch.float32) -> Pixels:
         """The maps as floats."""
@@ -117,28 +124,31 @@ def make_target(
         labels = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint8)
     if not building(labels).any():
         return None
-    labels = with_rim(labels, config.mask_margin * max(size))
-    inside = building(labels)
+    own = building(labels)
+    rim = rim_of(labels, config.mask_margin * max(size))
+    inside = own | rim
     ring = _ring(inside, labels, max(2, _RING // factor))
     box = _tile_box(inside | ring)
     cut = (slice(*box[:2]), slice(*box[2:]))
-    photo, labels, inside, ring = photo[cut], labels[cut], inside[cut], ring[cut]
-    compact, count = _consecutive(labels, inside)
+    photo, labels, own, rim, ring = photo[cut], labels[cut], own[cut], rim[cut], ring[cut]
+    compact, elements = _consecutive(labels, own)
+    compact[rim] = elements + 1
     return Target(
         camera=camera,
-        tile_mask=_tile_mask(inside | ring, box, camera),
+        tile_mask=_tile_mask(own | rim | ring, box, camera),
         box=box,
         image=torch.from_numpy(np.ascontiguousarray(photo.transpose(2, 0, 1))),
         labels=torch.from_numpy(compact),
-        count=count,
-        edges=torch.from_numpy(boundaries(labels)),
+        elements=elements,
+        count=elements + int(rim.any()),
+        edges=torch.from_numpy(boundaries(labels) & own),
         ring=torch.from_numpy(np.ascontiguousarray(ring)),
         w_edge=config.boundary_weight,
     )
 
 
-def with_rim(labels: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
-    """Certain background up to ``width`` px from the building becomes an element of its own.
+def rim_of(labels: NDArray[np.uint8], width: float) -> NDArray[np.bool_]:
+    """Certain background up to ``width`` px from the building, which is trained along with it, bool [H, W].
 
     Masks of neighbouring photos disagree by some pixels at their outlines. A field that is emptied right outside one
     of them misses there in the next; with a rim the outline is trained on both of its sides, and the mesh is cut by
@@ -147,9 +157,7 @@ def with_rim(labels: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
     """
     inside = building(labels)
     near = _distance(_thick(inside, width)) <= width
-    rim = (labels == BACKGROUND) & near & _thick(~inside, _OPEN / 2 * width)
-    free = np.flatnonzero(np.bincount(labels.ravel(), minlength=UNKNOWN)[:UNKNOWN] == 0)
-    return np.where(rim, free[-1] if len(free) else UNKNOWN - 1, labels).astype(np.uint8)
+    return (labels == BACKGROUND) & near & _thick(~inside, _OPEN / 2 * width)
 
 
 def _thick(mask: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
@@ -185,29 +193,45 @@ def _tile_mask(counts: NDArray[np.bool_], box: tuple[int, int, int, int], camera
     return torch.from_numpy(tiles.astype(np.uint8))
 
 
-def _consecutive(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], int]:
-    """Labels inside numbered 1..count in their order, 0 outside; and that count."""
-    number = np.bincount(labels[inside], minlength=256) > 0
-    name = np.cumsum(number).astype(np.uint8)
-    return np.where(inside, name[labels], 0).astype(np.uint8), int(number.sum())
+def _consecutive(labels: NDArray[np.uint8], own: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], int]:
+    """Labels of the building: 1 where it is no element, its elements 2..n in their order, 0 outside; and n."""
+    there = np.bincount(labels[own], minlength=256) > 0
+    there[BUILDING] = True
+    name = np.cumsum(there).astype(np.uint8)
+    return np.where(own, name[labels], 0).astype(np.uint8), int(there.sum())
 
 
-def _label_weights(photo: NDArray[np.uint8], labels: NDArray[np.uint8], count: int) -> NDArray[np.float32]:
-    """Per label, its area share times delta_k (eq. 19).
+def _label_weights(
+    photo: NDArray[np.uint8], labels: NDArray[np.uint8], elements: int, count: int
+) -> NDArray[np.float32]:
+    """Per mask, its area times delta_k (eq. 19); see :attr:`Target.label_weight`.
 
     delta_k is the inverse of the mean gradient inside the eroded mask (so that the mask's own outline does not
-    count), clipped, and scaled so that the shares sum to one.
+    count), clipped, and scaled so that the weights sum to one.
     """
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255.0
     magnitude = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
-    kernel = np.ones((3, 3), np.uint8)
-    core = (cv2.erode(labels, kernel) == labels) & (cv2.dilate(labels, kernel) == labels) & (labels > 0)
-    area = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)
-    core_area = np.bincount(labels[core], minlength=count + 1)
-    gradient = np.bincount(labels[core], weights=magnitude[core], minlength=count + 1) / np.maximum(core_area, 1)
+    whole = ((labels > 0) & (labels <= elements)).astype(np.uint8)
+    area, core_area, gradient = (
+        np.concatenate([a[1:2], b[1:]])
+        for a, b in zip(_cores(whole, magnitude, 1), _cores(labels, magnitude, count), strict=True)
+    )
+    area[1] = core_area[1] = 0.0
+    area[elements + 1 :] = core_area[elements + 1 :] = 0.0
     typical = (gradient * core_area).sum() / max(core_area.sum(), 1)
     delta = np.clip((typical + 1e-6) / (gradient + 1e-6), *_GRADIENT_LIMITS)
     delta[core_area == 0] = 1.0
     weight = delta * area
-    weight[0] = 0.0
     return np.asarray(weight / weight.sum(), np.float32)
+
+
+def _cores(
+    labels: NDArray[np.uint8], magnitude: NDArray[np.float32], count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Per label 0..count its area, that of it without its outline, and the mean of ``magnitude`` over the latter."""
+    kernel = np.ones((3, 3), np.uint8)
+    core = (cv2.erode(labels, kernel) == labels) & (cv2.dilate(labels, kernel) == labels) & (labels > 0)
+    area = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)
+    core_area = np.bincount(labels[core], minlength=count + 1).astype(np.float64)
+    gradient = np.bincount(labels[core], weights=magnitude[core], minlength=count + 1) / np.maximum(core_area, 1)
+    return area, core_area, gradient

@@ -42,9 +42,11 @@ class PhotoSide:
     Attributes:
         image: uint8 [3, h, w].
         labels: uint8 [h, w]; 0 where nothing is compared, else 1..ids - 1.
+        elements: labels 1..elements together are the whole building, a mask of its own.
         edges, ring: uint8 [h, w]; boundaries of labels, and certain background near the building.
         origin: first row and column of the box in the frame.
-        area: int64 [scales, ids], pixels of each label at the scales of MS-SSIM.
+        area: int64 [scales, ids], pixels of each label at the scales of MS-SSIM; in place of label 0, of the whole
+            building.
         edge_area, ring_area: labelled edge pixels, ring pixels.
         levels: int64 [scales, 9], struct Level of ``kernels/loss.h``.
         flags: uint8 [tiles of all levels].
@@ -54,6 +56,7 @@ class PhotoSide:
 
     image: Tensor
     labels: Tensor
+    elements: int
     edges: Tensor
     ring: Tensor
     origin: tuple[int, int]
@@ -77,7 +80,8 @@ class LossWeights:
 
     Attributes:
         plain: of the RGB loss, eq. 16.
-        multilevel: of the multi-level perceptual mask loss, eq. 18-19; ``labels``: float [ids], share of each label.
+        multilevel: of the multi-level perceptual mask loss, eq. 18-19; ``labels``: float [ids], share of each label; in
+            place of label 0, of the whole building.
         boundary: of the boundary loss, eq. 17; ``edge``: weight of a boundary pixel, eq. 12.
         l1, ssim: of the two parts of each of them.
         background: of the mean alpha over the ring.
@@ -97,24 +101,24 @@ class LossWeights:
 
 
 def scales_of(area: NDArray[np.int64], height: int, width: int) -> int:
-    """Number of scales of MS-SSIM: of the largest label's area, 11 px wide or more at each; area [ids]."""
-    largest = int(area[1:].max(initial=0))
+    """Number of scales of MS-SSIM: of the largest mask's area, 11 px wide or more at each; area [ids]."""
+    largest = int(area.max(initial=0))
     fitting = int(np.floor(np.log2(max(np.sqrt(largest) / WINDOW, 1.0)))) + 1
     return min(len(MS_SSIM_WEIGHTS), fitting, int(np.log2(min(height, width))) + 1)
 
 
 def photo_side(
-    image: Tensor, labels: Tensor, edges: Tensor, ring: Tensor, ids: int, origin: tuple[int, int]
+    image: Tensor, labels: Tensor, edges: Tensor, ring: Tensor, ids: int, elements: int, origin: tuple[int, int]
 ) -> PhotoSide:
     """Sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`."""
     mask, (height, width) = labels.numpy(), labels.shape
-    scales = scales_of(np.bincount(mask.ravel(), minlength=ids), height, width)
+    scales = scales_of(_areas(mask, ids, elements), height, width)
     levels, flags, area = np.zeros((scales, _LEVEL_FIELDS), np.int64), [], np.zeros((scales, ids), np.int64)
     tiles = floats = 0
     for scale in range(scales):
         h, w = height >> scale, width >> scale
         here = mask[: h << scale : 1 << scale, : w << scale : 1 << scale]
-        area[scale] = np.bincount(here.ravel(), minlength=ids)
+        area[scale] = _areas(here, ids, elements)
         has = _in_tiles(here > 0, 1) * _HAS_LABEL
         covers = _in_tiles(mask > 0, 1 << scale)[: has.shape[0], : has.shape[1]] * _COVERS_LABEL
         extra = _in_tiles(ring.numpy() > 0, 1) * _HAS_RING if scale == 0 else 0
@@ -125,11 +129,18 @@ def photo_side(
         tiles, floats = tiles + has.size, int(starts[4])
     image, labels, edges, ring = (t.view(torch.uint8).contiguous() for t in (image, labels, edges, ring))
     return PhotoSide(
-        image=image, labels=labels, edges=edges, ring=ring, origin=origin, area=area,
+        image=image, labels=labels, elements=elements, edges=edges, ring=ring, origin=origin, area=area,
         edge_area=int(np.count_nonzero(edges.numpy() * mask)), ring_area=int(np.count_nonzero(ring.numpy())),
         levels=levels, flags=np.concatenate(flags), strips=_blocks(mask > 0, _STRIP, width)[:, 0].astype(np.uint8),
         scratch=floats,
     )  # fmt: skip
+
+
+def _areas(labels: NDArray[np.uint8], ids: int, elements: int) -> NDArray[np.int64]:
+    """Pixels of each label, [ids]; in place of label 0, of the whole building."""
+    area = np.bincount(labels.ravel(), minlength=ids)
+    area[0] = area[1 : elements + 1].sum()
+    return np.asarray(area, np.int64)
 
 
 def _in_tiles(mask: NDArray[np.bool_], factor: int) -> NDArray[np.int64]:
@@ -304,10 +315,15 @@ class _Pass:
         loss = weights.ssim * (base * (self.inside - pooled[0, 1:ids].sum()) + edges - edge * pooled[0, 2 * ids])
         slopes = np.zeros((self.scales, 2, ids))
         if weights.multilevel > 0:
-            value, slopes = ms_ssim(pooled[:, : 2 * ids].reshape(-1, 2, ids), photo.area)
+            of_masks = pooled[:, : 2 * ids].reshape(-1, 2, ids).copy()
+            own = slice(1, photo.elements + 1)
+            of_masks[..., 0] = of_masks[..., own].sum(-1)
+            value, slopes = ms_ssim(of_masks, photo.area)
             share = weights.multilevel * weights.ssim * weights.labels
             loss += float((share * (1.0 - value)).sum())
             slopes *= -share
+            slopes[..., own] += slopes[..., :1]  # every pixel of an element is one of the whole building, too
+            slopes[..., 0] = 0.0
         slopes[0, 0, 1:] -= weights.ssim * base
         return float(loss), (slopes / 3).astype(np.float32), -weights.ssim * edge / 3
 
@@ -337,7 +353,9 @@ class _Pass:
         photo, weights, (y, x) = self.photo, self.weights, self.photo.origin
         base, edge, _ = self._pixel_weights()
         l1 = np.zeros(self.ids)
-        l1[1:] = base + weights.multilevel * weights.labels[1:] / np.maximum(photo.area[0, 1:], 1)
+        per_pixel = weights.multilevel * weights.labels / np.maximum(photo.area[0], 1)
+        l1[1:] = base + per_pixel[1:]
+        l1[1 : photo.elements + 1] += per_pixel[0]
         l1 = (weights.l1 * l1 / 3).astype(np.float32)
         addresses = [
             self._at_box(self.alpha), self._at_box(self.distortion), self._at_box(self.depth), photo.labels,
@@ -366,14 +384,14 @@ def _address(value: Any) -> int:
 
 
 def ms_ssim(sums: NDArray[np.float64], area: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Multi-scale SSIM of each label, and its slope in every pixel's similarity and contrast-structure.
+    """Multi-scale SSIM of each mask, and its slope in every pixel's similarity and contrast-structure.
 
-    A label takes part at a scale while a square of its area is at least one window wide there; exponents of the scales
-    it takes part in are scaled to sum to one. Label 0 (outside) and labels below 11 px are 1 and have no slope.
+    A mask takes part at a scale while a square of its area is at least one window wide there; exponents of the scales
+    it takes part in are scaled to sum to one. Masks below 11 px are 1 and have no slope.
 
     Args:
-        sums: [scales, 2, ids], both maps summed over each label.
-        area: [scales or more, ids], pixels of each label.
+        sums: [scales, 2, ids], both maps summed over each mask.
+        area: [scales or more, ids], pixels of each mask.
 
     Returns:
         [ids] and [scales, 2, ids].
@@ -381,7 +399,6 @@ def ms_ssim(sums: NDArray[np.float64], area: NDArray[np.int64]) -> tuple[NDArray
     scales = len(sums)
     area = area[:scales]
     takes_part = np.sqrt(area[0])[None] >= WINDOW * 2.0 ** np.arange(scales)[:, None]
-    takes_part[:, 0] = False
     share = np.array(MS_SSIM_WEIGHTS[:scales])[:, None] * takes_part
     share /= np.maximum(share.sum(0), 1e-9)
     kind = np.where(takes_part.sum(0) - 1 == np.arange(scales)[:, None], 0, 1)[:, None]  # similarity at its last scale

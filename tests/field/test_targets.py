@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rim of background that is trained along with the building."""
+"""The rim of background that is trained along with the building, and what it is kept out of."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mgf_engine.field.targets import with_rim
-from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN
+from mgf_engine.config import Config
+from mgf_engine.field.targets import Target, make_target, rim_of
+from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN, building
+from mgf_engine.scene.model import View
 
 
 def labels() -> np.ndarray:
@@ -18,12 +22,72 @@ def labels() -> np.ndarray:
     return result
 
 
-def test_the_rim_is_an_element_of_its_own_around_the_building() -> None:
-    found = with_rim(labels(), 3.0)
-    rim = (labels() == BACKGROUND) & (found != BACKGROUND)
-    assert len(np.unique(found[rim])) == 1 and found[rim][0] not in (BUILDING, 254, UNKNOWN)
+def target(labels: np.ndarray, photo: np.ndarray | None = None, margin: float = 0.05) -> Target:
+    """What a photo with these labels is compared with; the box is the whole frame."""
+    height, width = labels.shape
+    view = View(
+        name="a", file="a.jpg", width=width, height=height, fx=50.0, fy=50.0, cx=width / 2, cy=height / 2,
+        rotation=np.eye(3), translation=np.zeros(3), original_width=width, original_height=height,
+    )  # fmt: skip
+    if photo is None:
+        photo = np.full((height, width, 3), 128, np.uint8)
+    made = make_target(photo, labels, view, 1, replace(Config(), mask_margin=margin))
+    assert made is not None and made.box[0] == made.box[2] == 0
+    return made
+
+
+def whole(made: Target, labels: np.ndarray) -> np.ndarray:
+    return labels[: made.box[1], : made.box[3]]
+
+
+def test_the_rim_lies_around_the_building() -> None:
+    rim = rim_of(labels(), 3.0)
     assert rim[10:30, 17:20].all() and not rim[10:30, :17].any()
-    assert np.array_equal(found[~rim], labels()[~rim])  # what hides the building stays unknown
+    assert (labels()[rim] == BACKGROUND).all()  # what hides the building stays unknown
+
+
+def test_no_highlighted_pixel_lies_on_background() -> None:
+    """Eq. 12 is of the masks, which end at the building; outside of them it is 1 where a rim is trained."""
+    made = target(labels())
+    own = building(whole(made, labels()))
+    rim = (made.labels.numpy() > made.elements) & ~own
+    weight = made.pixels().edge_weight.numpy()
+    assert rim.sum() > 50 and (weight[rim] == 1).all()
+    assert np.count_nonzero((weight > 1) & ~own) == 0
+    assert np.count_nonzero(made.edges.numpy() & ~own) == 0
+    outline = own.copy()
+    outline[11:29, 21:39] = False  # the outermost pixels of the building, and its element's own boundary
+    assert (weight[outline] == 10).all() and (weight[12:15, 22] == 10).all()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.05])
+def test_the_masks_of_equation_19_are_the_building_and_its_elements(margin) -> None:
+    made = target(labels(), margin=margin)
+    rim = 1 if margin else 0
+    assert (made.elements, made.count) == (2, 2 + rim)
+    share = made.label_weight.numpy()
+    assert share[1] == 0 and (share[3:] == 0).all()  # the rest of the building is no mask, and neither is the rim
+    # A photo of one colour has one delta, so areas alone weigh: 400 px of the building, 9 of its element.
+    np.testing.assert_allclose(share[[0, 2]], np.array([400, 9]) / 409, rtol=1e-6)
+
+
+def test_delta_is_of_the_masks_alone() -> None:
+    """A plain building before a patterned background weighs as it does without a rim."""
+    photo = np.full((40, 60, 3), 128, np.uint8)
+    photo[:, ::2] = 255
+    photo[10:30, 20:40] = 128
+    photo[12:15, 22:25] = np.arange(9).reshape(3, 3, 1) * 20
+    with_rim, without = (target(labels(), photo, margin).label_weight.numpy() for margin in (0.05, 0.0))
+    assert np.array_equal(with_rim[:3], without[:3])
+    assert without[2] / without[0] < 9 / 400  # the element is patterned, so it weighs less than its area
+
+
+def test_an_element_over_the_whole_building_leaves_no_rest() -> None:
+    full = labels()
+    full[full == BUILDING] = 7
+    made = target(full)
+    assert made.elements == 3 and not (made.labels == 1).any()
+    assert made.label_weight.sum() == pytest.approx(1.0) and made.label_weight[0] == pytest.approx(0.5)
 
 
 def test_bars_and_gaps_have_no_rim() -> None:
@@ -32,14 +96,14 @@ def test_bars_and_gaps_have_no_rim() -> None:
     frame[20:100, 20:80] = BUILDING
     frame[40:50, 40:50] = BACKGROUND  # a gap in a wall
     frame[20:100, 120:124] = frame[20:100, 150:154] = frame[60:64, 120:154] = BUILDING
-    rim = with_rim(frame, 3.0) != frame
+    rim = rim_of(frame, 3.0)
     assert rim[30:90, 80:83].all()  # beside the wall
     assert not rim[40:50, 40:50].any() and not rim[:, 110:].any()
 
 
 @pytest.mark.parametrize("width", [0.0, 0.5])
 def test_no_width_no_rim(width) -> None:
-    assert np.array_equal(with_rim(labels(), width), labels())
+    assert not rim_of(labels(), width).any()
 
 
 def test_every_id_taken() -> None:
@@ -48,5 +112,6 @@ def test_every_id_taken() -> None:
     full[15:28, 20:40] = (np.arange(13 * 20) % 253 + 2).reshape(13, 20)
     full[full == BUILDING] = 2
     full[10, 20] = BUILDING
-    found = with_rim(full, 2.0)
-    assert (found[8:10, 25:35] == 254).all()
+    made = target(full, margin=2 / 60)
+    assert (made.elements, made.count) == (254, 255)
+    assert (made.labels.numpy()[8:10, 25:35] == 255).all()

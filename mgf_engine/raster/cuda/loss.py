@@ -32,8 +32,8 @@ class DevicePhoto:
 
     Attributes:
         image, labels, edges, ring: as in :class:`mgf_engine.raster.loss.PhotoSide`.
-        area: int32 [scales, ids].
-        shares: float64 [ids], weight of each label.
+        area: int32 [scales, ids], as there.
+        shares: float64 [ids], weight of each label; in place of label 0, of the whole building.
         sizes: height and width of the box.
     """
 
@@ -187,7 +187,8 @@ class DevicePass:
         slopes = self._empty(torch.float32, self.levels.count, 2, self.ids)
         similarity = self._empty(torch.float64, 1)
         factors = (w.ssim, w.multilevel, base, edge, float(self.inside), float(self.photo.edge_area))
-        pooled = (self.levels.packed, self.ids, self.sums, photo.area, photo.shares, tuple(map(float, factors)))
+        masks = (self.ids, self.photo.elements, self.sums, photo.area, photo.shares)
+        pooled = (self.levels.packed, *masks, tuple(map(float, factors)))
         self.launcher.launch("loss_slopes", 1, *pooled, slopes, similarity)
         return slopes, similarity, -w.ssim * edge / 3
 
@@ -205,7 +206,9 @@ class DevicePass:
 
     def _finish(self, slopes: Tensor | None, edge_slope: float) -> None:
         photo, w, (base, edge) = self.on_device, self.weights, self._pixel_weights()
-        l1 = base + w.multilevel * photo.shares / photo.area[0].clamp_min(1)
+        per_pixel = w.multilevel * photo.shares / photo.area[0].clamp_min(1)
+        l1 = base + per_pixel
+        l1[1 : self.photo.elements + 1] += per_pixel[:1]
         l1[:1].zero_()  # l1[0] = 0.0 would copy a number from the host, and wait for it
         l1 = (w.l1 / 3 * l1).to(torch.float32)
         rates = (w.l1 * edge / 3, w.background / max(self.photo.ring_area, 1), w.distortion / self.inside, w.normals)

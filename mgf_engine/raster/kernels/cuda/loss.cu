@@ -147,16 +147,17 @@ struct SimilarityFactors {
     float ssim, multilevel, base, edge, inside, edge_area;
 };
 
-// One label of multi-scale SSIM (raster/loss.py, ms_ssim): its value, and its slopes in the pooled sums [levels][2][ids].
-static inline double pool_label(const Levels &levels, int ids, int label, const long long *sums, const int *area, double *slope, int *kind) {
+// One mask of multi-scale SSIM (raster/loss.py, ms_ssim): its value, and its slopes in its pooled sums [levels][2], which lie `apart`
+// entries apart; the sizes [levels] of the mask lie `ids` apart.
+static inline double pool_mask(const Levels &levels, int ids, const long long *sums, int apart, const int *area, double *slope, int *kind) {
     const double exponents[MAX_LEVELS] = {0.0448, 0.2856, 0.3001, 0.2363, 0.1333};
     int scales = 0;  // in which the label takes part
     double all = 0.0, value = 1.0, kept[MAX_LEVELS];
-    while (scales < levels.count && label && sqrt((double)area[label]) >= (double)(WINDOW << scales)) all += exponents[scales++];
+    while (scales < levels.count && sqrt((double)area[0]) >= (double)(WINDOW << scales)) all += exponents[scales++];
     for (int s = 0; s < levels.count; s++) slope[s] = 0.0, kind[s] = s == scales - 1 ? 0 : 1;  // similarity at its last scale
     for (int s = 0; s < scales; s++) {
-        const int size = area[s * ids + label];
-        const double mean = size ? (double)sums[(2 * s + kind[s]) * ids + label] / (3.0 * FIXED) / size : 1.0;
+        const int size = area[s * ids];
+        const double mean = size ? (double)sums[(2 * s + kind[s]) * apart] / (3.0 * FIXED) / size : 1.0;
         kept[s] = mean > FLOOR ? mean : FLOOR;
         value *= pow(kept[s], exponents[s] / all);
         slope[s] = mean >= FLOOR && size ? exponents[s] / all / (kept[s] * size) : 0.0;
@@ -166,24 +167,45 @@ static inline double pool_label(const Levels &levels, int ids, int label, const 
 }
 
 // slopes [levels][2][ids]: dL/dssim and dL/dcs of single pixels, divided by the three channels; similarity: the SSIM terms of the
-// loss. area [levels][ids], shares [ids]: pixels and weight of each label. One block, a thread a label.
-KERNEL(loss_slopes, BY_VALUE Levels levels, int ids, const long long *sums, const int *area, const double *shares,
+// loss. area [levels][ids], shares [ids]: pixels and weight of each label and, in place of label 0, of the whole building, which labels
+// 1..elements make up. One block, a thread a label.
+KERNEL(loss_slopes, BY_VALUE Levels levels, int ids, int elements, const long long *sums, const int *area, const double *shares,
        BY_VALUE SimilarityFactors k, float *slopes, double *similarity) {
-    SHARED double lost[MAX_IDS], plain[MAX_IDS];
+    SHARED double lost[MAX_IDS], plain[MAX_IDS], from_whole[2 * MAX_LEVELS];
+    SHARED long long whole[2 * MAX_LEVELS];
+    PHASE {
+        if (THREAD >= 2 * levels.count) continue;
+        long long sum = 0;
+        for (int label = 1; label <= elements; label++) sum += sums[THREAD * ids + label];
+        whole[THREAD] = sum, from_whole[THREAD] = 0.0;
+    }
     PHASE {
         lost[THREAD] = plain[THREAD] = 0.0;
-        if (THREAD >= ids) continue;
+        if (THREAD || !(k.multilevel > 0.0f)) continue;
         double slope[MAX_LEVELS];
         int kind[MAX_LEVELS];
-        const double value = pool_label(levels, ids, THREAD, sums, area, slope, kind), share = (double)k.multilevel * k.ssim * shares[THREAD];
+        const double value = pool_mask(levels, ids, whole, 1, area, slope, kind), share = (double)k.multilevel * k.ssim * shares[0];
+        for (int s = 0; s < levels.count; s++) from_whole[2 * s + kind[s]] = -share * slope[s];
+        lost[0] = share * (1.0 - value);
+    }
+    PHASE {
+        if (THREAD >= ids) continue;
+        const int label = THREAD;
+        double slope[MAX_LEVELS];
+        int kind[MAX_LEVELS];
+        const double value = pool_mask(levels, ids, sums + label, ids, area + label, slope, kind);
+        const double share = (double)k.multilevel * k.ssim * shares[label];
         for (int s = 0; s < levels.count; s++) {
             double of[2] = {0.0, 0.0};
-            if (k.multilevel > 0.0f) of[kind[s]] = -share * slope[s];
-            if (s == 0 && THREAD > 0) of[0] -= (double)k.ssim * k.base;
-            for (int map = 0; map < 2; map++) slopes[(2 * s + map) * ids + THREAD] = (float)(of[map] / 3.0);
+            if (k.multilevel > 0.0f && label) of[kind[s]] = -share * slope[s];
+            for (int map = 0; map < 2; map++)
+                if (label && label <= elements) of[map] += from_whole[2 * s + map];
+            if (s == 0 && label) of[0] -= (double)k.ssim * k.base;
+            for (int map = 0; map < 2; map++) slopes[(2 * s + map) * ids + label] = (float)(of[map] / 3.0);
         }
-        if (k.multilevel > 0.0f) lost[THREAD] = share * (1.0 - value);
-        if (THREAD > 0) plain[THREAD] = (double)sums[THREAD] / (3.0 * FIXED);
+        if (!label) continue;
+        if (k.multilevel > 0.0f) lost[label] = share * (1.0 - value);
+        plain[label] = (double)sums[label] / (3.0 * FIXED);
     }
     PHASE {
         if (THREAD) continue;
