@@ -49,7 +49,7 @@ class Config:
 
     # fmt: off
     # run
-    preset: str = option("standard", "run", "How much time to spend", choices=("quick", "draft", "standard", "fine"), advanced=False)
+    preset: str = option("standard", "run", "How much time to spend", choices=("quick", "draft", "standard", "fine", "paper"), advanced=False)
     device: str = option("auto", "run", "Where the field is trained", choices=("auto", "cpu", "cuda"), advanced=False)
     threads: int = option(0, "run", "Worker threads of the kernels; 0 takes every core", low=0, high=256)
     seed: int = option(0, "run", "Seed of everything random; the same seed and thread count give the same mesh", low=0, high=2**31 - 1)
@@ -67,6 +67,7 @@ class Config:
     segmenter: str = option("auto", "masks", "What draws the masks", choices=("auto", "random_walker", "efficientsam"))
     weights: str = option("", "masks", "Folder with the EfficientSAM weights; empty takes the user's cache folder")
     second_level: str = option("auto", "masks", "Find elements inside the building (windows, doors, wall fields); auto: where a part was clicked or a loss uses them", choices=("auto", "on", "off"))
+    voters: str = option("all", "masks", "Whose masks vote on points and Gaussians, eq. 3 and 22: those of all photos, or of the root images alone", choices=("all", "roots"))
     strict_vote: bool = option(False, "masks", "Eq. 3 read literally: a point must lie in every root mask")
     vote_tolerance: float = option(0.1, "masks", "Share of root images that may vote against a point", low=0, high=1)
     vote_dilation: int = option(3, "masks", "Masks grow by this much before points are tested against them", low=0, high=100, unit="px")
@@ -81,6 +82,8 @@ class Config:
     start: str = option("surface", "field", "Where the first Gaussians lie: on a starting surface from edges, planes and stereo, on dense points by stereo, or on sparse points alone", choices=("surface", "dense", "sparse"))
     sh_degree: int = option(2, "field", "Degree of the spherical harmonics that make colour depend on the view", low=0, high=3)
     coarse_to_fine: bool = option(True, "field", "Start on small pictures and end at the full working resolution")
+    filter_3d: bool = option(True, "field", "Keep every Gaussian at least as large as the finest photo can show")
+    random_background: bool = option(True, "field", "Train before another colour in each iteration; off trains before black")
     multilevel_loss: bool = option(False, "field", "Multi-level perceptual mask loss, eq. 18-19; off uses the plain RGB loss, eq. 16 (ablation c)")
     boundary_loss: bool = option(False, "field", "Boundary loss, eq. 17; off gives its share to the other colour term (ablation c)")
     l1_weight: float = option(0.8, "field", "Weight of the L1 term in eq. 16-18", low=0, high=1)
@@ -91,20 +94,29 @@ class Config:
     distortion_lambda: float = option(100.0, "field", "Lambda 3 of eq. 20, depth distortion", low=0, high=100000)
     normal_lambda: float = option(0.05, "field", "Lambda 4 of eq. 20, normal consistency", low=0, high=1000)
     geometry_from: float = option(0.4, "field", "Share of the run after which distortion and normal terms act", low=0, high=1)
+    geometry_every: int = option(3, "field", "Distortion and normal terms act in every n-th iteration, n times as strongly", low=1, high=100)
     background_lambda: float = option(0.02, "field", "Weight that empties certain background around the building", low=0, high=1000)
     densify_from: float = option(0.05, "field", "Share of the run after which Gaussians are added", low=0, high=1)
     densify_until: float = option(0.6, "field", "Share of the run after which no Gaussian is added", low=0, high=1)
     densify_every: int = option(100, "field", "Iterations between two rounds of adding and pruning", low=1, high=100000)
+    training_votes: bool = option(True, "field", "Drop Gaussians that the masks vote against during training, too")
     prune_opacity: float = option(0.02, "field", "Gaussians fainter than this are dropped", low=0, high=1)
 
     # mesh
     screening: bool = option(True, "mesh", "Drop Gaussians that the root masks vote against, eq. 21-22 (ablation d)")
     screening_dilation: int = option(1, "mesh", "Masks grow by this much before Gaussians are screened and views judge what is solid", low=0, high=100, unit="px")
+    visual_hull: bool = option(True, "mesh", "What several masks call background is free, whatever the field says")
     surface: str = option("fused", "mesh", "Where the surface lies: 'fused' is the mean of all views' depths, 'opacity' the minimum over views, eq. 25", choices=("fused", "opacity"))
-    match_photos: bool = option(True, "mesh", "Move the fused depths to where neighbouring photos look most alike (surface 'fused' only)")
+    match_photos: bool = option(True, "mesh", "Move the surface to where neighbouring photos look most alike")
     refine_rounds: int = option(1, "mesh", "Times the finished mesh is moved to where the photos agree about it (with match_photos only)", low=0, high=10)
-    opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26 (surface 'opacity' only)", low=0.01, high=0.99)
+    calibrate_level: bool = option(True, "mesh", "Take the surface at the level on which the surest sparse points lie")
+    opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26, unless sparse points calibrate it (surface 'opacity' only)", low=0.01, high=0.99)
     level_steps: int = option(8, "mesh", "Points tried at most on each edge that crosses the surface", low=0, high=16)
+    merge_flat: bool = option(True, "mesh", "Keep one vertex per cell where the raw surface is flat")
+    drop_unseen: bool = option(True, "mesh", "Drop parts that no photo shows: shadows behind the building, bubbles, and what stands apart from all clicks")
+    face_votes: bool = option(True, "mesh", "Cut away faces that the masks of most photos call background, pixel by pixel")
+    fill_holes: bool = option(True, "mesh", "Close small holes that no photo looks through")
+    span_dents: bool = option(True, "mesh", "Span dents that no photo confirms from their rims")
     smoothing: int = option(2, "mesh", "Rounds of smoothing, each over the next vertices only; 0 keeps the raw surface", low=0, high=1000)
     flatten: bool = option(True, "mesh", "Move what lies in a plane but for noise into it, and vertices between planes onto their edge")
     face_error: float = option(0.25, "mesh", "Leave out faces as long as the surface stays this near to the full one, in pixels of the nearest photo; 0 only keeps to max_faces", low=0, high=100, unit="px")
@@ -138,6 +150,49 @@ PRESETS: dict[str, dict[str, Any]] = {
     "draft": {"passes": 13, "max_photos": 60, "holdout_every": 0, "densify_every": 75},
     "standard": {},
     "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
+    # What sections 3 and 4.1 of the paper print, and nothing of ours; tests/test_paper_preset.py names the places. Where
+    # the paper prints nothing, 3DGS and GOF, which it builds on: degree of the harmonics, growth and pruning, the share
+    # of the run from which the geometry terms act.
+    "paper": {
+        "iterations": 7000,
+        "resolution": 750,
+        "even_exposure": False,
+        "second_level": "on",
+        "voters": "roots",
+        "vote_dilation": 0,
+        "mask_margin": 0.0,
+        "start": "sparse",
+        "sh_degree": 3,
+        "coarse_to_fine": False,
+        "filter_3d": False,
+        "random_background": False,
+        "multilevel_loss": True,
+        "boundary_loss": True,
+        "geometry_from": 0.5,
+        "geometry_every": 1,
+        "background_lambda": 0.0,
+        "densify_from": 0.0167,
+        "densify_until": 0.5,
+        "densify_every": 100,
+        "training_votes": False,
+        "prune_opacity": 0.005,
+        "screening_dilation": 0,
+        "visual_hull": False,
+        "surface": "opacity",
+        "match_photos": False,
+        "refine_rounds": 0,
+        "calibrate_level": False,
+        "merge_flat": False,
+        "drop_unseen": False,
+        "face_votes": False,
+        "fill_holes": False,
+        "span_dents": False,
+        "smoothing": 0,
+        "flatten": False,
+        "face_error": 0.0,
+        "min_component": 0.0,
+        "texture": False,
+    },
 }
 #: Option -> value it had in an earlier version -> value it has now; taken for one version, with a warning.
 RENAMED: dict[str, dict[str, str]] = {"segmenter": {"grabcut": "random_walker"}}

@@ -82,6 +82,20 @@ def test_quick_gives_the_mesh_without_training(house: House, tmp_path: Path) -> 
     assert (tmp_path / "job" / "texture.jpg").exists()
 
 
+def test_the_paper_s_method_gives_a_mesh_and_a_report(house: House, tmp_path: Path) -> None:
+    """All of section 3 in one run, only shorter: both losses, second-level masks, opacity, eight bisections."""
+    job = tmp_path / "job"
+    small = ["--preset", "paper", "--iterations", "150", "--max-gaussians", "5000"]
+    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", job, *small)
+    messages = finish(run)
+    assert run.returncode == 0, messages[-1]
+    assert f1(job / "mesh.ply", house, 0.25) > 0.5  # sparse points and 150 iterations go no further
+    config = json.loads((job / "report.json").read_text())["config"]
+    assert (config["preset"], config["surface"], config["multilevel_loss"]) == ("paper", "opacity", True)
+    labels = cv2.imread(str(next((job / "masks" / "labels").glob("*.png"))), cv2.IMREAD_UNCHANGED)
+    assert ((labels > 1) & (labels < 255)).any()
+
+
 def test_the_masks_are_the_house(house: House, finished) -> None:
     job, _ = finished
     for file in sorted((job / "masks" / "labels").glob("*.png")):

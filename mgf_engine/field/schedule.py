@@ -14,7 +14,6 @@ _LEVELS = ((4, 0.15), (2, 0.45), (1, 1.0))
 #: Time of an iteration at each reduction, beside one at full resolution; a part of the work does not depend on pixels.
 _COST = {4: 0.25, 2: 0.4, 1: 1.0}
 _MOST_HASTE = 2.0  # more was not tried
-_GEOMETRY_EVERY = 3  # iterations
 _SMALLEST_SIDE = 160  # px; no level makes the longest side shorter than this
 
 
@@ -88,8 +87,8 @@ def geometry_at(iteration: int, share: float, config: Config) -> float:
     Their maps and gradients are a quarter of an iteration's time. In every third one with three times the weight they
     say the same on average, and the mesh is as good (docs/benchmark.md).
     """
-    acts = share >= config.geometry_from and iteration % _GEOMETRY_EVERY == 0
-    return float(_GEOMETRY_EVERY) if acts else 0.0
+    acts = share >= config.geometry_from and iteration % config.geometry_every == 0
+    return float(config.geometry_every) if acts else 0.0
 
 
 def sh_degree_at(share: float, config: Config) -> int:

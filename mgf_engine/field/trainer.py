@@ -37,7 +37,7 @@ from mgf_engine.field.schedule import (
 from mgf_engine.field.start import start_field
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.masks.model import MaskSet
-from mgf_engine.masks.points import vote
+from mgf_engine.masks.points import chosen_voters, vote
 from mgf_engine.messages import Reporter
 from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.raster.device import choose_device, rendered_nothing, restore_room, room_state
@@ -74,6 +74,7 @@ class _Trainer:
         self.scene, self.masks, self.config, self.folder, self.reporter = scene, masks, config, folder, reporter
         folder.mkdir(parents=True, exist_ok=True)
         self.views = training_views(scene, masks)
+        self.voters = chosen_voters(scene, self.views, config)
         self.total = config.run_length(len(self.views))
         self.haste = haste_of(self.total, Config().run_length(len(self.views)))
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
@@ -147,7 +148,7 @@ class _Trainer:
         config = self.config
         geometry = geometry_at(self.iteration, share, config)
         generator = torch.Generator().manual_seed(config.seed * 7_919 + self.iteration)
-        backdrop = torch.rand(3, generator=generator)
+        backdrop = torch.rand(3, generator=generator) if config.random_background else torch.zeros(3)
         error_map = torch.zeros(target.camera.height, target.camera.width, device=self.device)
         with self._timed("render"):
             rendering = render(
@@ -167,7 +168,11 @@ class _Trainer:
         config, field = self.config, self.optimiser.field
         with self._timed("density"):
             keep = torch.ones(len(field), dtype=torch.bool, device=self.device)
-            if config.use_masks and self.iteration // config.densify_every % _VOTE_ROUNDS == 0:
+            if (
+                config.use_masks
+                and config.training_votes
+                and self.iteration // config.densify_every % _VOTE_ROUNDS == 0
+            ):
                 keep = self._mask_vote(field)
             budget = budget_at(share, self.figures["start_gaussians"], config)
             grow = config.densify_from <= share < config.densify_until
@@ -178,11 +183,14 @@ class _Trainer:
             self.stats = RenderStats.zeros(len(self.optimiser.field), self.device)
 
     def _update_filter(self, field: Gaussians) -> None:
+        if not self.config.filter_3d:
+            field.filter_3d = torch.zeros_like(field.filter_3d)
+            return
         update_filter(field, [self.scene.views[i] for i in self.views], self.config.threads or cores())
 
     def _mask_vote(self, field: Gaussians) -> torch.Tensor:
         points = field.positions.detach().double().cpu().numpy()
-        return torch.from_numpy(vote(points, self.scene, self.masks, self.views, self.config)).to(self.device)
+        return torch.from_numpy(vote(points, self.scene, self.masks, self.voters, self.config)).to(self.device)
 
     def _record(self, target: Target, rendering: Rendering, terms: LossTerms) -> None:
         interval = max(1, self.total // _CURVE_POINTS)

@@ -23,7 +23,7 @@ from mgf_engine.masks.hull import hull_cells
 from mgf_engine.masks.levels import Part, add_elements, tie_parts
 from mgf_engine.masks.model import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.masks.plain import PLAIN, plain_share, plain_text
-from mgf_engine.masks.points import pixel_at, vote
+from mgf_engine.masks.points import chosen_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, read_prompts
 from mgf_engine.masks.propagate import Propagation, consistency, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
@@ -155,7 +155,9 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
     fit = measure_fit(scene, labels, used)
     labels = forgive(scene, labels, fit)
     rows = np.arange(len(scene.points))
-    points = vote(scene.points, scene, labels, np.flatnonzero(used).tolist(), config, rows)
+    points = vote(
+        scene.points, scene, labels, chosen_voters(scene, np.flatnonzero(used).tolist(), config), config, rows
+    )
     masks = MaskSet(tuple(labels), used, used.astype(np.float32), points)
     return Propagation(masks, reasons, misfits(scene, fit), consistency(scene, masks, config.vote_dilation))
 

@@ -71,6 +71,12 @@ def vote(
     return decide(Votes(inside, outside), config.vote_tolerance)
 
 
+def chosen_voters(scene: Scene, views: Sequence[int], config: Config) -> list[int]:
+    """Those of ``views`` whose masks vote, as ``config.voters`` wants it; all where no root image is among them."""
+    roots = set(scene.roots) if config.voters == "roots" else set(views)
+    return [i for i in views if i in roots] or list(views)
+
+
 def decide(votes: Votes, tolerance: float) -> NDArray[np.bool_]:
     """At least one vote for, and few enough against: a share of the votes, or half of a handful."""
     total = votes.inside + votes.outside

@@ -29,7 +29,7 @@ from mgf_engine.masks.hull import hull_agreement
 from mgf_engine.masks.leaves import leaves_before
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet, building
 from mgf_engine.masks.openwork import Openwork, find_openwork
-from mgf_engine.masks.points import Votes, pixel_at, track_votes, vote
+from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.regions import Regions, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
@@ -252,6 +252,8 @@ class _Work:
         if openwork is not None:
             point_mask = self._accepted(self.scene, voters)
             doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
+        if self.config.voters != "all":
+            point_mask = self._accepted(self.scene, chosen_voters(self.scene, voters, self.config))
         clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
         return Propagation(

@@ -20,7 +20,7 @@ from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.mesh import clean
 from mgf_engine.mesh.apart import belongs
 from mgf_engine.mesh.clip import clip
-from mgf_engine.mesh.colors import color_from_photos
+from mgf_engine.mesh.colors import color_from_photos, vertex_normals
 from mgf_engine.mesh.delaunay import begun
 from mgf_engine.mesh.face_votes import cut_background
 from mgf_engine.mesh.flat import merge_flat
@@ -33,7 +33,7 @@ from mgf_engine.mesh.pixel_counts import count_pixels
 from mgf_engine.mesh.planar import flatten
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
-from mgf_engine.mesh.refine import refine
+from mgf_engine.mesh.refine import onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.shadows import drop_shadows
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
@@ -53,6 +53,7 @@ _RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED, _REFINED, _COLORED = 0.1
 SURE_ERROR, SURE_TRACK = 1.0, 3  # sparse points with a smaller error (px) and as many photos calibrate the level
 MADE_UP = 0.005  # share of the area up to which a patch that no view shows may stay
 MATCHED_WITH = 4  # photos that each photo's depths are matched with
+MATCHED_REACH = 2.0  # px that an opacity surface moves at most to the matched depths, which search as far
 BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry the surface to where it is cut
 SMALL_HOLE = 60  # ground pixels: holes with a shorter rim that no view looks through are closed
 
@@ -108,10 +109,11 @@ def extract_mesh(
     with begun(spanned.points) as made:
         with times.part("depth maps"):
             field = surface_field(kept, judges, config, reporter, prior)
-            if isinstance(field, FusedField):
+            if config.calibrate_level:
                 sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
-                shift = field.calibrate(scene.points[sure])
-                log.info("mesh: surface lies %.2f px behind %d sparse points; moved onto them", shift, sure.sum())
+                level = field.calibrate(scene.points[sure])
+                what = "px behind the depths" if isinstance(field, FusedField) else "is their opacity"
+                log.info("mesh: the surface runs through %d sparse points: %.2f %s", sure.sum(), level, what)
         with times.part("tetrahedra"):
             tetrahedra = made(reporter.check)
     reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
@@ -120,10 +122,16 @@ def extract_mesh(
         del tetrahedra
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
-        voting = judges.labels if config.use_masks and config.screening else None
-        mesh = of_the_clicked(cleaned(mesh, field, judges.views, config, voting), scene, masks, reporter)
+        voting = judges.labels if config.use_masks and config.face_votes else None
+        mesh = cleaned(mesh, field, judges.views, config, voting)
+        if config.drop_unseen:
+            mesh = of_the_clicked(mesh, scene, masks, reporter)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with times.part("refinement"):
+        if config.match_photos and isinstance(field, OpacityField) and field.evidence is not None:
+            mesh = onto_surface(
+                mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, judges.views), MATCHED_REACH
+            )
         mesh = refined(mesh, judges, config, reporter)
     if config.flatten:
         with times.part("planes"):
@@ -139,7 +147,8 @@ def extract_mesh(
         mesh = reduced(colored, judges.views, config, reporter)
         values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
         mesh = replace(mesh, values=values)
-        return stretch_unconfirmed(mesh, mesh.values["confidence"]) if "confidence" in mesh.values else mesh
+        dents = config.span_dents and "confidence" in mesh.values
+        return stretch_unconfirmed(mesh, mesh.values["confidence"]) if dents else mesh
 
 
 def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
@@ -156,21 +165,29 @@ def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
         [scene.views[i] for i in chosen],
         judging_masks(scene, masks, chosen, config.screening_dilation),
         [masks.labels[i] for i in chosen],
-        _photos(scene, masks, chosen) if config.match_photos and config.surface == "fused" else None,
+        _photos(scene, masks, chosen) if config.match_photos else None,
     )
 
 
 def surface_field(
     gaussians: Gaussians, judges: Judges, config: Config, reporter: Reporter, prior: Prior | None = None
 ) -> OpacityField | FusedField:
-    """What tells solid from free, as ``config.surface`` wants it; ``prior`` for 'fused' only."""
+    """What tells solid from free, as ``config.surface`` wants it.
+
+    The depth maps of a fused surface are made for an opacity surface, too, where anything asks what the views show.
+    """
     gaussians = gaussians.to(choose_device(config.device).device)
-    if config.surface == "opacity":
-        return OpacityField(gaussians, judges.views, judges.verdicts, config.opacity_level, agree=1)
-    return fuse_gaussians(
-        gaussians, judges.views, judges.verdicts, judges.photos, lambda share: reporter.progress(_RENDERED * share),
-        prior,
-    )  # fmt: skip
+    fused = None
+    if config.surface == "fused" or config.match_photos or config.drop_unseen or config.span_dents:
+        fused = fuse_gaussians(
+            gaussians, judges.views, judges.verdicts, judges.photos,
+            lambda share: reporter.progress(_RENDERED * share), prior, config.visual_hull,
+        )  # fmt: skip
+        if config.surface == "fused":
+            return fused
+    return OpacityField(
+        gaussians, judges.views, judges.verdicts, config.opacity_level, agree=1, hull=config.visual_hull, evidence=fused
+    )
 
 
 def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
@@ -248,16 +265,21 @@ def cleaned(
     Raises:
         BadInput: nothing is left.
     """
-    mesh = merge_flat(clean.weld(clean.with_faces(mesh, mesh.faces)), views)
+    mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
+    if config.merge_flat:
+        mesh = merge_flat(mesh, views)
     free = lambda points: field.classify(points) == FREE  # noqa: E731
-    mesh = replace(mesh, values=field.known(mesh.vertices))
-    if "confidence" in mesh.values:
-        mesh = drop_shadows(mesh, mesh.values["confidence"] >= UNCONFIRMED, ground_pixels(mesh, views), free)
-    mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], MADE_UP), values={})
+    if config.drop_unseen:
+        mesh = replace(mesh, values=field.known(mesh.vertices))
+        if "confidence" in mesh.values:
+            mesh = drop_shadows(mesh, mesh.values["confidence"] >= UNCONFIRMED, ground_pixels(mesh, views), free)
+        mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], MADE_UP), values={})
     mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
     counts = count_pixels(mesh, views, labels)
     mesh = clean.orient_outward(mesh, counts.front, counts.back)
-    seen = clean.seen_parts(mesh, counts.front + counts.back, config.min_component)
+    seen = np.ones(len(mesh.faces), bool)
+    if config.drop_unseen:
+        seen = clean.seen_parts(mesh, counts.front + counts.back, config.min_component)
     if labels is None:
         mesh = clean.with_faces(mesh, mesh.faces[seen])
     else:
@@ -265,8 +287,8 @@ def cleaned(
         mesh = clean.split_nonmanifold(mesh)
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
-    pixel = ground_pixels(mesh, views)
-    mesh = fill_holes(mesh, SMALL_HOLE * pixel, free)
+    if config.fill_holes:
+        mesh = fill_holes(mesh, SMALL_HOLE * ground_pixels(mesh, views), free)
     return clean.smooth(mesh, config.smoothing)
 
 

@@ -102,6 +102,7 @@ class FusedField:
         band: half width of the band in which distances are known, in pixels.
         device: where ``show`` draws.
         prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
+        hull: whether what several masks call background is free, whatever the depths say.
     """
 
     def __init__(
@@ -114,8 +115,9 @@ class FusedField:
         progress: Progress = lambda share: None,
         device: torch.device = CPU,
         prior: Callable[[int], tuple[Surface, NDArray[np.float32]]] | None = None,
+        hull: bool = True,
     ) -> None:
-        self.offset, self.band = 0.0, band
+        self.offset, self.band, self.hull = 0.0, band, hull
         near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
         left = np.bincount([k for number in range(len(masks)) for k in (number, *near[number])], minlength=len(masks))
         surfaces: dict[int, Surface] = {}  # only those that a view still to come is matched with
@@ -170,7 +172,8 @@ class FusedField:
             result[belief["behind"] >= OUTVOTED * belief["judging"] ** 2] = -np.inf
             unknown = belief["weight"] == 0
             result[unknown] = np.where(belief["covered"][unknown] > 0, -np.inf, np.nan)
-            result[outside_hull(belief["outside"], belief["seen"])] = np.inf
+            if self.hull:
+                result[outside_hull(belief["outside"], belief["seen"])] = np.inf
             return np.asarray(result, np.float32)
 
         return _joined(self._ask(points, verdict, progress), np.float32)
@@ -272,12 +275,14 @@ def fuse_gaussians(
     photos: Photos | None = None,
     progress: Progress = lambda share: None,
     prior: Prior | None = None,
+    hull: bool = True,
 ) -> FusedField:
     """The field's own surface as the cameras that judge see it, normalised frame.
 
     Args:
         photos: where given, the depths are first moved to where the photos look most alike.
         prior: a surface known before the field, used with ``photos`` only.
+        hull: as :class:`FusedField` takes it.
     """
 
     def show(number: int) -> Surface:
@@ -289,7 +294,7 @@ def fuse_gaussians(
 
     return FusedField(
         show, masks, photos.neighbours if photos else (), progress=progress, device=gaussians.positions.device,
-        prior=known if prior is not None and photos is not None else None,
+        prior=known if prior is not None and photos is not None else None, hull=hull,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ front of it (the visual hull); one that no view can judge is invalid.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -22,8 +22,14 @@ from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.raster import points as kernel
 from mgf_engine.scene.model import Scene, View
 
+if TYPE_CHECKING:  # which needs the hull from here
+    from mgf_engine.mesh.fusion import FusedField
+
 HULL_SHARE = 0.25  # a point is outside the visual hull when more than this share of its views call it background,
 HULL_FEW = 2  # and more than this many (fewer, where fewer see it on the building)
+
+ENOUGH = 50  # triangulated points from which the level is calibrated,
+LEVELS = 0.05, 0.95  # and between which levels
 
 CHUNK = 1 << 22  # points that are asked at a time, which bounds the memory; each chunk projects the field anew
 
@@ -39,15 +45,24 @@ class OpacityField:
         masks: per view uint8 [H, W] as :func:`judging_mask` makes them.
         level: opacity at which the surface is taken (eq. 26).
         agree: how many views must look through to a point before it is free; 1 is the minimum of eq. 25.
+        hull: whether what several masks call background is free, whatever the field says.
+        evidence: the same surface from depth maps, which tells what the views really show.
     """
 
     def __init__(
-        self, gaussians: Gaussians, views: Sequence[View], masks: Sequence[NDArray[np.uint8]], level: float, agree: int
+        self,
+        gaussians: Gaussians,
+        views: Sequence[View],
+        masks: Sequence[NDArray[np.uint8]],
+        level: float,
+        agree: int,
+        hull: bool = True,
+        evidence: FusedField | None = None,
     ) -> None:
         order = spread_order(np.array([v.centre for v in views]))
         self.views = [views[i] for i in order]
         self.masks = [np.ascontiguousarray(masks[i]) for i in order]
-        self.level, self.agree = level, agree
+        self.level, self.agree, self.hull, self.evidence = level, agree, hull, evidence
         self._kernel = kernel.PointOpacity(gaussians)
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
@@ -60,7 +75,7 @@ class OpacityField:
 
     def _classify(self, points: NDArray[np.float64], progress: Progress) -> NDArray[np.uint8]:
         points32 = np.ascontiguousarray(points, dtype=np.float32)
-        state, seen = self._hull(points32)
+        state, seen = self._seen(points32)
         lowest = np.full((len(points), 2), 2.0, np.float32)
         for number, (view, mask) in enumerate(zip(self.views, self.masks, strict=True)):
             progress(number / len(self.views))
@@ -80,11 +95,31 @@ class OpacityField:
         """Minus infinity in what is solid, else plus infinity, [N]: eq. 25 bounds the opacity and stops there."""
         return np.where(self.classify(points, progress) == SOLID, -np.inf, np.inf).astype(np.float32)
 
-    def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """All ``confirmed``, and no more: eq. 25 does not tell what was seen from what was only not ruled out."""
-        return {"confirmed": np.ones(len(points), bool)}
+    def calibrate(self, points: NDArray[np.float64]) -> float:
+        """Put the level at the median opacity (eq. 25) of triangulated points of the surface [N, 3]; returns it."""
+        points32 = np.ascontiguousarray(points, dtype=np.float32)
+        state, _ = self._seen(points32)
+        lowest = np.full((len(points), 2), 2.0, np.float32)
+        for view, mask in zip(self.views, self.masks, strict=True):
+            self._kernel.lower(lowest, points32, view, mask)
+        found = lowest[(state == SOLID) & (lowest[:, 0] <= 1.0), 0]
+        if len(found) >= ENOUGH:
+            self.level = float(np.clip(np.median(found), *LEVELS))
+        return self.level
 
-    def _hull(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """What the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.fusion.FusedField.known`.
+
+        Without ``evidence`` all are ``confirmed``, and no more: eq. 25 does not tell what was seen from what was only
+        not ruled out.
+        """
+        if self.evidence is None:
+            return {"confirmed": np.ones(len(points), bool)}
+        found = self.evidence.known(points)
+        # The two surfaces differ by fractions of a pixel: whether a view shows one near by is what counts here.
+        return {**found, "confirmed": found["views"] > 0}
+
+    def _seen(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """State of each point from where it falls in the masks alone, and how many views see it on the building."""
         background, seen = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
         for view, mask in zip(self.views, self.masks, strict=True):
@@ -93,7 +128,8 @@ class OpacityField:
             seen += verdict == kernel.SEEN
         state = np.full(len(points), SOLID, np.uint8)
         state[seen == 0] = INVALID
-        state[outside_hull(background, seen)] = FREE
+        if self.hull:
+            state[outside_hull(background, seen)] = FREE
         return state, seen
 
 

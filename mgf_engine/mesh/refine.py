@@ -48,7 +48,7 @@ def refine(
     for number in range(rounds):
         normals = vertex_normals(mesh)
         field = _matched(mesh, normals, views, masks, photos, lambda share, n=number: progress((n + share) / rounds))  # type: ignore[misc]
-        mesh = _onto(mesh, normals, field, ground_pixels(mesh, views))
+        mesh = onto_surface(mesh, normals, field, ground_pixels(mesh, views))
     return mesh
 
 
@@ -81,7 +81,13 @@ def _matched(
     return FusedField(show, masks, photos.neighbours, SEARCH, BAND_PIXELS, progress)
 
 
-def _onto(mesh: Mesh, normals: NDArray[np.float64], field: FusedField, pixel: NDArray[np.float32]) -> Mesh:
+def onto_surface(
+    mesh: Mesh,
+    normals: NDArray[np.float64],
+    field: FusedField,
+    pixel: NDArray[np.float32],
+    reach: float = REACH_PIXELS,
+) -> Mesh:
     """Every vertex moved along its normal onto the surface of ``field``, where that is near enough.
 
     The moves are smoothed, not the surface: it keeps its edges, and bars of a few pixels do not shrink.
@@ -89,13 +95,14 @@ def _onto(mesh: Mesh, normals: NDArray[np.float64], field: FusedField, pixel: ND
     Args:
         normals: of the vertices, [N, 3].
         pixel: size of a pixel at each vertex, [N].
+        reach: pixels that a vertex moves at most.
     """
     shift = np.zeros(len(pixel))
     off = np.full(len(pixel), np.nan, np.float32)
     for _ in range(STEPS):
         off = field.distance(mesh.vertices + shift[:, None] * normals)
         step = np.nan_to_num(off) * field.band * pixel
-        shift = np.clip(shift - step, -REACH_PIXELS * pixel, REACH_PIXELS * pixel)
+        shift = np.clip(shift - step, -reach * pixel, reach * pixel)
     shift[~(np.abs(off) < SURE)] = 0.0
     moves, none = shift[:, None] * normals, np.zeros(len(shift), bool)
     for _ in range(SMOOTHING):

@@ -13,7 +13,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.masks.model import MaskSet
-from mgf_engine.masks.points import vote
+from mgf_engine.masks.points import chosen_voters, vote
 from mgf_engine.scene.model import Scene
 
 
@@ -37,7 +37,7 @@ def screen(gaussians: Gaussians, scene: Scene, masks: MaskSet, config: Config) -
         centres = gaussians.positions.detach().double().numpy()
         # Sparse points may stand a few pixels beside a mask drawn for them; what is trained there hides the outline.
         narrow = replace(config, vote_dilation=config.screening_dilation)
-        keep &= vote(centres, scene, masks, voting_views(scene, masks), narrow)
+        keep &= vote(centres, scene, masks, chosen_voters(scene, voting_views(scene, masks), config), narrow)
     if not keep.any():
         raise BadInput(
             "The masks vote against every Gaussian of the field; check the clicks and the masks, or turn screening off."

@@ -92,6 +92,25 @@ def test_fused_depth_has_no_bias(setting):
     assert found["fused"] < found["opacity"] < 1.1
 
 
+def test_the_level_is_calibrated_on_points_of_the_surface(setting):
+    """Half of the points lie in what is solid then; too few points leave the level where it was."""
+    directions = np.random.default_rng(3).normal(size=(400, 3))
+    points = 1.03 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    field = make("opacity", setting)
+    assert field.calibrate(points[:30]) == 0.5
+    level = field.calibrate(points)
+    assert 0.05 < level < 0.95 and abs(level - 0.5) > 0.01
+    assert (field.classify(points) == SOLID).mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_without_the_hull_background_frees_nothing(setting):
+    field, views, masks = setting
+    blank = [np.full_like(m, OUTSIDE) if i < 8 else m for i, m in enumerate(masks)]
+    assert OpacityField(field, views, blank, 0.5, 1, hull=False).classify(np.zeros((1, 3)))[0] == SOLID
+    fused = fuse_gaussians(field, views, blank, hull=False)
+    assert fused.classify(np.zeros((1, 3)))[0] == SOLID
+
+
 def test_no_points(setting):
     for kind in ("opacity", "fused"):
         assert make(kind, setting).classify(np.zeros((0, 3))).shape == (0,)

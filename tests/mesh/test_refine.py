@@ -122,8 +122,30 @@ def test_the_stage_refines_only_where_photos_are_matched():
     views = [camera((4.0 * np.cos(a), 4.0 * np.sin(a), 1.0), name=f"{a}.png") for a in np.arange(0, 6, 0.5)]
     scene, masks = scene_of(views, ball(1.05))
     assert find_judges(scene, masks, make_config({"match_photos": False})).photos is None
-    assert find_judges(scene, masks, make_config({"surface": "opacity"})).photos is None
+    assert find_judges(scene, masks, make_config({"surface": "opacity"})).photos is not None
     rough = {"smoothing": 0, "face_error": 0.0, "refine_rounds": 0}
     plain = extract_mesh(sphere(400), scene, masks, make_config(rough), reporter())
     mesh = extract_mesh(sphere(400), scene, masks, make_config({**rough, "refine_rounds": 1}), reporter())
     assert len(mesh.faces) == len(plain.faces) and not np.array_equal(mesh.vertices, plain.vertices)
+
+
+def test_either_surface_is_matched_and_refined_and_knows_its_confidence():
+    """Eq. 25 on equal terms: the same photos, the same confidence, the same cleaning."""
+    views = [camera((4.0 * np.cos(a), 4.0 * np.sin(a), 1.0), name=f"{a}.png") for a in np.arange(0, 6, 0.5)]
+    scene, masks = scene_of(views, ball(1.05))
+    given = {"smoothing": 0, "face_error": 0.0, "surface": "opacity", "flatten": False}
+    steps = [
+        {"match_photos": False, "drop_unseen": False, "span_dents": False},
+        {"match_photos": False},
+        {"refine_rounds": 0},
+        {"refine_rounds": 1},
+    ]
+    bare, known, matched, moved = (
+        extract_mesh(sphere(400), scene, masks, make_config({**given, **step}), reporter()) for step in steps
+    )
+    assert not bare.values
+    for mesh in (known, matched, moved):
+        assert {"views", "confidence"} <= set(mesh.values) and mesh.values["confidence"].max() > 0.3
+    assert len(known.faces) == len(matched.faces) == len(moved.faces)
+    assert not np.array_equal(known.vertices, matched.vertices)
+    assert not np.array_equal(matched.vertices, moved.vertices)
