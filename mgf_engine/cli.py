@@ -94,6 +94,10 @@ def _parser() -> argparse.ArgumentParser:
         "evaluate", help="compare a mesh with a true mesh, or measure how even its walls are"
     )
     _add_evaluate_arguments(evaluate)
+    drawings = commands.add_parser(
+        "drawings", help="draw a finished job: facade orthophotos, plans, elevations, sections, quantities"
+    )
+    _add_drawings_arguments(drawings)
     preview = commands.add_parser("preview", help="the mask of one photo from its own clicks, within seconds")
     _add_preview_arguments(preview)
     clean = commands.add_parser("clean", help="list the results of a job's earlier runs, or remove them")
@@ -112,6 +116,12 @@ def _path(text: str) -> Path:
 
 def _add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     from mgf_engine.evaluate.command import add_arguments
+
+    add_arguments(parser)
+
+
+def _add_drawings_arguments(parser: argparse.ArgumentParser) -> None:
+    from mgf_engine.drawings.command import add_arguments
 
     add_arguments(parser)
 
@@ -290,6 +300,12 @@ def _evaluate_command(args: argparse.Namespace) -> int:
     return evaluate_command(args)
 
 
+def _drawings_command(args: argparse.Namespace) -> int:
+    from mgf_engine.drawings.command import drawings_command
+
+    return drawings_command(args)
+
+
 def _preview_command(args: argparse.Namespace) -> int:
     from mgf_engine.masks.preview import preview_command
 
@@ -305,6 +321,7 @@ def _clean_command(args: argparse.Namespace) -> int:
 _OTHER_COMMANDS = {
     "clean": _clean_command,
     "doctor": _doctor_command,
+    "drawings": _drawings_command,
     "options": _options_command,
     "weights": _weights_command,
     "evaluate": _evaluate_command,

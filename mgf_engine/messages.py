@@ -124,10 +124,10 @@ class Reporter:
             raise Cancelled("Cancelled; run again with --resume to continue.")
 
     def _overall(self, fraction: float) -> float:
-        total = sum(STAGE_SHARE[s] for s in self.stages)
+        total = sum(STAGE_SHARE.get(s, 1.0) for s in self.stages)
         done = 0.0
         for name in self.stages:
             if name == self.stage_name:
-                return (done + STAGE_SHARE[name] * fraction) / total
-            done += STAGE_SHARE[name]
+                return (done + STAGE_SHARE.get(name, 1.0) * fraction) / total
+            done += STAGE_SHARE.get(name, 1.0)
         return fraction

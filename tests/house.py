@@ -8,6 +8,7 @@ in seconds without Blender.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from mgf_engine.scene.model import View
 WIDTH, HEIGHT, FOCAL = 240, 180, 220.0
 OFFSET = np.array([100.0, -40.0, 7.0])  # the house does not stand at the origin
 _SUPERSAMPLE = 2
+#: Points [H, W, 3], faces [H, W] and the number of the house's faces -> RGB [H, W, 3].
+Paint = Callable[[NDArray[np.float64], NDArray[np.int32], int], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
@@ -44,8 +47,8 @@ class House:
         return self.folder / "prompts.json"
 
 
-def build_house(folder: Path, photos: int = 14) -> House:
-    """Write the scene into ``folder`` (made if missing) and return it."""
+def build_house(folder: Path, photos: int = 14, painted: Paint | None = None) -> House:
+    """Write the scene into ``folder`` (made if missing) and return it; ``painted`` takes the place of :func:`paint`."""
     (folder / "images").mkdir(parents=True, exist_ok=True)
     house, lawn = house_mesh(), lawn_mesh()
     both = Mesh(
@@ -55,7 +58,7 @@ def build_house(folder: Path, photos: int = 14) -> House:
     views = [ring_view(k, photos) for k in range(photos)]
     masks = {}
     for view in views:
-        picture, on_house = photograph(both, len(house.faces), view)
+        picture, on_house = photograph(both, len(house.faces), view, painted)
         masks[view.name] = on_house
         cv2.imwrite(str(folder / "images" / view.name), picture[:, :, ::-1])
     write_model(folder / "sparse" / "0", views, both, house)
@@ -103,7 +106,9 @@ def ring_view(index: int, count: int) -> View:
     )  # fmt: skip
 
 
-def photograph(both: Mesh, house_faces: int, view: View) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+def photograph(
+    both: Mesh, house_faces: int, view: View, painted: Paint | None = None
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """The photo (RGB) and the true mask of the house, antialiased by supersampling."""
     s = _SUPERSAMPLE
     large = View(**{**view.__dict__, "width": WIDTH * s, "height": HEIGHT * s, "fx": FOCAL * s, "fy": FOCAL * s,
@@ -112,7 +117,7 @@ def photograph(both: Mesh, house_faces: int, view: View) -> tuple[NDArray[np.uin
     y, x = np.mgrid[: large.height, : large.width] + 0.5
     rays = np.stack([(x - large.cx) / large.fx, (y - large.cy) / large.fy, np.ones_like(x)], -1)
     points = (rays * sight.depth[..., None] - view.translation) @ view.rotation
-    picture = paint(points, sight.face, house_faces)
+    picture = (painted or paint)(points, sight.face, house_faces)
     picture[sight.face < 0] = (150, 190, 235)
     small = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
     share = cv2.resize((((sight.face >= 0) & (sight.face < house_faces)) * 1.0), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)  # noqa: E501  # fmt: skip

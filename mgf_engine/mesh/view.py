@@ -59,6 +59,24 @@ def seen_faces(faces: NDArray[np.int32], view: View, at: NDArray[np.float64]) ->
     return _zbuffer(at, faces, view.height, view.width)[1]
 
 
+def look_along(at: NDArray[np.float64], faces: NDArray[np.int32], height: int, width: int) -> Sight:
+    """What parallel rays see of faces [F, 3].
+
+    Args:
+        at: of each vertex [N, 3]: column and row in pixels, and how near it is (larger is nearer, any unit).
+
+    Returns:
+        The face at each pixel, and as ``depth`` how near it is; 0 and -1 where there is none.
+    """
+    least = float(at[:, 2].min()) if len(at) else 0.0
+    reach = max(float(np.ptp(at[:, 2])), 1e-300) if len(at) else 1.0
+    # The z-buffer keeps the largest of what is linear over a triangle's image and above 0: 1 / depth, or nearness.
+    near, face = _zbuffer(np.column_stack([at[:, :2], (at[:, 2] - least) / reach + 1.0]), faces, height, width)
+    return Sight(
+        np.where(face >= 0, (near - np.float32(1)) * np.float32(reach) + np.float32(least), np.float32(0)), face
+    )
+
+
 def draw_triangles(at: NDArray[np.float64], height: int, width: int) -> NDArray[np.int32]:
     """Which of the triangles [F, 3, 2] (pixels, none over another) covers each pixel's centre; -1 for none, [H, W]."""
     flat = np.concatenate([at.reshape(-1, 2), np.ones((3 * len(at), 1))], 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from mgf_engine.texture.bake import bake
 from mgf_engine.texture.charts import lay_out
 from mgf_engine.texture.choose import choose_views, face_neighbours, patches
 from mgf_engine.texture.model import NO_VIEW, Source, painting_views
-from mgf_engine.texture.seams import level_seams
+from mgf_engine.texture.seams import Corrections, level_seams
 from mgf_engine.texture.sights import find_sights
 
 log = logging.getLogger("mgf")
@@ -46,23 +47,11 @@ def make_texture(
         largest_side: of the picture, pixels.
         warn: gets a sentence when photos of the user are gone; their working copies are taken instead.
     """
-    chosen = voting_views(scene, masks)
-    views = [scene.views[i] for i in chosen]
-
-    def photo(i: int) -> NDArray[np.uint8]:
-        return scene.photo(chosen[i])
-
-    sights = find_sights(
-        mesh, views, photo, lambda i: building(masks.labels[chosen[i]]), lambda share: progress(_SEEN * share)
-    )
-    neighbours = face_neighbours(mesh.faces)
-    label = choose_views(sights, neighbours, face_areas(mesh))
-    progress(_SEEN)
-    corrections = level_seams(mesh, label, neighbours, views, photo)
-    progress(_LEVELLED)
+    painting = choose_painting(mesh, scene, masks, lambda share: progress(_LEVELLED * share))
+    views, label, neighbours = painting.views, painting.label, painting.neighbours
+    corrections, originals = painting.corrections, painting.source
     finest = float(np.median([v.original_width / v.width for v in views]))
     layout = lay_out(_in_views(mesh, label, views), label, patches(label, neighbours), max(1.0, finest), largest_side)
-    originals = _Originals(views, photo)
     image = bake(
         mesh, layout, label, views, corrections, originals,
         lambda share: progress(_LEVELLED + (1 - _LEVELLED) * share),
@@ -80,7 +69,49 @@ def make_texture(
     return Texture(np.stack([u, v], -1).astype(np.float32), image)
 
 
-class _Originals:
+@dataclass(frozen=True)
+class Painting:
+    """Which photo paints which face, and how.
+
+    Attributes:
+        chosen: the views' places in the scene; views: those that may paint.
+        label: int32 [F], place among ``views``, :data:`NO_VIEW` where none shows the face.
+        neighbours: pairs of faces that share an edge, [E, 2].
+        corrections: what makes seams vanish.
+        source: place among ``views`` -> the photo to paint with.
+    """
+
+    chosen: list[int]
+    views: list[View]
+    label: NDArray[np.int32]
+    neighbours: NDArray[np.int64]
+    corrections: Corrections
+    source: Originals
+
+
+def choose_painting(
+    mesh: Mesh, scene: Scene, masks: MaskSet, progress: Callable[[float], None] = lambda share: None
+) -> Painting:
+    """Choose the photos that paint a mesh (normalised frame) among those whose masks may be trusted."""
+    chosen = voting_views(scene, masks)
+    views = [scene.views[i] for i in chosen]
+
+    def photo(i: int) -> NDArray[np.uint8]:
+        return scene.photo(chosen[i])
+
+    seen = _SEEN / _LEVELLED
+    sights = find_sights(
+        mesh, views, photo, lambda i: building(masks.labels[chosen[i]]), lambda share: progress(seen * share)
+    )
+    neighbours = face_neighbours(mesh.faces)
+    label = choose_views(sights, neighbours, face_areas(mesh))
+    progress(seen)
+    corrections = level_seams(mesh, label, neighbours, views, photo)
+    progress(1.0)
+    return Painting(chosen, views, label, neighbours, corrections, Originals(views, photo))
+
+
+class Originals:
     """The photos as the user took them, in the exposure of the working photos; working photos where they are gone.
 
     Attributes:

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sides of a building: directions that most of its wall area faces, each with its largest plane."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.model import LEANING, Array, Facade, Frame, Survey
+from mgf_engine.errors import BadInput
+
+BINS = 720  # of directions around
+BLUR = 4.0  # degrees (standard deviation) by which directions are blurred before the largest is taken
+WITHIN, APART = 10.0, 25.0  # degrees around a facade's direction: what is averaged, what is no facade of its own
+LEAST = 0.12  # of the wall area of the largest facade
+FLAT = 3.0  # pixels of the photos: faces this near belong to one plane
+MOST = 12
+COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+
+
+def find_facades(survey: Survey) -> list[Facade]:
+    """The facades, in order around the building: from north over east, or from the largest where north is unknown.
+
+    Raises:
+        BadInput: no wall faces any direction more than others.
+    """
+    wall = np.flatnonzero(np.abs(survey.normals[:, 2]) < LEANING)
+    normals, areas = survey.normals[wall], survey.areas[wall]
+    azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360
+    left, found = np.ones(len(wall), bool), list[tuple[float, NDArray[np.int64]]]()
+    largest = 0.0
+    while left.any() and len(found) < MOST:
+        peak = _peak(azimuth[left], areas[left])
+        peak, near = _refined(peak, azimuth, areas)
+        near &= left
+        area = float(areas[near].sum())
+        largest = max(largest, area)
+        if area < LEAST * largest or not near.any():
+            break
+        if not any(abs(_between(peak, other)) < APART for other, _ in found):
+            found.append((peak, wall[near]))
+        left &= np.abs(_between(azimuth, peak)) > APART
+    if not found or largest < 0.02 * survey.areas.sum():
+        raise BadInput(
+            "The mesh has no vertical plane that could be a facade; name one with three of its points: "
+            '--facade "x,y,z x,y,z x,y,z".'
+        )
+    facades = [_facade(survey, direction, faces) for direction, faces in found]
+    return _named(facades, survey.georeference.north_known)
+
+
+def facade_through(survey: Survey, points: Array, name: str) -> Facade:
+    """The facade through three points [3, 3] of the scene frame.
+
+    Raises:
+        BadInput: the points lie on a line, or on a level plane.
+    """
+    at = survey.local(points)
+    normal = np.cross(at[1] - at[0], at[2] - at[0])
+    spread = max(float(np.linalg.norm(at - at.mean(0), axis=1).max()), 1e-300)
+    if np.linalg.norm(normal) < 1e-3 * spread**2:
+        raise BadInput("The three points of --facade lie on a line; give three corners of the facade.")
+    normal /= np.linalg.norm(normal)
+    if abs(normal[2]) > 0.5:
+        raise BadInput("The three points of --facade lie on a level plane; give three corners of a wall.")
+    cameras = survey.local(survey.scene.to_normalised.invert(np.stack([v.centre for v in survey.scene.views])))
+    outward = np.sign(np.median((cameras - at.mean(0)) @ normal)) or 1.0
+    normal = normal * outward
+    direction = float(np.degrees(np.arctan2(normal[0], normal[1])) % 360)
+    facing = np.flatnonzero(survey.normals @ normal > np.cos(np.radians(WITHIN)))
+    away = (survey.centres[facing] - at.mean(0)) @ normal
+    wall = facing[np.abs(away) < FLAT * survey.pixel]
+    frame = _frame(survey, direction, float(_level(direction) @ at.mean(0)), name)
+    return Facade(frame, direction, wall, float(np.degrees(np.arcsin(-normal[2]))))
+
+
+def plan_frame(survey: Survey, facades: list[Facade]) -> Frame:
+    """The level frame seen from above: x is east where north is known, else along the first facade."""
+    x = np.array([1.0, 0.0, 0.0])
+    if not survey.georeference.north_known and facades:
+        x = facades[0].frame.x
+    y = np.cross([0.0, 0.0, 1.0], x)
+    return _around(survey, Frame("plan", np.zeros(3), x, y, np.zeros(2), np.zeros(2)))
+
+
+def _between(one: NDArray[np.float64] | float, other: float) -> NDArray[np.float64]:
+    """Signed angles between directions in degrees, -180..180."""
+    return np.asarray((np.asarray(one) - other + 180) % 360 - 180)
+
+
+def _peak(azimuth: Array, areas: Array) -> float:
+    count = np.bincount((azimuth * BINS / 360).astype(int) % BINS, areas, BINS)
+    step = np.minimum(np.arange(BINS), BINS - np.arange(BINS)) * 360 / BINS
+    blurred = np.fft.irfft(np.fft.rfft(count) * np.fft.rfft(np.exp(-0.5 * (step / BLUR) ** 2)), BINS)
+    return (float(blurred.argmax()) + 0.5) * 360 / BINS
+
+
+def _refined(peak: float, azimuth: Array, areas: Array) -> tuple[float, NDArray[np.bool_]]:
+    """The direction around a peak that the walls there agree on, and which faces have it."""
+    for reach in (WITHIN, WITHIN / 2, WITHIN / 4):
+        off = _between(azimuth, peak)
+        weight = areas * np.maximum(1 - (off / reach) ** 2, 0) ** 2
+        if weight.sum() > 0:
+            peak = float(peak + weight @ off / weight.sum()) % 360
+    return peak, np.abs(_between(azimuth, peak)) < WITHIN
+
+
+def _level(direction: float) -> Array:
+    angle = np.radians(direction)
+    return np.array([np.sin(angle), np.cos(angle), 0.0])
+
+
+def _facade(survey: Survey, direction: float, faces: NDArray[np.int64]) -> Facade:
+    """The facade of a direction, through the plane with most of the faces' area."""
+    normal = _level(direction)
+    away, areas = survey.centres[faces] @ normal, survey.areas[faces]
+    step = FLAT * survey.pixel
+    order = np.argsort(away)
+    total = np.concatenate([[0.0], np.cumsum(areas[order])])
+    until = np.searchsorted(away[order], away[order] + 2 * step)
+    first = int((total[until] - total[:-1]).argmax())
+    wall = faces[order[first : until[first]]]
+    middle, lean = _fit(survey, wall)
+    direction = float(np.degrees(np.arctan2(lean[0], lean[1])) % 360)
+    frame = _frame(survey, direction, float(_level(direction) @ middle), "")
+    return Facade(frame, direction, wall, float(np.degrees(np.arcsin(np.clip(-lean[2], -1, 1)))))
+
+
+def _fit(survey: Survey, faces: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Middle and outward normal of the plane of least squares through faces, by area."""
+    weight, at = survey.areas[faces], survey.centres[faces]
+    middle = weight @ at / weight.sum()
+    mean = weight @ survey.normals[faces]
+    corners = survey.mesh.vertices[survey.mesh.faces[faces]].reshape(-1, 3) - middle
+    each = np.repeat(weight, 3)
+    values, vectors = np.linalg.eigh((corners * each[:, None]).T @ corners)
+    normal = vectors[:, 0] if values[1] > 1e-9 * values[2] else mean / np.linalg.norm(mean)
+    return middle, normal * np.sign(normal @ mean or 1.0)
+
+
+def _frame(survey: Survey, direction: float, offset: float, name: str) -> Frame:
+    """The vertical frame ``normal @ x = offset`` around the whole building; x begins at its left end."""
+    normal, up = _level(direction), np.array([0.0, 0.0, 1.0])
+    x = np.cross(up, normal)
+    left = float((survey.mesh.vertices @ x).min())
+    return _around(survey, Frame(name, normal * offset + x * left, x, up, np.zeros(2), np.zeros(2)))
+
+
+def _around(survey: Survey, frame: Frame) -> Frame:
+    at = frame.to_drawing(survey.mesh.vertices)[:, :2]
+    return Frame(frame.name, frame.origin, frame.x, frame.y, at.min(0), at.max(0))
+
+
+def _named(facades: list[Facade], compass: bool) -> list[Facade]:
+    """With names, in order around the building."""
+    start = 0.0 if compass else facades[0].direction
+    ordered = sorted(facades, key=lambda f: (f.direction - start + 22.5 * compass) % 360)
+    names, taken = list[str](), dict[str, int]()
+    for k, facade in enumerate(ordered):
+        name = COMPASS[int((facade.direction + 22.5) // 45) % 8] if compass else chr(ord("A") + k)
+        taken[name] = taken.get(name, 0) + 1
+        names.append(name if taken[name] == 1 else f"{name}-{taken[name]}")
+    return [
+        Facade(
+            Frame(name, f.frame.origin, f.frame.x, f.frame.y, f.frame.low, f.frame.high), f.direction, f.wall, f.tilt
+        )
+        for name, f in zip(names, ordered, strict=True)
+    ]

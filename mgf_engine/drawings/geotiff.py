@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rasters as GeoTIFF: tiled, compressed, with overviews, placed in the drawing's frame or in the job's CRS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.model import Survey
+from mgf_engine.drawings.project import Grid
+from mgf_engine.system import atomic_path
+
+TILE = 256
+SMALLEST = 256  # px; no overview is smaller
+
+
+def write_geotiff(path: Path, bands: NDArray[Any], grid: Grid, survey: Survey, tags: dict[str, str]) -> None:
+    """Write a raster: RGBA uint8 [H, W, 4], or one band of float32 [H, W] with NaN for what is unknown.
+
+    A plan lies in the CRS where x is east; any other drawing lies in its own frame (x along, y up), and tags tell
+    where that is: ``ORIGIN``, ``X_AXIS``, ``Y_AXIS``, ``NORMAL`` in coordinates of the tag ``CRS``.
+    """
+    import rasterio
+    from rasterio.enums import ColorInterp, Resampling
+
+    colored = bands.ndim == 3
+    planes = np.moveaxis(bands, 2, 0) if colored else bands[None]
+    profile: dict[str, Any] = {
+        "driver": "GTiff", "width": grid.width, "height": grid.height, "count": len(planes), "dtype": planes.dtype,
+        "tiled": True, "blockxsize": TILE, "blockysize": TILE, "compress": "deflate",
+        "predictor": 2 if colored else 3, "bigtiff": "if_safer", **placement(grid, survey),
+    }  # fmt: skip
+    if colored:
+        profile["photometric"] = "RGB"
+    else:
+        profile["nodata"] = float("nan")
+    with atomic_path(path) as temporary:
+        with rasterio.open(temporary, "w", **profile) as file:
+            if colored:
+                file.colorinterp = [ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha]
+            file.write(planes)
+            file.update_tags(**frame_tags(grid, survey), **tags)
+        with rasterio.open(temporary, "r+") as file:
+            file.build_overviews(_overviews(grid), Resampling.average)
+
+
+def placement(grid: Grid, survey: Survey) -> dict[str, Any]:
+    """``crs`` and ``transform`` of a raster, as rasterio takes them."""
+    from rasterio.crs import CRS
+    from rasterio.transform import from_origin
+
+    frame = grid.frame
+    east, north = survey.world(frame.to_local(np.array([grid.left, grid.top, 0.0])))[:2]
+    if in_crs(grid, survey):
+        return {
+            "crs": CRS.from_user_input(survey.georeference.crs),
+            "transform": from_origin(east, north, grid.resolution, grid.resolution),
+        }
+    unit = 'UNIT["metre",1]' if survey.georeference.metric else 'UNIT["unknown",1]'
+    return {
+        "crs": CRS.from_wkt(f'LOCAL_CS["{frame.name}",{unit},AXIS["x",EAST],AXIS["y",NORTH]]'),
+        "transform": from_origin(grid.left, grid.top, grid.resolution, grid.resolution),
+    }
+
+
+def in_crs(grid: Grid, survey: Survey) -> bool:
+    """Whether a grid's rows and columns are those of the job's CRS."""
+    level = grid.frame.normal[2] > 0.999999 and abs(grid.frame.x[0]) > 0.999999
+    return bool(level and survey.georeference.crs is not None)
+
+
+def frame_tags(grid: Grid, survey: Survey) -> dict[str, str]:
+    """Where the drawing's plane lies in the world."""
+    frame, turn = grid.frame, survey.turn
+    vectors = {"X_AXIS": frame.x, "Y_AXIS": frame.y, "NORMAL": frame.normal}
+    told = {name: _numbers(vector @ turn) for name, vector in vectors.items()}
+    return {
+        "ORIGIN": _numbers(survey.world(frame.origin)), **told,
+        "CRS": survey.georeference.crs or "scene", "UNIT": survey.georeference.unit,
+    }  # fmt: skip
+
+
+def _numbers(values: NDArray[np.float64]) -> str:
+    return " ".join(f"{value:.9g}" if abs(value) < 10 else f"{value:.6f}" for value in values)
+
+
+def _overviews(grid: Grid) -> list[int]:
+    factors: list[int] = []
+    while max(grid.width, grid.height) / 2 ** (len(factors) + 1) >= SMALLEST:
+        factors.append(2 ** (len(factors) + 1))
+    return factors or [2]

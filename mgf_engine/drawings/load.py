@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Read a finished job for drawing: its scene, masks, mesh and georeference, brought into one local frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.model import LEANING, Array, Survey
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.model import read_georeference
+from mgf_engine.job import read_job
+from mgf_engine.masks.model import MaskSet
+from mgf_engine.masks.shape import up_direction
+from mgf_engine.masks.store import read_masks
+from mgf_engine.mesh.clean import face_areas
+from mgf_engine.mesh.export import read_ply
+from mgf_engine.mesh.flat import nearest_pixels
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.parts import face_parts, named_parts
+from mgf_engine.mesh.screening import voting_views
+from mgf_engine.mesh.view import face_normals
+from mgf_engine.scene.model import Scene
+from mgf_engine.scene.store import read_scene
+
+TRUST = 0.003  # weight of the direction that cameras tell against that of all walls together
+AXIS = np.cos(np.radians(1.0))  # up this near to an axis of the scene is that axis: nobody's frame is so by chance
+ROUNDS = 5
+
+
+def read_survey(folder: Path) -> Survey:
+    """All that a job folder knows about its building.
+
+    Raises:
+        BadInput: there is no finished mesh, or a file is damaged.
+    """
+    read_job(folder)
+    if not (folder / "mesh.ply").is_file():
+        raise BadInput(f"The job in '{folder}' has no mesh yet; run 'mgf reconstruct' to its end first.")
+    scene = read_scene(folder / "scene")
+    masks = read_masks(folder / "masks", scene)
+    mesh, georeference = read_ply(folder / "mesh.ply"), read_georeference(folder)
+    normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
+    parts = named_parts(folder / "masks", scene)
+    in_georeference = replace(mesh, vertices=georeference.local(mesh.vertices))
+    turn = np.eye(3)
+    if not georeference.up_known:
+        guess = scene.to_normalised.rotation.T @ up_direction(scene)
+        turn = turn_up(find_up(in_georeference, georeference.rotation @ guess))
+    local = replace(mesh, vertices=in_georeference.vertices @ turn.T)
+    scale = georeference.scale / scene.to_normalised.scale
+    return Survey(
+        local, normalised, scene, masks, parts, face_parts(normalised, scene, masks, list(parts.values())),
+        georeference, turn, _original_pixel(normalised, scene, masks) * scale,
+    )  # fmt: skip
+
+
+def find_up(mesh: Mesh, guess: Array) -> Array:
+    """The direction that the normals of walls are square to, unit [3]; ``guess`` where there are no walls."""
+    normals, areas = face_normals(mesh), face_areas(mesh)
+    up = guess
+    for _ in range(ROUNDS):
+        lean = (normals @ up) / LEANING
+        weight = areas * np.maximum(1 - lean**2, 0) ** 2
+        if weight.sum() <= 0.01 * areas.sum():
+            return guess
+        matrix = (normals * weight[:, None]).T @ normals / weight.sum()
+        matrix += TRUST * (np.eye(3) - np.outer(guess, guess))
+        found = np.linalg.eigh(matrix)[1][:, 0]
+        up = found * np.sign(found @ guess)
+    axis = int(np.abs(up).argmax())
+    return np.eye(3)[axis] * np.sign(up[axis]) if abs(up[axis]) > AXIS else up
+
+
+def turn_up(up: Array) -> NDArray[np.float64]:
+    """The smallest rotation [3, 3] that takes a unit vector [3] to z."""
+    x, y, z = up
+    if z < -0.999999:
+        return np.diag([1.0, -1.0, -1.0])
+    return np.array([
+        [1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y], [x, y, z]
+    ])  # fmt: skip
+
+
+def _original_pixel(mesh: Mesh, scene: Scene, masks: MaskSet) -> float:
+    """Length that a pixel of the user's photos covers on the mesh, normalised frame."""
+    views = [scene.views[i] for i in voting_views(scene, masks)]
+    pixels = nearest_pixels(mesh.vertices[mesh.faces].mean(1), views)
+    order = np.argsort(pixels)
+    areas = np.cumsum(face_areas(mesh)[order])
+    shrunk = float(np.median([v.width / v.original_width for v in views]))
+    return float(pixels[order][np.searchsorted(areas, areas[-1] / 2)]) * shrunk

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All drawings of a job, made in a folder beside the old ones and put in their place when they are whole."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.facades import facade_through, find_facades, plan_frame
+from mgf_engine.drawings.geotiff import write_geotiff
+from mgf_engine.drawings.load import read_survey
+from mgf_engine.drawings.model import Facade, Frame, Survey
+from mgf_engine.drawings.orthophoto import Visibility, paint
+from mgf_engine.drawings.project import Grid, plan_grid, round_resolution, see
+from mgf_engine.errors import BadInput
+from mgf_engine.job import locked
+from mgf_engine.masks.store import write_png
+from mgf_engine.messages import Reporter
+from mgf_engine.system import cpu_seconds, peak_memory, write_json
+from mgf_engine.texture.make import Painting, choose_painting
+
+STAGE = "drawings"
+INDEX = "drawings.json"
+FORMAT = 1
+_CHOSEN, _PAINTED = 0.3, 0.8  # shares of the work
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What ``mgf drawings`` was asked for.
+
+    Attributes:
+        facades: three points of the scene frame for each facade; empty finds them.
+        resolution: of rasters in the local unit per pixel; None takes the photos' own.
+    """
+
+    facades: Sequence[Sequence[Sequence[float]]] = ()
+    resolution: float | None = None
+
+
+@dataclass
+class Cost:
+    """CPU seconds of each deliverable, and the process's largest memory in bytes after it."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    memory: dict[str, int] = field(default_factory=dict)
+
+    @contextmanager
+    def of(self, name: str) -> Iterator[None]:
+        """Count what happens meanwhile."""
+        begun = cpu_seconds()
+        yield
+        self.seconds[name] = round(self.seconds.get(name, 0.0) + cpu_seconds() - begun, 2)
+        self.memory[name] = peak_memory()
+
+
+@dataclass
+class Work:
+    """What the parts of a run share.
+
+    Attributes:
+        folder: where files go; files: name -> what is known about it, for ``drawings.json``.
+    """
+
+    survey: Survey
+    facades: list[Facade]
+    wanted: Wanted
+    folder: Path
+    reporter: Reporter
+    cost: Cost = field(default_factory=Cost)
+    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def add(self, name: str, **facts: Any) -> Path:
+        """The path of a file to write, on record with what is known about it."""
+        self.files[name] = facts
+        return self.folder / name
+
+
+def make_drawings(job: Path, out: Path | None, wanted: Wanted, reporter: Reporter) -> Path:
+    """Draw everything; returns the folder.
+
+    Raises:
+        BadInput: the job has no mesh, or something wanted is impossible.
+    """
+    reporter.stages = (STAGE,)
+    reporter.stage(STAGE)
+    folder = (out or job / "drawings").resolve()
+    _check_place(folder)
+    cost = Cost()
+    with locked(job), _new_folder(folder) as beside:
+        with cost.of("reading"):
+            survey = read_survey(job)
+            facades = _facades(survey, wanted)
+        _tell(survey, reporter)
+        work = Work(survey, facades, wanted, beside, reporter, cost)
+        _rasters(work)
+        write_json(beside / INDEX, _index(work))
+    files = {name: str(folder / name) for name in work.files}
+    figures = {"facades": len(facades), "CPU seconds": round(sum(cost.seconds.values()))}
+    reporter.send("result", path=str(folder), files=files, figures=figures)
+    return folder
+
+
+def _facades(survey: Survey, wanted: Wanted) -> list[Facade]:
+    if not wanted.facades:
+        return find_facades(survey)
+    points = [np.array(three, np.float64) for three in wanted.facades]
+    return [facade_through(survey, three, f"facade-{k + 1}") for k, three in enumerate(points)]
+
+
+def _tell(survey: Survey, reporter: Reporter) -> None:
+    if not survey.georeference.metric:
+        reporter.warning(
+            "The job has no true coordinates, so one unit of its scene is drawn as one metre; run 'mgf georef' first "
+            "for true lengths."
+        )
+
+
+def _rasters(work: Work) -> None:
+    """Orthophotos of the facades and from above, and the heights."""
+    with work.cost.of("choosing photos"):
+        painting = choose_painting(
+            work.survey.normalised, work.survey.scene, work.survey.masks,
+            lambda share: work.reporter.progress(_CHOSEN * share),
+        )  # fmt: skip
+    visibility = Visibility(work.survey, painting)
+    frames = [facade.frame for facade in work.facades] + [plan_frame(work.survey, work.facades)]
+    for k, frame in enumerate(frames):
+        begun = _CHOSEN + (_PAINTED - _CHOSEN) * k / len(frames)
+        _orthophoto(work, painting, visibility, frame, begun, (_PAINTED - _CHOSEN) / len(frames))
+
+
+def _orthophoto(
+    work: Work, painting: Painting, visibility: Visibility, frame: Frame, begun: float, length: float
+) -> None:
+    survey = work.survey
+    with work.cost.of("orthophotos"):
+        seen = see(survey, _grid(work, frame))
+        image = paint(survey, painting, visibility, seen, lambda s: work.reporter.progress(begun + length * s))
+        _write(work, f"orthophoto-{frame.name}", image, seen.grid)
+    if frame.normal[2] > 0.5:
+        with work.cost.of("heights"):
+            heights = seen.before + np.float32(survey.world(np.zeros(3))[2])
+            path = work.add(f"heights-{frame.name}.tif", kind="heights", frame=frame.name)
+            write_geotiff(path, heights, seen.grid, survey, {"KIND": "heights"})
+
+
+def _grid(work: Work, frame: Frame) -> Grid:
+    resolution = work.wanted.resolution or round_resolution(work.survey.pixel)
+    return plan_grid(frame, resolution, work.survey.unit)
+
+
+def _write(work: Work, name: str, image: NDArray[np.uint8], grid: Grid) -> None:
+    facts = {
+        "kind": "orthophoto", "frame": grid.frame.name, "resolution": grid.resolution,
+        "width": grid.width, "height": grid.height, "covered": round(float((image[..., 3] > 0).mean()), 4),
+    }  # fmt: skip
+    write_geotiff(work.add(f"{name}.tif", **facts), image, grid, work.survey, {"KIND": "orthophoto"})
+    write_png(work.add(f"{name}.png", **facts), np.ascontiguousarray(cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA)))
+
+
+def _index(work: Work) -> dict[str, Any]:
+    """What ``drawings.json`` holds, for Blender and scripts."""
+    survey = work.survey
+    facades = [
+        {
+            "name": f.name, "direction": round(f.direction, 3), "tilt": round(f.tilt, 4),
+            "width": float(f.frame.size[0]), "height": float(f.frame.size[1]),
+            "origin": survey.world(f.frame.origin).tolist(), "normal": (f.frame.normal @ survey.turn).tolist(),
+        }
+        for f in work.facades
+    ]  # fmt: skip
+    return {
+        "format": FORMAT, "unit": survey.georeference.unit, "crs": survey.georeference.crs, "pixel": survey.pixel,
+        "facades": facades, "files": work.files, "cpu_seconds": work.cost.seconds, "peak_memory": work.cost.memory,
+    }  # fmt: skip
+
+
+def _check_place(folder: Path) -> None:
+    if folder.is_file():
+        raise BadInput(f"The output '{folder}' is a file; give a folder.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / INDEX).is_file():
+        raise BadInput(f"The folder '{folder}' is not empty and holds no drawings; give an empty or new folder.")
+
+
+@contextmanager
+def _new_folder(folder: Path) -> Iterator[Path]:
+    """A folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix=".part-drawings-", dir=folder.parent))
+    except OSError as error:
+        raise BadInput(f"Cannot write to '{folder.parent}' ({error.strerror}); give --out another folder.") from error
+    try:
+        yield beside
+        if folder.exists():
+            shutil.rmtree(folder)
+        beside.chmod(0o755)
+        beside.rename(folder)
+    except BaseException:
+        shutil.rmtree(beside, ignore_errors=True)
+        raise

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What drawings are made of: the survey that a job holds, and the planes it is drawn on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.georef.model import Georeference
+from mgf_engine.masks.model import MaskSet
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.parts import Elements
+from mgf_engine.mesh.view import face_normals
+from mgf_engine.scene.model import Scene
+
+Array = NDArray[np.float64]
+#: Of a normal against the horizon, up to which a face is part of a wall.
+LEANING = float(np.sin(np.radians(12.0)))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A plane to draw on, seen from outside; lengths in the unit of the local frame.
+
+    Attributes:
+        name: for file names, such as ``north`` or ``A``.
+        origin: of the drawing, on the plane, local frame [3].
+        x, y: unit axes in the plane, to the right and upwards as one sees it, local frame [3].
+        low, high: corners of what is drawn, in the drawing's own coordinates [2].
+    """
+
+    name: str
+    origin: Array
+    x: Array
+    y: Array
+    low: Array
+    high: Array
+
+    @property
+    def normal(self) -> Array:
+        """Unit normal towards whoever looks at the drawing, [3]."""
+        return np.cross(self.x, self.y)
+
+    @property
+    def size(self) -> Array:
+        """Width and height, [2]."""
+        return self.high - self.low
+
+    def to_drawing(self, points: Array) -> Array:
+        """Local frame [..., 3] -> x, y and the distance before the plane, [..., 3]."""
+        return (points - self.origin) @ np.stack([self.x, self.y, self.normal], 1)
+
+    def to_local(self, points: Array) -> Array:
+        """x, y and distance before the plane [..., 3] -> local frame [..., 3]."""
+        return self.origin + points @ np.stack([self.x, self.y, self.normal])
+
+
+@dataclass(frozen=True)
+class Facade:
+    """A side of the building.
+
+    Attributes:
+        frame: vertical, through the facade's largest wall plane; y is the height in the local frame.
+        direction: of the outward normal in degrees clockwise from the local frame's y axis (north where it is known).
+        wall: faces of the largest wall plane, rows of the mesh.
+        tilt: degrees by which that plane leans outwards at its top, negative inwards.
+    """
+
+    frame: Frame
+    direction: float
+    wall: NDArray[np.int64]
+    tilt: float
+
+    @property
+    def name(self) -> str:
+        return self.frame.name
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a job knows about its building.
+
+    Attributes:
+        mesh: in the local frame.
+        normalised: the same mesh in the frame of the scene's views.
+        scene, masks: of the job.
+        parts: named parts (window, door ...) -> the elements of the masks that show them.
+        face_part: the part of each face, uint8 [F], 0 for none, k + 1 for the k-th of ``parts``.
+        georeference: of the job.
+        turn: local frame of the georeference -> local frame of the drawings, [3, 3]; a rotation that puts up where it
+            was not known.
+        pixel: length that a pixel of the photos as they were taken covers on the building, in the local unit.
+    """
+
+    mesh: Mesh
+    normalised: Mesh
+    scene: Scene
+    masks: MaskSet
+    parts: dict[str, Elements]
+    face_part: NDArray[np.uint8]
+    georeference: Georeference
+    turn: Array
+    pixel: float
+
+    @cached_property
+    def normals(self) -> Array:
+        """Outward unit normals of the faces in the local frame, [F, 3]."""
+        return face_normals(self.mesh)
+
+    @cached_property
+    def areas(self) -> Array:
+        """Areas of the faces, [F]."""
+        from mgf_engine.mesh.clean import face_areas
+
+        return face_areas(self.mesh)
+
+    @cached_property
+    def centres(self) -> Array:
+        """Middles of the faces, [F, 3]."""
+        return np.asarray(self.mesh.vertices[self.mesh.faces].mean(1))
+
+    @property
+    def unit(self) -> str:
+        """The unit as it stands behind a number: ``m``, or ``units`` where nobody knows the scale."""
+        return self.georeference.unit_name
+
+    def local(self, scene_points: Array) -> Array:
+        """Scene frame [..., 3] -> local frame of the drawings [..., 3]."""
+        return np.asarray(self.georeference.local(scene_points) @ self.turn.T)
+
+    def normalise(self, points: Array) -> Array:
+        """Local frame of the drawings [..., 3] -> normalised frame [..., 3]."""
+        return self.scene.to_normalised.apply(self.georeference.scene(points @ self.turn))
+
+    def world(self, points: Array) -> Array:
+        """Local frame of the drawings [..., 3] -> coordinates of the CRS, or of the scene without one, [..., 3]."""
+        return np.asarray(points @ self.turn + np.array(self.georeference.offset))

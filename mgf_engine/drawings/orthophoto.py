@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Orthophotos: what a drawing's pixels see, painted from the photos as they were taken.
+
+The texture's choice of photos, its seams and its exposure are used. Beyond it every pixel asks its own photo whether
+it sees that very point; where something stands before it another photo paints, and what none sees stays transparent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.model import Array, Survey
+from mgf_engine.drawings.project import Seen
+from mgf_engine.masks.model import building
+from mgf_engine.mesh.colors import SLACK
+from mgf_engine.mesh.view import look
+from mgf_engine.raster.library import side_by_side
+from mgf_engine.scene.photos import Room
+from mgf_engine.texture.bake import barycentric, look_up
+from mgf_engine.texture.make import Painting
+from mgf_engine.texture.sights import MARGIN, STEEP
+
+AROUND = np.ones((3, 3), np.uint8)
+RIM = 1e-3  # what a photo counts where the point lies within a pixel of an outline: its colour is mixed there
+
+
+class Visibility:
+    """Which points each photo of a painting shows; what a view sees is looked at once and kept."""
+
+    def __init__(self, survey: Survey, painting: Painting) -> None:
+        self._survey, self._painting = survey, painting
+        self._kept: dict[int, tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]] = {}
+
+    def __call__(self, view: int, points: Array, normals: Array) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """How large a view shows points (normalised frame, [n, 3]), and which it shows clear of any outline, [n].
+
+        Sizes are pixels squared per unit of area, 0 where a point is not shown, and :data:`RIM` times that where it is
+        not clear: within a pixel of the building's outline or of something nearer.
+        """
+        camera = self._painting.views[view]
+        at, depth = camera.project(points)
+        inside = (depth > 0) & (at > MARGIN).all(1) & (at < (camera.width - MARGIN, camera.height - MARGIN)).all(1)
+        nearest, farthest, shown = self._looked(view)
+        column, row = np.where(inside[:, None], at, 0).astype(np.int64).T
+        ray = camera.centre - points
+        facing = (ray * normals).sum(1) / np.maximum(np.linalg.norm(ray, axis=1), 1e-300)
+        inside &= (farthest[row, column] * (1 + SLACK) >= depth) & (shown[row, column] > 0) & (facing > STEEP)
+        clear = (nearest[row, column] * (1 + SLACK) >= depth) & (shown[row, column] > 1)
+        size = facing * (camera.fx / np.where(inside, depth, 1.0)) ** 2
+        return np.where(inside, np.where(clear, size, RIM * size), 0.0), inside & clear
+
+    def _looked(self, view: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
+        """Least and largest depth within a pixel, and 2 where all there is building, 1 where some is; [H, W] each."""
+        if view not in self._kept:
+            camera, labels = self._painting.views[view], self._survey.masks.labels[self._painting.chosen[view]]
+            depth, mask = look(self._survey.normalised, camera).depth, building(labels).astype(np.uint8)
+            near, far = (np.asarray(f(depth, AROUND), np.float32) for f in (cv2.erode, cv2.dilate))
+            self._kept[view] = near, far, np.asarray(cv2.dilate(mask, AROUND) + cv2.erode(mask, AROUND), np.uint8)
+        return self._kept[view]
+
+
+def paint(
+    survey: Survey,
+    painting: Painting,
+    visibility: Visibility,
+    seen: Seen,
+    progress: Callable[[float], None] = lambda share: None,
+) -> NDArray[np.uint8]:
+    """The orthophoto, RGBA uint8 [H, W, 4]; transparent where no photo shows what a pixel sees."""
+    image = np.zeros((seen.face.size, 4), np.uint8)
+    pixel, view = _assign(survey, painting, visibility, seen)
+    order = np.argsort(view, kind="stable")
+    used, start = np.unique(view[order], return_index=True)
+    parts = np.split(pixel[order], start[1:])
+    room, face = Room(), seen.face.ravel()
+
+    def colors(k: int) -> NDArray[np.uint8]:
+        index = int(used[k])
+        camera, points = painting.views[index], survey.normalise(seen.points(parts[k]))
+        size = np.median(camera.project(points)[1]) / camera.fx  # of a working pixel, normalised frame
+        scale = size / (seen.grid.resolution * _shrink(survey))
+        with room.photo(camera.original_width, camera.original_height):
+            painted = look_up(camera, painting.source(index), points, float(scale)).astype(np.float64)
+        painted += _correction(survey, painting, face[parts[k]], index, points)
+        return np.clip(np.rint(painted), 0, 255).astype(np.uint8)
+
+    for k, found in enumerate(side_by_side(colors, range(len(used)))):
+        image[parts[k], :3], image[parts[k], 3] = found, 255
+        progress((k + 1) / len(used))
+    return image.reshape(*seen.face.shape, 4)
+
+
+def _shrink(survey: Survey) -> float:
+    """Normalised units per unit of the local frame."""
+    return survey.scene.to_normalised.scale / survey.georeference.scale
+
+
+def _assign(
+    survey: Survey, painting: Painting, visibility: Visibility, seen: Seen
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Pixels (flat indices) that some photo shows, and the view that paints each."""
+    face = seen.face.ravel()
+    pixel = np.flatnonzero(face >= 0)
+    view = painting.label[face[pixel]].copy()
+    best, clear = np.zeros(len(pixel)), np.zeros(len(pixel), bool)
+    for index in np.unique(view[view >= 0]):
+        rows = np.flatnonzero(view == index)
+        best[rows], clear[rows] = _shown(survey, visibility, seen, int(index), pixel[rows])
+    view[best <= 0] = -1
+    rest = np.flatnonzero(~clear)
+    for index in range(len(painting.views) if len(rest) else 0):
+        size, _ = _shown(survey, visibility, seen, index, pixel[rest])
+        better = size > best[rest]
+        view[rest[better]], best[rest[better]] = index, size[better]
+    good = view >= 0
+    return pixel[good], view[good]
+
+
+def _shown(
+    survey: Survey, visibility: Visibility, seen: Seen, view: int, pixel: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """:class:`Visibility` of what pixels see, [n]; in blocks, to keep memory small."""
+    turned = survey.normals @ (survey.turn @ survey.georeference.rotation @ survey.scene.to_normalised.rotation.T)
+    face, size, clear = seen.face.ravel(), np.empty(len(pixel)), np.empty(len(pixel), bool)
+    for start in range(0, len(pixel), 1 << 20):
+        some = pixel[start : start + (1 << 20)]
+        points = survey.normalise(seen.points(some))
+        part = slice(start, start + len(some))
+        size[part], clear[part] = visibility(view, points, turned[face[some]])
+    return size, clear
+
+
+def _correction(survey: Survey, painting: Painting, face: NDArray[np.int32], view: int, points: Array) -> Array:
+    """What is added to a photo's colours at points [n, 3] on faces [n], so that seams vanish, [n, 3]."""
+    own = painting.label[face] == view
+    result = np.zeros((len(face), 3))
+    corners = survey.normalised.vertices[survey.normalised.faces[face[own]]]
+    if len(corners):
+        weight = _weights(corners, points[own])
+        result[own] = (painting.corrections.value[painting.corrections.of_corner[face[own]]] * weight[..., None]).sum(1)
+    return result
+
+
+def _weights(corners: Array, points: Array) -> Array:
+    """Barycentric weights [n, 3] of points [n, 3] in triangles [n, 3, 3], along the axis they face most."""
+    normal = np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    axes = np.array([[1, 2], [2, 0], [0, 1]])[normal.argmax(1)]
+    flat = np.take_along_axis(corners, axes[:, None, :].repeat(3, 1), 2)
+    return np.clip(barycentric(flat, np.take_along_axis(points, axes, 1)), 0.0, 1.0)

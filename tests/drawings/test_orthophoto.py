@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Orthophotos of a house whose windows are known to the millimetre."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+
+from tests.drawings.job_of_house import WINDOWS
+from tests.house import OFFSET
+
+
+def edges_of_dark(dark: np.ndarray) -> list[tuple[float, float]]:
+    """Where a profile crosses half way between its darkest and its brightest, to a part of a pixel, in pairs."""
+    middle = 0.5 * (np.percentile(dark, 5) + np.percentile(dark, 95))
+    above = dark > middle
+    cross = np.flatnonzero(above[1:] != above[:-1])
+    at = [float(k + 0.5 + (middle - dark[k]) / (dark[k + 1] - dark[k])) for k in cross]
+    return list(zip(at[::2], at[1::2], strict=True))
+
+
+def test_window_corners_lie_within_a_pixel(drawings: Path, index: dict[str, Any]) -> None:
+    found = 0
+    for facade, sign in (("A", 1.0), ("C", -1.0)):  # south, and north, where x runs to the west
+        with rasterio.open(drawings / f"orthophoto-{facade}.tif") as file:
+            image, place, tags = file.read().astype(float), ~file.transform, file.tags()
+        origin = np.array(tags["ORIGIN"].split(), float)
+        bright = image[:3].mean(0)
+        for left, right, bottom, top in WINDOWS:
+            ends = sorted(sign * (x + OFFSET[0] - origin[0]) for x in (left, right))
+            heights = [z + OFFSET[2] - origin[2] for z in (top, bottom)]
+            (c0, r0), (c1, r1) = place @ (ends[0], heights[0]), place @ (ends[1], heights[1])
+            rows, columns = slice(int(r0) + 4, int(r1) - 4), slice(int(c0) + 4, int(c1) - 4)
+            across = bright[rows, int(c0) - 6 : int(c1) + 6].mean(0)
+            down = bright[int(r0) - 6 : int(r1) + 6, columns].mean(1)
+            ((a, b),), ((c, d),) = edges_of_dark(across), edges_of_dark(down)
+            measured = np.array([a + int(c0) - 6, b + int(c0) - 6, c + int(r0) - 6, d + int(r0) - 6])
+            assert np.abs(measured - np.array([c0, c1, r0, r1])).max() < 1.0
+            found += 1
+    assert found == 4
+
+
+def test_nothing_beside_the_house_is_painted_and_all_of_it_is(drawings: Path) -> None:
+    with rasterio.open(drawings / "orthophoto-B.tif") as file:
+        alpha, place = file.read(4), file.transform
+    column, row = np.meshgrid(np.arange(alpha.shape[1]) + 0.5, np.arange(alpha.shape[0]) + 0.5)
+    x, y = place @ (column, row)
+    y = y - OFFSET[2]
+    roof = 2.0 + 1.2 * (1 - np.abs(x - 1.5) / 1.5)
+    slack = 0.03
+    inside = (x > slack) & (x < 3 - slack) & (y > slack) & (y < roof - slack)
+    outside = (x < -slack) | (x > 3 + slack) | (y < -slack) | (y > roof + slack)
+    assert alpha[inside].min() == 255 and alpha[outside].max() == 0
+
+
+def test_geotiff_is_tiled_with_overviews_and_says_where_it_is(drawings: Path) -> None:
+    with rasterio.open(drawings / "orthophoto-A.tif") as file:
+        tags = file.tags()
+        assert file.profile["tiled"] and file.overviews(1) and file.count == 4
+        assert [c.name for c in file.colorinterp] == ["red", "green", "blue", "alpha"]
+        corner = file.transform @ (0, 0)
+    x, normal = (np.array(tags[name].split(), float) for name in ("X_AXIS", "NORMAL"))
+    assert np.allclose(x, [1, 0, 0], atol=1e-6) and np.allclose(normal, [0, -1, 0], atol=1e-6)
+    assert np.array(tags["ORIGIN"].split(), float)[1] == pytest.approx(OFFSET[1] - 1.5, abs=1e-5)
+    assert corner[1] == pytest.approx(OFFSET[2] + 3.2, abs=0.08)
+
+
+def test_heights_from_above_are_those_of_the_roof(drawings: Path) -> None:
+    with rasterio.open(drawings / "heights-plan.tif") as file:
+        heights, place = file.read(1), file.transform
+        assert np.isnan(file.nodata)
+    rows, columns = np.nonzero(~np.isnan(heights))
+    y = (place @ (columns + 0.5, rows + 0.5))[1]
+    with rasterio.open(drawings / "heights-plan.tif") as file:
+        origin = np.array(file.tags()["ORIGIN"].split(), float)
+    true = OFFSET[2] + 2.0 + 1.2 * (1 - np.abs(y + origin[1] - OFFSET[1]) / 1.5)
+    assert np.abs(heights[rows, columns] - true).max() < 1e-3
