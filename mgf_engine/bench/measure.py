@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine import __version__
 from mgf_engine.bench.job_scores import held_out_scores, mean_mask_iou
 from mgf_engine.bench.shelf import Stages, keep, lend, saved, shelf_of, stages_of
 from mgf_engine.bench.suites import Run
@@ -27,6 +28,7 @@ from mgf_engine.evaluate.materials import read_materials
 from mgf_engine.evaluate.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.masks.model import UNKNOWN
 from mgf_engine.mesh.export import read_ply, write_ply
+from mgf_engine.system import cores, cpu_name
 
 #: Thresholds in metres always reported; one ground pixel and its double are added.
 THRESHOLDS = (0.05, 0.10, 0.20)
@@ -36,6 +38,20 @@ CROP_MARGIN = 0.5
 CROP_FOOT = 0.1
 #: The scores of a row, and how tables name them.
 SCORED = {"geometry": "F1", "without_openwork": "F1 without steelwork"}
+
+
+#: What :class:`Run` says of masks -> the folder of a scene that has them.
+TRUE_MASKS = {"true": "masks", "elements": "elements"}
+
+
+def origin() -> dict[str, str]:
+    """What a figure was measured with and when: ``commit``, ``machine`` and ``date``."""
+    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]
+    try:
+        found = subprocess.run(git, capture_output=True, text=True, timeout=20, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        found = f"version {__version__}"
+    return {"commit": found, "machine": f"{cpu_name()}, {cores()} cores", "date": time.strftime("%Y-%m-%d")}
 
 
 @dataclass(frozen=True)
@@ -130,13 +146,13 @@ def measure(
         shelves: folder where runs leave first stages for each other; what a run takes from there is added to its cost.
     """
     row: dict[str, Any] = {"variant": run.variant, "scene": run.scene, "seed": run.seed, "group": run.group,
-                           "options": run.options, "masks": run.masks, "poses": run.poses}  # fmt: skip
+                           "options": run.options, "masks": run.masks, "poses": run.poses, **origin()}  # fmt: skip
     shutil.rmtree(job, ignore_errors=True)
     job.mkdir(parents=True)
     mesh, lent = job / "mesh.ply", Stages()
     shelf = None
     if shelves is not None and not run.command:
-        shelf = shelf_of(shelves, scene.folder, run.masks, run.poses, run.seed)
+        shelf = shelf_of(shelves, scene.folder, run.masks, run.poses, run.seed, run.options)
     source = _source(scene.folder, run.poses, job if shelf is None else shelf.parent)
     if run.command:
         command = _external(run, source, job, mesh)
@@ -220,8 +236,8 @@ def _source(folder: Path, poses: str, job: Path) -> Path:
 def _engine(run: Run, source: Path, scene: Path, job: Path) -> list[str]:
     command = [sys.executable, "-m", "mgf_engine", "reconstruct", str(source), "--out", str(job), "--progress", "json"]
     command += ["--prompts", str(scene / "prompts.json"), "--resume"]
-    if run.masks == "true":
-        command += ["--masks", str(scene / "masks")]
+    if run.masks in TRUE_MASKS:
+        command += ["--masks", str(scene / TRUE_MASKS[run.masks])]
     for name, value in {**run.options, "seed": run.seed}.items():
         command += ["--set", f"{name}={value}"]
     return command

@@ -78,12 +78,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--keep-jobs", action="store_true", help="keep the whole job folders, not only mesh and report")
     parser.add_argument("--before", type=Path, metavar="JSON",
                         help="table of an earlier version (OUT/<suite>.json): a chart shows what moved")  # fmt: skip
+    parser.add_argument("--write", type=Path, metavar="FILE",
+                        help="put the table into this document, for example docs/results.md")  # fmt: skip
     parser.add_argument("--page-only", action="store_true", help="draw the page from the results that are there")
     return parser
 
 
 def _run_suite(args: argparse.Namespace) -> int:
     from mgf_engine.bench.charts import write_page
+    from mgf_engine.bench.tables import write_table
 
     options, tools = engine_options(args.set), named_values("--external", args.external)
     runs = suite_runs(args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only)
@@ -115,6 +118,8 @@ def _run_suite(args: argparse.Namespace) -> int:
             print(f"    {_headline(row)}", flush=True)
     write_json(args.out / f"{args.suite}.json", rows)
     page = write_page(args.suite, rows, args.out, before)
+    if args.write:
+        write_table(args.write, args.suite, SUITES[args.suite], rows)
     print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
     return EXIT_FAULT if failed else EXIT_DONE
 

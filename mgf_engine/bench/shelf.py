@@ -7,13 +7,17 @@ A shelf is a job folder without options. Which of its stages a run may use is th
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
 import tempfile
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from mgf_engine.config import Config, as_dict, make_config
 from mgf_engine.job import OUTPUTS
 from mgf_engine.system import write_json
 
@@ -34,9 +38,15 @@ def lend(shelf: Path, job: Path) -> Stages:
     return stages_of(job)
 
 
-def shelf_of(shelves: Path, scene: Path, masks: str, poses: str, seed: int) -> Path:
-    """Where runs that agree in these leave their stages."""
-    return shelves / f"{scene.name}-{poses}-{masks}" / f"seed{seed}"
+def shelf_of(
+    shelves: Path, scene: Path, masks: str, poses: str, seed: int, options: Mapping[str, Any] | None = None
+) -> Path:
+    """Where runs leave their stages that agree in these and in all ``options`` but those of the mesh and later."""
+    config = as_dict(make_config(dict(options or {})))
+    late = {f.name for f in fields(Config) if f.metadata["section"] in ("mesh", "deliver")} | {"preset"}
+    kept = {name: value for name, value in sorted(config.items()) if name not in late}
+    key = hashlib.sha256(json.dumps(kept).encode()).hexdigest()[:10]
+    return shelves / f"{scene.name}-{poses}-{masks}" / f"seed{seed}-{key}"
 
 
 def keep(job: Path, shelf: Path) -> None:

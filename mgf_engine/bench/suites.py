@@ -28,7 +28,8 @@ class Run:
         variant: what is different about it, as shown in tables.
         scene: name in :data:`mgf_engine.bench.catalogue.SCENES`, or a folder with COLMAP model and prompts.
         options: engine options, name -> value.
-        masks: ``prompts`` (clicks, as a user works), ``true`` (the generator's masks) or ``none``.
+        masks: ``prompts`` (clicks, as a user works), ``true`` (the generator's masks), ``elements`` (these with the
+            generator's elements as their second level) or ``none``.
         poses: ``sfm`` (structure from motion) or ``true`` (the generator's cameras).
         command: of an external tool, with ``{images}``, ``{scene}``, ``{mesh}`` and ``{work}``; empty runs the engine.
         group: curve of the charts it belongs to.
@@ -52,14 +53,33 @@ class Run:
 
 
 _LOSSES: Options = {"multilevel_loss": True, "boundary_loss": True}
-#: The paper's table 5 and 6: what is switched off, in its own letters.
+_NO_LOSSES: Options = {"multilevel_loss": False, "boundary_loss": False}
+#: The paper's tables 5 and 6: what is changed, one thing at a time, in its own letters.
 ABLATION: dict[str, Options] = {
-    "full": _LOSSES,  # the paper's (e); (f) trains 30/7 times as long
-    "(a) no masked images": {**_LOSSES, "use_masks": False},
-    "(b) no masked points": {**_LOSSES, "masked_points": False},
-    "(c) no mask and boundary losses": {},  # what the figures made our default
-    "(d) no screening": {**_LOSSES, "screening": False},
+    "(e) full": {},
+    "(a) no masked images": {"use_masks": False},
+    "(b) no masked points": {"masked_points": False},
+    "(c) no mask and boundary losses": _NO_LOSSES,
+    "(d) no screening": {"screening": False},
 }
+#: What goes beside it: further votes of the masks apart, and masks that are true.
+MASK_PARTS: dict[str, Options] = {
+    "no votes during training": {"training_votes": False},
+    "no votes on faces": {"face_votes": False},
+    "no second level": {"second_level": "off", **_NO_LOSSES},
+}
+#: Settings that the ablation starts from; ours has the paper's losses on, so that (c) can take them away.
+BASES: dict[str, Options] = {"paper": {"preset": "paper"}, "ours": {"preset": "standard", **_LOSSES}}
+_STEPS_OFF: Options = {"match_photos": False, "refine_rounds": 0}
+#: What eq. 25 costs or gains by itself: either surface at the level that sparse points calibrate.
+EQUAL_TERMS: dict[str, Options] = {
+    "opacity, photo steps off": {"surface": "opacity", **_STEPS_OFF},
+    "fused, photo steps off": {"surface": "fused", **_STEPS_OFF},
+    "opacity, photo steps on": {"surface": "opacity"},
+    "fused, photo steps on": {"surface": "fused"},
+}
+#: Iterations after which the field is meshed; 0 is the start alone.
+TRAINED = (0, 100, 500, 1000, 3000, 7000)
 #: Our own switches, one at a time.
 SWITCHES: dict[str, Options] = {
     "multi-level loss": {"multilevel_loss": True},
@@ -76,22 +96,32 @@ SWITCHES: dict[str, Options] = {
     "surface not smoothed": {"smoothing": 0},
 }
 _UNMASKED: Options = {
-    "use_masks": False, "masked_points": False, "multilevel_loss": False, "boundary_loss": False, "screening": False,
-    "second_level": "off", "background_lambda": 0.0, "start": "sparse", "coarse_to_fine": False,
+    "preset": "paper", "use_masks": False, "masked_points": False, "screening": False, "second_level": "off",
+    **_NO_LOSSES,
 }  # fmt: skip
-#: Our engine set up the way the methods the paper compares with work.
-PEERS: dict[str, Options] = {
-    "masked (ours)": {},
-    "GOF-like, whole picture": {**_UNMASKED, "geometry_from": 0.5},
-    "2DGS-like, whole picture": {**_UNMASKED, "geometry_from": 0.23, "distortion_lambda": 1000.0},
-    "3DGS-like, whole picture": {**_UNMASKED, "distortion_lambda": 0.0, "normal_lambda": 0.0},
+#: Our engine set up the way the methods the paper compares with work, with their kind of mesh and no photo steps.
+LIKE: dict[str, Options] = {
+    "GOF-like": {**_UNMASKED, "filter_3d": True},
+    "2DGS-like": {**_UNMASKED, "geometry_from": 0.23, "distortion_lambda": 1000.0, "surface": "fused"},
+    "3DGS-like": {**_UNMASKED, "distortion_lambda": 0.0, "normal_lambda": 0.0},
 }
+PEERS: dict[str, Options] = {
+    "ours, paper": {"preset": "paper"},
+    "ours, standard": {"preset": "standard"},
+    **{f"{name}, {n} iterations": {**options, "iterations": n}
+       for n in (7000, 30_000) for name, options in LIKE.items()},
+    **{f"{name}, 7000 iterations, dense start": {**options, "iterations": 7000, "start": "dense"}
+       for name, options in LIKE.items()},
+}  # fmt: skip
 NAMED = ("dortmund", "zeche")
 SUITES: dict[str, str] = {
     "smoke": "one short run on a tiny scene, for continuous integration",
-    "ablation": "the paper's ablations (a) to (f) and every further switch",
-    "resolution": "375, 750 and 1500 pixels",
-    "peers": "our engine set up like 3DGS, 2DGS and GOF, masks off, and any external tool",
+    "equal-terms": "opacity and fused surface, each without and with photo steps",
+    "training": "what training is worth: the start alone, then 100 to 7000 iterations",
+    "ablation": "tables 5 and 6: (a) to (f), the votes apart and true masks, from the paper's setting and from ours",
+    "switches": "every switch of ours, one at a time",
+    "resolution": "figure 8: 375, 750 and 1500 pixels",
+    "peers": "tables 1 to 4: our engine set up like 3DGS, 2DGS and GOF, masks off, and any external tool",
     "surfaces": "hard materials: every preset and any external tool; accuracy by scene and by material",
     "pareto": "presets and budgets, and GOF-like beside them: accuracy against time, Gaussians and faces",
 }
@@ -126,7 +156,7 @@ def suite_runs(
         raise BadInput(f"No variant of suite '{suite}' has one of these names: {', '.join(only)}.")
     names = scenes or {"smoke": ("smoke",), "surfaces": tuple(SURFACES)}.get(suite, NAMED)
     return [
-        replace(run, scene=scene, seed=seed, masks=masks, poses=poses)
+        replace(run, scene=scene, seed=seed, masks=masks if run.masks == "prompts" else run.masks, poses=poses)
         for scene in names
         for run in chosen
         for seed in range(seeds)
@@ -148,11 +178,17 @@ def half_of(runs: list[Run], held_out: bool) -> list[Run]:
 def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
     tools = [Run(name, "", command=command, group=name) for name, command in commands.items()]
     if suite == "ablation":
-        longer = round(int(base.get("iterations", Config().run_length(RUN_LENGTH["most"]))) * 30 / 7)
-        table = {**ABLATION, "(f) 30/7 of the iterations": {**_LOSSES, "iterations": longer}, **SWITCHES}
-        return [Run(name, "", options, group="ablation") for name, options in table.items()]
+        return [run for name, start in BASES.items() for run in _ablation(name, {**start, **base})]
+    if suite == "switches":
+        return [Run(name, "", options, group="switches") for name, options in {"standard": {}, **SWITCHES}.items()]
+    if suite == "equal-terms":
+        return [Run(name, "", options, group=name.split(",")[0]) for name, options in EQUAL_TERMS.items()]
+    if suite == "training":
+        return [_trained(count, steps) for count in TRAINED for steps in ("off", "on")]
     if suite == "resolution":
-        return [Run(f"{n} px", "", {"resolution": n}, group="resolution") for n in (375, 750, 1500)]
+        presets = {"paper": "paper's setting", "standard": "standard"}
+        return [Run(f"{name}, {n} px", "", {"preset": preset, "resolution": n}, group=name)
+                for preset, name in presets.items() for n in (375, 750, 1500)]  # fmt: skip
     if suite == "peers":
         return [*(Run(name, "", options, group=name) for name, options in PEERS.items()), *tools]
     runs = [Run(f"preset {name}", "", {"preset": name}, group="presets") for name in PRESETS]
@@ -162,5 +198,25 @@ def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
         runs.append(Run(f"{count} iterations", "", {"iterations": count}, group="iterations"))
     for budget in (10_000, 20_000, 40_000, 80_000, 160_000):
         runs.append(Run(f"{budget // 1000}k Gaussians", "", {"max_gaussians": budget}, group="Gaussians"))
-    masks_off = "GOF-like, whole picture"
-    return [*runs, Run(masks_off, "", PEERS[masks_off], group=masks_off)]
+    runs += [Run(name, "", {"preset": "paper", **options}, group="ablation of the paper's setting")
+             for name, options in ABLATION.items() if options]  # fmt: skip
+    return [*runs, Run("GOF-like", "", {**LIKE["GOF-like"], "iterations": 7000}, group="GOF-like"), *tools]
+
+
+def _ablation(name: str, start: Options) -> list[Run]:
+    """Tables 5 and 6 from one setting."""
+    count = int(start.get("iterations", 7000 if name == "paper" else Config().run_length(RUN_LENGTH["most"])))
+    longer: Options = {"iterations": round(count * 30 / 7)}
+    table = {**ABLATION, "(f) 30/7 of the iterations": longer, **MASK_PARTS}
+    if name == "paper":  # which has no such votes
+        del table["no votes during training"], table["no votes on faces"]
+    runs = [Run(f"{name}: {what}", "", {**start, **options}, group=name) for what, options in table.items()]
+    kinds = {"true": "true masks", "elements": "true masks and true elements"}
+    return runs + [Run(f"{name}: {what}", "", start, masks=masks, group=name) for masks, what in kinds.items()]
+
+
+def _trained(count: int, steps: str) -> Run:
+    options: Options = {"iterations": count} if count else {"iterations": 0, "passes": 0}
+    name = f"{count} iterations" if count else "start alone"
+    photo_steps = {} if steps == "on" else _STEPS_OFF
+    return Run(f"{name}, photo steps {steps}", "", {**options, **photo_steps}, group=f"photo steps {steps}")

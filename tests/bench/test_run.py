@@ -20,8 +20,8 @@ from mgf_engine.bench.job_scores import held_out_scores, mean_mask_iou
 from mgf_engine.bench.measure import _source, prepare_scene
 from mgf_engine.bench.run import bench_main
 from mgf_engine.bench.shapes import true_mesh
-from mgf_engine.bench.suites import ABLATION, PEERS, SUITES, SWITCHES, suite_runs
-from mgf_engine.config import make_config
+from mgf_engine.bench.suites import ABLATION, BASES, PEERS, SUITES, SWITCHES, suite_runs
+from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.colmap import find_model
 
@@ -58,13 +58,19 @@ def test_every_option_of_every_suite_exists() -> None:
     for suite in SUITES:
         for run in suite_runs(suite):
             make_config(run.options)
-    assert set(ABLATION) | set(SWITCHES) <= {run.variant for run in suite_runs("ablation")}
+    for name, start in BASES.items():
+        changed = {run.variant.partition(": ")[2]: run for run in suite_runs("ablation") if run.group == name}
+        assert set(ABLATION) <= set(changed)
+        for what, options in ABLATION.items():  # one thing at a time, from the setting's own values
+            full, one = (as_dict(make_config(o)) for o in (start, changed[what].options))
+            assert {k for k in full if full[k] != one[k]} == set(options)
+    assert set(SWITCHES) <= {run.variant for run in suite_runs("switches")}
     assert set(PEERS) == {run.variant for run in suite_runs("peers")}
 
 
 def test_runs_are_scenes_times_variants_times_seeds_with_distinct_keys() -> None:
     runs = suite_runs("resolution", ["a", "b"], seeds=3, base={"iterations": 10})
-    assert len(runs) == 2 * 3 * 3
+    assert len(runs) == 2 * 6 * 3
     assert len({run.key() for run in runs}) == len(runs)
     assert all(run.options["iterations"] == 10 for run in runs)
     assert runs[0].key() == suite_runs("resolution", ["a"], base={"iterations": 10})[0].key()

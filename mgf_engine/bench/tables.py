@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tables of a suite in a document: written by the command that measured them, with commit, machine and CPU seconds.
+
+A table stands between two marks and takes the place of what stood there before; the text around it is left alone.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+from mgf_engine.errors import BadInput
+from mgf_engine.system import atomic_path
+
+Row = dict[str, Any]
+THRESHOLDS = (0.05, 0.1, 0.2)  # metres
+COLUMNS = (
+    "setting", "seeds", "F1 at 5 / 10 / 20 cm", "accuracy / completeness at 5 cm", "PSNR", "SSIM", "LPIPS", "Gaussians",
+    "CPU s", "MB",
+)  # fmt: skip
+
+
+def write_table(document: Path, suite: str, title: str, rows: Sequence[Row]) -> None:
+    """Put the suite's tables, one per scene, into the document.
+
+    Args:
+        title: what the suite measures.
+        rows: as :func:`mgf_engine.bench.measure.measure` makes them; those without scores are named as failed.
+
+    Raises:
+        BadInput: the document cannot be read or written, or there is nothing to put into it.
+    """
+    done = [row for row in rows if "geometry" in row]
+    if not done:
+        raise BadInput(f"No run of suite '{suite}' has a result yet, so '{document}' was left as it is.")
+    begin, end = f"<!-- mgf bench {suite}: begin -->", f"<!-- mgf bench {suite}: end -->"
+    block = "\n".join([begin, *_lines(suite, title, rows, done), end])
+    try:
+        text = document.read_text(encoding="utf-8")
+        found = re.search(re.escape(begin) + r".*?" + re.escape(end), text, re.DOTALL)
+        if found:
+            text = text[: found.start()] + block + text[found.end() :]
+        else:
+            text = text.rstrip("\n") + "\n\n" + block + "\n"
+        with atomic_path(document) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"Cannot write the table into '{document}' ({error}); name a Markdown file.") from error
+
+
+def _lines(suite: str, title: str, rows: Sequence[Row], done: list[Row]) -> list[str]:
+    lines = [f"## {title[:1].upper()}{title[1:]}", ""]
+    for scene in dict.fromkeys(row["scene"] for row in done):
+        mine = [row for row in done if row["scene"] == scene]
+        lines += [f"### `{Path(scene).name}`", "", "| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|"]
+        for name in dict.fromkeys(row["variant"] for row in mine):
+            lines.append("| " + " | ".join(_cells(name, [r for r in mine if r["variant"] == name])) + " |")
+        lines.append("")
+    failed = dict.fromkeys(f"{r['variant']} on `{Path(r['scene']).name}`: {r['failed']}" for r in rows if "failed" in r)
+    lines += [f"Failed: {text}" for text in failed]
+    return [*lines, f"{_origin(suite, done)}"]
+
+
+def _origin(suite: str, done: list[Row]) -> str:
+    """Which command, commit and machine the figures are of."""
+    places = dict.fromkeys((r["commit"], r["date"], r["machine"]) for r in done if "commit" in r)
+    measured = "; ".join(f"commit {commit}, {date}, {machine}" for commit, date, machine in places)
+    shared = {name for row in done for name in row["options"]}
+    same = {n: done[0]["options"].get(n) for n in sorted(shared) if len({str(r["options"].get(n)) for r in done}) == 1}
+    given = " ".join(f"--set {name}={value}" for name, value in same.items() if name != "preset")
+    scenes = " ".join(dict.fromkeys(Path(row["scene"]).name for row in done))
+    command = f"mgf bench {suite} --scenes {scenes} {given}".rstrip()
+    return f"`{command} --write docs/results.md`: {measured}. Means over the seeds, ± half their spread."
+
+
+def _cells(name: str, rows: list[Row]) -> list[str]:
+    def of(key: str, threshold: float) -> list[float]:
+        values = (row["geometry"] for row in rows)
+        return [float(v[key][v["thresholds"].index(threshold)]) for v in values]
+
+    f1 = " / ".join(_spread(of("f1", t)) for t in THRESHOLDS)
+    near = " / ".join(f"{mean(of(key, THRESHOLDS[0])):.1f}" for key in ("accuracy", "completeness"))
+    return [
+        name, str(len(rows)), f1, near, _average(rows, "psnr", "{:.2f}"), _average(rows, "ssim", "{:.3f}"),
+        _average(rows, "lpips", "{:.3f}"), _average(rows, "gaussians", "{:,.0f}"),
+        _average(rows, "cpu_seconds", "{:.0f}"), _average(rows, "peak_memory", "{:.0f}", 1e-6),
+    ]  # fmt: skip
+
+
+def _spread(values: list[float]) -> str:
+    return f"{mean(values):.1f}" + (f" ±{(max(values) - min(values)) / 2:.1f}" if len(values) > 1 else "")
+
+
+def _average(rows: list[Row], key: str, form: str, factor: float = 1.0) -> str:
+    values = [float(row[key]) for row in rows if row.get(key) is not None]
+    return form.format(factor * mean(values)) if values else "–"

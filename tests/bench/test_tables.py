@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A suite's table in a document."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mgf_engine.bench.measure import origin
+from mgf_engine.bench.tables import write_table
+from mgf_engine.errors import BadInput
+
+
+def row(variant: str, f1: float, seed: int = 0, **more: object) -> dict:
+    scores = {"thresholds": [0.05, 0.1, 0.2], **{k: [f1, f1 + 1, f1 + 2] for k in ("f1", "accuracy", "completeness")}}
+    return {
+        "variant": variant, "scene": "/x/house", "seed": seed, "options": {"surface": "opacity", "iterations": 9},
+        "geometry": scores, "cpu_seconds": 12.0, "peak_memory": 2e9, "commit": "abc1234", "machine": "CPU, 2 cores",
+        "date": "2026-01-01", **more,
+    }  # fmt: skip
+
+
+def test_a_table_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
+    document = tmp_path / "results.md"
+    document.write_text("# Results\n\nWritten by hand.\n")
+    write_table(document, "training", "what training is worth", [row("start", 40.0)])
+    write_table(document, "peers", "others", [row("GOF-like", 50.0)])
+    rows = [row("start", 60.0), row("start", 64.0, seed=1, psnr=21.5), {"variant": "x", "scene": "s", "failed": "no"}]
+    write_table(document, "training", "what training is worth", rows)
+    text = document.read_text()
+    assert text.startswith("# Results\n\nWritten by hand.\n") and text.count("## What training is worth") == 1
+    assert "| start | 2 | 62.0 ±2.0 / 63.0 ±2.0 / 64.0 ±2.0 | 62.0 / 62.0 | 21.50 | – |" in text
+    assert "40.0" not in text and "GOF-like" in text and "Failed: x on `s`: no" in text
+    assert "commit abc1234, 2026-01-01, CPU, 2 cores" in text
+    assert "mgf bench training --scenes house --set iterations=9 --set surface=opacity --write" in text
+
+
+def test_without_results_the_document_stays(tmp_path: Path) -> None:
+    document = tmp_path / "results.md"
+    document.write_text("as it was")
+    with pytest.raises(BadInput, match="no result|has a result yet"):
+        write_table(document, "peers", "others", [{"variant": "a", "scene": "s", "failed": "no"}])
+    with pytest.raises(BadInput, match="name a Markdown file"):
+        write_table(tmp_path / "missing.md", "peers", "others", [row("a", 1.0)])
+    assert document.read_text() == "as it was"
+
+
+def test_figures_say_where_they_are_from() -> None:
+    assert set(origin()) == {"commit", "machine", "date"} and all(origin().values())
