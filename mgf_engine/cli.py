@@ -19,7 +19,7 @@ from typing import Any
 
 from mgf_engine import __version__
 from mgf_engine.config import SECTIONS, Config, option_pairs, options_schema, read_config, renamed_values
-from mgf_engine.errors import EXIT_DONE, EXIT_FAULT
+from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.failures import explain
 from mgf_engine.messages import STAGES, Reporter
 from mgf_engine.terminal import drop_output, make_sink, prepare_streams
@@ -61,13 +61,29 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     if args[:1] == ["bench"]:
-        from mgf_engine.bench.run import bench_main
-
-        return bench_main(args[1:])
+        return _bench_command(args[1:])
     parsed = _parser().parse_args(args)
     if parsed.command in ("reconstruct", *STAGES):
         return _job_command(parsed)
     return int(_OTHER_COMMANDS[parsed.command](parsed))
+
+
+def _bench_command(args: list[str]) -> int:
+    """Run the benchmarks, which stand beside the package in a checkout and are in no wheel.
+
+    Raises:
+        BadInput: there is no checkout around this package.
+    """
+    checkout = Path(__file__).resolve().parent.parent
+    if not (checkout / "benchmarks" / "run.py").is_file():
+        raise BadInput(
+            "The benchmarks are not in the installed package; run 'mgf bench' from a checkout of the source code, "
+            "where the folder 'benchmarks' stands beside 'mgf_engine'."
+        )
+    sys.path.insert(0, str(checkout))
+    from benchmarks.run import bench_main
+
+    return bench_main(args)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -271,7 +287,7 @@ def _options_command(args: argparse.Namespace) -> int:
 
 def _doctor_command(args: argparse.Namespace) -> int:
     if args.card:
-        from mgf_engine.bench.card_check import check_card
+        from mgf_engine.field.cuda_check import check_card
 
         return check_card()
     from mgf_engine.doctor import report

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from scene.synthetic import reconstruction, write_model
 
+from benchmarks.synthetic.colmap_scene import reconstruction, write_model
 from mgf_engine import cli
 from mgf_engine.cli import main
 from mgf_engine.masks.segmenters import download

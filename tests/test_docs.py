@@ -18,7 +18,7 @@ ROOMS = ("", "mgf_engine", "mgf_engine/masks", "mgf_engine/raster", KERNELS, KER
 OTHERS = {"--command", "--python"}  # Blender's own
 SOURCES = "\n".join(
     path.read_text(encoding="utf-8")
-    for folder in ("mgf_engine", "mgf_blender", "tools", "tests")
+    for folder in ("mgf_engine", "mgf_blender", "benchmarks", "tools", "tests")
     for path in sorted((ROOT / folder).rglob("*.py"))
     if path != Path(__file__)
 )
@@ -54,6 +54,6 @@ def test_options_exist(document: Path) -> None:
 def test_variables_and_modules_exist(document: Path) -> None:
     text = document.read_text(encoding="utf-8")
     assert [name for name in re.findall(r"MGF_[A-Z_]+", text) if name not in SOURCES] == []
-    modules = re.findall(r"python -m (mgf_engine[\w.]*|fuzz|stability[\w.]*)", text)
-    places = [ROOT / ("" if name.startswith("mgf") else "tests") / name.replace(".", "/") for name in modules]
+    modules = re.findall(r"python -m (mgf_engine[\w.]*|benchmarks[\w.]*)", text)
+    places = [ROOT / name.replace(".", "/") for name in modules]
     assert [str(place) for place in places if not (place.is_dir() or place.with_suffix(".py").exists())] == []

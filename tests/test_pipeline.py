@@ -19,7 +19,8 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from house import House, build_house
+
+from benchmarks.synthetic.house import House, build_house
 
 OPTIONS = ["--iterations", "250", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
 ENVIRONMENT = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}

@@ -9,9 +9,9 @@ import cv2
 import igl
 import numpy as np
 import pytest
-from plain_house import PlainHouse, make_plain_house, write_inputs
 from test_pipeline import finish, start
 
+from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house, write_inputs
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.build import build_masks

@@ -15,8 +15,6 @@ _SAYING, _SENTENCES = {"BadInput", "UserError", "warning", "warn", "_warn", "Cho
 #: Functions that make sentences for somebody else to say.
 _MAKING = {"misfits", "plain_text", "missing_text", "_doubt_texts", "_left_out_text", "_counting_text", "weak_surface",
            "renamed_values", "choose_device", "poor_photos", "weaknesses", "check_card"}  # fmt: skip
-#: Measurements for developers, not for people with photos; but 'mgf doctor --card' is there, too.
-_LEFT_OUT, _KEPT = "bench", "card_check.py"
 #: A file whose every sentence is said.
 _ALL_SAID = "failures.py"
 
@@ -26,10 +24,8 @@ def messages() -> dict[str, str]:
     found: dict[str, str] = {}
     for package in ("mgf_engine", "mgf_blender"):
         for path in sorted((ROOT / package).rglob("*.py")):
-            relative = path.relative_to(ROOT)
-            if relative.parts[1] != _LEFT_OUT or path.name == _KEPT:
-                for text in _texts(ast.parse(path.read_text(encoding="utf-8")), path.name == _ALL_SAID):
-                    found.setdefault(text, str(relative))
+            for text in _texts(ast.parse(path.read_text(encoding="utf-8")), path.name == _ALL_SAID):
+                found.setdefault(text, str(path.relative_to(ROOT)))
     return found
 
 

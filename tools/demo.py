@@ -12,8 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from mgf_engine.bench.catalogue import scene_spec
-from mgf_engine.bench.scenes import make_scene
+from benchmarks.catalogue import scene_spec
+from benchmarks.scenes import make_scene
 from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -27,7 +27,7 @@ TESTS = (
     "raster/test_render_edges.py", "raster/test_adam.py", "raster/test_point_opacity.py", "field/test_losses.py",
     "mesh/test_topology.py", "mesh/test_view.py", "mesh/test_fusion.py", "mesh/test_photometric.py",
     "mesh/test_flat.py", "mesh/test_reduce.py", "mesh/test_colors.py", "masks/test_patches.py", "masks/test_surface.py",
-    "masks/test_regions.py", "start/test_start_kernels.py", "bench/test_roofline.py",
+    "masks/test_regions.py", "start/test_start_kernels.py", "benchmarks/test_roofline.py",
 )  # fmt: skip
 #: Other backends do not call the kernels, other variants are not those of the target.
 CHOSEN = "not cuda and not reference and not v3 and not v4"

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.synthetic.house import House, build_house
 from mgf_engine.config import make_config
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.model import Scene
-from tests.house import House, build_house
 
 
 def quiet() -> Reporter:

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.house import OFFSET, House
 from mgf_engine.config import make_config
 from mgf_engine.errors import Cancelled
 from mgf_engine.masks.bare import CONFIRMED, with_bare_points
@@ -13,7 +14,6 @@ from mgf_engine.masks.propagate import propagate
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.scene.doubts import keep_points
 from mgf_engine.scene.model import Scene
-from tests.house import OFFSET, House
 from tests.masks.conftest import quiet
 from tests.wall import make_wall
 

@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.house import OFFSET
 from mgf_engine.masks.belief import SceneGraph
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.regions import cut_regions
 from mgf_engine.masks.shape import measure_shape
 from mgf_engine.scene.model import Scene
-from tests.house import OFFSET
 
 VIEW = 3
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scene.synthetic import Messages
-from stability.house_scene import house_scene
 
-from mgf_engine.bench.perturb import perturb
+from benchmarks.perturb import perturb
+from benchmarks.synthetic.colmap_scene import Messages
+from benchmarks.synthetic.house_scene import house_scene
 from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.fit import forgive, measure_fit, misfits

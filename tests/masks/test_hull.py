@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plain_house import PlainHouse, make_plain_house
 
+from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
 from mgf_engine.masks.hull import hull_agreement
 from mgf_engine.masks.propagate import judged_by_masks
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from scene.synthetic import Messages
-from stability.house_scene import house_scene
 
-from mgf_engine.bench.perturb import perturb
+from benchmarks.perturb import perturb
+from benchmarks.synthetic.colmap_scene import Messages
+from benchmarks.synthetic.house_scene import house_scene
 from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.plain import PLAIN, plain_share

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.house import House
 from mgf_engine.cli import main
-from tests.house import House
 
 
 def preview(house: House, out: Path, *more: str, image: str = "", prompts: Path | None = None) -> int:

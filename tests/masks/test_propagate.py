@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.house import OFFSET, House
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks import build
@@ -22,7 +23,6 @@ from mgf_engine.masks.propagate import Propagation
 from mgf_engine.masks.store import read_masks
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.scene.model import Scene
-from tests.house import OFFSET, House
 from tests.masks.conftest import quiet
 
 CONFIG = make_config({"segmenter": "random_walker", "device": "cpu", "second_level": "off"})

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.house import House
 from mgf_engine.cli import main
 from mgf_engine.masks import preview
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.regions import cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment
 from mgf_engine.masks.steady import first_clicks, join, obey, touch
-from tests.house import House
 
 NONE = np.zeros((0, 2))
 

@@ -10,9 +10,9 @@ import torch
 from rendered import camera, gaussians
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from mgf_engine.bench.kernels import noise_target
 from mgf_engine.config import Config
 from mgf_engine.field.losses import loss_weights
+from mgf_engine.field.synthetic import noise_target
 from mgf_engine.raster.api import RenderStats
 from mgf_engine.raster.cpu import HeadGradients, Parameters
 from mgf_engine.raster.cuda import launcher_on

@@ -11,6 +11,7 @@ import numpy as np
 import pycolmap
 import pytest
 
+from benchmarks.synthetic.colmap_scene import Messages, reconstruction, write_model
 from mgf_engine.errors import Cancelled
 from mgf_engine.scene.adjust import agreeing, far_points
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, read_task, write_result, write_task
@@ -19,7 +20,6 @@ from mgf_engine.scene.colmap import read_model
 from mgf_engine.scene.colmap_bundle import centres, moved, projection_errors
 from mgf_engine.scene.normalise import rotation_of
 from mgf_engine.scene.sparse import SparseModel
-from scene.synthetic import Messages, reconstruction, write_model
 
 RESOLUTION = 160  # of photos that are 160 wide: errors are in their own pixels
 

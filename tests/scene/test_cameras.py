@@ -9,11 +9,20 @@ import numpy as np
 import pycolmap
 import pytest
 
+from benchmarks.synthetic.colmap_scene import (
+    FOCAL,
+    LENSES,
+    SIZE,
+    color_of_rays,
+    load,
+    photo_of,
+    reconstruction,
+    reprojection,
+    write_scene,
+)
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.cameras import plan_camera
 from mgf_engine.scene.sparse import SparseCamera
-
-from .synthetic import FOCAL, LENSES, SIZE, color_of_rays, load, photo_of, reconstruction, reprojection, write_scene
 
 
 def test_every_planar_model_of_colmap_is_tested() -> None:

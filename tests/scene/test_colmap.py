@@ -19,10 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_places import SEVERAL, write_project
 
+from benchmarks.synthetic.colmap_scene import photo_of, reconstruction, write_model, write_photo, write_scene
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, plain_name, read_model
-
-from .synthetic import photo_of, reconstruction, write_model, write_photo, write_scene
 
 PARTS = ("cameras", "images", "points3D", "rigs", "frames")
 

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stability.house_scene import PHOTOS, house_scene
 
-from mgf_engine.bench.perturb import perturb
+from benchmarks.perturb import perturb
+from benchmarks.synthetic.colmap_scene import Messages
+from benchmarks.synthetic.house_scene import PHOTOS, house_scene
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.prompts import read_prompts
@@ -30,7 +31,6 @@ from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.model import Scene
 from mgf_engine.scene.store import read_scene
-from scene.synthetic import Messages
 from tests.masks.test_points import make_scene, view
 
 

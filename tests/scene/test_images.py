@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.synthetic.colmap_scene import photo_of, reconstruction, write_photo
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.images import read_info, read_rgb, shrink, turn, write_png
-
-from .synthetic import photo_of, reconstruction, write_photo
 
 
 @pytest.fixture(scope="module")

@@ -13,15 +13,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from mgf_engine.errors import BadInput, Cancelled
-from mgf_engine.job import Job
-from mgf_engine.pipeline import load_scene_of
-from mgf_engine.scene.images import read_rgb
-from mgf_engine.scene.load import load_scene
-from mgf_engine.scene.model import Scene
-from mgf_engine.scene.store import FILE, read_scene
-
-from .synthetic import (
+from benchmarks.synthetic.colmap_scene import (
     SIZE,
     Messages,
     load,
@@ -32,6 +24,13 @@ from .synthetic import (
     write_photo,
     write_scene,
 )
+from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.job import Job
+from mgf_engine.pipeline import load_scene_of
+from mgf_engine.scene.images import read_rgb
+from mgf_engine.scene.load import load_scene
+from mgf_engine.scene.model import Scene
+from mgf_engine.scene.store import FILE, read_scene
 
 
 @pytest.fixture

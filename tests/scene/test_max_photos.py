@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.colmap_scene import Messages, config, reconstruction, reprojection, write_scene
 from mgf_engine.masks.prompts import clicked_names
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.model import Scene
 from mgf_engine.scene.names import named_like
-
-from .synthetic import Messages, config, reconstruction, reprojection, write_scene
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.colmap_scene import load, reconstruction, write_scene
 from mgf_engine.scene import neighbours
 from mgf_engine.scene.model import Scene
-from scene.synthetic import load, reconstruction, write_scene
 
 
 @pytest.fixture

@@ -8,14 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from stability.house_scene import house_scene
 
-from mgf_engine.bench.perturb import perturb
-from mgf_engine.bench.perturb_photos import line_kernel
+from benchmarks.perturb import perturb
+from benchmarks.perturb_photos import line_kernel
+from benchmarks.synthetic.colmap_scene import Messages
+from benchmarks.synthetic.house_scene import house_scene
 from mgf_engine.config import make_config
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.quality import Quality, blurred_views, noise_of, poor_photos, sharpness_of
-from scene.synthetic import Messages
 
 
 @pytest.fixture(scope="module")

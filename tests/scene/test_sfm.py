@@ -14,11 +14,10 @@ import numpy as np
 import pycolmap
 import pytest
 
+from benchmarks.synthetic.colmap_scene import Messages, load, reprojection, write_photo
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.scene import sfm
 from mgf_engine.scene.pairs import choose_pairs, similarities, vlad
-
-from .synthetic import Messages, load, reprojection, write_photo
 
 SIZE, FOCAL = (400, 300), 380.0
 VIEWS = 7

@@ -2,7 +2,8 @@
 from __future__ import annotations
 
 import pytest
-from plain_house import PlainHouse, make_plain_house
+
+from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
 
 
 @pytest.fixture(scope="session")

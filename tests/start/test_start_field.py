@@ -9,8 +9,8 @@ from pathlib import Path
 import igl
 import numpy as np
 import pytest
-from plain_house import PlainHouse
 
+from benchmarks.synthetic.plain_house import PlainHouse
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.gaussians import rotation_matrices

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plain_house import PlainHouse
 
+from benchmarks.synthetic.plain_house import PlainHouse
 from mgf_engine.mesh.delaunay import delaunay
 from mgf_engine.raster import library
 from mgf_engine.raster.library import parallel

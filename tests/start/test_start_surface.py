@@ -10,9 +10,9 @@ import igl
 import numpy as np
 import pytest
 import trimesh
-from plain_house import PlainHouse, make_plain_house
 from scipy.spatial import cKDTree
 
+from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.masks.hull import hull_cells, with_hull_points
 from mgf_engine.mesh.model import Mesh

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.house import House, build_house, paint
 from mgf_engine.config import make_config
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.mesh.model import Mesh, Texture
@@ -26,7 +27,6 @@ from mgf_engine.texture.bake import look_up
 from mgf_engine.texture.draw import draw_textured
 from mgf_engine.texture.make import make_texture
 from mgf_engine.texture.model import Source
-from tests.house import House, build_house, paint
 
 WORKING = 80  # px; the photos have three times as many
 

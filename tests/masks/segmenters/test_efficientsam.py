@@ -11,6 +11,7 @@ import onnx
 import onnxruntime
 import pytest
 
+from benchmarks.synthetic.house import House
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.build import build_masks, choose_segmenter
@@ -24,7 +25,6 @@ from mgf_engine.masks.segmenters.notice import used
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.model import Scene
-from tests.house import House
 from tests.masks.small_sam import write_pair
 
 RED, GREEN = (200, 60, 50), (60, 150, 70)

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf bench``: make scenes, run a suite, score every mesh against the truth, draw the page.
+
+Every run is a process of its own (``python -m mgf_engine reconstruct``), so its time and memory are its own. A run
+whose result is there already is not repeated: results lie in ``OUT/results/<key>.json``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.arguments import count, engine_options, results_folder
+from benchmarks.measure import SCORED, Prepared, measure, prepare_scene
+from benchmarks.suites import SUITES, half_of, suite_runs
+from mgf_engine import __version__
+from mgf_engine.config import named_values
+from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
+from mgf_engine.system import write_json
+
+
+def bench_main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of ``mgf bench``; returns the exit code."""
+    args = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if args[:1] == ["scenes"]:
+            from benchmarks.scenes import scenes_main
+
+            return scenes_main(args[1:])
+        if args[:1] == ["masks"]:
+            from benchmarks.masks import masks_main
+
+            return masks_main(args[1:])
+        if args[:1] == ["stability"]:
+            from benchmarks.stability import stability_main
+
+            return stability_main(args[1:])
+        return _run_suite(_parser().parse_args(args))
+    except BadInput as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    lines = "\n".join(f"  {name:<11} {text}" for name, text in SUITES.items())
+    parser = argparse.ArgumentParser(
+        prog="mgf bench",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Measure the engine on scenes with known truth.",
+        epilog=f"suites:\n{lines}\n  scenes      make a scene: 'mgf bench scenes --help'\n"
+        "  masks       score the masks alone: 'mgf bench masks --help'\n"
+        "  stability   where the method breaks: 'mgf bench stability --help'",
+    )
+    parser.add_argument("suite", choices=sorted(SUITES), help="what to measure", metavar="SUITE")
+    parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of jobs, results and the page")
+    parser.add_argument("--scenes", nargs="+", default=[], help="instead of the suite's scenes: names or folders")
+    parser.add_argument(
+        "--half", choices=("tuning", "held-out"), help="only the suite's scenes for tuning, or those for reporting only"
+    )
+    parser.add_argument("--photos", type=int, help="fewer photos per scene")
+    parser.add_argument("--width", type=int, help="width of the rendered photos in pixels")
+    parser.add_argument("--seeds", type=count, default=1, help="runs per variant")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="option given to every run")
+    parser.add_argument("--only", nargs="+", default=[], help="only variants with one of these words in their name")
+    parser.add_argument("--masks", choices=("prompts", "true"), default="prompts", help="from clicks, or the true ones")
+    parser.add_argument("--poses", choices=("sfm", "true"), default="sfm", help="cameras: found, or the true ones")
+    parser.add_argument(
+        "--external", action="append", default=[], metavar="NAME=COMMAND",
+        help="another tool for suites peers and surfaces; {images}, {scene}, {work} and {mesh} are filled in",
+    )  # fmt: skip
+    parser.add_argument("--samples", type=count, default=300_000, help="points sampled on each mesh")
+    parser.add_argument("--label", default="", help="part of every run's key: measure the same again under a new label")
+    parser.add_argument("--keep-jobs", action="store_true", help="keep the whole job folders, not only mesh and report")
+    parser.add_argument("--before", type=Path, metavar="JSON",
+                        help="table of an earlier version (OUT/<suite>.json): a chart shows what moved")  # fmt: skip
+    parser.add_argument("--write", type=Path, metavar="FILE",
+                        help="put the table into this document, for example docs/results.md")  # fmt: skip
+    parser.add_argument("--page-only", action="store_true", help="draw the page from the results that are there")
+    return parser
+
+
+def _run_suite(args: argparse.Namespace) -> int:
+    from mgf_engine.bench.charts import write_page
+    from mgf_engine.bench.tables import write_table
+
+    options, tools = engine_options(args.set), named_values("--external", args.external)
+    runs = suite_runs(args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only)
+    if args.half:
+        runs = half_of(runs, args.half == "held-out")
+    before = None if args.before is None else _read_table(args.before)
+    results_folder(args.out)
+    scenes: dict[str, Prepared] = {}
+    rows: list[dict[str, Any]] = []
+    failed = 0
+    for number, run in enumerate(runs, 1):
+        path = args.out / "results" / f"{run.key(_label(args))}.json"
+        if not path.exists() and not args.page_only:
+            if run.scene not in scenes:
+                scenes[run.scene] = prepare_scene(run.scene, args.photos, args.width)
+            print(f"[{number}/{len(runs)}] {run.scene}: {run.variant}, seed {run.seed}", flush=True)
+            job = args.out / "jobs" / path.stem
+            row = measure(run, scenes[run.scene], job, args.samples, args.keep_jobs, _shelves(args))
+            if row.get("failed"):
+                failed += 1
+                print(f"    failed: {row['failed']}", flush=True)
+                rows.append(row)
+                continue
+            write_json(path, row)
+        if path.exists():
+            # Names may change between versions of a suite; the result stays the same.
+            row = {**json.loads(path.read_text(encoding="utf-8")), "variant": run.variant, "group": run.group}
+            rows.append(row)
+            print(f"    {_headline(row)}", flush=True)
+    write_json(args.out / f"{args.suite}.json", rows)
+    page = write_page(args.suite, rows, args.out, before)
+    if args.write:
+        write_table(args.write, args.suite, SUITES[args.suite], rows)
+    print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
+    return EXIT_FAULT if failed else EXIT_DONE
+
+
+def _read_table(path: Path) -> list[dict[str, Any]]:
+    """The rows of a suite that was measured before.
+
+    Raises:
+        BadInput: the file cannot be read or is no such table.
+    """
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadInput(f"Cannot read the earlier table '{path}' ({error}); give a suite's OUT/<suite>.json.") from error
+    if not isinstance(rows, list) or not all(isinstance(r, dict) and {"variant", "scene"} <= r.keys() for r in rows):
+        raise BadInput(f"'{path}' is no table of runs; give a suite's OUT/<suite>.json.")
+    return rows
+
+
+def _label(args: argparse.Namespace) -> str:
+    """What else decides a result: the user's label, the scene's size, the samples."""
+    return json.dumps([args.label, args.photos, args.width, args.samples])
+
+
+def _shelves(args: argparse.Namespace) -> Path:
+    """Where runs leave stages for each other; a new label or version begins anew, for the engine may have changed."""
+    kind = hashlib.sha256(json.dumps([args.label, __version__]).encode()).hexdigest()[:12]
+    return Path(args.out / "shelves" / kind)
+
+
+def _headline(row: dict[str, Any]) -> str:
+    f1 = "; ".join(
+        f"{name} "
+        + ", ".join(f"{v:.1f} at {t:.3g} m" for v, t in zip(row[key]["f1"], row[key]["thresholds"], strict=True))
+        for key, name in SCORED.items()
+        if key in row
+    )
+    psnr = row.get("psnr")
+    return f"{f1}; PSNR {'-' if psnr is None else f'{psnr:.2f}'}; {row['seconds']:.0f} s"
+
+
+if __name__ == "__main__":
+    sys.exit(bench_main())

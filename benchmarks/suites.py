@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The suites of measurements as data: which scenes, which variants, which seeds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from benchmarks.catalogue import SCENES, SURFACES
+from mgf_engine import __version__
+from mgf_engine.config import PRESETS, RUN_LENGTH, Config
+from mgf_engine.errors import BadInput
+
+Options = dict[str, Any]
+
+#: Raise when the way runs are scored changes, so that earlier results are not mixed with new ones.
+SCORING_VERSION = 4
+
+
+@dataclass(frozen=True)
+class Run:
+    """One reconstruction to measure.
+
+    Attributes:
+        variant: what is different about it, as shown in tables.
+        scene: name in :data:`benchmarks.catalogue.SCENES`, or a folder with COLMAP model and prompts.
+        options: engine options, name -> value.
+        masks: ``prompts`` (clicks, as a user works), ``true`` (the generator's masks), ``elements`` (these with the
+            generator's elements as their second level) or ``none``.
+        poses: ``sfm`` (structure from motion) or ``true`` (the generator's cameras).
+        command: of an external tool, with ``{images}``, ``{scene}``, ``{mesh}`` and ``{work}``; empty runs the engine.
+        group: curve of the charts it belongs to.
+    """
+
+    variant: str
+    scene: str
+    options: Options = field(default_factory=dict)
+    seed: int = 0
+    masks: str = "prompts"
+    poses: str = "sfm"
+    command: str = ""
+    group: str = ""
+
+    def key(self, label: str = "") -> str:
+        """Hash of everything that decides the result: the run, the engine's version and a free label."""
+        data = {**asdict(self), "engine": __version__, "scoring": SCORING_VERSION, "label": label}
+        for name in ("variant", "group"):
+            del data[name]
+        return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
+
+
+_LOSSES: Options = {"multilevel_loss": True, "boundary_loss": True}
+_NO_LOSSES: Options = {"multilevel_loss": False, "boundary_loss": False}
+#: The paper's tables 5 and 6: what is changed, one thing at a time, in its own letters.
+ABLATION: dict[str, Options] = {
+    "(e) full": {},
+    "(a) no masked images": {"use_masks": False},
+    "(b) no masked points": {"masked_points": False},
+    "(c) no mask and boundary losses": _NO_LOSSES,
+    "(d) no screening": {"screening": False},
+}
+#: What goes beside it: further votes of the masks apart, and masks that are true.
+MASK_PARTS: dict[str, Options] = {
+    "no votes during training": {"training_votes": False},
+    "no votes on faces": {"face_votes": False},
+    "no second level": {"second_level": "off", **_NO_LOSSES},
+}
+#: Settings that the ablation starts from; ours has the paper's losses on, so that (c) can take them away.
+BASES: dict[str, Options] = {"paper": {"preset": "paper"}, "ours": {"preset": "standard", **_LOSSES}}
+_STEPS_OFF: Options = {"match_photos": False, "refine_rounds": 0}
+#: What eq. 25 costs or gains by itself: either surface at the level that sparse points calibrate.
+EQUAL_TERMS: dict[str, Options] = {
+    "opacity, photo steps off": {"surface": "opacity", **_STEPS_OFF},
+    "fused, photo steps off": {"surface": "fused", **_STEPS_OFF},
+    "opacity, photo steps on": {"surface": "opacity"},
+    "fused, photo steps on": {"surface": "fused"},
+}
+#: Iterations after which the field is meshed; 0 is the start alone.
+TRAINED = (0, 100, 500, 1000, 3000, 7000)
+#: Our own switches, one at a time.
+SWITCHES: dict[str, Options] = {
+    "multi-level loss": {"multilevel_loss": True},
+    "boundary loss": {"boundary_loss": True},
+    "sparse start": {"start": "sparse"},
+    "no coarse-to-fine": {"coarse_to_fine": False},
+    "no distortion term": {"distortion_lambda": 0.0},
+    "no normal term": {"normal_lambda": 0.0},
+    "geometric terms from the start": {"geometry_from": 0.0},
+    "background not emptied": {"background_lambda": 0.0},
+    "no densification": {"densify_from": 1.0, "densify_until": 1.0},
+    "surface by minimum opacity": {"surface": "opacity"},
+    "surface by minimum opacity, level 0.65": {"surface": "opacity", "opacity_level": 0.65},
+    "surface not smoothed": {"smoothing": 0},
+}
+_UNMASKED: Options = {
+    "preset": "paper", "use_masks": False, "masked_points": False, "screening": False, "second_level": "off",
+    **_NO_LOSSES,
+}  # fmt: skip
+#: Our engine set up the way the methods the paper compares with work, with their kind of mesh and no photo steps.
+LIKE: dict[str, Options] = {
+    "GOF-like": {**_UNMASKED, "filter_3d": True},
+    "2DGS-like": {**_UNMASKED, "geometry_from": 0.23, "distortion_lambda": 1000.0, "surface": "fused"},
+    "3DGS-like": {**_UNMASKED, "distortion_lambda": 0.0, "normal_lambda": 0.0},
+}
+PEERS: dict[str, Options] = {
+    "ours, paper": {"preset": "paper"},
+    "ours, standard": {"preset": "standard"},
+    **{f"{name}, {n} iterations": {**options, "iterations": n}
+       for n in (7000, 30_000) for name, options in LIKE.items()},
+    **{f"{name}, 7000 iterations, dense start": {**options, "iterations": 7000, "start": "dense"}
+       for name, options in LIKE.items()},
+}  # fmt: skip
+NAMED = ("dortmund", "zeche")
+SUITES: dict[str, str] = {
+    "smoke": "one short run on a tiny scene, for continuous integration",
+    "equal-terms": "opacity and fused surface, each without and with photo steps",
+    "training": "what training is worth: the start alone, then 100 to 7000 iterations",
+    "ablation": "tables 5 and 6: (a) to (f), the votes apart and true masks, from the paper's setting and from ours",
+    "switches": "every switch of ours, one at a time",
+    "resolution": "figure 8: 375, 750 and 1500 pixels",
+    "peers": "tables 1 to 4: our engine set up like 3DGS, 2DGS and GOF, masks off, and any external tool",
+    "surfaces": "hard materials: every preset and any external tool; accuracy by scene and by material",
+    "pareto": "presets and budgets, and GOF-like beside them: accuracy against time, Gaussians and faces",
+}
+
+
+def suite_runs(
+    suite: str, scenes: Sequence[str] = (), seeds: int = 1, base: Options | None = None, masks: str = "prompts",
+    poses: str = "sfm", commands: dict[str, str] | None = None, only: Sequence[str] = (),
+) -> list[Run]:  # fmt: skip
+    """The runs of a suite.
+
+    Args:
+        scenes: instead of the suite's own.
+        seeds: runs per variant.
+        base: options given to every run; a variant's own win.
+        commands: external tools, name -> command (suites ``peers`` and ``surfaces``).
+        only: keep the variants whose name contains one of these.
+
+    Raises:
+        BadInput: the suite does not exist, or nothing is left of it.
+    """
+    if suite not in SUITES:
+        raise BadInput(f"There is no suite '{suite}'; take one of {', '.join(SUITES)}.")
+    base = dict(base or {})
+    if suite == "smoke":
+        small = {"preset": "draft", "iterations": 200, "max_gaussians": 8000}
+        variants = [Run("smoke", "", {**small, **base})]
+    else:
+        variants = [replace(run, options={**base, **run.options}) for run in _variants(suite, base, commands or {})]
+    chosen = [run for run in variants if not only or any(word in run.variant for word in only)]
+    if not chosen:
+        raise BadInput(f"No variant of suite '{suite}' has one of these names: {', '.join(only)}.")
+    names = scenes or {"smoke": ("smoke",), "surfaces": tuple(SURFACES)}.get(suite, NAMED)
+    return [
+        replace(run, scene=scene, seed=seed, masks=masks if run.masks == "prompts" else run.masks, poses=poses)
+        for scene in names
+        for run in chosen
+        for seed in range(seeds)
+    ]
+
+
+def half_of(runs: list[Run], held_out: bool) -> list[Run]:
+    """The runs of the catalogue's scenes that may be tuned on, or of those that are held out.
+
+    Raises:
+        BadInput: there is none.
+    """
+    mine = [run for run in runs if run.scene in SCENES and SCENES[run.scene].held_out == held_out]
+    if not mine:
+        raise BadInput("None of the scenes is in this half; leave out --half, or take scenes of the suite surfaces.")
+    return mine
+
+
+def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
+    tools = [Run(name, "", command=command, group=name) for name, command in commands.items()]
+    if suite == "ablation":
+        return [run for name, start in BASES.items() for run in _ablation(name, {**start, **base})]
+    if suite == "switches":
+        return [Run(name, "", options, group="switches") for name, options in {"standard": {}, **SWITCHES}.items()]
+    if suite == "equal-terms":
+        return [Run(name, "", options, group=name.split(",")[0]) for name, options in EQUAL_TERMS.items()]
+    if suite == "training":
+        return [_trained(count, steps) for count in TRAINED for steps in ("off", "on")]
+    if suite == "resolution":
+        presets = {"paper": "paper's setting", "standard": "standard"}
+        return [Run(f"{name}, {n} px", "", {"preset": preset, "resolution": n}, group=name)
+                for preset, name in presets.items() for n in (375, 750, 1500)]  # fmt: skip
+    if suite == "peers":
+        return [*(Run(name, "", options, group=name) for name, options in PEERS.items()), *tools]
+    runs = [Run(f"preset {name}", "", {"preset": name}, group="presets") for name in PRESETS]
+    if suite == "surfaces":
+        return runs + tools
+    for count in (500, 1000, 2000, 3000, 7000):
+        runs.append(Run(f"{count} iterations", "", {"iterations": count}, group="iterations"))
+    for budget in (10_000, 20_000, 40_000, 80_000, 160_000):
+        runs.append(Run(f"{budget // 1000}k Gaussians", "", {"max_gaussians": budget}, group="Gaussians"))
+    runs += [Run(name, "", {"preset": "paper", **options}, group="ablation of the paper's setting")
+             for name, options in ABLATION.items() if options]  # fmt: skip
+    return [*runs, Run("GOF-like", "", {**LIKE["GOF-like"], "iterations": 7000}, group="GOF-like"), *tools]
+
+
+def _ablation(name: str, start: Options) -> list[Run]:
+    """Tables 5 and 6 from one setting."""
+    count = int(start.get("iterations", 7000 if name == "paper" else Config().run_length(RUN_LENGTH["most"])))
+    longer: Options = {"iterations": round(count * 30 / 7)}
+    table = {**ABLATION, "(f) 30/7 of the iterations": longer, **MASK_PARTS}
+    if name == "paper":  # which has no such votes
+        del table["no votes during training"], table["no votes on faces"]
+    runs = [Run(f"{name}: {what}", "", {**start, **options}, group=name) for what, options in table.items()]
+    kinds = {"true": "true masks", "elements": "true masks and true elements"}
+    return runs + [Run(f"{name}: {what}", "", start, masks=masks, group=name) for masks, what in kinds.items()]
+
+
+def _trained(count: int, steps: str) -> Run:
+    options: Options = {"iterations": count} if count else {"iterations": 0, "passes": 0}
+    name = f"{count} iterations" if count else "start alone"
+    photo_steps = {} if steps == "on" else _STEPS_OFF
+    return Run(f"{name}, photo steps {steps}", "", {**options, **photo_steps}, group=f"photo steps {steps}")

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A house of plain colours without one sparse point: only edges, masks and colours tell where it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.synthetic.house import OFFSET, house_mesh, lawn_mesh, ring_view, write_model
+from mgf_engine.masks.model import MaskSet
+from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import look, scaled_view
+from mgf_engine.scene.model import Scene, Similarity
+
+PHOTOS = 16
+_WALLS = np.array([(235, 235, 230), (225, 228, 235), (238, 230, 220), (228, 236, 228)])
+_ROOF, _LAWN, _SKY = (150, 80, 70), (80, 130, 60), (150, 190, 235)
+
+
+@dataclass(frozen=True)
+class PlainHouse:
+    """A scene with masks, and the true mesh, in one frame."""
+
+    scene: Scene
+    masks: MaskSet
+    truth: Mesh
+
+
+def make_plain_house(folder: Path, photos: int = PHOTOS) -> PlainHouse:
+    """Photos of the house of ``house.py`` in plain colours, a face of the walls each."""
+    (folder / "images").mkdir(parents=True)
+    house, lawn = house_mesh(), lawn_mesh()
+    house = Mesh(house.vertices - OFFSET, house.faces, house.colors)
+    both = Mesh(
+        np.r_[house.vertices, lawn.vertices - OFFSET],
+        np.r_[house.faces, lawn.faces + len(house.vertices)].astype(np.int32),
+        np.zeros((len(house.vertices) + len(lawn.vertices), 3), np.uint8),
+    )  # fmt: skip
+    views, labels = [], []
+    for k in range(photos):
+        view = ring_view(k, photos)
+        view = type(view)(**{**view.__dict__, "translation": view.translation + view.rotation @ OFFSET})
+        face = look(both, scaled_view(view, 3)).face
+        colors = _colours(house)[np.minimum(face, len(house.faces))]
+        colors[face < 0] = _SKY
+        size = (view.width, view.height)
+        picture = cv2.resize(colors.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(folder / view.file), picture[:, :, ::-1])
+        share = cv2.resize(((face >= 0) & (face < len(house.faces))) * 1.0, size, interpolation=cv2.INTER_AREA)
+        views.append(view)
+        labels.append((share > 0.5).astype(np.uint8))
+    scene = Scene(
+        tuple(views), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32), np.zeros(1, np.int64),
+        np.zeros(0, np.int32), np.zeros((0, 2), np.float32), Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), folder,
+    )  # fmt: skip
+    masks = MaskSet(tuple(labels), np.ones(photos, bool), np.ones(photos, np.float32), np.zeros(0, bool))
+    return PlainHouse(scene, masks, house)
+
+
+def write_inputs(plain: PlainHouse) -> tuple[Path, Path]:
+    """A folder to reconstruct from, with sparse points on the lawn alone, and one with the true masks beside it."""
+    folder, lawn = plain.scene.folder, lawn_mesh()
+    both = Mesh(
+        np.r_[plain.truth.vertices, lawn.vertices - OFFSET],
+        np.r_[plain.truth.faces, lawn.faces + len(plain.truth.vertices)].astype(np.int32),
+        np.zeros((len(plain.truth.vertices) + len(lawn.vertices), 3), np.uint8),
+    )  # fmt: skip
+    write_model(folder / "sparse" / "0", list(plain.scene.views), both, plain.truth, 0, 1500)
+    masks = folder.parent / "masks"
+    masks.mkdir()
+    for view, labels in zip(plain.scene.views, plain.masks.labels, strict=True):
+        cv2.imwrite(str(masks / view.name), labels * 255)
+    return folder, masks
+
+
+def _colours(house: Mesh) -> NDArray[np.int64]:
+    """Of each face of the house, and of the lawn at the end: a colour for each direction."""
+    a, b, c = (house.vertices[house.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    side = np.where(np.abs(normal[:, 0]) > 0.5, normal[:, 0] > 0, 2 + (normal[:, 1] > 0))
+    walls = np.where((normal[:, 2] > 0.1)[:, None], _ROOF + 12 * (normal[:, 1] > 0)[:, None], _WALLS[side])
+    return np.concatenate([walls, [_LAWN]])
