@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.synthetic.house import OFFSET, House, build_house, paint
 from mgf_engine.config import make_config
 from mgf_engine.job import Job
 from mgf_engine.masks.levels import Part
@@ -19,7 +20,6 @@ from mgf_engine.mesh.export import write_ply
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.store import save_scene
-from tests.house import OFFSET, House, build_house, paint
 
 #: On the walls that face south and north: left, right, bottom, top, in the house's own metres.
 WINDOWS = ((-1.5, -0.8, 0.7, 1.5), (0.4, 1.3, 0.7, 1.5))

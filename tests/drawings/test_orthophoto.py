@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import rasterio
 
+from benchmarks.synthetic.house import OFFSET
 from tests.drawings.job_of_house import WINDOWS
-from tests.house import OFFSET
 
 
 def edges_of_dark(dark: np.ndarray) -> list[tuple[float, float]]:
