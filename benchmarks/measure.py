@@ -18,10 +18,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.job_scores import held_out_scores, mean_mask_iou
+from benchmarks.stage_cache import Stages, keep, lend, saved, shelf_of, stages_of
+from benchmarks.suites import Run
 from mgf_engine import __version__
-from mgf_engine.bench.job_scores import held_out_scores, mean_mask_iou
-from mgf_engine.bench.shelf import Stages, keep, lend, saved, shelf_of, stages_of
-from mgf_engine.bench.suites import Run
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.geometry import cameras_of, compare_surfaces
 from mgf_engine.evaluate.materials import read_materials

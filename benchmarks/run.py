@@ -85,8 +85,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run_suite(args: argparse.Namespace) -> int:
-    from mgf_engine.bench.charts import write_page
-    from mgf_engine.bench.tables import write_table
+    from benchmarks.charts import write_page
+    from benchmarks.tables import write_table
 
     options, tools = engine_options(args.set), named_values("--external", args.external)
     runs = suite_runs(args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only)

@@ -28,7 +28,7 @@ def write_table(document: Path, suite: str, title: str, rows: Sequence[Row]) -> 
 
     Args:
         title: what the suite measures.
-        rows: as :func:`mgf_engine.bench.measure.measure` makes them; those without scores are named as failed.
+        rows: as :func:`benchmarks.measure.measure` makes them; those without scores are named as failed.
 
     Raises:
         BadInput: the document cannot be read or written, or there is nothing to put into it.

@@ -13,14 +13,14 @@ import pycolmap
 import pytest
 import trimesh
 
-from mgf_engine.bench.buildings import BUILDINGS
-from mgf_engine.bench.charts import summary_tables, write_page
-from mgf_engine.bench.flight import Ring, plan
-from mgf_engine.bench.job_scores import held_out_scores, mean_mask_iou
-from mgf_engine.bench.measure import _source, prepare_scene
-from mgf_engine.bench.run import bench_main
-from mgf_engine.bench.shapes import true_mesh
-from mgf_engine.bench.suites import ABLATION, BASES, PEERS, SUITES, SWITCHES, suite_runs
+from benchmarks.buildings import BUILDINGS
+from benchmarks.camera_path import Ring, plan
+from benchmarks.charts import summary_tables, write_page
+from benchmarks.job_scores import held_out_scores, mean_mask_iou
+from benchmarks.measure import _source, prepare_scene
+from benchmarks.run import bench_main
+from benchmarks.shapes import true_mesh
+from benchmarks.suites import ABLATION, BASES, PEERS, SUITES, SWITCHES, suite_runs
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.colmap import find_model

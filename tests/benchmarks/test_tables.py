@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.bench.measure import origin
-from mgf_engine.bench.tables import write_table
+from benchmarks.measure import origin
+from benchmarks.tables import write_table
 from mgf_engine.errors import BadInput
 
 
