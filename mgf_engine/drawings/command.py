@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import logging
 import math
 import re
 from pathlib import Path
@@ -27,6 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resolution", default=None, metavar="MM", help="millimetres per pixel (default: the photos' own)"
     )
+    parser.add_argument(
+        "--section", action="append", default=[], metavar="NAME=DISTANCE",
+        help="cut at this height above the ground (z=1.2), or across a facade at this distance from its left end "
+        "(A=3.5), in place of three sections through the middle; repeatable",
+    )  # fmt: skip
     styles = ("auto", "bar", "plain", "json", "none")
     parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
 
@@ -42,8 +48,9 @@ def drawings_command(args: argparse.Namespace) -> int:
     resolution = None if args.resolution is None else read_length("--resolution", args.resolution, "MM") / 1000
     from mgf_engine.drawings.make import Wanted, make_drawings
 
+    logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
     reporter = Reporter(make_sink(args.progress))
-    make_drawings(args.job, args.out, Wanted(points, resolution), reporter)
+    make_drawings(args.job, args.out, Wanted(points, resolution, args.section), reporter)
     return EXIT_DONE
 
 

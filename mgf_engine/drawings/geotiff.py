@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.drawings.model import Survey
+from mgf_engine.drawings.model import Frame, Survey
 from mgf_engine.drawings.project import Grid
+from mgf_engine.drawings.vector_files import file_shift
 from mgf_engine.system import atomic_path
 
 TILE = 256
@@ -42,7 +43,7 @@ def write_geotiff(path: Path, bands: NDArray[Any], grid: Grid, survey: Survey, t
             if colored:
                 file.colorinterp = [ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha]
             file.write(planes)
-            file.update_tags(**frame_tags(grid, survey), **tags)
+            file.update_tags(**frame_tags(grid.frame, survey), **tags)
         with rasterio.open(temporary, "r+") as file:
             file.build_overviews(_overviews(grid), Resampling.average)
 
@@ -53,32 +54,30 @@ def placement(grid: Grid, survey: Survey) -> dict[str, Any]:
     from rasterio.transform import from_origin
 
     frame = grid.frame
-    east, north = survey.world(frame.to_local(np.array([grid.left, grid.top, 0.0])))[:2]
-    if in_crs(grid, survey):
-        return {
-            "crs": CRS.from_user_input(survey.georeference.crs),
-            "transform": from_origin(east, north, grid.resolution, grid.resolution),
-        }
+    left, top = np.array([grid.left, grid.top]) + file_shift(frame, survey)
+    transform = from_origin(left, top, grid.resolution, grid.resolution)
+    if in_crs(frame, survey):
+        return {"crs": CRS.from_user_input(survey.georeference.crs), "transform": transform}
     unit = 'UNIT["metre",1]' if survey.georeference.metric else 'UNIT["unknown",1]'
     return {
         "crs": CRS.from_wkt(f'LOCAL_CS["{frame.name}",{unit},AXIS["x",EAST],AXIS["y",NORTH]]'),
-        "transform": from_origin(grid.left, grid.top, grid.resolution, grid.resolution),
+        "transform": transform,
     }
 
 
-def in_crs(grid: Grid, survey: Survey) -> bool:
-    """Whether a grid's rows and columns are those of the job's CRS."""
-    level = grid.frame.normal[2] > 0.999999 and abs(grid.frame.x[0]) > 0.999999
+def in_crs(frame: Frame, survey: Survey) -> bool:
+    """Whether the axes of a drawing are those of the job's CRS."""
+    level = frame.normal[2] > 0.999999 and frame.x[0] > 0.999999
     return bool(level and survey.georeference.crs is not None)
 
 
-def frame_tags(grid: Grid, survey: Survey) -> dict[str, str]:
-    """Where the drawing's plane lies in the world."""
-    frame, turn = grid.frame, survey.turn
+def frame_tags(frame: Frame, survey: Survey) -> dict[str, str]:
+    """Where the drawing's plane lies in the world: a point of the file is ``ORIGIN + x X_AXIS + y Y_AXIS``."""
     vectors = {"X_AXIS": frame.x, "Y_AXIS": frame.y, "NORMAL": frame.normal}
-    told = {name: _numbers(vector @ turn) for name, vector in vectors.items()}
+    told = {name: _numbers(vector @ survey.turn) for name, vector in vectors.items()}
+    origin = frame.to_local(np.append(-file_shift(frame, survey), 0.0))
     return {
-        "ORIGIN": _numbers(survey.world(frame.origin)), **told,
+        "ORIGIN": _numbers(survey.world(origin)), **told,
         "CRS": survey.georeference.crs or "scene", "UNIT": survey.georeference.unit,
     }  # fmt: skip
 

@@ -54,7 +54,7 @@ def read_survey(folder: Path) -> Survey:
     scale = georeference.scale / scene.to_normalised.scale
     return Survey(
         local, normalised, scene, masks, parts, face_parts(normalised, scene, masks, list(parts.values())),
-        georeference, turn, _original_pixel(normalised, scene, masks) * scale,
+        georeference, turn, *(pixel * scale for pixel in _pixels(normalised, scene, masks)),
     )  # fmt: skip
 
 
@@ -85,11 +85,11 @@ def turn_up(up: Array) -> NDArray[np.float64]:
     ])  # fmt: skip
 
 
-def _original_pixel(mesh: Mesh, scene: Scene, masks: MaskSet) -> float:
-    """Length that a pixel of the user's photos covers on the mesh, normalised frame."""
+def _pixels(mesh: Mesh, scene: Scene, masks: MaskSet) -> tuple[float, float]:
+    """Length that a pixel of the user's and of the working photos covers on the mesh, normalised frame."""
     views = [scene.views[i] for i in voting_views(scene, masks)]
     pixels = nearest_pixels(mesh.vertices[mesh.faces].mean(1), views)
     order = np.argsort(pixels)
     areas = np.cumsum(face_areas(mesh)[order])
-    shrunk = float(np.median([v.width / v.original_width for v in views]))
-    return float(pixels[order][np.searchsorted(areas, areas[-1] / 2)]) * shrunk
+    working = float(pixels[order][np.searchsorted(areas, areas[-1] / 2)])
+    return working * float(np.median([v.width / v.original_width for v in views])), working

@@ -15,18 +15,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.drawings.elevation import draw_elevation, with_parts
 from mgf_engine.drawings.facades import facade_through, find_facades, plan_frame
 from mgf_engine.drawings.geotiff import write_geotiff
 from mgf_engine.drawings.load import read_survey
-from mgf_engine.drawings.model import Facade, Frame, Survey
+from mgf_engine.drawings.model import Facade, Frame, LineDrawing, Survey
 from mgf_engine.drawings.orthophoto import Visibility, paint
-from mgf_engine.drawings.project import Grid, plan_grid, round_resolution, see
+from mgf_engine.drawings.parts import part_lines, part_shares
+from mgf_engine.drawings.project import Grid, Seen, plan_grid, round_resolution, see
+from mgf_engine.drawings.regions import survey_planes
+from mgf_engine.drawings.section import cut, section_frames
+from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.errors import BadInput
 from mgf_engine.job import locked
 from mgf_engine.masks.store import write_png
 from mgf_engine.messages import Reporter
 from mgf_engine.system import cpu_seconds, peak_memory, write_json
-from mgf_engine.texture.make import Painting, choose_painting
+from mgf_engine.texture.make import choose_painting
 
 STAGE = "drawings"
 INDEX = "drawings.json"
@@ -41,10 +46,12 @@ class Wanted:
     Attributes:
         facades: three points of the scene frame for each facade; empty finds them.
         resolution: of rasters in the local unit per pixel; None takes the photos' own.
+        sections: planes to cut at, as :func:`section_frames` reads them; empty takes three through the middle.
     """
 
     facades: Sequence[Sequence[Sequence[float]]] = ()
     resolution: float | None = None
+    sections: Sequence[str] = ()
 
 
 @dataclass
@@ -102,7 +109,7 @@ def make_drawings(job: Path, out: Path | None, wanted: Wanted, reporter: Reporte
             facades = _facades(survey, wanted)
         _tell(survey, reporter)
         work = Work(survey, facades, wanted, beside, reporter, cost)
-        _rasters(work)
+        _draw(work)
         write_json(beside / INDEX, _index(work))
     files = {name: str(folder / name) for name in work.files}
     figures = {"facades": len(facades), "CPU seconds": round(sum(cost.seconds.values()))}
@@ -125,33 +132,54 @@ def _tell(survey: Survey, reporter: Reporter) -> None:
         )
 
 
-def _rasters(work: Work) -> None:
-    """Orthophotos of the facades and from above, and the heights."""
+def _draw(work: Work) -> None:
+    """Orthophotos of the facades and from above, their lines, the heights, and the sections."""
+    survey = work.survey
     with work.cost.of("choosing photos"):
         painting = choose_painting(
-            work.survey.normalised, work.survey.scene, work.survey.masks,
-            lambda share: work.reporter.progress(_CHOSEN * share),
-        )  # fmt: skip
-    visibility = Visibility(work.survey, painting)
-    frames = [facade.frame for facade in work.facades] + [plan_frame(work.survey, work.facades)]
+            survey.normalised, survey.scene, survey.masks, lambda share: work.reporter.progress(_CHOSEN * share)
+        )
+        visibility = Visibility(survey, painting)
+    with work.cost.of("lines"):
+        planes = survey_planes(survey)
+    frames = [facade.frame for facade in work.facades] + [plan_frame(survey, work.facades)]
     for k, frame in enumerate(frames):
-        begun = _CHOSEN + (_PAINTED - _CHOSEN) * k / len(frames)
-        _orthophoto(work, painting, visibility, frame, begun, (_PAINTED - _CHOSEN) / len(frames))
+        begun, length = _CHOSEN + (_PAINTED - _CHOSEN) * k / len(frames), (_PAINTED - _CHOSEN) / len(frames)
+        with work.cost.of("orthophotos"):
+            seen = see(survey, _grid(work, frame))
+            image = paint(survey, painting, visibility, seen, lambda s: work.reporter.progress(begun + length * s))  # noqa: B023
+            _write_orthophoto(work, image, seen.grid)
+        if frame.normal[2] > 0.5:
+            _write_heights(work, seen)
+        with work.cost.of("lines"):
+            parts = part_lines(part_shares(survey, painting, visibility, seen), seen.grid)
+            drawing = with_parts(draw_elevation(survey, planes, frame), parts)
+            _write_lines(work, "roof" if frame.name == "plan" else f"elevation-{frame.name}", drawing, "elevation")
+    _sections(work)
 
 
-def _orthophoto(
-    work: Work, painting: Painting, visibility: Visibility, frame: Frame, begun: float, length: float
-) -> None:
-    survey = work.survey
-    with work.cost.of("orthophotos"):
-        seen = see(survey, _grid(work, frame))
-        image = paint(survey, painting, visibility, seen, lambda s: work.reporter.progress(begun + length * s))
-        _write(work, f"orthophoto-{frame.name}", image, seen.grid)
-    if frame.normal[2] > 0.5:
-        with work.cost.of("heights"):
-            heights = seen.before + np.float32(survey.world(np.zeros(3))[2])
-            path = work.add(f"heights-{frame.name}.tif", kind="heights", frame=frame.name)
-            write_geotiff(path, heights, seen.grid, survey, {"KIND": "heights"})
+def _sections(work: Work) -> None:
+    for frame in section_frames(work.survey, work.facades, work.wanted.sections):
+        with work.cost.of("sections"):
+            made = cut(work.survey, frame)
+            if not made.drawing.lines:
+                work.reporter.warning(f"The section {frame.name} cuts nothing of the mesh; give another place.")
+                continue
+            facts = {"area": round(made.area, 6), "closed": made.closed}
+            _write_lines(work, f"section-{frame.name}", made.drawing, "section", **facts)
+
+
+def _write_lines(work: Work, name: str, drawing: LineDrawing, kind: str, **facts: Any) -> None:
+    facts = {"kind": kind, "frame": drawing.frame.name, "lines": len(drawing.lines), **facts}
+    write_dxf(work.add(f"{name}.dxf", **facts), drawing, work.survey)
+    write_svg(work.add(f"{name}.svg", **facts), drawing, work.survey)
+
+
+def _write_heights(work: Work, seen: Seen) -> None:
+    with work.cost.of("heights"):
+        heights = seen.before + np.float32(work.survey.world(np.zeros(3))[2])
+        path = work.add(f"heights-{seen.grid.frame.name}.tif", kind="heights", frame=seen.grid.frame.name)
+        write_geotiff(path, heights, seen.grid, work.survey, {"KIND": "heights"})
 
 
 def _grid(work: Work, frame: Frame) -> Grid:
@@ -159,7 +187,8 @@ def _grid(work: Work, frame: Frame) -> Grid:
     return plan_grid(frame, resolution, work.survey.unit)
 
 
-def _write(work: Work, name: str, image: NDArray[np.uint8], grid: Grid) -> None:
+def _write_orthophoto(work: Work, image: NDArray[np.uint8], grid: Grid) -> None:
+    name = f"orthophoto-{grid.frame.name}"
     facts = {
         "kind": "orthophoto", "frame": grid.frame.name, "resolution": grid.resolution,
         "width": grid.width, "height": grid.height, "covered": round(float((image[..., 3] > 0).mean()), 4),

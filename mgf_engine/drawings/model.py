@@ -93,6 +93,7 @@ class Survey:
         turn: local frame of the georeference -> local frame of the drawings, [3, 3]; a rotation that puts up where it
             was not known.
         pixel: length that a pixel of the photos as they were taken covers on the building, in the local unit.
+        working_pixel: the same of the working photos, which the mesh was made from.
     """
 
     mesh: Mesh
@@ -104,6 +105,7 @@ class Survey:
     georeference: Georeference
     turn: Array
     pixel: float
+    working_pixel: float
 
     @cached_property
     def normals(self) -> Array:
@@ -138,3 +140,44 @@ class Survey:
     def world(self, points: Array) -> Array:
         """Local frame of the drawings [..., 3] -> coordinates of the CRS, or of the scene without one, [..., 3]."""
         return np.asarray(points @ self.turn + np.array(self.georeference.offset))
+
+
+@dataclass(frozen=True)
+class Line:
+    """A polyline of a drawing.
+
+    Attributes:
+        points: drawing coordinates, [n, 2]; the first is repeated at the end where the line is closed.
+        layer: what it is, one of :data:`LAYERS`, or ``PART-NAME`` for the outline of a named part.
+    """
+
+    points: Array
+    layer: str
+
+
+@dataclass(frozen=True)
+class Area:
+    """What a section cuts through: an outer ring [n, 2] and holes, drawing coordinates."""
+
+    outer: Array
+    holes: tuple[Array, ...] = ()
+
+
+@dataclass(frozen=True)
+class LineDrawing:
+    """Lines on a frame, and the areas to be hatched."""
+
+    frame: Frame
+    lines: list[Line]
+    areas: list[Area]
+
+
+#: Layers of line drawings and their pen widths in millimetres, heaviest first.
+OUTLINE, CUT, STEP, CREASE, DETAIL, HATCH = "OUTLINE", "CUT", "STEP", "CREASE", "DETAIL", "HATCH"
+PART = "PART-"
+LAYERS = {CUT: 0.5, OUTLINE: 0.5, STEP: 0.35, CREASE: 0.25, PART: 0.25, DETAIL: 0.13, HATCH: 0.13}
+
+
+def pen_width(layer: str) -> float:
+    """Millimetres on paper."""
+    return LAYERS[PART if layer.startswith(PART) else layer]

@@ -17,7 +17,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.mesh.clean import edges, face_areas
+from mgf_engine.mesh.divide import divide_long_edges
 from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.view import face_normals
 from mgf_engine.order import arrange, cells_of, morton
 
 #: All lengths are in ground pixels (:func:`mgf_engine.mesh.reduce.ground_pixels`), all areas in their squares.
@@ -105,6 +107,22 @@ def _faces(mesh: Mesh, pixel: NDArray[np.float64]) -> _Faces:
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300))
+
+
+def planes_of(mesh: Mesh, pixel: float) -> Planes:
+    """The planes of a finished mesh, which may have large faces: those are divided, and their own normals count.
+
+    Args:
+        pixel: size of a ground pixel in the mesh's units.
+    """
+    vertices, parts, origin = divide_long_edges(np.asarray(mesh.vertices, np.float64), mesh.faces, SEED_SIDE * pixel)
+    fine = Mesh(vertices, parts, np.zeros((len(vertices), 3), np.uint8))
+    faces = _faces(fine, np.full(len(vertices), pixel))
+    large = (face_areas(mesh) / (SEED_AREA * pixel**2))[origin, None]
+    planes = find_planes(replace(faces, normal=_unit(faces.normal + large * face_normals(mesh)[origin])))
+    label = np.full(len(mesh.faces), -1, np.int32)
+    label[origin] = planes.label  # of its last part; parts of one face lie in one plane
+    return replace(planes, label=label)
 
 
 def find_planes(faces: _Faces) -> Planes:

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Borders of named parts (windows, doors ...) on a drawing, from what all photos say about each of its pixels."""
+
+from __future__ import annotations
+
+import re
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.model import PART, Array, Line, Survey
+from mgf_engine.drawings.orthophoto import Visibility
+from mgf_engine.drawings.project import Grid, Seen
+from mgf_engine.drawings.straighten import straighten
+from mgf_engine.drawings.trace import trace
+from mgf_engine.texture.make import Painting
+
+LEAST = 40.0  # pixels of the grid that a part covers at least
+SQUARE = 0.85  # intersection over union with its rectangle from which a part is one
+ALIGNED = 2.0  # pixels within which edges of rectangles are on one line
+EDGE = 0.5  # share of the photos that call a pixel part of it
+FACING = 0.35  # cosine to the drawing's normal of surfaces that parts are read on
+
+
+def part_shares(
+    survey: Survey, painting: Painting, visibility: Visibility, seen: Seen
+) -> dict[str, NDArray[np.float32]]:
+    """For each named part, the share of the photos which see a pixel that call it that part, [H, W]."""
+    normals = survey.normals @ seen.grid.frame.normal
+    pixel = np.flatnonzero((seen.face.ravel() >= 0) & (normals[np.maximum(seen.face.ravel(), 0)] > FACING))
+    if not survey.parts or not len(pixel):
+        return {}
+    points = survey.normalise(seen.points(pixel))
+    turned = survey.normals @ (survey.turn @ survey.georeference.rotation @ survey.scene.to_normalised.rotation.T)
+    facing = turned[seen.face.ravel()[pixel]]
+    total = np.zeros(len(pixel), np.float32)
+    votes = {name: np.zeros(len(pixel), np.float32) for name in survey.parts}
+    showing = {view for elements in survey.parts.values() for view in elements}
+    for k, view in enumerate(painting.chosen):
+        if view not in showing:
+            continue
+        size, clear = visibility(k, points, facing)
+        rows = np.flatnonzero(clear)
+        if not len(rows):
+            continue
+        at = painting.views[k].project(points[rows])[0]
+        weight = size[rows].astype(np.float32)
+        total[rows] += weight
+        for name, elements in survey.parts.items():
+            shown = np.isin(survey.masks.labels[view], elements.get(view, [])).astype(np.float32)
+            votes[name][rows] += weight * _between(shown, at)
+    result = {}
+    for name, vote in votes.items():
+        share = np.zeros(seen.face.size, np.float32)
+        share[pixel] = vote / np.maximum(total, 1e-12)
+        result[name] = share.reshape(seen.face.shape)
+    return result
+
+
+def part_lines(shares: dict[str, NDArray[np.float32]], grid: Grid) -> list[Line]:
+    """The outlines of all parts: rectangles with edges in line where they are so but for noise, else polygons."""
+    lines: list[Line] = []
+    boxes: list[tuple[str, Array]] = []
+    for name, share in shares.items():
+        count, part, stats, _ = cv2.connectedComponentsWithStats((share > EDGE).astype(np.uint8), connectivity=4)
+        for k in range(1, count):
+            if stats[k, cv2.CC_STAT_AREA] < LEAST:
+                continue
+            x, y, w, h = stats[k, :4].tolist()
+            own = part[y : y + h, x : x + w] == k
+            box = _rectangle(share, own, x, y)
+            if box is not None:
+                boxes.append((name, box))
+            else:
+                lines.append(Line(_polygon(own, x, y, grid), layer_of(name)))
+    corners = _aligned(np.array([box for _, box in boxes]).reshape(-1, 4))
+    for (name, _), (left, top, right, bottom) in zip(boxes, corners, strict=True):
+        ring = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
+        lines.append(Line(grid.places(ring), layer_of(name)))
+    return lines
+
+
+def layer_of(name: str) -> str:
+    """The layer of a part: what DXF allows of its name."""
+    return PART + (re.sub(r"[^A-Z0-9_-]+", "_", name.upper()).strip("_") or "OTHER")
+
+
+def _between(image: NDArray[np.float32], at: Array) -> NDArray[np.float32]:
+    """Values of an image [H, W] at pixels [n, 2], linear between centres, [n]."""
+    rows = max(1, -(-len(at) // 4096))
+    maps = np.zeros((rows * 4096, 2), np.float32)
+    maps[: len(at)] = at - 0.5
+    x, y = (np.ascontiguousarray(maps[:, k]).reshape(rows, 4096) for k in range(2))
+    found = cv2.remap(image, x, y, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found.ravel()[: len(at)], np.float32)
+
+
+def _rectangle(share: NDArray[np.float32], own: NDArray[np.bool_], x: int, y: int) -> Array | None:
+    """Left, top, right, bottom in pixels, to a part of one; None for what is no rectangle."""
+    filled = cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+    rows, columns = filled.sum(1), filled.sum(0)
+    high, wide = np.flatnonzero(rows > 0.5 * rows.max()), np.flatnonzero(columns > 0.5 * columns.max())
+    top, bottom, left, right = int(high[0]), int(high[-1]) + 1, int(wide[0]), int(wide[-1]) + 1
+    box = (bottom - top) * (right - left)
+    inside = int(filled[top:bottom, left:right].sum())
+    if inside < SQUARE * (box + int(filled.sum()) - inside):
+        return None
+    across = _profile(share[y + top : y + bottom], x + left, x + right)
+    down = _profile(share[:, x + left : x + right].T, y + top, y + bottom)
+    return np.array([across[0], down[0], across[1], down[1]])
+
+
+def _profile(band: NDArray[np.float32], begin: int, end: int) -> tuple[float, float]:
+    """Where the median over rows of a band [n, W] crosses :data:`EDGE` near two columns, upwards and downwards."""
+    mean = np.median(band, axis=0)
+    return _crossing(mean - EDGE, begin), _crossing(EDGE - mean, end)
+
+
+def _crossing(rising: NDArray[np.float32], at: int) -> float:
+    """Where values of pixels cross 0 upwards near the border before pixel ``at``; ``at`` where they do not."""
+    for k in (at, at - 1, at + 1, at - 2, at + 2):
+        if 1 <= k < len(rising) and rising[k - 1] <= 0 < rising[k]:
+            return k - 0.5 + float(rising[k - 1] / (rising[k - 1] - rising[k]))
+    return float(at)
+
+
+def _aligned(boxes: Array) -> Array:
+    """Edges of rectangles [n, 4] that are nearly on one line brought onto it, column by column."""
+    result = boxes.copy()
+    for k in range(4):
+        order = np.argsort(boxes[:, k])
+        groups = np.split(order, np.flatnonzero(np.diff(boxes[order, k]) > ALIGNED / 2) + 1)
+        for group in groups:
+            if len(group) and np.ptp(boxes[group, k]) <= ALIGNED:
+                result[group, k] = boxes[group, k].mean()
+    return result
+
+
+def _polygon(own: NDArray[np.bool_], x: int, y: int, grid: Grid) -> Array:
+    chains = trace(np.pad(own.astype(np.int32), 1))
+    outer = max(chains, key=lambda chain: len(chain.corners))
+    corners = grid.places(outer.corners + np.array([x - 1.0, y - 1.0]))
+    return straighten(corners, (0, 0), grid.resolution).points

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sections: where a plane cuts the mesh, as straight lines and areas to be hatched."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.facades import plan_frame
+from mgf_engine.drawings.model import CUT, Area, Array, Facade, Frame, Line, LineDrawing, Survey
+from mgf_engine.drawings.straighten import straighten
+from mgf_engine.errors import BadInput
+
+SPACING = 0.5  # ground pixels between the points of a cut before it is made straight
+LOW = 0.2  # of the building's height, below which open ends are those of walls that go into the ground
+LEAST = 9.0  # square ground pixels; smaller areas and shorter lines are crumbs
+ABOVE = 1.2  # metres above the ground where a plan is cut; a quarter of the height where the scale is unknown
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A section: its drawing, the area it cuts, and whether all of it could be closed."""
+
+    drawing: LineDrawing
+    area: float
+    closed: bool
+
+
+def section_frames(survey: Survey, facades: Sequence[Facade], wanted: Sequence[str]) -> list[Frame]:
+    """The planes to cut at: level ones ``z=1.2`` above the ground, upright ones ``A=3.5`` from a facade's left end.
+
+    Without any wanted, a plan and two cross-sections through the middle.
+
+    Raises:
+        BadInput: a text names no facade, no number, or a plane beside the building.
+    """
+    if wanted:
+        return [_frame_of(survey, facades, text) for text in wanted]
+    height = float(np.ptp(survey.mesh.vertices[:, 2]))
+    level = ABOVE if survey.georeference.metric and height > ABOVE else 0.25 * height
+    first = facades[0]
+    across = max(facades, key=lambda f: abs(float(f.frame.normal @ first.frame.x)))
+    through = [first] if across is first else [first, across]
+    return [_level(survey, facades, level), *(_upright(survey, f, 0.5 * float(f.frame.size[0])) for f in through)]
+
+
+def cut(survey: Survey, frame: Frame) -> Cut:
+    """What the frame's plane cuts."""
+    pixel = survey.working_pixel
+    paths = [frame.to_drawing(path)[:, :2] for path in _paths(survey, frame)]
+    paths = [path for path in paths if _length(path) ** 2 > LEAST * pixel**2]
+    upright = abs(float(frame.normal[2])) < 0.5
+    rings, loose = [p for p in paths if (p[0] == p[-1]).all()], [p for p in paths if not (p[0] == p[-1]).all()]
+    low = float(frame.low[1] + LOW * frame.size[1])
+    for path in list(loose):
+        in_ground = upright and max(path[0, 1], path[-1, 1]) < low
+        if in_ground or np.hypot(*(path[0] - path[-1])) < 4 * pixel:
+            rings.append(np.concatenate([path, path[:1]]))
+            loose = [other for other in loose if other is not path]
+    straight = [straighten(_resampled(ring, SPACING * pixel), (0, 0), pixel).points for ring in rings]
+    areas = _areas(straight, LEAST * pixel**2)
+    lines = [Line(ring, CUT) for area in areas for ring in (area.outer, *area.holes)]
+    lines += [Line(straighten(_resampled(path, SPACING * pixel), (0, 1), pixel).points, CUT) for path in loose]
+    total = sum(_ring_area(a.outer) - sum(map(_ring_area, a.holes)) for a in areas)
+    return Cut(LineDrawing(frame, lines, areas), total, not loose)
+
+
+def _frame_of(survey: Survey, facades: Sequence[Facade], text: str) -> Frame:
+    match = re.fullmatch(r"\s*([\w-]+)\s*=\s*([-+0-9.eE]+)\s*", text)
+    known = {facade.name: facade for facade in facades}
+    names = ", ".join(["z", *known])
+    try:
+        name, value = match.group(1), float(match.group(2))  # type: ignore[union-attr]
+        if not np.isfinite(value) or not (name == "z" or name in known):
+            raise ValueError(name)
+    except (AttributeError, ValueError) as error:
+        raise BadInput(f"--section takes NAME=DISTANCE with NAME one of {names}, not '{text}'.") from error
+    size = float(np.ptp(survey.mesh.vertices[:, 2])) if name == "z" else float(known[name].frame.size[0])
+    if not 0 < value < size:
+        raise BadInput(f"The section {text} misses the building, which reaches from 0 to {size:.3f} there.")
+    return _level(survey, facades, value) if name == "z" else _upright(survey, known[name], value)
+
+
+def _level(survey: Survey, facades: Sequence[Facade], above: float) -> Frame:
+    plan = plan_frame(survey, list(facades))
+    z = float(survey.mesh.vertices[:, 2].min()) + above
+    return Frame(f"z-{above:.3g}", plan.origin + z * plan.normal, plan.x, plan.y, plan.low, plan.high)
+
+
+def _upright(survey: Survey, facade: Facade, distance: float) -> Frame:
+    """Across a facade, seen from its left end."""
+    normal, up = -facade.frame.x, np.array([0.0, 0.0, 1.0])
+    origin = facade.frame.origin + facade.frame.x * (facade.frame.low[0] + distance)
+    frame = Frame(f"{facade.name}-{distance:.3g}", origin, np.cross(up, normal), up, np.zeros(2), np.zeros(2))
+    at = frame.to_drawing(survey.mesh.vertices)[:, :2]
+    return Frame(frame.name, origin, frame.x, up, at.min(0), at.max(0))
+
+
+def _paths(survey: Survey, frame: Frame) -> list[Array]:
+    """Where the plane cuts the mesh, as polylines [n, 3] in the local frame; closed ones repeat their first point."""
+    before = (survey.mesh.vertices - frame.origin) @ frame.normal
+    faces = survey.mesh.faces
+    above = before > 0  # vertices in the plane count as below it, so that each cut face has two cut edges
+    crossed = np.flatnonzero(above[faces].any(1) & ~above[faces].all(1))
+    ends = np.stack([faces[crossed], np.roll(faces[crossed], -1, axis=1)], 2)  # [K, 3, 2]
+    split = above[ends[..., 0]] != above[ends[..., 1]]
+    pairs, node = np.unique(np.sort(ends[split], axis=1), axis=0, return_inverse=True)
+    share = before[pairs[:, 0]] / (before[pairs[:, 0]] - before[pairs[:, 1]])
+    low, high = survey.mesh.vertices[pairs[:, 0]], survey.mesh.vertices[pairs[:, 1]]
+    points = low + share[:, None] * (high - low)
+    return [points[path] for path in _walk(node.reshape(-1, 2), len(points))]
+
+
+def _walk(edges: NDArray[np.int64], count: int) -> list[list[int]]:
+    """Nodes of each path through edges [E, 2]: open ones from end to end, then closed ones."""
+    around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    for k, (a, b) in enumerate(edges.tolist()):
+        around[a].append((k, b))
+        around[b].append((k, a))
+    used, paths = np.zeros(len(edges), bool), []
+    order = sorted(range(count), key=lambda n: len(around[n]) == 2)
+    for begin in order:
+        while any(not used[k] for k, _ in around[begin]):
+            path = [begin]
+            while True:
+                step = next(((k, n) for k, n in around[path[-1]] if not used[k]), None)
+                if step is None:
+                    break
+                used[step[0]] = True
+                path.append(step[1])
+                if step[1] == begin:
+                    break
+            paths.append(path)
+    return paths
+
+
+def _resampled(path: Array, spacing: float) -> Array:
+    """Points at even distances along a polyline, its corners kept."""
+    steps = np.hypot(*np.diff(path, axis=0).T)
+    parts = [
+        path[k] + np.arange(n := max(1, int(np.ceil(step / spacing))))[:, None] / n * (path[k + 1] - path[k])
+        for k, step in enumerate(steps)
+        if step > 0
+    ]
+    return np.concatenate([*parts, path[-1:]])
+
+
+def _areas(rings: list[Array], least: float) -> list[Area]:
+    """What lies inside an odd number of rings."""
+    from shapely import MultiPolygon, Polygon
+
+    polygons = [Polygon(ring).buffer(0) for ring in rings if len(ring) > 3]
+    if not polygons:
+        return []
+    inside = reduce(lambda one, other: one.symmetric_difference(other), polygons)
+    parts = inside.geoms if isinstance(inside, MultiPolygon) else [inside]
+    return [
+        Area(
+            np.array(part.exterior.coords),
+            tuple(np.array(hole.coords) for hole in part.interiors if Polygon(hole).area > least),
+        )
+        for part in parts
+        if part.geom_type == "Polygon" and part.area > least
+    ]
+
+
+def _ring_area(ring: Array) -> float:
+    x, y = (ring - ring[0]).T
+    return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))
+
+
+def _length(path: Array) -> float:
+    return float(np.hypot(*np.diff(path, axis=0).T).sum())

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Chains of pixel corners made into few straight lines that meet: what a draughtsman would have drawn.
+
+A chain is split where it turns (Douglas and Peucker), a line of least squares is put through each part, or the line
+where its two planes meet; nearly level and upright lines become so; neighbours are brought to where they cross, and
+chains that meet in one place end in one point. No point moves further than a few pixels, no long line by more than one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SPLIT = 1.5  # ground pixels that a chain may leave the line between two of its corners
+SHORT = 5.0  # ground pixels; shorter parts have no line of their own
+TRUE = 1.0  # ground pixel that the end of a line moves at most when it is made level or upright
+SNAP = np.radians(6.0)  # and its angle
+CROSS = np.sin(np.radians(12.0))  # of the angle between lines that cross in a place worth the name
+MEET = 4.0  # ground pixels around a corner or an end within which its lines are brought together
+KNOWN = 1.5  # ground pixels from the line of two planes within which a part is that line
+ALONG = np.cos(np.radians(1.5))  # of the angle between lines that are one line
+APART = 0.6  # ground pixels between them
+
+
+@dataclass
+class Run:
+    """A straight part of a chain: a point on its line [2], its unit direction [2], its length; ``known`` is exact."""
+
+    at: Array
+    along: Array
+    length: float
+    known: bool = False
+
+    @property
+    def upright(self) -> bool:
+        return bool(self.along[0] == 0.0)
+
+    @property
+    def level(self) -> bool:
+        return bool(self.along[1] == 0.0)
+
+    def nearest(self, point: Array) -> Array:
+        """The point of the line nearest to a point, [2]."""
+        return np.asarray(self.at + self.along * float(self.along @ (point - self.at)))
+
+
+@dataclass
+class Stroke:
+    """A chain as straight runs with the points between them.
+
+    Attributes:
+        runs: in order; points: [len(runs) + 1, 2], the first and last are its ends.
+        ends: as of the chain.
+    """
+
+    runs: list[Run]
+    points: Array
+    ends: tuple[int, int]
+
+    @property
+    def closed(self) -> bool:
+        return self.ends[0] == self.ends[1]
+
+
+def straighten(corners: Array, ends: tuple[int, int], pixel: float, known: Array | None = None) -> Stroke:
+    """A chain as straight runs.
+
+    Args:
+        corners: [n, 2], drawing coordinates.
+        pixel: a ground pixel.
+        known: line (a, b, c) with ``a x + b y + c = 0`` and (a, b) of length 1 where the planes on both sides meet.
+    """
+    closed = ends[0] == ends[1]
+    if closed:
+        corners = _begun_at_a_corner(corners)
+    breaks = split(corners, SPLIT * pixel)
+    runs = [_run(corners[i : j + 1], pixel, known) for i, j in pairwise(breaks)]
+    at = corners[breaks]
+    runs, at = _without_short(runs, at, pixel, closed)
+    points = at.copy()
+    for k in range(1, len(runs)):
+        points[k] = crossing([runs[k - 1], runs[k]], at[k], pixel)
+    if closed and len(runs) > 1:
+        points[0] = points[-1] = crossing([runs[-1], runs[0]], at[0], pixel)
+    elif not closed:
+        points[0], points[-1] = runs[0].nearest(at[0]), runs[-1].nearest(at[-1])
+    return Stroke(runs, points, ends)
+
+
+def turn(one: Array, other: Array) -> float:
+    """Sine of the angle from one unit vector [2] to another."""
+    return float(one[0] * other[1] - one[1] * other[0])
+
+
+def split(points: Array, tolerance: float) -> list[int]:
+    """Rows of a polyline [n, 2] that are kept so that it nowhere leaves the rest by more (Douglas and Peucker)."""
+    kept, left = {0, len(points) - 1}, [(0, len(points) - 1)]
+    while left:
+        i, j = left.pop()
+        if j - i < 2:
+            continue
+        span = points[j] - points[i]
+        length = float(np.hypot(*span))
+        off = points[i + 1 : j] - points[i]
+        away = np.abs(off[:, 0] * span[1] - off[:, 1] * span[0]) / length if length > 0 else np.hypot(*off.T)
+        worst = int(away.argmax())
+        if away[worst] > tolerance:
+            kept.add(i + 1 + worst)
+            left += [(i, i + 1 + worst), (i + 1 + worst, j)]
+    return sorted(kept)
+
+
+def crossing(runs: list[Run], place: Array, pixel: float) -> Array:
+    """Where lines meet near a place [2]: of least squares, level, upright and known lines before others."""
+    matrix, right = 1e-9 * np.eye(2), 1e-9 * place
+    for run in runs:
+        across = np.array([-run.along[1], run.along[0]])
+        weight = run.length * (100.0 if run.known or run.upright or run.level else 1.0)
+        matrix = matrix + weight * np.outer(across, across)
+        right = right + weight * across * float(across @ run.at)
+    steepest = max((abs(turn(a.along, b.along)) for k, a in enumerate(runs) for b in runs[k + 1 :]), default=0.0)
+    mean = np.mean([run.nearest(place) for run in runs], axis=0)
+    if steepest < CROSS:
+        return np.asarray(mean)
+    found = np.linalg.solve(matrix, right)
+    return np.asarray(found if np.hypot(*(found - place)) <= MEET * pixel else mean, np.float64)
+
+
+def join_ends(strokes: list[Stroke], places: dict[int, Array], pixel: float) -> None:
+    """Bring all strokes that end in one place to one point; ``places``: where each place is, [2]."""
+    meeting: dict[int, list[tuple[Stroke, int]]] = {}
+    for stroke in strokes:
+        if not stroke.closed:
+            meeting.setdefault(stroke.ends[0], []).append((stroke, 0))
+            meeting.setdefault(stroke.ends[1], []).append((stroke, -1))
+    for place, members in meeting.items():
+        if len(members) > 1:
+            point = crossing([stroke.runs[end] for stroke, end in members], places[place], pixel)
+            for stroke, end in members:
+                stroke.points[end] = point
+
+
+def merge(segments: list[tuple[Array, Array]], pixel: float) -> list[tuple[Array, Array]]:
+    """Segments (start and end, [2] each), those on one line that touch or overlap made into one."""
+    merged = [s for s in segments if np.hypot(*(s[1] - s[0])) > 1e-9]
+    changed = True
+    while changed:
+        changed, merged = _merged_once(merged, pixel)
+    return merged
+
+
+def _merged_once(segments: list[tuple[Array, Array]], pixel: float) -> tuple[bool, list[tuple[Array, Array]]]:
+    segments = sorted(segments, key=lambda s: -float(np.hypot(*(s[1] - s[0]))))
+    taken, result, changed = np.zeros(len(segments), bool), list[tuple[Array, Array]](), False
+    if not segments:
+        return False, []
+    starts, ends = (np.array([s[k] for s in segments]) for k in range(2))
+    spans = ends - starts
+    directions = spans / np.linalg.norm(spans, axis=1, keepdims=True)
+    for k in range(len(segments)):
+        if taken[k]:
+            continue
+        taken[k] = True
+        low, high = 0.0, float(np.linalg.norm(spans[k]))
+        along, across = directions[k], np.array([-directions[k][1], directions[k][0]])
+        off = np.maximum(np.abs((starts - starts[k]) @ across), np.abs((ends - starts[k]) @ across))
+        a, b = (starts - starts[k]) @ along, (ends - starts[k]) @ along
+        alike = ~taken & (np.abs(directions @ along) > ALONG) & (off < APART * pixel)
+        for other in np.flatnonzero(alike):
+            least, most = min(a[other], b[other]), max(a[other], b[other])
+            if least <= high + pixel and most >= low - pixel:
+                low, high, taken[other], changed = min(low, least), max(high, most), True, True
+        result.append((starts[k] + low * along, starts[k] + high * along))
+    return changed, result
+
+
+def _begun_at_a_corner(loop: Array) -> Array:
+    """A closed polyline begun where it is farthest from its middle, which is a corner of most shapes."""
+    first = int(np.linalg.norm(loop[:-1] - loop[:-1].mean(0), axis=1).argmax())
+    return np.concatenate([loop[first:-1], loop[: first + 1]])
+
+
+def _run(corners: Array, pixel: float, known: Array | None) -> Run:
+    """The line through part of a chain."""
+    middles = 0.5 * (corners[1:] + corners[:-1])
+    span = corners[-1] - corners[0]
+    length = float(np.hypot(*span))
+    if known is not None:
+        across = known[:2]
+        off = middles @ across + known[2]
+        along = np.array([-across[1], across[0]])
+        if np.median(np.abs(off)) < KNOWN * pixel and length > 0 and abs(float(along @ span)) > 0.9 * length:
+            centre = corners.mean(0)
+            return _true(Run(centre - across * (centre @ across + known[2]), along, length, True), pixel)
+    cut = min(len(middles) // 4, max(1, int(pixel / max(length / len(middles), 1e-12))))
+    inner = middles[cut : len(middles) - cut] if len(middles) > 6 else middles
+    centre = inner.mean(0)
+    if len(inner) > 2:
+        along = np.linalg.svd(inner - centre, full_matrices=False)[2][0]
+    else:
+        along = span / max(length, 1e-300)
+    return _true(Run(centre, along * (np.sign(along @ span) or 1.0), length), pixel)
+
+
+def _true(run: Run, pixel: float) -> Run:
+    """The run level or upright where it is so but for a ground pixel at its ends."""
+    for axis in range(2):
+        turn = abs(float(run.along[axis]))
+        if turn < np.sin(SNAP) and 0.5 * run.length * turn <= TRUE * pixel:
+            along = np.zeros(2)
+            along[1 - axis] = np.sign(run.along[1 - axis])
+            return Run(run.at, along, run.length, run.known)
+    return run
+
+
+def _without_short(runs: list[Run], at: Array, pixel: float, closed: bool) -> tuple[list[Run], Array]:
+    """Short runs dropped where the lines beside them cross nearby."""
+    k = 1
+    while k < len(runs) - 1:
+        before, run, after = runs[k - 1], runs[k], runs[k + 1]
+        if run.length < SHORT * pixel and min(before.length, after.length) > run.length:
+            middle = 0.5 * (at[k] + at[k + 1])
+            if abs(turn(before.along, after.along)) > CROSS:
+                place = _cross(before, after)
+                if np.hypot(*(place - middle)) < MEET * pixel:
+                    runs, at = runs[:k] + runs[k + 1 :], np.concatenate([at[:k], [place], at[k + 2 :]])
+                    continue
+        k += 1
+    return runs, at
+
+
+def _cross(one: Run, other: Run) -> Array:
+    matrix = np.stack([one.along, -other.along], 1)
+    return np.asarray(one.at + one.along * np.linalg.solve(matrix, other.at - one.at)[0])

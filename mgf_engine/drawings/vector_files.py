@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Line drawings on disk: DXF with a layer for each kind of line, and SVG; real lengths in both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+
+from mgf_engine.drawings.model import CREASE, CUT, DETAIL, HATCH, OUTLINE, PART, STEP, Array, Frame, LineDrawing, Survey
+from mgf_engine.drawings.model import pen_width as pen
+from mgf_engine.system import atomic_path
+
+_COLORS = {CUT: 1, OUTLINE: 7, STEP: 7, CREASE: 8, DETAIL: 9, HATCH: 8}  # AutoCAD's numbers; parts are blue
+_METRES, _NO_UNIT = 6, 0  # $INSUNITS
+SVG_SCALE = 100  # the SVG's own size is that of a print at 1:100
+
+
+def file_shift(frame: Frame, survey: Survey) -> Array:
+    """What is added to drawing coordinates [2] in files: the CRS's easting and northing, or heights."""
+    east, north, height = survey.georeference.offset
+    if frame.normal[2] > 0.5:
+        return np.array([east, north]) if frame.x[0] > 0.999999 else np.zeros(2)
+    return np.array([0.0, height]) if abs(frame.normal[2]) < 1e-6 else np.zeros(2)
+
+
+def write_dxf(path: Path, drawing: LineDrawing, survey: Survey) -> None:
+    """DXF (R2010): polylines on layers by kind, areas hatched; the unit is the metre where it is known."""
+    import ezdxf
+
+    document = ezdxf.new("R2010", setup=True)  # type: ignore[attr-defined]
+    document.header["$INSUNITS"] = _METRES if survey.georeference.metric else _NO_UNIT
+    document.header["$MEASUREMENT"] = 1
+    for layer in _layers(drawing):
+        document.layers.add(layer, color=_COLORS.get(layer, 5), lineweight=round(100 * pen(layer)))
+    space, shift = document.modelspace(), file_shift(drawing.frame, survey)
+    for line in drawing.lines:
+        closed = len(line.points) > 2 and bool((line.points[0] == line.points[-1]).all())
+        points = (line.points[:-1] if closed else line.points) + shift
+        space.add_lwpolyline(points.tolist(), close=closed, dxfattribs={"layer": line.layer})
+    for area in drawing.areas:
+        hatch = space.add_hatch(dxfattribs={"layer": HATCH})
+        hatch.set_pattern_fill("ANSI31", scale=float(drawing.frame.size.max()) / 190)
+        hatch.paths.add_polyline_path((area.outer[:-1] + shift).tolist(), is_closed=True, flags=1)
+        for hole in area.holes:
+            hatch.paths.add_polyline_path((hole[:-1] + shift).tolist(), is_closed=True, flags=0)
+    with atomic_path(path) as temporary:
+        document.saveas(temporary)
+
+
+def write_svg(path: Path, drawing: LineDrawing, survey: Survey) -> None:
+    """SVG in the drawing's own unit, y downwards, a group for each layer; its size is that of a print at 1:100."""
+    shift, margin = file_shift(drawing.frame, survey), 0.02 * float(drawing.frame.size.max())
+    low, high = drawing.frame.low + shift - margin, drawing.frame.high + shift + margin
+    width, height = high - low
+    root = Xml.Element("svg", {
+        "xmlns": "http://www.w3.org/2000/svg", "version": "1.1",
+        "width": f"{1000 * width / SVG_SCALE:.3f}mm", "height": f"{1000 * height / SVG_SCALE:.3f}mm",
+        "viewBox": f"{low[0]:.4f} {-high[1]:.4f} {width:.4f} {height:.4f}",
+    })  # fmt: skip
+    if drawing.areas:
+        _hatch_pattern(root)
+        group = Xml.SubElement(root, "g", {"id": HATCH, "fill": "url(#hatch)", "fill-rule": "evenodd"})
+        for area in drawing.areas:
+            rings = [_path(ring + shift) + " Z" for ring in (area.outer, *area.holes)]
+            Xml.SubElement(group, "path", {"d": " ".join(rings)})
+    for layer in _layers(drawing):
+        if layer != HATCH:
+            stroke = f"{pen(layer) * SVG_SCALE / 1000:.4f}"
+            style = {"fill": "none", "stroke": "black", "stroke-width": stroke, "stroke-linecap": "round"}
+            group = Xml.SubElement(root, "g", {"id": layer, **style})
+            for line in drawing.lines:
+                if line.layer == layer:
+                    Xml.SubElement(group, "path", {"d": _path(line.points + shift)})
+    Xml.indent(root)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(Xml.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _hatch_pattern(root: Xml.Element) -> None:
+    """Lines at 45 degrees, 3 mm apart on paper."""
+    side = 3.0 * SVG_SCALE / 1000
+    box = {"id": "hatch", "width": f"{side}", "height": f"{side}", "patternUnits": "userSpaceOnUse"}
+    pattern = Xml.SubElement(Xml.SubElement(root, "defs"), "pattern", {**box, "patternTransform": "rotate(45)"})
+    stroke = {"stroke": "black", "stroke-width": f"{pen(HATCH) * SVG_SCALE / 1000:.4f}"}
+    Xml.SubElement(pattern, "line", {"x1": "0", "y1": "0", "x2": "0", "y2": f"{side}", **stroke})
+
+
+def _layers(drawing: LineDrawing) -> list[str]:
+    used = dict.fromkeys(line.layer for line in drawing.lines)
+    known = [layer for layer in (CUT, OUTLINE, STEP, CREASE) if layer in used]
+    parts = sorted(layer for layer in used if layer.startswith(PART))
+    return known + parts + [DETAIL] * (DETAIL in used) + [HATCH] * bool(drawing.areas)
+
+
+def _path(points: Array) -> str:
+    return "M " + " L ".join(f"{x:.4f} {-y:.4f}" for x, y in points)

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Elevations and sections of a house whose every edge is known: DXF read by ezdxf, in real lengths."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from pathlib import Path
+from typing import Any
+
+import ezdxf
+import numpy as np
+import pytest
+
+from mgf_engine.drawings.facades import find_facades
+from mgf_engine.drawings.load import read_survey
+from mgf_engine.drawings.model import Survey
+from mgf_engine.drawings.section import cut, section_frames
+from mgf_engine.errors import BadInput
+from tests.drawings.job_of_house import WINDOWS, FinishedJob
+from tests.house import OFFSET
+
+GROUND = float(OFFSET[2])
+
+
+@pytest.fixture(scope="module")
+def survey(finished: FinishedJob) -> Survey:
+    return read_survey(finished.folder)
+
+
+def segments(path: Path) -> dict[str, list[np.ndarray]]:
+    """Layer -> its segments [2, 2]; heights from the ground."""
+    document = ezdxf.readfile(path)
+    audit = document.audit()
+    assert not audit.has_errors and not audit.has_fixes
+    found: dict[str, list[np.ndarray]] = {}
+    for line in document.modelspace().query("LWPOLYLINE"):
+        points = np.array(line.get_points("xy"))
+        points = np.concatenate([points, points[:1]]) if line.closed else points
+        found.setdefault(line.dxf.layer, []).extend(np.stack([points[:-1], points[1:]], 1))
+    return found
+
+
+def all_there(found: list[np.ndarray], true: list[tuple[float, float, float, float]], slack: float) -> bool:
+    """Whether each true segment is found with both ends, in either direction, and nothing else is."""
+    left = list(found)
+    for x0, y0, x1, y1 in true:
+        ends = np.array([[x0, y0], [x1, y1]])
+        match = [k for k, s in enumerate(left) if min(np.abs(s - ends).max(), np.abs(s[::-1] - ends).max()) < slack]
+        if not match:
+            return False
+        left.pop(match[0])
+    return not left
+
+
+def test_the_long_side_has_its_outline_its_eaves_and_its_windows(drawings: Path, index: dict[str, Any]) -> None:
+    found = segments(drawings / "elevation-A.dxf")
+    b, pixel = GROUND, index["pixel"]
+    outline = [(0, b, 4, b), (4, b, 4, b + 3.2), (4, b + 3.2, 0, b + 3.2), (0, b + 3.2, 0, b)]
+    assert all_there(found["OUTLINE"], outline, pixel)
+    assert all_there(found["CREASE"], [(0, b + 2, 4, b + 2)], pixel)
+    windows = []
+    for left, right, low, high in WINDOWS:
+        x0, x1, y0, y1 = left + 2, right + 2, b + low, b + high
+        windows += [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
+    assert all_there(found["PART-WINDOW"], windows, pixel)
+    assert set(found) == {"OUTLINE", "CREASE", "PART-WINDOW"}
+
+
+def test_the_gable_side_is_five_lines(drawings: Path, index: dict[str, Any]) -> None:
+    found = segments(drawings / "elevation-B.dxf")
+    b = GROUND
+    gable = [(0, b, 3, b), (3, b, 3, b + 2), (3, b + 2, 1.5, b + 3.2), (1.5, b + 3.2, 0, b + 2), (0, b + 2, 0, b)]
+    assert set(found) == {"OUTLINE"} and all_there(found["OUTLINE"], gable, index["pixel"])
+
+
+def test_sections_have_their_area_and_are_hatched(drawings: Path, index: dict[str, Any]) -> None:
+    areas = {name: facts["area"] for name, facts in index["files"].items() if facts["kind"] == "section"}
+    assert areas["section-z-0.8.dxf"] == pytest.approx(4 * 3, rel=0.005)
+    assert areas["section-A-2.dxf"] == pytest.approx(3 * 2 + 0.5 * 3 * 1.2, rel=0.005)
+    assert areas["section-B-1.5.dxf"] == pytest.approx(4 * 3.2, rel=0.005)
+    for name in areas:
+        if name.endswith(".dxf"):
+            document = ezdxf.readfile(drawings / name)
+            (hatch,) = document.modelspace().query("HATCH")
+            assert hatch.dxf.layer == "HATCH" and hatch.dxf.pattern_name == "ANSI31"
+
+
+@pytest.mark.parametrize("height", [2.2, 2.5, 3.0])
+def test_a_level_section_through_the_roof(survey: Survey, height: float) -> None:
+    (frame,) = section_frames(survey, find_facades(survey), [f"z={height}"])
+    made = cut(survey, frame)
+    assert made.closed and made.area == pytest.approx(4 * 3 * (3.2 - height) / 1.2, rel=0.005)
+
+
+@pytest.mark.parametrize("text", ["z=-1", "z=9", "A=4.5", "west=1", "z", "A=x"])
+def test_a_section_that_cannot_be_is_refused(survey: Survey, text: str) -> None:
+    with pytest.raises(BadInput):
+        section_frames(survey, find_facades(survey), [text])
+
+
+def test_svg_has_a_group_for_each_layer_and_the_size_of_a_print(drawings: Path) -> None:
+    root = Xml.parse(drawings / "elevation-A.svg").getroot()
+    groups = [node.get("id") for node in root if node.get("id")]
+    assert groups == ["OUTLINE", "CREASE", "PART-WINDOW"]
+    assert float(root.get("width").removesuffix("mm")) == pytest.approx(1000 * 4 * 1.04 / 100, rel=1e-3)
