@@ -11,13 +11,13 @@ import ezdxf
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.facades import find_facades
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
 from mgf_engine.drawings.section import cut, section_frames
 from mgf_engine.errors import BadInput
 from tests.drawings.job_of_house import WINDOWS, FinishedJob
-from tests.house import OFFSET
 
 GROUND = float(OFFSET[2])
 
