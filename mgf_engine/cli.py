@@ -120,6 +120,11 @@ def _parser() -> argparse.ArgumentParser:
     clean.add_argument("job", type=_path, metavar="JOB", help="job folder")
     clean.add_argument("runs", nargs="*", type=int, metavar="RUN", help="remove these")
     clean.add_argument("--old", action="store_true", help="remove all but the present result")
+    georef = commands.add_parser(
+        "georef", help="true coordinates for a finished job: GPS, control points, scale bars",
+        argument_default=argparse.SUPPRESS,
+    )  # fmt: skip
+    _add_georef_arguments(georef)
     commands.add_parser("bench", help="run a suite of measurements; 'mgf bench --help' tells more", add_help=False)
     return parser
 
@@ -140,6 +145,12 @@ def _add_drawings_arguments(parser: argparse.ArgumentParser) -> None:
     from mgf_engine.drawings.command import add_arguments
 
     add_arguments(parser)
+
+
+def _add_georef_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("job", type=_path, metavar="JOB", help="folder of a finished job")
+    for spec in (f for f in fields(Config) if f.metadata["section"] == "georef"):
+        _add_option(parser, spec)
 
 
 def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
@@ -334,7 +345,14 @@ def _clean_command(args: argparse.Namespace) -> int:
     return clean_command(args)
 
 
+def _georef_command(args: argparse.Namespace) -> int:
+    from mgf_engine.georef.command import georef_command
+
+    return georef_command(args)
+
+
 _OTHER_COMMANDS = {
+    "georef": _georef_command,
     "clean": _clean_command,
     "doctor": _doctor_command,
     "drawings": _drawings_command,

@@ -16,7 +16,7 @@ from typing import Any
 
 from mgf_engine.errors import BadInput
 
-SECTIONS = ("run", "scene", "masks", "field", "mesh", "deliver")
+SECTIONS = ("run", "scene", "masks", "field", "mesh", "deliver", "georef")
 #: Fewer photos are trained on for as long as so many, and more are too. The surface is best after some tens of passes
 #: over the photos; then the field goes on to explain what mirrors, and digs dents behind panes.
 RUN_LENGTH = {"fewest": 20, "most": 60}
@@ -132,6 +132,14 @@ class Config:
     export_obj: bool = option(False, "deliver", "Write mesh.obj beside mesh.ply")
     export_glb: bool = option(False, "deliver", "Write mesh.glb beside mesh.ply")
     render_all: bool = option(False, "deliver", "Render every photo's view, not only the held-out ones")
+
+    # georef
+    gps: str = option("auto", "georef", "Take metres, up and north from the GPS of the photos, where four or more have one and they are not on a line", choices=("auto", "off"))
+    crs: str = option("", "georef", "Coordinate reference system of the results, such as EPSG:25832, or auto for the UTM zone; empty for a local frame in metres")
+    control: str = option("", "georef", "File of control and check points: name, east, north, height, accuracy, role (CSV, Metashape's or OpenDroneMap's)")
+    marks: str = option("", "georef", "File that tells where points appear in photos: name, photo, x, y in pixels of the photo as taken (CSV)")
+    scale_bars: str = option("", "georef", "File of distances between marked points: from, to, metres (CSV)")
+    control_adjust: bool = option(True, "georef", "Control points move the cameras as well (bundle adjustment); off only lays the scene onto them")
     # fmt: on
 
     def wants_elements(self, parts_clicked: bool) -> bool:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.field.export import offset_of
 from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.georef.apply import survey_job, write_models
 from mgf_engine.job import CLICKS, OUTPUTS, Job
 from mgf_engine.masks.model import MaskSet
 from mgf_engine.mesh.export import COORDINATES, IMAGE, write_glb, write_obj, write_texture
@@ -45,6 +46,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
 
     scene, masks = load_inputs(job)
     mesh = load_mesh(job)
+    survey = survey_job(job, scene, reporter)  # first: files that cannot be used should end the job before long work
     field = load_field(job).to(choose_device(job.config.device).device)
     chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
     if job.stages["field"]["figures"].get("iterations") == 0:
@@ -70,9 +72,10 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
             for text in warnings:
                 reporter.warning(text)
             _write_other_formats(mesh, made, job)
+            write_models(job, mesh, survey, made)
             return made
 
-        figures = report_job(job, scene, masks, field, normalised, texture, reporter)
+        figures = report_job(job, scene, masks, field, normalised, texture, survey, reporter)
     manifest = {**_manifest(scene, renders, figures), **_parts(job), **_painting(job), **_offset(field, scene)}
     keep_run(job.folder, _RESULT, manifest, job.given)
     return figures

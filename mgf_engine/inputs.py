@@ -7,7 +7,8 @@ Only what the stages read is looked at, so that nothing else in the user's folde
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,19 +29,24 @@ class Inputs:
         photos: how many there are.
         clicks: the prompts file; None where there is none.
         masks: the user's masks by size and time; None where there are none.
+        tables: control points, marks and scale bars, option -> hash of the file's content.
     """
 
     scene: list[Any]
     photos: int
     clicks: PromptsFile | None
     masks: list[Any] | None
+    tables: dict[str, str] = field(default_factory=dict)
 
 
-def read_inputs(source: Path, prompts: Path | None, masks: Path | None, job: Path) -> Inputs:
+def read_inputs(
+    source: Path, prompts: Path | None, masks: Path | None, job: Path, tables: Mapping[str, str] | None = None
+) -> Inputs:
     """Look at everything that the stages will read.
 
     Args:
         source, prompts, masks, job: resolved; ``job`` is the job's own folder, which may lie inside the source.
+        tables: option -> path of a small file that it names.
 
     Raises:
         BadInput: the model is damaged, a photo of it is not there, or a file cannot be read.
@@ -51,10 +57,11 @@ def read_inputs(source: Path, prompts: Path | None, masks: Path | None, job: Pat
         scene, names = _scene(source, job)
         clicks = PromptsFile.read(prompts) if prompts is not None else None
         own = None if masks is None else [[n, *_look(p)] for n in names if (p := find_mask(masks, n)) is not None]
+        hashes = {name: hashlib.sha256(Path(path).read_bytes()).hexdigest() for name, path in (tables or {}).items()}
     except OSError as error:
         reason = error.strerror or str(error)
         raise BadInput(f"Cannot read '{error.filename or source}' ({reason}); check that it is there.") from error
-    return Inputs(scene, len(names), clicks, own)
+    return Inputs(scene, len(names), clicks, own, hashes)
 
 
 def _scene(source: Path, job: Path) -> tuple[list[Any], list[str]]:

@@ -46,7 +46,8 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "field": ("checkpoints", "field.ply"),
     "mesh": ("mesh.ply", "mesh_parts.npz"),
     "deliver": (
-        *("renders", "report", "deliver.json", "report.json", "report.html", "mesh.mtl"),
+        *("renders", "report", "deliver.json", "report.json", "report.html", "mesh.mtl", "georef.json"),
+        "georeferenced",
         *(name for names in ON_REQUEST.values() for name in names),
     ),
 }
@@ -58,13 +59,16 @@ RESULTS: dict[str, tuple[str, ...]] = {
     "mesh": ("mesh.ply",),
     "deliver": ("deliver.json", "report.json", "report.html"),
 }
+#: Options that name a small file, which counts by its content.
+TABLES = ("control", "marks", "scale_bars")
+_GEOREF = tuple(f.name for f in fields(Config) if f.metadata["section"] == "georef")
 _TAKEN = ("mesh", "deliver")  # the others' results are for later stages
 #: Options outside a stage's own section that decide its result.
 _EXTRA_OPTIONS = {
     "masks": ("multilevel_loss", "boundary_loss"),
     "field": ("seed", "device"),
     "mesh": ("device",),
-    "deliver": ("device",),
+    "deliver": ("device", *(name for name in _GEOREF if name not in TABLES)),
 }
 
 
@@ -122,13 +126,14 @@ class Job:
         _check_no_file(folder)
         folder = folder.resolve()  # as the inputs are, so that the job's own files are known among them
         lock = FileLock(str(folder / ".lock"))
-        plan = partial(cls._plan, folder, lock, source, prompts, masks, given or {}, resume)
+        plan = partial(cls._plan, folder, lock, source, prompts, masks, _with_whole_paths(given or {}), resume)
         plan()  # refuses before anything is made
         _make_folder(folder)
         _acquire(lock, folder)
         try:
             job = plan()  # anew: what another process finished until it let go of the lock is on record now
-            job.inputs = read_inputs(job.source, job.prompts, job.masks, folder)
+            tables = {name: value for name in TABLES if (value := getattr(job.config, name))}
+            job.inputs = read_inputs(job.source, job.prompts, job.masks, folder, tables)
             job.keys = job._make_keys()
             sweep(folder)
             job.save()
@@ -278,14 +283,20 @@ class Job:
     def _inputs_of(self, stage: str) -> Any:
         if stage == "scene":
             # Photos with clicks are used also where others are left out.
-            return [self.inputs.scene, clicked_names(self.inputs.clicks) if self._leaves_photos_out() else None]
+            found = [self.inputs.scene, clicked_names(self.inputs.clicks) if self._leaves_photos_out() else None]
+            return [*found, self.inputs.tables] if self.adjusts_to_control else found
         if stage == "masks":
             if not self.config.use_masks:
                 return None
             if self.inputs.masks is not None:  # they win over clicks
                 return self.inputs.masks
             return self.inputs.clicks and self.inputs.clicks.digest()
-        return None
+        return self.inputs.tables or None if stage == "deliver" else None
+
+    @property
+    def adjusts_to_control(self) -> bool:
+        """Whether control points move the cameras, so that the scene depends on them."""
+        return bool(self.config.control) and self.config.control_adjust
 
 
 def read_job(folder: Path) -> dict[str, Any]:
@@ -319,6 +330,11 @@ def _check_stages(stages: dict[str, Any]) -> None:
         kinds = {"key": str, "seconds": int | float, "peak_memory": int, "figures": dict, "warnings": list}
         if name not in STAGES or not all(isinstance(entry[key], kind) for key, kind in kinds.items()):
             raise TypeError(f"stage {name}")
+
+
+def _with_whole_paths(given: dict[str, Any]) -> dict[str, Any]:
+    """Options that name files with absolute paths: a job may be taken up from another folder."""
+    return {k: str(Path(v).resolve()) if k in TABLES and isinstance(v, str) and v else v for k, v in given.items()}
 
 
 def _check_inputs(source: Path, prompts: Path | None, masks: Path | None, kept: Path) -> None:

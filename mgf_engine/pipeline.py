@@ -161,6 +161,10 @@ def _run_scene(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.scene.load import load_scene
 
     scene = load_scene(job.source, job.path("scene"), job.config, reporter, clicked_names(job.inputs.clicks))
+    if job.inputs.tables or job.config.crs:  # what cannot be used should end the job now, not after long work
+        from mgf_engine.georef.find import find_georeference
+
+        find_georeference(scene, job.config, log.info)
     return {"photos": len(scene.views), "points": len(scene.points)}
 
 

@@ -93,6 +93,12 @@ def list_runs(job: Path) -> list[Run]:
     return [run for run in runs if run is not None]
 
 
+def current_run(job: Path) -> Path | None:
+    """The folder of a job's present result; None where it has none."""
+    runs = list_runs(job)
+    return job / FOLDER / str(runs[-1].number) if runs else None
+
+
 def delivered(job: Path) -> bool:
     """Whether every file is there that the job's ``deliver.json`` names."""
     try:

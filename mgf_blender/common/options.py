@@ -21,7 +21,7 @@ OPTIONS: dict[str, dict[str, Any]] = {o["name"]: o for o in SCHEMA["options"]}
 SECTIONS: list[str] = SCHEMA["sections"]
 PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
 RUN_LENGTH: dict[str, int] = SCHEMA["run_length"]
-_CAPITALS = {"sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda"}
+_CAPITALS = {"sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda", "gps", "crs"}
 _SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM"}
 _SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
 _SMALL = {"of", "the", "to", "in", "on", "by", "and", "a"}
@@ -141,6 +141,7 @@ def _annotation(option: dict[str, Any]) -> Any:
     if option["type"] == "float":
         return bpy.props.FloatProperty(**common, **limits, precision=3)
     subtype = "DIR_PATH" if "folder" in option["help"].lower() else "NONE"
+    subtype = "FILE_PATH" if option["help"].startswith("File ") else subtype
     return bpy.props.StringProperty(**common, subtype=subtype)
 
 

@@ -23,6 +23,8 @@ from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_pic
 from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, shrunk, write_report
 from mgf_engine.evaluate.surfaces import Surface
 from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.georef.find import Survey
+from mgf_engine.georef.report import survey_figures, survey_html
 from mgf_engine.job import Job
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.masks.segmenters.notice import used
@@ -46,6 +48,7 @@ def report_job(
     field: Gaussians,
     mesh: Mesh,
     texture: Callable[[], Texture | None],
+    survey: Survey,
     reporter: Reporter,
 ) -> dict[str, Any]:
     """Measure and write ``report.html`` and ``report.json``; returns the headline figures.
@@ -53,6 +56,7 @@ def report_job(
     Args:
         field, mesh: normalised frame.
         texture: waits for the mesh's texture, which may still be in the making; all files it belongs to are there then.
+        survey: where the building is.
     """
     shown = _shown_views(scene, masks)
 
@@ -71,6 +75,7 @@ def report_job(
     data = _report_data(job, scene, masks, mesh, views)
     data.curve_drawing, data.turntable = drawing, list(turned)
     data.relief, data.evenness = list(relief), evenness
+    data.georeference, data.georeference_html = survey_figures(survey), survey_html(survey, scene)
     if quality is not None:
         data.counts["PSNR of the textured mesh, held-out photos (dB)"] = round(quality, 2)
     write_report(job.folder, data)
@@ -188,7 +193,17 @@ def _trust(job: Job) -> dict[str, float]:
 
 
 def _files(job: Job) -> dict[str, str]:
-    names = ("mesh.ply", "mesh.obj", "mesh.glb", "texture.jpg", "field.ply", "renders", "report.json", "log.txt")
+    names = (
+        "georeferenced",
+        "mesh.ply",
+        "mesh.obj",
+        "mesh.glb",
+        "texture.jpg",
+        "field.ply",
+        "renders",
+        "report.json",
+        "log.txt",
+    )
     return {Path(name).stem if name != "mesh.ply" else "mesh": name for name in names if job.path(name).exists()}
 
 

@@ -91,6 +91,7 @@ class ReportData:
         contact_sheet: picture of all masks, or None.
         files: label -> path of a result, relative to the job folder.
         figures: further figures that only go into ``report.json``.
+        georeference: where the building is, plain data for ``report.json``; ``georeference_html`` says it in the page.
     """
 
     title: str
@@ -116,6 +117,8 @@ class ReportData:
     contact_sheet: Path | None = None
     files: dict[str, str] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)
+    georeference: dict[str, Any] = field(default_factory=dict)
+    georeference_html: str = ""
 
 
 def write_report(folder: Path, data: ReportData) -> tuple[Path, Path]:
@@ -138,7 +141,7 @@ def report_figures(data: ReportData) -> dict[str, Any]:
 
     Keys: ``format, title, command, seed, config, given, held_out`` and ``training`` (mean scores), ``views`` (scores
     per view), ``counts, stages, seconds, iterations, seconds_per_part, mesh_seconds_per_part, curve, versions, machine,
-    kernel, peak_memory, warnings, files, figures, evenness``.
+    kernel, peak_memory, warnings, files, figures, evenness, georeference``.
     """
     held_out, training = _means(data)
     result = {
@@ -154,9 +157,9 @@ def report_figures(data: ReportData) -> dict[str, Any]:
         "mesh_seconds_per_part": data.mesh_seconds_per_part, "curve": data.curve,
         "versions": data.versions, "machine": data.machine, "kernel": data.kernel, "peak_memory": data.peak_memory,
         "warnings": data.warnings, "files": data.files, "figures": data.figures,
-        "evenness": data.evenness.as_dict() if data.evenness else None,
+        "evenness": data.evenness.as_dict() if data.evenness else None, "georeference": data.georeference,
     }  # fmt: skip
-    plain: dict[str, Any] = _plain(result)
+    plain: dict[str, Any] = plain_data(result)
     return plain
 
 
@@ -244,14 +247,14 @@ def _bars(rows: list[tuple[str, float]]) -> list[tuple[str, float, float, float]
     return [(name, seconds, seconds / total, seconds / longest) for name, seconds in rows]
 
 
-def _plain(value: Any) -> Any:
+def plain_data(value: Any) -> Any:
     """Only what JSON knows: numpy numbers become Python's, paths text, what is not finite null."""
     if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain_data(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [plain_data(v) for v in value]
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return plain_data(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | bool | int) else str(value)

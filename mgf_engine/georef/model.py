@@ -40,7 +40,7 @@ class Georeference:
 
     Attributes:
         to_local: float64 [4, 4], scene frame -> local frame; the upper left is one scale times a rotation.
-        offset: easting, northing, height that are added to local coordinates; zero without a CRS.
+        offset: easting, northing, height that are added to local coordinates.
         crs: as pyproj reads it, such as ``EPSG:25832``; None for a local frame.
         unit: of the local frame, one of :data:`UNITS`.
         up_known: z of the local frame is up.

@@ -8,6 +8,7 @@ float32, holds them around the mesh's centre under a node that carries the trans
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from mgf_engine.system import atomic_path
 PRECISION = 1e-6
 IMAGE, COORDINATES = "texture.jpg", "mesh_texture.npz"
 QUALITY = 92  # of the texture as JPEG
+_SCENE_FRAME = ("axes, scale and origin are those of the COLMAP model",)
 _PLY_TYPES = {"u1": "uchar", "i4": "int", "f4": "float", "f8": "double"}
 
 
@@ -35,8 +37,12 @@ def in_scene(mesh: Mesh, to_normalised: Similarity) -> Mesh:
     return replace(mesh, vertices=to_normalised.invert(mesh.vertices))
 
 
-def write_ply(mesh: Mesh, path: Path) -> None:
-    """Binary PLY with vertex colours and values; coordinates are double where float would round too coarsely."""
+def write_ply(mesh: Mesh, path: Path, comments: Sequence[str] = _SCENE_FRAME) -> None:
+    """Binary PLY with vertex colours and values; coordinates are double where float would round too coarsely.
+
+    Args:
+        comments: lines of the header that say what the coordinates are, ASCII.
+    """
     kind, name = ("<f8", "double") if needs_double(mesh.vertices) else ("<f4", "float")
     values = {name: value.astype(value.dtype.newbyteorder("<")) for name, value in mesh.values.items()}
     columns = [(f"_{name}", value.dtype.str) for name, value in values.items()]
@@ -47,7 +53,7 @@ def write_ply(mesh: Mesh, path: Path) -> None:
     faces = np.empty(len(mesh.faces), [("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, mesh.faces
     header = [
-        "ply", "format binary_little_endian 1.0", "comment axes, scale and origin are those of the COLMAP model",
+        "ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments),
         f"element vertex {len(vertices)}", *(f"property {name} {axis}" for axis in "xyz"),
         *(f"property uchar {channel}" for channel in ("red", "green", "blue")),
         *(f"property {_PLY_TYPES[value.dtype.str[1:]]} {name}" for name, value in values.items()),
@@ -112,7 +118,7 @@ def _jpeg(texture: Texture) -> bytes:
     return data.tobytes()
 
 
-def write_obj(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
+def write_obj(mesh: Mesh, path: Path, texture: Texture | None = None, comments: Sequence[str] = _SCENE_FRAME) -> None:
     """Wavefront OBJ with vertex colours (``v x y z r g b``), coordinates to the last digit that matters.
 
     With a texture, an MTL file beside it names the texture's picture, which lies in the same folder.
@@ -120,7 +126,7 @@ def write_obj(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
     digits = _digits(mesh.vertices)
     table = np.column_stack([mesh.vertices, mesh.colors / 255.0])
     with atomic_path(path) as temporary, open(temporary, "w", encoding="ascii") as file:
-        file.write("# axes, scale and origin are those of the COLMAP model\n")
+        file.writelines(f"# {text}\n" for text in comments)
         if texture is not None:
             file.write(f"mtllib {path.with_suffix('.mtl').name}\n")
         np.savetxt(file, table, fmt=f"v %.{digits}f %.{digits}f %.{digits}f %.4f %.4f %.4f")
@@ -137,8 +143,18 @@ def write_obj(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
             temporary.write_text(f"newmtl building\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nmap_Kd {IMAGE}\n", encoding="ascii")
 
 
-def write_glb(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
+def write_glb(
+    mesh: Mesh,
+    path: Path,
+    texture: Texture | None = None,
+    turn: NDArray[np.float64] | None = None,
+    extras: dict[str, Any] | None = None,
+) -> None:
     """Binary glTF; vertices around the mesh's centre, the centre as the translation of the node.
+
+    Args:
+        turn: rotation [3, 3] that the node adds, such as from z up to glTF's y up; None keeps the axes.
+        extras: kept in ``asset.extras``.
 
     With a texture the file holds its picture, the one written to the same folder; vertices are doubled where faces
     find them in several places of it, and have no colours of their own.
@@ -152,8 +168,16 @@ def write_glb(mesh: Mesh, path: Path, texture: Texture | None = None) -> None:
     else:
         local = _textured(replace(mesh, vertices=mesh.vertices - centre), texture, path.parent / IMAGE)
     scene = trimesh.Scene()
-    scene.add_geometry(local, node_name="building", geom_name="building", transform=_translation(centre))
-    data = scene.export(file_type="glb")
+    place = _translation(centre)
+    if turn is not None:
+        place[:3] = turn @ place[:3]
+    scene.add_geometry(local, node_name="building", geom_name="building", transform=place)
+
+    def add_extras(tree: dict[str, Any]) -> None:
+        if extras is not None:
+            tree["asset"]["extras"] = extras
+
+    data = scene.export(file_type="glb", tree_postprocessor=add_extras)
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
 

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Gives a job its georeference: while it is delivered, and later with ``mgf georef`` without redoing anything."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.export import write_georeferenced
+from mgf_engine.georef.find import Survey, find_georeference
+from mgf_engine.georef.model import write_georeference
+from mgf_engine.georef.report import replace_section, survey_figures, survey_html
+from mgf_engine.job import Job
+from mgf_engine.mesh.export import IMAGE, read_texture
+from mgf_engine.mesh.model import Mesh, Texture
+from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.runs import MANIFEST, current_run
+from mgf_engine.scene.model import Scene
+from mgf_engine.system import write_json
+
+
+def survey_job(job: Job, scene: Scene, reporter: Reporter) -> Survey:
+    """Find a job's georeference and write its ``georef.json``."""
+    survey = find_georeference(scene, job.config, reporter.warning)
+    write_georeference(survey.georeference, job.folder)
+    return survey
+
+
+def write_models(job: Job, mesh: Mesh, survey: Survey, texture: Texture | None) -> None:
+    """Write the job's mesh (scene frame) in true coordinates."""
+    config = job.config
+    write_georeferenced(mesh, survey.georeference, job.folder, texture, config.export_obj, config.export_glb)
+
+
+def apply_to_finished(job: Job, reporter: Reporter) -> Survey:
+    """Find the georeference of a finished job anew, by its present options; nothing else of it changes.
+
+    Raises:
+        BadInput: the job is not finished, or what the user gave cannot be used; the job is then as it was.
+    """
+    from mgf_engine.pipeline import load_mesh, load_scene_of
+
+    unfinished = next((s for s in STAGES if s not in job.stages or (s != "deliver" and not job.done(s))), None)
+    if unfinished is not None or not (job.folder / MANIFEST).exists():
+        raise BadInput(
+            f"The job in '{job.folder}' is not finished with these options; run 'mgf reconstruct --resume' with them."
+        )
+    scene, mesh = load_scene_of(job), load_mesh(job)
+    warnings: list[str] = []
+    survey = find_georeference(scene, job.config, warnings.append)
+    texture = read_texture(job.folder) if (job.folder / IMAGE).exists() else None
+    write_georeference(survey.georeference, job.folder)
+    write_models(job, mesh, survey, texture)
+    replace_section(job.path("report.html"), survey_html(survey, scene))
+    figures = json.loads(job.path("report.json").read_text(encoding="utf-8"))
+    write_json(job.path("report.json"), {**figures, "georeference": plain(survey)})
+    run = current_run(job.folder)
+    if run is not None:
+        write_georeference(survey.georeference, run)
+    job.stages["deliver"]["key"] = job.keys["deliver"]
+    job.save()
+    for text in warnings:
+        reporter.warning(text)
+    return survey
+
+
+def plain(survey: Survey) -> dict[str, Any]:
+    """The figures of a survey with null for what is not finite, as JSON has no such numbers."""
+    from mgf_engine.evaluate.report import plain_data
+
+    found: dict[str, Any] = plain_data(survey_figures(survey))
+    return found

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scale bars: known distances between two points that are marked in two photos or more each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.control import CHECK, CHECK_WORDS, CONTROL
+from mgf_engine.georef.tables import number_in, read_table
+from mgf_engine.georef.triangulate import Placed
+
+_COLUMNS = {
+    "first": ("from", "first", "a", "start", "point1", "pointa"),
+    "second": ("to", "second", "b", "end", "point2", "pointb"),
+    "length": ("length", "distance", "metres", "meters", "m", "d"),
+    "accuracy": ("accuracy", "sd", "sigma"),
+    "role": ("role", "type", "use"),
+}
+#: Accuracy of a distance whose file does not tell it, metres.
+USUAL = 0.002
+_FAR = 3.0  # times the median deviation of the others: a wrong distance
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A known distance in metres between two marked points."""
+
+    first: str
+    second: str
+    length: float
+    sd: float = USUAL
+    role: str = CONTROL
+
+    @property
+    def name(self) -> str:
+        """As tables show it."""
+        return f"{self.first}–{self.second}"
+
+
+@dataclass(frozen=True)
+class BarRow:
+    """A scale bar and what the scene makes of it: ``found`` metres; ``used`` for the scale."""
+
+    bar: Bar
+    found: float
+    used: bool
+
+    @property
+    def error(self) -> float:
+        """Metres, found less given."""
+        return self.found - self.bar.length
+
+
+def read_bars(path: Path) -> tuple[Bar, ...]:
+    """The distances of a file: from, to, length in metres, and where given accuracy and role.
+
+    Raises:
+        BadInput: the file cannot be used.
+    """
+    table = read_table(path, _COLUMNS)
+    at = table.columns or dict(zip(_COLUMNS, range(5), strict=True))
+    missing = [name for name in ("first", "second", "length") if name not in at]
+    if missing:
+        heading = {"first": "from", "second": "to"}.get(missing[0], missing[0])
+        raise BadInput(f"'{path}' has no column '{heading}'; name the columns from, to, length.")
+    bars = []
+    for row in range(len(table.rows)):
+        length = table.number(row, at["length"])
+        if length <= 0:
+            raise BadInput(f"Line {table.lines[row]} of '{path}' has a length of {length:g}; give metres above zero.")
+        sd = number_in(table.text(row, at.get("accuracy"))) or USUAL
+        role = CHECK if table.text(row, at.get("role")).lower() in CHECK_WORDS else CONTROL
+        bars.append(Bar(table.text(row, at["first"]), table.text(row, at["second"]), length, abs(sd), role))
+    return tuple(bars)
+
+
+def measure(bars: Sequence[Bar], placed: Mapping[str, Placed], scale: float | None) -> tuple[float, list[BarRow]]:
+    """Metres per unit of the normalised frame, and each bar measured with it.
+
+    Args:
+        scale: where it is known from better; None takes it from the bars, the outliers among them left out.
+
+    Raises:
+        BadInput: none of them can be measured.
+    """
+    known = [bar for bar in bars if bar.first in placed and bar.second in placed]
+    spans = np.array([np.linalg.norm(placed[b.first].position - placed[b.second].position) for b in known])
+    if not known or (spans <= 0).any():
+        first = next((b for b in bars if b not in known), bars[0])
+        raise BadInput(
+            f"The scale bar {first.name} cannot be measured: mark both of its ends in two photos or more (--marks)."
+        )
+    used = np.array([bar.role == CONTROL for bar in known])
+    if scale is None:
+        used = used if used.any() else np.ones(len(known), bool)
+        scale, used = _scale(known, spans, used)
+    else:
+        used = np.zeros(len(known), bool)
+    rows = [BarRow(b, float(s * scale), bool(u)) for b, s, u in zip(known, spans, used, strict=True)]
+    return scale, rows
+
+
+def _scale(bars: Sequence[Bar], spans: np.ndarray, used: np.ndarray) -> tuple[float, np.ndarray]:
+    """The weighted mean of the ratios, without those far from their median (where there are three or more)."""
+    ratios = np.array([bar.length for bar in bars]) / spans
+    if used.sum() >= 3:
+        middle = float(np.median(ratios[used]))
+        away = np.abs(ratios / middle - 1)
+        usual = max(float(np.median(away[used])), 0.002)
+        used = used & (away <= _FAR * usual)
+    weights = np.array([(bar.length / bar.sd) ** 2 for bar in bars]) * used
+    return float(np.average(ratios, weights=weights)), used

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf georef JOB``: true coordinates for a finished job, without redoing it."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.config import Config
+from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.georef.apply import apply_to_finished
+from mgf_engine.georef.control import CHECK, CONTROL
+from mgf_engine.georef.export import FOLDER
+from mgf_engine.georef.find import Survey
+from mgf_engine.georef.model import FILE
+from mgf_engine.georef.report import facts
+from mgf_engine.job import Job
+from mgf_engine.messages import Reporter
+from mgf_engine.system import atomic_path
+from mgf_engine.terminal import make_sink
+
+
+def georef_command(args: argparse.Namespace) -> int:
+    """Find the georeference, write it and the mesh in true coordinates, print what was found."""
+    names = [f.name for f in fields(Config) if f.metadata["section"] == "georef"]
+    given = {name: value for name, value in vars(args).items() if name in names}
+    reporter, record = Reporter(make_sink("auto")), args.job / "job.json"
+    before = record.read_bytes() if record.is_file() else None
+    try:
+        job, kept = _open(args.job, given)
+        with job:
+            survey = apply_to_finished(job, reporter)
+    except BadInput:
+        if before is not None:  # the job does not keep options that it cannot use
+            with atomic_path(record) as temporary:
+                temporary.write_bytes(before)
+        raise
+    _print(survey)
+    if kept:
+        print("The cameras stayed as they are; 'mgf reconstruct --resume' with these points adjusts them as well.")
+    models = f" and {args.job / FOLDER}" if survey.georeference.metric else ""
+    print(f"Written to {args.job / FILE}{models}")
+    return EXIT_DONE
+
+
+def _open(folder: Path, given: dict[str, Any]) -> tuple[Job, bool]:
+    """The job with new options, and whether control points would have moved its cameras, which are left alone."""
+    job = Job.start(folder, given=given, resume=True)
+    if job.done("scene") or not job.adjusts_to_control:
+        return job, False
+    job.close()
+    return Job.start(folder, given={**given, "control_adjust": False}, resume=True), True
+
+
+def _print(survey: Survey) -> None:
+    for label, text in facts(survey):
+        print(f"{label}: {text}")
+    for role in (CONTROL, CHECK):
+        rows = [] if survey.control is None else [r for r in survey.control.rows if r.point.role == role]
+        for row in rows:
+            east, north, height = (1000 * value for value in row.residual)
+            note = f"  {row.note}" if row.note else ""
+            print(
+                f"  {role:<8} {row.point.name:<12} east {east:+8.1f}  north {north:+8.1f}  height {height:+8.1f} mm  "
+                f"marks {row.pixels:.2f} px in {row.photos} photos{note}"
+            )
+    for bar in survey.bars:
+        print(
+            f"  bar {bar.bar.name}: given {bar.bar.length:.4f} m, found {bar.found:.4f} m ({1000 * bar.error:+.1f} mm)"
+        )
+    for text in survey.notes:
+        print(text)

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Control and check points, and where they appear in photos, from the user's files.
+
+Read are a CSV of points (name, east, north, height, accuracy, role) with a CSV of marks (name, photo, x, y), points as
+Metashape exports them, and OpenDroneMap's ``gcp_list.txt``, which holds points and marks in one file. Pixels are those
+of the photos as they were taken, the centre of the top-left pixel is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.tables import Table, number_in, read_table, read_text
+from mgf_engine.scene.names import named_like
+
+Array = NDArray[np.float64]
+CONTROL, CHECK = "control", "check"
+#: Accuracy of a point whose file does not tell it, metres, and of a mark, pixels of the photo as taken.
+USUAL_POINT, USUAL_MARK = 0.01, 0.5
+_POINT_COLUMNS = {
+    "name": ("name", "label", "id", "point", "nr", "no", "marker", "gcp", "punkt"),
+    "east": ("east", "easting", "x", "e", "rechtswert", "ost"),
+    "north": ("north", "northing", "y", "n", "hochwert", "nord"),
+    "height": ("height", "z", "h", "altitude", "elevation", "up", "hohe"),
+    "accuracy": ("accuracy", "sd", "sigma", "accuracym", "accuracyxym", "accuracyxy", "xyaccuracy"),
+    "vertical": ("accuracyzm", "accuracyz", "sdheight", "verticalaccuracy", "accuracyheight", "zaccuracy"),
+    "role": ("role", "type", "use", "kind"),
+    "enabled": ("enabled", "enable"),
+}
+_MARK_COLUMNS = {
+    "name": ("name", "label", "point", "marker", "gcp", "id"),
+    "photo": ("photo", "image", "camera", "file", "filename", "imagename", "picture"),
+    "x": ("x", "u", "px", "imx", "column", "pixelx", "xpx", "xproj"),
+    "y": ("y", "v", "py", "imy", "row", "pixely", "ypx", "yproj"),
+}
+CHECK_WORDS = ("check", "chk", "cp", "checkpoint", "c", "0", "false", "no", "off")
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point whose place is known: easting, northing, height; accuracy horizontal and vertical in metres."""
+
+    name: str
+    position: tuple[float, float, float]
+    role: str = CONTROL
+    sd: tuple[float, float] = (USUAL_POINT, USUAL_POINT)
+
+    @property
+    def accuracy(self) -> Array:
+        """Of each coordinate, [3]."""
+        return np.array([self.sd[0], self.sd[0], self.sd[1]])
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Where a point appears in a photo: index of the view, and pixels of the photo as taken."""
+
+    point: str
+    view: int
+    pixel: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Control:
+    """What the user's files hold; ``crs`` is what ``gcp_list.txt`` or a comment says, else empty."""
+
+    points: tuple[Point, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    crs: str = ""
+    strangers: tuple[str, ...] = ()
+
+    def positions(self) -> Array:
+        """Of all points, [N, 3]."""
+        return np.array([p.position for p in self.points], np.float64).reshape(-1, 3)
+
+
+def read_control(points: Path, marks: Path | None, photos: Sequence[str]) -> Control:
+    """Points and marks from one or two files.
+
+    Args:
+        points: CSV of points, or ``gcp_list.txt``.
+        marks: CSV of marks; None where the first file holds them.
+        photos: names of the views.
+
+    Raises:
+        BadInput: a file cannot be used; the sentence names the line.
+    """
+    odm = _odm(points, photos)
+    control = odm if odm is not None else _points(points)
+    if marks is not None:
+        found, strangers = read_marks(marks, photos)
+        known = {p.name for p in control.points}
+        kept = tuple(mark for mark in found if mark.point in known)
+        if not kept:
+            raise BadInput(
+                f"No mark in '{marks}' is of a point in '{points}'; use the same names for the points in both files."
+            )
+        control = replace(control, marks=(*control.marks, *kept), strangers=strangers)
+    if not control.marks:
+        raise BadInput("Control points need marks in the photos; give them with --marks FILE.")
+    return control
+
+
+def _points(path: Path) -> Control:
+    table = read_table(path, _POINT_COLUMNS)
+    at = table.columns or dict(zip(("name", "east", "north", "height", "accuracy", "role"), range(6), strict=True))
+    missing = [name for name in ("name", "east", "north", "height") if name not in at]
+    if missing:
+        raise BadInput(f"'{path}' has no column '{missing[0]}'; name the columns name, east, north, height.")
+    found = [_point(table, row, at) for row in range(len(table.rows))]
+    names = [point.name for point in found]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise BadInput(f"The point '{twice}' is in '{path}' twice; give every point a name of its own.")
+    return Control(tuple(found), crs=_crs_in(table.notes))
+
+
+def _point(table: Table, row: int, at: dict[str, int]) -> Point:
+    name = table.text(row, at["name"])
+    if not name:
+        raise BadInput(f"Line {table.lines[row]} of '{table.path}' names no point; correct it.")
+    east, north, height = (table.number(row, at[column]) for column in ("east", "north", "height"))
+    across = _accuracy(table, row, at.get("accuracy"))
+    along = _accuracy(table, row, at.get("vertical")) or across
+    role = table.text(row, at.get("role"))
+    if not at.get("role") and not table.columns and number_in(table.text(row, 4)) is None:
+        role = table.text(row, 4)  # no accuracy between height and role
+    enabled = table.text(row, at.get("enabled")).lower() not in ("0", "false", "no")
+    check = role.lower() in CHECK_WORDS or not enabled
+    return Point(
+        name, (east, north, height), CHECK if check else CONTROL, (across or USUAL_POINT, along or USUAL_POINT)
+    )
+
+
+def _accuracy(table: Table, row: int, column: int | None) -> float | None:
+    """Metres; Metashape's ``0.01/0.02`` (horizontal/vertical) reads as its first."""
+    found = number_in(table.text(row, column).split("/")[0])
+    return found if found is not None and found > 0 else None
+
+
+def _crs_in(notes: list[str]) -> str:
+    """What a comment like Metashape's ``CoordinateSystem: …`` says."""
+    return next((n.split(":", 1)[1].strip() for n in notes if n.lower().startswith(("coordinatesystem:", "crs:"))), "")
+
+
+def read_marks(path: Path, photos: Sequence[str]) -> tuple[tuple[Mark, ...], tuple[str, ...]]:
+    """The marks of a file, and names of photos in it that are no views.
+
+    Raises:
+        BadInput: the file cannot be used, or none of its photos is a view.
+    """
+    table = read_table(path, _MARK_COLUMNS)
+    at = table.columns or dict(zip(("name", "photo", "x", "y"), range(4), strict=True))
+    missing = [name for name in ("name", "photo", "x", "y") if name not in at]
+    if missing:
+        raise BadInput(f"'{path}' has no column '{missing[0]}'; name the columns name, photo, x, y.")
+    if not table.columns and not any(named_like(table.text(row, 1), photos) for row in range(len(table.rows))):
+        at = {**at, "name": 1, "photo": 0}  # the photo first, as other programs write it
+    marks, strangers = [], []
+    for row in range(len(table.rows)):
+        views = named_like(table.text(row, at["photo"]), photos)
+        if len(views) != 1:
+            strangers.append(table.text(row, at["photo"]))
+            continue
+        pixel = (table.number(row, at["x"]), table.number(row, at["y"]))
+        marks.append(Mark(table.text(row, at["name"]), views[0], pixel))
+    if not marks:
+        raise BadInput(f"No photo named in '{path}' is among the job's (such as '{strangers[0]}'); check the names.")
+    return tuple(marks), tuple(dict.fromkeys(strangers))
+
+
+def _odm(path: Path, photos: Sequence[str]) -> Control | None:
+    """OpenDroneMap's list; None where the file is none: first the CRS, then east, north, height, x, y, photo, name."""
+    lines = [line.strip() for line in read_text(path).splitlines()]
+    lines = [line for line in lines if line and not line.startswith("#")]
+    rows = [line.split() for line in lines[1:]]
+    if not rows or any(len(row) < 6 or any(number_in(f) is None for f in row[:5]) for row in rows):
+        return None
+    points: dict[str, Point] = {}
+    marks, strangers = [], []
+    for row in rows:
+        place = tuple(float(number_in(field) or 0.0) for field in row[:3])
+        name = row[6] if len(row) > 6 else " ".join(row[:3])
+        points.setdefault(name, Point(name, (place[0], place[1], place[2])))
+        views = named_like(row[5], photos)
+        if len(views) == 1:
+            marks.append(Mark(name, views[0], (float(number_in(row[3]) or 0.0), float(number_in(row[4]) or 0.0))))
+        else:
+            strangers.append(row[5])
+    if not marks:
+        raise BadInput(f"No photo named in '{path}' is among the job's (such as '{strangers[0]}'); check the names.")
+    return Control(tuple(points.values()), tuple(marks), lines[0], tuple(dict.fromkeys(strangers)))

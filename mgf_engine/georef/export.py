@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The mesh in true coordinates: the folder ``georeferenced`` with PLY, OBJ and GLB in the local frame.
+
+Float32 resolves half a metre at the northings of UTM, so the files hold local coordinates (metres, x east, y north, z
+up) and say what is to be added: in a comment, in ``georef.json`` beside them, and the CRS in ``mesh.prj``.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.model import Georeference, write_georeference
+from mgf_engine.mesh.export import IMAGE, write_glb, write_obj, write_ply
+from mgf_engine.mesh.model import Mesh, Texture
+
+FOLDER = "georeferenced"
+#: x east, y north, z up -> glTF's axes: x east, y up, z south.
+_GLTF_AXES = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+
+def write_georeferenced(
+    mesh: Mesh, georeference: Georeference, job: Path, texture: Texture | None, obj: bool, glb: bool
+) -> Path | None:
+    """Write the mesh (scene frame) in the local frame below the job folder; None where nothing tells its scale.
+
+    Args:
+        texture: where the mesh has one; its picture lies in the job folder.
+        obj, glb: the formats to write beside PLY.
+    """
+    folder = job / FOLDER
+    shutil.rmtree(folder, ignore_errors=True)
+    if not georeference.metric:
+        return None
+    folder.mkdir()
+    local = replace(mesh, vertices=georeference.local(mesh.vertices))
+    says = comments(georeference)
+    write_ply(local, folder / "mesh.ply", says)
+    if texture is not None and (obj or glb):
+        shutil.copyfile(job / IMAGE, folder / IMAGE)
+    if obj:
+        write_obj(local, folder / "mesh.obj", texture, says)
+    if glb:
+        write_glb(local, folder / "mesh.glb", texture, _GLTF_AXES, extras(georeference))
+    write_georeference(georeference, folder)
+    if georeference.crs is not None:
+        (folder / "mesh.prj").write_text(Projection(georeference.crs).wkt(), encoding="ascii", errors="replace")
+    return folder
+
+
+def comments(georeference: Georeference) -> list[str]:
+    """What the coordinates are, for the heads of files, in ASCII."""
+    x, y, z = georeference.offset
+    axes = "x east, y north, z up" if georeference.north_known else "z up"
+    lines = [f"local coordinates in metres, {axes}"]
+    if any(georeference.offset):
+        lines.append(f"add the offset {x:.3f} {y:.3f} {z:.3f} for easting, northing, height")
+    if georeference.crs is not None:
+        lines.append(f"coordinate reference system {georeference.crs}")
+    if georeference.origin is not None:
+        lines.append("origin at latitude {:.8f} longitude {:.8f} height {:.3f}".format(*georeference.origin))
+    return [line.encode("ascii", "replace").decode().replace("\n", " ") for line in lines]
+
+
+def extras(georeference: Georeference) -> dict[str, Any]:
+    """The same for glTF."""
+    return {
+        "crs": georeference.crs, "offset": list(georeference.offset), "unit": georeference.unit,
+        "axes": "x east, y up, z south; add the offset (easting, northing, height) to (x, -z, y)",
+    }  # fmt: skip

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The georeference of a scene by the best that is there: control points, GPS, scale bars, or up alone."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.bars import BarRow, measure, read_bars
+from mgf_engine.georef.control import CHECK, CONTROL, Control, read_control, read_marks
+from mgf_engine.georef.crs import AUTO, Projection, enu
+from mgf_engine.georef.doubts import check_points, wrong_marks
+from mgf_engine.georef.fit_control import ControlFit, fit_control
+from mgf_engine.georef.fit_gps import FEWEST, GpsFit, fit_gps
+from mgf_engine.georef.gps import Place, read_place
+from mgf_engine.georef.model import METRE, SCENE_UNITS, Georeference
+from mgf_engine.georef.similarity import matrix_of
+from mgf_engine.georef.triangulate import Placed, place_points
+from mgf_engine.georef.up import Upward, find_up
+from mgf_engine.scene.model import Scene, Similarity
+
+Array = NDArray[np.float64]
+log = logging.getLogger("mgf")
+#: A scene whose z is up to so many radians keeps its axes: it was upright before.
+_UPRIGHT = np.radians(0.5)
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A georeference and what it was found from.
+
+    Attributes:
+        control: the fit to control points, or None.
+        placed: marked points in the normalised frame, by name.
+        bars: the scale bars.
+        gps: cameras laid onto their GPS, or None; ``gps_views`` are their indices.
+        up: up by cameras, tags or walls.
+        notes: sentences for the log and the report.
+    """
+
+    georeference: Georeference
+    up: Upward
+    control: ControlFit | None = None
+    placed: dict[str, Placed] | None = None
+    bars: tuple[BarRow, ...] = ()
+    gps: GpsFit | None = None
+    gps_views: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def find_georeference(scene: Scene, config: Config, warn: Callable[[str], None]) -> Survey:
+    """Find out where a scene is.
+
+    Args:
+        config: the options of the section ``georef``.
+        warn: takes a sentence that the user should read.
+
+    Raises:
+        BadInput: what the user gave cannot be used; photos without GPS, or with one that does not fit, are no reason.
+    """
+    places = [read_place(Path(v.photo)) if v.photo else None for v in scene.views]
+    up = find_up(scene, [None if p is None else p.up for p in places])
+    if config.gps == "off":
+        places = [None] * len(places)
+    known = np.array([[p.latitude, p.longitude, p.height] for p in places if p is not None]).reshape(-1, 3)
+    control, placed, failed = _marked(scene, config, warn)
+    projection = _projection(config, control, known)
+    if control.points:
+        check_points(control.points, projection, known if len(known) >= FEWEST else None)
+        survey = _by_control(scene, control, placed, failed, projection, up)
+    else:
+        survey = _without_control(scene, places, known, projection, up, warn)
+    if config.scale_bars:
+        survey = _with_bars(scene, survey, Path(config.scale_bars), placed)
+    for text in survey.notes:
+        log.info("georeference: %s", text)
+    return survey
+
+
+def _marked(
+    scene: Scene, config: Config, warn: Callable[[str], None]
+) -> tuple[Control, dict[str, Placed], dict[str, str]]:
+    """The user's points, and marked points in the normalised frame."""
+    names = [view.name for view in scene.views]
+    marks = Path(config.marks) if config.marks else None
+    if config.control:
+        control = read_control(Path(config.control), marks, names)
+    elif marks is not None:
+        found, strangers = read_marks(marks, names)
+        control = Control(marks=found, strangers=strangers)
+    else:
+        control = Control()
+    if control.strangers:
+        warn(
+            f"Marks in {len(control.strangers)} photos that are not among the job's were passed over (such as "
+            f"'{control.strangers[0]}'); check their names."
+        )
+    placed, failed = place_points(scene, control.marks)
+    for text in wrong_marks(scene, control, placed):
+        warn(text)
+    return control, placed, failed
+
+
+def _projection(config: Config, control: Control, known: Array) -> Projection | None:
+    text = config.crs or control.crs
+    near = np.median(known, axis=0) if len(known) else None
+    if text == AUTO and near is None and control.crs:
+        text = control.crs
+    return Projection(text, near) if text else None
+
+
+def _by_control(
+    scene: Scene,
+    control: Control,
+    placed: dict[str, Placed],
+    failed: dict[str, str],
+    projection: Projection | None,
+    up: Upward,
+) -> Survey:
+    fit = fit_control(scene, control.points, placed, failed, up.direction.source)
+    accuracy = {}
+    for role in (CONTROL, CHECK):
+        rms = fit.rms(role)
+        if rms is not None:
+            accuracy.update({f"{role}_{axis}": float(value) for axis, value in zip("xyz", rms, strict=True)})
+    heights = "as the control points have them"
+    found = Georeference(
+        _to_local(fit.matrix, scene.to_normalised), _three(fit.offset), None if projection is None else projection.name,
+        METRE, True, True, "control", heights, _origin(projection, fit.offset), accuracy,
+    )  # fmt: skip
+    return Survey(found, up, fit, placed)
+
+
+def _without_control(
+    scene: Scene,
+    places: list[Place | None],
+    known: Array,
+    projection: Projection | None,
+    up: Upward,
+    warn: Callable[[str], None],
+) -> Survey:
+    reason = ""
+    if len(known):
+        fit, offset = _by_gps(scene, places, known, projection, up)
+        if isinstance(fit, GpsFit):
+            return _gps_survey(scene, places, fit, offset, projection, up)
+        reason = fit
+        if len(known) >= FEWEST:
+            warn(
+                f"The GPS of the photos cannot place the building: {fit}; control points or scale bars (see "
+                "docs/georeferencing.md) would."
+            )
+    if projection is not None:
+        why = reason or "the photos have no GPS"
+        raise BadInput(f"Nothing tells where the building is ({why}); {projection.name} needs GPS or control points.")
+    return Survey(_upright(scene, up), up)
+
+
+def _by_gps(
+    scene: Scene, places: list[Place | None], known: Array, projection: Projection | None, up: Upward
+) -> tuple[GpsFit | str, Array]:
+    """Cameras on their GPS, and what was taken off easting and northing (with a CRS) or latitude and longitude."""
+    centres = np.array([v.centre for v, p in zip(scene.views, places, strict=True) if p is not None])
+    middle = np.median(known, axis=0) * (1, 1, 0)
+    if projection is None:
+        middle = np.round(middle, 6)
+        targets, offset = enu(known, middle), middle
+    else:
+        targets = projection.project(known)
+        if not projection.covers(targets):
+            raise BadInput(
+                f"The photos lie outside of what {projection.name} is made for ({projection.area}); give another "
+                "--crs, or auto."
+            )
+        offset = np.round(np.median(targets, axis=0)) * (1, 1, 0)
+        targets = targets - offset
+    return fit_gps(centres, targets, [p for p in places if p is not None], up.direction), offset
+
+
+def _gps_survey(
+    scene: Scene, places: list[Place | None], fit: GpsFit, offset: Array, projection: Projection | None, up: Upward
+) -> Survey:
+    views = tuple(i for i, p in enumerate(places) if p is not None)
+    mostly = np.mean([p.ellipsoidal for p in places if p is not None]) > 0.5
+    told = "ellipsoidal (WGS 84)" if mostly else "as the photos' GPS has them, mostly above sea level"
+    notes: tuple[str, ...] = ()
+    if projection is not None:
+        heights, note = projection.heights()
+        notes = (note,) if note else ()
+        told = heights if projection.vertical and not note else told
+    rms = fit.rms
+    accuracy = {f"gps_{axis}": float(value) for axis, value in zip("xyz", rms, strict=True)}
+    crs, origin, shift = None, _three(offset), (0.0, 0.0, 0.0)
+    if projection is not None:
+        crs, origin, shift = projection.name, _origin(projection, offset), _three(offset)  # type: ignore[assignment]
+    found = Georeference(
+        _to_local(fit.matrix, scene.to_normalised), shift, crs, METRE, True, True, "gps", told, origin, accuracy
+    )
+    return Survey(found, up, gps=fit, gps_views=views, notes=notes)
+
+
+def _upright(scene: Scene, up: Upward, scale: float | None = None) -> Georeference:
+    """Only up is known, and the scale where it is given (metres per unit of the normalised frame)."""
+    frame = scene.to_normalised
+    direction = frame.rotation.T @ up.direction.source  # in the scene frame
+    turn = rotation_to_z(direction)
+    if direction[2] > np.cos(_UPRIGHT):
+        turn = np.eye(3)
+    unit, factor = (SCENE_UNITS, 1.0) if scale is None else (METRE, scale * frame.scale)
+    accuracy = {"up_degrees": up.degrees}
+    method = "up" if scale is None else "scale_bars"
+    return Georeference(
+        matrix_of(factor, turn, np.zeros(3)), unit=unit, up_known=True, method=method, accuracy=accuracy
+    )
+
+
+def _with_bars(scene: Scene, survey: Survey, path: Path, placed: dict[str, Placed]) -> Survey:
+    """With scale bars: they give the scale where only GPS or nothing does, and check it where control points do."""
+    bars, now = read_bars(path), survey.georeference
+    if survey.control is not None:
+        return replace(survey, bars=tuple(measure(bars, placed, now.scale / scene.to_normalised.scale)[1]))
+    scale, rows = measure(bars, placed, None)
+    rms = float(np.sqrt(np.mean([row.error**2 for row in rows])))
+    if survey.gps is None:
+        found = _upright(scene, survey.up, scale)
+    else:  # about the middle of the cameras, which stays where GPS puts it
+        middle = np.mean([view.centre for view in scene.views], axis=0)
+        place, factor = now.local(scene.to_normalised.invert(middle)), scale * scene.to_normalised.scale / now.scale
+        turn = now.to_local[:3, :3] * factor
+        matrix = matrix_of(1.0, turn, place - turn @ scene.to_normalised.invert(middle))
+        found = replace(now, to_local=matrix)
+    found = replace(found, accuracy={**found.accuracy, "scale_bars": rms})
+    return replace(survey, georeference=found, bars=tuple(rows), placed=placed)
+
+
+def _to_local(matrix: Array, to_normalised: Similarity) -> Array:
+    """Scene frame -> local frame, from normalised frame -> local frame."""
+    frame = matrix_of(to_normalised.scale, to_normalised.rotation, to_normalised.translation)
+    found = matrix @ frame
+    found[3] = (0, 0, 0, 1)
+    return np.asarray(found)
+
+
+def rotation_to_z(up: Array) -> Array:
+    """The smallest rotation [3, 3] that takes the unit vector ``up`` to +z (Rodrigues)."""
+    axis, cosine = np.cross(up, (0.0, 0.0, 1.0)), float(up[2])
+    if cosine < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.asarray(np.eye(3) + k + k @ k / (1 + cosine))
+
+
+def _origin(projection: Projection | None, offset: Array) -> tuple[float, float, float] | None:
+    return None if projection is None else _three(projection.places(offset[None])[0])
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

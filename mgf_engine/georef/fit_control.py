@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From control points and where their marks meet to the similarity that lays the scene onto them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.control import CONTROL, USUAL_MARK, Point
+from mgf_engine.georef.similarity import LINE, adjusted, applied, consensus, straightness, umeyama
+from mgf_engine.georef.triangulate import Placed
+from mgf_engine.scene.model import Scene
+
+Array = NDArray[np.float64]
+_TOLERANCE, _SHARE = 5.0, 0.01  # a control point may be off by so many times its accuracy, or so much of the extent
+_UPSIDE = 0.5  # cosine of the angle between up by the points and up by the cameras
+
+
+@dataclass(frozen=True)
+class ControlRow:
+    """A point of the user's file and what the scene makes of it.
+
+    Attributes:
+        point: as given.
+        residual: scene less file, metres east, north, up; NaN where it could not be placed.
+        pixels: root mean square distance of its marks to its projection, pixels of the photos as taken.
+        photos: number of photos it is marked in.
+        used: it took part in the fit; check points never do.
+        note: what is wrong with it, else empty.
+    """
+
+    point: Point
+    residual: tuple[float, float, float]
+    pixels: float
+    photos: int
+    used: bool
+    note: str = ""
+
+    @property
+    def distance(self) -> float:
+        """Length of the residual, metres."""
+        return float(np.linalg.norm(self.residual))
+
+
+@dataclass(frozen=True)
+class ControlFit:
+    """The scene laid onto control points: similarity [4, 4] (normalised frame -> world less ``offset``), and rows."""
+
+    matrix: Array
+    offset: Array
+    rows: tuple[ControlRow, ...]
+
+    def rms(self, role: str) -> Array | None:
+        """Root mean square residual of the points of a role, [3]; control points that were left out do not count."""
+        found = [r.residual for r in self.rows if r.point.role == role and np.isfinite(r.residual[0])]
+        used = [r.residual for r in self.rows if r.used] if role == CONTROL else found
+        return np.sqrt(np.square(used).mean(0)) if used else None
+
+
+def fit_control(
+    scene: Scene, points: Sequence[Point], placed: Mapping[str, Placed], failed: Mapping[str, str], up: Array | None
+) -> ControlFit:
+    """Lay the scene onto its control points.
+
+    Args:
+        placed, failed: marked points in the normalised frame, and why others could not be placed.
+        up: roughly, in the normalised frame; None where nobody knows.
+
+    Raises:
+        BadInput: too few points, points on a line, or points that do not fit; with the guess what is wrong.
+    """
+    own = [p for p in points if p.role == CONTROL and p.name in placed]
+    if len(own) < 3:
+        reason = next((f" ('{p.name}': {failed[p.name]})" for p in points if p.name in failed), "")
+        raise BadInput(
+            f"Only {len(own)} control points can be placed{reason}; at least three are needed, each marked in two "
+            "photos from different places."
+        )
+    source = np.array([placed[p.name].position for p in own])
+    positions = np.array([p.position for p in own])
+    offset = np.round(positions.mean(0)) * (1, 1, 0)
+    target = positions - offset
+    if straightness(target) < LINE or straightness(source) < LINE:
+        raise BadInput("The control points lie on a line; add one beside it, else the scene can turn about them.")
+    sd = np.array([p.accuracy for p in own])
+    matrix, good = _fit(source, target, sd)
+    swapped = not good.all() and _fit(source, target[:, [1, 0, 2]], sd)[1].sum() > good.sum()
+    if swapped or 2 * good.sum() <= len(own) or _upside_down(matrix, up):
+        raise BadInput(_misfit_text(source, target, sd, own, up))
+    pixel = np.array([[_mark_error(scene, placed[p.name])] for p in own]) * np.cbrt(np.linalg.det(matrix[:3, :3]))
+    matrix = adjusted(matrix, source[good], target[good], np.hypot(sd, pixel)[good])
+    used = {p.name for p, ok in zip(own, good, strict=True) if ok}
+    return ControlFit(matrix, offset, control_rows(points, placed, failed, matrix, offset, used))
+
+
+def control_rows(
+    points: Sequence[Point],
+    placed: Mapping[str, Placed],
+    failed: Mapping[str, str],
+    matrix: Array,
+    offset: Array,
+    used: set[str],
+) -> tuple[ControlRow, ...]:
+    """A row for each point, in the order of the file; ``used``: names of those that took part in the fit."""
+    rows = []
+    for p in points:
+        found = placed.get(p.name)
+        if found is None:
+            note = failed.get(p.name, "not marked in any photo")
+            rows.append(ControlRow(p, (np.nan, np.nan, np.nan), np.nan, 0, False, note))
+            continue
+        x, y, z = (applied(matrix, found.position) + offset - p.position).tolist()
+        note = "does not fit the others, left out" if p.role == CONTROL and p.name not in used else ""
+        photos = len({mark.view for mark in found.marks})
+        rows.append(ControlRow(p, (x, y, z), found.rms, photos, p.name in used, note))
+    return tuple(rows)
+
+
+def _fit(source: Array, target: Array, sd: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """The similarity, and which points it explains, bool [N]; all False where it explains fewer than three."""
+    extent = float(np.linalg.norm(np.ptp(target, axis=0)))
+    tolerance = np.maximum(_TOLERANCE * np.sqrt((sd**2).sum(1)), _SHARE * extent)
+    good = consensus(source, target, tolerance)
+    if good.sum() < 3 or straightness(target[good]) < LINE:
+        return umeyama(source, target), np.zeros(len(source), bool)
+    return umeyama(source[good], target[good]), good
+
+
+def _upside_down(matrix: Array, up: Array | None) -> bool:
+    turned = matrix[:3, :3] @ up if up is not None else np.array([0.0, 0.0, 1.0])
+    return bool(turned[2] < _UPSIDE * np.linalg.norm(turned))
+
+
+def _misfit_text(source: Array, target: Array, sd: Array, points: Sequence[Point], up: Array | None) -> str:
+    """What is wrong with points that do not fit: swapped axes, or marks and names."""
+    matrix, fits = _fit(source, target[:, [1, 0, 2]], sd)
+    if 2 * fits.sum() > len(points) and not _upside_down(matrix, up):
+        return "East and north of the control points seem swapped; exchange the two columns."
+    matrix = umeyama(source, target)
+    away = np.linalg.norm(applied(matrix, source) - target, axis=1)
+    worst = points[int(np.argmax(away))].name
+    extent = float(np.linalg.norm(np.ptp(target, axis=0)))
+    return (
+        f"The control points do not fit their marks: off by {np.sqrt((away**2).mean()):.2f} m over {extent:.1f} m, "
+        f"'{worst}' most; check its coordinates, its name in both files, and that its marks are on the right photos."
+    )
+
+
+def _mark_error(scene: Scene, placed: Placed) -> float:
+    """How far marks of the usual error move a point, normalised units."""
+    kept = [mark.view for mark, ok in zip(placed.marks, placed.good, strict=True) if ok]
+    views = [scene.views[index] for index in kept]
+    pixel = [np.linalg.norm(placed.position - v.centre) / v.fx * v.width / v.original_width for v in views]
+    return float(max(USUAL_MARK, placed.rms) * np.mean(pixel) / np.sqrt(len(views)))

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the report says about a georeference: facts, residuals of points and bars in tables, and a picture of them."""
+
+from __future__ import annotations
+
+import base64
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.georef.control import CHECK, CONTROL
+from mgf_engine.georef.find import Survey
+from mgf_engine.georef.fit_control import ControlRow
+from mgf_engine.scene.model import Scene
+from mgf_engine.system import atomic_path
+
+BEGIN, END = "<!-- georeference -->", "<!-- /georeference -->"
+_HOW = {
+    "none": "not at all", "gps": "GPS of the photos", "control": "control points",
+    "scale_bars": "scale bars and the direction up", "up": "only the direction up is known",
+}  # fmt: skip
+_UP = {"walls": "vertical edges of the building", "tags": "the photos' gravity tags", "cameras": "level cameras"}
+
+
+def survey_html(survey: Survey, scene: Scene) -> str:
+    """The section of the report, between two marks by which a later one finds and replaces it."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("mgf_engine", "georef"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    text = environment.get_template("report.html.j2").render(
+        facts=facts(survey), notes=survey.notes, points=_point_rows(survey), bars=survey.bars,
+        picture=_picture(survey, scene),
+    )  # fmt: skip
+    return f"{BEGIN}\n{text}\n{END}"
+
+
+def survey_figures(survey: Survey) -> dict[str, Any]:
+    """The same for ``report.json``: plain data, metres and pixels."""
+    now = survey.georeference
+    points = [] if survey.control is None else [_figures_of(row) for row in survey.control.rows]
+    return {
+        "method": now.method, "crs": now.crs, "unit": now.unit, "offset": list(now.offset), "scale": now.scale,
+        "heights": now.heights, "accuracy": dict(now.accuracy), "up": survey.up.how, "up_degrees": survey.up.degrees,
+        "points": points,
+        "bars": [{"name": r.bar.name, "given": r.bar.length, "found": r.found, "used": r.used} for r in survey.bars],
+        "gps_photos": len(survey.gps_views), "gps_used": 0 if survey.gps is None else int(survey.gps.used.sum()),
+        "notes": list(survey.notes),
+    }  # fmt: skip
+
+
+def replace_section(page: Path, html: str) -> None:
+    """Put a new section into a finished page, in the place of the old one; before its end where it has none."""
+    text = page.read_text(encoding="utf-8")
+    first, last = text.find(BEGIN), text.find(END)
+    if first < 0 or last < first:
+        first = last = text.rfind("</main>")
+        html, last = html + "\n", last - len(END)
+    with atomic_path(page) as temporary:
+        temporary.write_text(text[:first] + html + text[last + len(END) :], encoding="utf-8")
+
+
+def facts(survey: Survey) -> list[tuple[str, str]]:
+    """Label and text of what is known."""
+    now = survey.georeference
+    rows = [("found by", _HOW[now.method]), ("coordinates", now.crs or f"local frame, {now.unit}")]
+    if any(now.offset):
+        rows.append(("offset (easting, northing, height)", "{:.3f}, {:.3f}, {:.3f}".format(*now.offset)))
+    if now.origin is not None:
+        rows.append(("latitude and longitude of the origin", "{:.7f}, {:.7f}".format(*now.origin)))
+    if now.heights:
+        rows.append(("heights", now.heights))
+    if now.metric:
+        rows.append(("metres per unit of the scene", f"{now.scale:.6g}"))
+    up = f"{_UP[survey.up.how]}, to {survey.up.degrees:.2f} degrees"
+    rows.append(("direction up by itself", f"{up} ({survey.up.edges} edges)" if survey.up.edges else up))
+    if survey.gps is not None:
+        x, y, z = survey.gps.rms
+        used = f"{int(survey.gps.used.sum())} of {len(survey.gps_views)} photos"
+        rows.append(("GPS", f"{used}; off by {x:.2f} m east, {y:.2f} m north, {z:.2f} m in height (RMS)"))
+    for role, title in ((CONTROL, "control points"), (CHECK, "check points")):
+        rms = None if survey.control is None else survey.control.rms(role)
+        if rms is not None:
+            x, y, z = 1000 * rms
+            total = 1000 * float(np.sqrt((rms**2).sum()))
+            rows.append((f"RMSE of {title}", f"east {x:.1f}, north {y:.1f}, height {z:.1f}, together {total:.1f} mm"))
+    return rows
+
+
+def _point_rows(survey: Survey) -> list[dict[str, Any]]:
+    if survey.control is None:
+        return []
+    rows = []
+    for row in survey.control.rows:
+        values = [*row.residual, row.distance]
+        rows.append({
+            "name": row.point.name, "role": row.point.role, "millimetres": [_millimetres(v) for v in values],
+            "pixels": "–" if np.isnan(row.pixels) else f"{row.pixels:.2f}", "photos": row.photos, "note": row.note,
+            "mean": False,
+        })  # fmt: skip
+    for role in (CONTROL, CHECK):
+        rms = survey.control.rms(role)
+        if rms is not None:
+            values = [*rms, float(np.sqrt((rms**2).sum()))]
+            shown = [f"{1000 * v:.1f}" for v in values]
+            rows.append({
+                "name": "RMSE", "role": role, "millimetres": shown, "pixels": "", "photos": "", "note": "",
+                "mean": True,
+            })  # fmt: skip
+    return rows
+
+
+def _millimetres(value: float) -> str:
+    return "–" if np.isnan(value) else f"{1000 * value:+.1f}"
+
+
+def _figures_of(row: ControlRow) -> dict[str, Any]:
+    return {
+        "name": row.point.name, "role": row.point.role, "residual": list(row.residual), "distance": row.distance,
+        "pixels": row.pixels, "photos": row.photos, "used": row.used, "note": row.note,
+    }  # fmt: skip
+
+
+def _picture(survey: Survey, scene: Scene) -> str:
+    """Plan with cameras, points and residuals as arrows, and the residuals in height; empty where there are none."""
+    if survey.control is None and survey.gps is None:
+        return ""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    now = survey.georeference
+    figure, (plan, side) = pyplot.subplots(1, 2, figsize=(11, 5), width_ratios=(3, 2), layout="constrained")
+    centres = now.local(scene.to_normalised.invert(np.array([view.centre for view in scene.views])))
+    plan.scatter(centres[:, 0], centres[:, 1], 8, "0.7", label="cameras")
+    names, heights, colours = [], [], []
+    if survey.control is not None:
+        for role, colour in ((CONTROL, "#2563eb"), (CHECK, "#c2410c")):
+            rows = [r for r in survey.control.rows if r.point.role == role and np.isfinite(r.distance)]
+            if rows:
+                _arrows(plan, _places(rows, now.offset), np.array([r.residual for r in rows]), colour, role, 1000, "mm")
+                names += [r.point.name for r in rows]
+                heights += [1000 * r.residual[2] for r in rows]
+                colours += [colour] * len(rows)
+                for row, at in zip(rows, _places(rows, now.offset), strict=True):
+                    plan.annotate(row.point.name, at[:2], textcoords="offset points", xytext=(5, 4), fontsize=8)
+        side.set_xlabel("height, scene less file (mm)")
+    elif survey.gps is not None:
+        used = survey.gps.used
+        own = centres[list(survey.gps_views)][used]
+        _arrows(plan, own, survey.gps.residuals[used], "#2563eb", "camera less GPS", 1, "m")
+        names = [Path(scene.views[i].name).name for i, ok in zip(survey.gps_views, used, strict=True) if ok][:40]
+        heights = survey.gps.residuals[used][:40, 2].tolist()
+        colours = ["#2563eb"] * len(names)
+        side.set_xlabel("height, camera less GPS (m)")
+    plan.set_aspect("equal", "datalim")
+    plan.set_xlabel("east (m)")
+    plan.set_ylabel("north (m)")
+    plan.legend(fontsize=8)
+    side.barh(names, heights, color=colours)
+    side.axvline(0, color="0.5", linewidth=0.8)
+    side.invert_yaxis()
+    side.tick_params(labelsize=7 if len(names) > 15 else 9)
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=110)
+    pyplot.close(figure)
+    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+
+
+def _places(rows: list[ControlRow], offset: tuple[float, float, float]) -> NDArray[np.float64]:
+    return np.array([row.point.position for row in rows]) - np.array(offset)
+
+
+def _arrows(
+    axes: Any, at: NDArray[np.float64], residuals: NDArray[np.float64], colour: str, label: str, factor: int, unit: str
+) -> None:
+    """Points with their residuals, the longest an eighth of the plan's extent; the label says how long that is."""
+    longest = float(np.linalg.norm(residuals[:, :2], axis=1).max()) or 1e-9
+    extent = float(np.ptp(at[:, :2], axis=0).max()) or 1.0
+    grown = residuals[:, :2] * (extent / 8 / longest)
+    axes.scatter(at[:, 0], at[:, 1], 22, colour, label=f"{label}, longest arrow {factor * longest:.3g} {unit}")
+    axes.quiver(
+        at[:, 0], at[:, 1], grown[:, 0], grown[:, 1], angles="xy", scale_units="xy", scale=1, color=colour, width=0.004
+    )
