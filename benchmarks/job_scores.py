@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.evaluate.geometry import mask_iou
 from mgf_engine.evaluate.images import Scores, mean_scores, score
+from mgf_engine.evaluate.lpips import Lpips, find_lpips
 from mgf_engine.masks.model import BACKGROUND, UNKNOWN, building
 
 
@@ -26,17 +27,18 @@ def held_out_scores(job: Path, scene: Path) -> Scores:
         job: a finished job with its renders; scene: folder with ``masks``.
     """
     views = json.loads((job / "deliver.json").read_text(encoding="utf-8"))["views"]
-    return mean_scores([_score(job, scene, view) for view in views if view["held_out"] and view["render"]])
+    lpips = find_lpips()
+    return mean_scores([_score(job, scene, view, lpips) for view in views if view["held_out"] and view["render"]])
 
 
-def _score(job: Path, scene: Path, view: dict[str, str]) -> Scores:
+def _score(job: Path, scene: Path, view: dict[str, str], lpips: Lpips | None) -> Scores:
     photo = _read(job / view["file"])[..., 2::-1]
     render = _read(job / view["render"])
     # Renders are stored with straight alpha; over black they are what training compares with the photo.
     over_black = np.round(render[..., 2::-1] * (render[..., 3:] / 255.0)).astype(np.uint8)
     truth = _read(scene / "masks" / (Path(view["name"]).stem + ".png"))
     truth = np.asarray(cv2.resize(truth, photo.shape[1::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
-    return score(np.ascontiguousarray(photo), over_black, building(truth))
+    return score(np.ascontiguousarray(photo), over_black, building(truth), lpips)
 
 
 def _read(path: Path) -> NDArray[np.uint8]:

@@ -181,7 +181,7 @@ def measure(
         row.update(job_figures(job))
         row["mask_iou"] = mean_mask_iou(job, scene.folder)
         pictures = held_out_scores(job, scene.folder)
-        row.update(psnr=pictures.psnr, ssim=pictures.ssim, psnr_frame=pictures.psnr_frame)
+        row.update(psnr=pictures.psnr, ssim=pictures.ssim, psnr_frame=pictures.psnr_frame, lpips=pictures.lpips)
     if not keep_job:
         _slim(job)
     return row
@@ -213,7 +213,7 @@ def job_figures(job: Path) -> dict[str, Any]:
     stages = stages_of(job)
     figures: dict[str, Any] = {"stages": {name: entry["seconds"] for name, entry in stages.items()}}
     merged = {k: v for entry in stages.values() for k, v in entry["figures"].items()}
-    for name in ("lpips", "gaussians", "iterations"):
+    for name in ("gaussians", "iterations"):
         figures[name] = merged.get(name)
     figures["figures"] = merged
     figures["warnings"] = [text for entry in stages.values() for text in entry["warnings"]]

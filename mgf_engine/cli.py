@@ -100,8 +100,9 @@ def _parser() -> argparse.ArgumentParser:
     doctor.add_argument("--weights", type=_path, metavar="FOLDER", help="folder with the EfficientSAM weights")
     options = commands.add_parser("options", help="list every option with its default and meaning")
     options.add_argument("--json", action="store_true", help="as data for other programs")
-    weights = commands.add_parser("weights", help="download the EfficientSAM weights and check them")
-    weights.add_argument("--model", choices=("vitt", "vits"), help="size of the model (default vitt)")
+    weights = commands.add_parser("weights", help="download the weights of EfficientSAM or LPIPS and check them")
+    weights.add_argument("--model", choices=("vitt", "vits", "lpips-alex", "lpips-vgg"),
+                         help="EfficientSAM by its size (default vitt), or the network of LPIPS")  # fmt: skip
     weights.add_argument("--folder", type=_path, help="where to put them (default: the user's cache folder)")
     weights.add_argument(
         "--from", dest="source", type=_path, metavar="FOLDER", help="take the files from this folder, without network"
@@ -311,7 +312,7 @@ def _weights_command(args: argparse.Namespace) -> int:
 
     if args.source is not None:
         model, folder = copy_weights(args.source, args.model, args.folder)
-        print(f"The weights of EfficientSAM ({model}) are in {folder}")
+        print(f"The weights ({model}) are in {folder}")
         return EXIT_DONE
     reporter = Reporter(make_sink("auto"))
     reporter.stages = ("masks",)

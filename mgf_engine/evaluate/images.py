@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How close a rendered view is to its photo, inside the building's mask (eq. 27-28).
+"""How close a rendered view is to its photo, inside the building's mask (eq. 27-29).
 
 Two ways of pooling are given. *Inside the mask* (``psnr``, ``ssim``) averages over mask pixels only: it does not depend
 on how much of the frame the building fills. *Whole frame* (``psnr_frame``, ``ssim_frame``) is the paper's convention:
 everything outside the mask is set to zero in both pictures, and the mean runs over the frame, so that the outside
 counts as perfect. Figures of the two must not be compared with each other.
 
-LPIPS (eq. 29) needs a network's weights, which are not part of this package; it is reported as absent.
+LPIPS (eq. 29) needs a network's weights (:mod:`mgf_engine.evaluate.lpips`) and is None without. ``lpips`` is of the
+mask's box, ``lpips_frame`` of the whole frame; what is outside the mask is zero in both pictures.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from mgf_engine.evaluate.lpips import SMALLEST, Lpips
 
 #: PSNR of pictures that are equal (the true value is infinite, which JSON cannot say).
 PSNR_LIMIT = 100.0
@@ -32,7 +35,7 @@ class Scores:
         psnr: dB, over the pixels of the mask (eq. 27).
         ssim: mean over the pixels of the mask (eq. 28).
         psnr_frame, ssim_frame: over the whole frame, outside set to zero in both pictures.
-        lpips: always None, see the module.
+        lpips, lpips_frame: see the module.
         pixels: number of mask pixels.
     """
 
@@ -41,15 +44,19 @@ class Scores:
     psnr_frame: float | None
     ssim_frame: float | None
     lpips: float | None
+    lpips_frame: float | None
     pixels: int
 
 
-def score(photo: NDArray[np.uint8], render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> Scores:
+def score(
+    photo: NDArray[np.uint8], render: NDArray[np.uint8], mask: NDArray[np.bool_], lpips: Lpips | None = None
+) -> Scores:
     """Compare a render with its photo.
 
     Args:
         photo, render: RGB uint8 [h, w, 3].
         mask: bool [h, w], the building (see :func:`mgf_engine.masks.model.building`).
+        lpips: what measures LPIPS.
 
     Raises:
         ValueError: the shapes differ.
@@ -58,14 +65,29 @@ def score(photo: NDArray[np.uint8], render: NDArray[np.uint8], mask: NDArray[np.
         raise ValueError(f"shapes differ: photo {photo.shape}, render {render.shape}, mask {mask.shape}")
     pixels = int(mask.sum())
     if pixels == 0:
-        return Scores(None, None, None, None, None, 0)
-    a, b = (np.where(mask[..., None], picture, 0) / 255.0 for picture in (photo, render))
+        return Scores(None, None, None, None, None, None, 0)
+    masked = [np.where(mask[..., None], picture, 0).astype(np.uint8) for picture in (photo, render)]
+    a, b = (picture / 255.0 for picture in masked)
     similarity = ssim_map(a, b)
     squared = ((a - b) ** 2).mean(-1)
     return Scores(
         psnr=_decibels(float(squared[mask].mean())), ssim=float(similarity[mask].mean()),
-        psnr_frame=_decibels(float(squared.mean())), ssim_frame=float(similarity.mean()), lpips=None, pixels=pixels,
+        psnr_frame=_decibels(float(squared.mean())), ssim_frame=float(similarity.mean()),
+        lpips=None if lpips is None else lpips.distance(*(p[_box(mask)] for p in masked)),
+        lpips_frame=None if lpips is None else lpips.distance(*masked), pixels=pixels,
     )  # fmt: skip
+
+
+def _box(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """The mask's box, widened where a network would find it too small and the frame has room."""
+    sides = []
+    for axis, size in enumerate(mask.shape):
+        there = np.flatnonzero(mask.any(1 - axis))
+        low, high = int(there[0]), int(there[-1]) + 1
+        missing = max(0, SMALLEST - (high - low))
+        low = max(0, min(low - missing // 2, size - SMALLEST))
+        sides.append(slice(low, min(size, max(high, low + SMALLEST))))
+    return sides[0], sides[1]
 
 
 def mean_scores(scores: list[Scores]) -> Scores:
@@ -75,7 +97,7 @@ def mean_scores(scores: list[Scores]) -> Scores:
         values = [value for s in scores if (value := getattr(s, name)) is not None]
         return float(np.mean(values)) if values else None
 
-    means = {name: mean(name) for name in ("psnr", "ssim", "psnr_frame", "ssim_frame", "lpips")}
+    means = {name: mean(name) for name in ("psnr", "ssim", "psnr_frame", "ssim_frame", "lpips", "lpips_frame")}
     return Scores(**means, pixels=sum(s.pixels for s in scores))
 
 

@@ -19,8 +19,10 @@ from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.curve import curve_svg
 from mgf_engine.evaluate.evenness import Evenness, measure_evenness, typical_pixel
 from mgf_engine.evaluate.images import Scores, mean_scores, score
+from mgf_engine.evaluate.lpips import Lpips, find_lpips
 from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
 from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, shrunk, write_report
+from mgf_engine.evaluate.story import placing
 from mgf_engine.evaluate.surfaces import Surface
 from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.georef.find import Survey
@@ -58,10 +60,10 @@ def report_job(
         texture: waits for the mesh's texture, which may still be in the making; all files it belongs to are there then.
         survey: where the building is.
     """
-    shown = _shown_views(scene, masks)
+    shown, lpips = _shown_views(scene, masks), find_lpips(Path(job.config.weights) if job.config.weights else None)
 
     def one(index: int) -> ViewReport:
-        return _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown)
+        return _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown, lpips)
 
     views: list[ViewReport] = []
     for report in each_view(one, range(len(scene.views)), field.positions.device):
@@ -73,6 +75,7 @@ def report_job(
     reporter.progress(0.8)
     quality = None if made is None else _show_texture(mesh, made, scene, masks, views)
     data = _report_data(job, scene, masks, mesh, views)
+    data.lpips = lpips.name if lpips else ""
     data.curve_drawing, data.turntable = drawing, list(turned)
     data.relief, data.evenness = list(relief), evenness
     data.georeference, data.georeference_html = survey_figures(survey), survey_html(survey, scene)
@@ -81,7 +84,8 @@ def report_job(
     write_report(job.folder, data)
     held_out = mean_scores([v.scores for v in views if v.held_out and v.scores])
     return {
-        "psnr": _rounded(held_out.psnr, 2), "ssim": _rounded(held_out.ssim, 4), "held_out": len(scene.held_out),
+        "psnr": _rounded(held_out.psnr, 2), "ssim": _rounded(held_out.ssim, 4),
+        "lpips": _rounded(held_out.lpips, 4), "held_out": len(scene.held_out),
         "gaussians": len(field), "faces": len(mesh.faces),
     }  # fmt: skip
 
@@ -119,7 +123,14 @@ def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:
 
 
 def _view_report(
-    index: int, scene: Scene, masks: MaskSet, field: Gaussians, mesh: Mesh, sh_degree: int, shown: bool
+    index: int,
+    scene: Scene,
+    masks: MaskSet,
+    field: Gaussians,
+    mesh: Mesh,
+    sh_degree: int,
+    shown: bool,
+    lpips: Lpips | None = None,
 ) -> ViewReport:
     """Scores of held-out and shown views; the others only appear in the table, with a note when left out."""
     view = scene.views[index]
@@ -131,7 +142,7 @@ def _view_report(
     rendering = render_view(field, view, sh_degree)
     render = _to_picture(rendering.color.numpy())
     if masks.used[index]:
-        report.scores = score(photo, render, mask)
+        report.scores = score(photo, render, mask, lpips)
     assert rendering.normal is not None
     normals = rendering.normal.permute(1, 2, 0).numpy()
     pictures = {
@@ -181,6 +192,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
         peak_memory=max([peak_memory(), *(s.peak_memory or 0 for s in stages)]),
         warnings=[text for s in job.stages.values() for text in s.get("warnings", [])],
         contact_sheet=contact if contact.exists() else None,
+        placing=placing(job.config, trained["iterations"]),
         files=_files(job),
     )  # fmt: skip
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mgf_engine.evaluate.curve import curve_svg
 from mgf_engine.evaluate.evenness import Evenness
 from mgf_engine.evaluate.images import Scores, mean_scores
+from mgf_engine.evaluate.lpips import how_to_get
 from mgf_engine.evaluate.pictures import ERROR_LIMIT
 from mgf_engine.scene.images import read_rgb
 from mgf_engine.system import atomic_path, write_json
@@ -89,6 +90,8 @@ class ReportData:
         relief: pictures of it from fewer sides, without colours and lit from the side.
         evenness: its largest planes and how even they are, or None.
         contact_sheet: picture of all masks, or None.
+        lpips: the network that LPIPS was measured with; empty where it was not.
+        placing: what placed the surface, in three sentences.
         files: label -> path of a result, relative to the job folder.
         figures: further figures that only go into ``report.json``.
         georeference: where the building is, plain data for ``report.json``; ``georeference_html`` says it in the page.
@@ -115,6 +118,8 @@ class ReportData:
     relief: list[Picture] = field(default_factory=list)
     evenness: Evenness | None = None
     contact_sheet: Path | None = None
+    lpips: str = ""
+    placing: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)
     georeference: dict[str, Any] = field(default_factory=dict)
@@ -186,7 +191,7 @@ def _render(data: ReportData) -> str:
         relief=[embed(p) for p in data.relief],
         contact_sheet=embed(data.contact_sheet, _CONTACT_SIDE) if data.contact_sheet else "",
         curve=curve_svg(data.curve) if data.curve_drawing is None else data.curve_drawing,
-        error_limit=round(255 * ERROR_LIMIT),
+        error_limit=round(255 * ERROR_LIMIT), how_to_get_lpips=how_to_get(),
     )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ def test_a_table_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
 def test_without_results_the_document_stays(tmp_path: Path) -> None:
     document = tmp_path / "results.md"
     document.write_text("as it was")
-    with pytest.raises(BadInput, match="no result|has a result yet"):
+    with pytest.raises(BadInput, match="has a result yet"):
         write_table(document, "peers", "others", [{"variant": "a", "scene": "s", "failed": "no"}])
     with pytest.raises(BadInput, match="name a Markdown file"):
         write_table(tmp_path / "missing.md", "peers", "others", [row("a", 1.0)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The EfficientSAM weights: where they lie, how they are fetched once, and how they are checked."""
+"""Weights of networks (EfficientSAM, and LPIPS for reports): where they lie, how they are fetched once and checked."""
 
 from __future__ import annotations
 
@@ -24,14 +24,18 @@ TIMEOUT = 30.0  # seconds without a byte
 
 @dataclass(frozen=True)
 class WeightFile:
-    """One file of the release."""
+    """One file of the release, or of another place: the address of its folder."""
 
     name: str
     size: int
     sha256: str
+    place: str = ""
 
 
-#: Model -> encoder, decoder. "vits" is larger and more accurate.
+#: BSD-3-Clause, of the torchvision project; and BSD-2-Clause, of LPIPS's authors.
+TORCHVISION = "https://download.pytorch.org/models"
+LPIPS = "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/master/lpips/weights/v0.1"
+#: Model -> encoder and decoder, or trunk and linear layers. "vits" is larger and more accurate than "vitt".
 WEIGHTS: dict[str, tuple[WeightFile, WeightFile]] = {
     "vitt": (
         WeightFile("efficient_sam_vitt_encoder.onnx", 24799761,
@@ -44,6 +48,16 @@ WEIGHTS: dict[str, tuple[WeightFile, WeightFile]] = {
                    "4cacbb23c6903b1acf87f1d77ed806b840800c5fcd4ac8f650cbffed474b8896"),
         WeightFile("efficient_sam_vits_decoder.onnx", 16565728,
                    "4727baf23dacfb51d4c16795b2ac382c403505556d0284e84c6ff3d4e8e36f22"),
+    ),
+    "lpips-alex": (
+        WeightFile("alexnet-owt-7be5be79.pth", 244408911,
+                   "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02", TORCHVISION),
+        WeightFile("alex.pth", 6009, "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0", LPIPS),
+    ),
+    "lpips-vgg": (
+        WeightFile("vgg16-397923af.pth", 553433881,
+                   "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0", TORCHVISION),
+        WeightFile("vgg.pth", 7289, "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868", LPIPS),
     ),
 }  # fmt: skip
 
@@ -69,7 +83,7 @@ def find_weights(folder: Path) -> tuple[str, Path, Path] | None:
         files = WEIGHTS[model]
         if all((folder / f.name).is_file() for f in files):
             for file in files:
-                _check(folder / file.name, file, folder)
+                check_file(folder / file.name, file, folder)
             return model, folder / files[0].name, folder / files[1].name
     return None
 
@@ -86,11 +100,14 @@ def missing_text(folder: Path) -> str:
 def download_weights(model: str, folder: Path | None, reporter: Reporter, base_url: str = BASE_URL) -> Path:
     """Fetch the two files of a model, going on where a broken download stopped; returns their folder.
 
+    Args:
+        base_url: where files lie that have no place of their own.
+
     Raises:
         BadInput: unknown model, no network, a full disk, or a file whose checksum is wrong.
     """
     if model not in WEIGHTS:
-        raise BadInput(f"There is no EfficientSAM model '{model}'; take vitt or vits.")
+        raise BadInput(f"There are no weights called '{model}'; take one of {', '.join(WEIGHTS)}.")
     folder = folder or default_folder()
     files = WEIGHTS[model]
     total, done = sum(f.size for f in files), 0
@@ -99,11 +116,11 @@ def download_weights(model: str, folder: Path | None, reporter: Reporter, base_u
         if not (target.is_file() and _digest(target) == file.sha256):
             try:
                 folder.mkdir(parents=True, exist_ok=True)
-                _fetch(file, target, base_url, reporter, done, total)
+                _fetch(file, target, file.place or base_url, reporter, done, total)
             except urllib.error.URLError as error:
                 raise BadInput(
                     f"Cannot download {file.name} ({error.reason}); check the network and run again (it goes on where "
-                    f"it stopped), or put the file from {base_url} into '{folder}' by hand."
+                    f"it stopped), or put the file from {file.place or base_url} into '{folder}' by hand."
                 ) from error
             except OSError as error:
                 reason = error.strerror or str(error)
@@ -118,7 +135,7 @@ def copy_weights(source: Path, model: str | None, folder: Path | None) -> tuple[
 
     Args:
         source: for example of a stick.
-        model: vitt or vits; None takes the more accurate one that is there.
+        model: a key of :data:`WEIGHTS`; None takes the more accurate one of EfficientSAM that is there.
 
     Returns:
         The model and the folder its files are in now.
@@ -127,7 +144,7 @@ def copy_weights(source: Path, model: str | None, folder: Path | None) -> tuple[
         BadInput: the folder does not hold both files of a model unharmed, or they cannot be written.
     """
     if not source.is_dir():
-        raise BadInput(f"'{source}' is no folder; give the one that holds the EfficientSAM weights.")
+        raise BadInput(f"'{source}' is no folder; give the one that holds the weights.")
     folder = folder or default_folder()
     wanted = (model,) if model else ("vits", "vitt")
     for name in wanted:
@@ -137,7 +154,10 @@ def copy_weights(source: Path, model: str | None, folder: Path | None) -> tuple[
                 _copy(path, folder / file.name)
             return name, folder
     names = " or ".join(f"{a.name} and {b.name}" for a, b in (WEIGHTS[name] for name in wanted))
-    raise BadInput(f"'{source}' does not hold {names} whole (by SHA-256); fetch them again from {BASE_URL}.")
+    places = dict.fromkeys(file.place or BASE_URL for name in wanted for file in WEIGHTS[name])
+    raise BadInput(
+        f"'{source}' does not hold {names} whole (by SHA-256); fetch them again from {' and '.join(places)}."
+    )
 
 
 def _find(source: Path, file: WeightFile) -> Path | None:
@@ -178,7 +198,8 @@ def _fetch(file: WeightFile, target: Path, base_url: str, reporter: Reporter, do
     put_in_place(partial, target)
 
 
-def _check(path: Path, file: WeightFile, folder: Path) -> None:
+def check_file(path: Path, file: WeightFile, folder: Path) -> None:
+    """Raises BadInput where a file is damaged or of another version."""
     if path.stat().st_size != file.size or _digest(path) != file.sha256:
         raise BadInput(
             f"'{path}' is damaged or of another version (wrong size or SHA-256); delete it and run 'mgf weights "

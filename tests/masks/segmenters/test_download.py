@@ -119,7 +119,7 @@ def test_no_network_missing_file_unknown_model_unwritable_folder(server: Server,
         download_weights("vitt", tmp_path, reporter(), "http://127.0.0.1:9")
     with pytest.raises(BadInput, match="Not Found"):
         download_weights("vitt", tmp_path, reporter(), server.url + "/nowhere")
-    with pytest.raises(BadInput, match="no EfficientSAM model 'vith'"):
+    with pytest.raises(BadInput, match="no weights called 'vith'"):
         download_weights("vith", tmp_path, reporter(), server.url)
     blocked = tmp_path / "file"
     blocked.write_text("")
