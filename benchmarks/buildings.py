@@ -164,7 +164,7 @@ def tower(wall: str = "brick") -> list[Part]:
 
 
 def steel_frame(wall: str = "brick") -> list[Part]:
-    """A brick machine hall beside an open steel winding frame: bars, cross bracing, platforms (Dortmund-like)."""
+    """A brick machine hall beside an open steel winding frame: bars, cross bracing, platforms."""
     b = Builder()
     x, y, eaves, ridge = 9.0, 5.0, 6.5, 9.6
     holes = wall_row(2 * x, 6, 1.5, 1.2, 3.6)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -90,13 +92,13 @@ SCENES: dict[str, SceneSpec] = {
     # A brick town hall, 40 photos on two orbits, ground pixel about 6 cm.
     "townhall40": _LARGE,
     # Low flight around a detailed building with a hollow steel frame.
-    "dortmund": SceneSpec(
+    "steel_frame_hall": SceneSpec(
         building="steel_frame", photos=146, width=750,
         rings=(Ring(0.4, 7.0, 22.0, 9.0), Ring(0.35, 17.0, 20.0, 9.0), Ring(0.25, 30.0, 16.0, 8.0)),
         trees=10, trees_in_front=2, neighbours=4, cars=4, exposure_spread=0.1, noise=1.5, seed=11,
     ),
     # High flight over a brick ensemble: the building is small in the pictures.
-    "zeche": SceneSpec(
+    "brick_ensemble": SceneSpec(
         building="town_hall", photos=147, width=750, field_of_view=50.0,
         rings=(Ring(0.35, 40.0, 34.0), Ring(0.3, 32.0, 44.0)), nadir=(58.0, 26.0, 20.0),
         trees=14, neighbours=6, cars=6, sun_azimuth=-110.0, exposure_spread=0.08, noise=1.5, seed=12,
@@ -181,8 +183,22 @@ SCENES |= {
 SCENES["nadir_slate"] = replace(SURFACES["nadir_shingles"], building="plain_house", seed=44, held_out=False)
 for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
-for _name in ("dortmund", "zeche"):
+for _name in ("steel_frame_hall", "brick_ensemble"):
     SCENES[f"{_name}40"] = replace(SCENES[_name], photos=40, width=480)
+
+
+#: Names of an earlier version -> names now. The scenes are generated; those names are of photo sets that the paper uses.
+FORMER = {f"{old}{n}": f"{new}{n}" for old, new in (("dortmund", "steel_frame_hall"), ("zeche", "brick_ensemble"))
+          for n in ("", "40")}  # fmt: skip
+
+
+def with_present_names(arguments: Sequence[str]) -> list[str]:
+    """Arguments of a command with scenes called by their names of now; a sentence for each that had another."""
+    for name in dict.fromkeys(arguments):
+        if name in FORMER:
+            print(f"The scene '{name}' is called '{FORMER[name]}' now; the old name works in this version only.",
+                  file=sys.stderr)  # fmt: skip
+    return [FORMER.get(name, name) for name in arguments]
 
 
 def scene_spec(name: str, **changes: Any) -> SceneSpec:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.arguments import count, engine_options, results_folder
+from benchmarks.catalogue import with_present_names
 from benchmarks.measure import SCORED, Prepared, measure, prepare_scene
 from benchmarks.suites import SUITES, half_of, suite_runs
 from mgf_engine import __version__
@@ -26,7 +27,7 @@ from mgf_engine.system import write_json
 
 def bench_main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``mgf bench``; returns the exit code."""
-    args = list(sys.argv[1:] if argv is None else argv)
+    args = with_present_names(sys.argv[1:] if argv is None else argv)
     try:
         if args[:1] == ["scenes"]:
             from benchmarks.scenes import scenes_main

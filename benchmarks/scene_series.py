@@ -43,7 +43,7 @@ class Series:
         return tuple(self.scenes)
 
 
-_DEMO, _TREES, _BARS = SCENES["demo"], SCENES["masks_trees"], SCENES["dortmund40"]
+_DEMO, _TREES, _BARS = SCENES["demo"], SCENES["masks_trees"], SCENES["steel_frame_hall40"]
 _BLOCK = replace(SCENES["masks_block"], wall="brick", photos=30, trees_in_front=0)
 _BRACE = 2.1  # px of 480 that a brace of the frame is wide: 16 cm
 

@@ -113,7 +113,7 @@ PEERS: dict[str, Options] = {
     **{f"{name}, 7000 iterations, dense start": {**options, "iterations": 7000, "start": "dense"}
        for name, options in LIKE.items()},
 }  # fmt: skip
-NAMED = ("dortmund", "zeche")
+NAMED = ("steel_frame_hall", "brick_ensemble")
 SUITES: dict[str, str] = {
     "smoke": "one short run on a tiny scene, for continuous integration",
     "equal-terms": "opacity and fused surface, each without and with photo steps",

@@ -74,6 +74,6 @@ def test_every_named_scene_uses_known_parts() -> None:
         assert spec.building in BUILDINGS
         assert sum(ring.share for ring in spec.rings) == pytest.approx(1.0) or spec.nadir is not None
     assert scene_spec("demo", photos=5, width=None).photos == 5
-    assert (SCENES["dortmund"].photos, SCENES["zeche"].photos) == (146, 147)
+    assert (SCENES["steel_frame_hall"].photos, SCENES["brick_ensemble"].photos) == (146, 147)
     with pytest.raises(BadInput, match="There is no scene 'nowhere'"):
         scene_spec("nowhere")

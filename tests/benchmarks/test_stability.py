@@ -138,7 +138,7 @@ def test_rows_with_scenes_of_their_own(scene: Path, tmp_path: Path, monkeypatch:
     args = arguments(scene, tmp_path, "--only", "far", "bars", "--levels", "1", "2.3", "2.1", "--modes", "masks")
     assert stability_main(args) == 0
     assert stability_main(args) == 0  # nothing is rendered or run twice
-    assert [name for name, _ in asked] == ["demo", "stability_far", "dortmund40"]
+    assert [name for name, _ in asked] == ["demo", "stability_far", "steel_frame_hall40"]
     assert asked[1][1].rings[0].distance == pytest.approx(2.3 * asked[0][1].rings[0].distance)
     rows = json.loads((tmp_path / "out/stability.json").read_text())
     # From afar a pixel is larger, so two of them are the measure; bars are measured at 10 cm.

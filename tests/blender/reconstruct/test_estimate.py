@@ -13,7 +13,7 @@ from mgf_blender.reconstruct.estimate import Photos, duration, estimate, learn, 
 
 #: Reports of jobs on two cores with AVX-512: preset, photos and their size, seconds of the first four stages, peak GB.
 MEASURED = [
-    ("standard", Photos(146, (750, 500)), 288.8, 3.06),  # dortmund
+    ("standard", Photos(146, (750, 500)), 288.8, 3.06),  # steel_frame_hall
     ("draft", Photos(146, (750, 500)), 100.9, 2.09),
     ("draft", Photos(25, (3072, 2048)), 53.0, 1.45),  # herzjesu
     ("draft", Photos(30, (480, 320)), 26.5, 0.99),  # demo
