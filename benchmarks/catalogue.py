@@ -187,7 +187,7 @@ for _name in ("steel_frame_hall", "brick_ensemble"):
     SCENES[f"{_name}40"] = replace(SCENES[_name], photos=40, width=480)
 
 
-#: Names of an earlier version -> names now. The scenes are generated; those names are of photo sets that the paper uses.
+#: Names of an earlier version -> names now. The scenes are generated; those names are of the photo sets of the paper.
 FORMER = {f"{old}{n}": f"{new}{n}" for old, new in (("dortmund", "steel_frame_hall"), ("zeche", "brick_ensemble"))
           for n in ("", "40")}  # fmt: skip
 
