@@ -93,6 +93,15 @@ def _parser() -> argparse.ArgumentParser:
     _add_job_command(commands, "reconstruct", "run every stage: photos in, mesh and report out")
     for stage, help in _STAGE_HELP.items():
         _add_job_command(commands, stage, f"run the stages up to this one: {help}")
+    guess = commands.add_parser(
+        "estimate", help="say what a job will take: time and memory per stage", argument_default=argparse.SUPPRESS
+    )
+    _add_inputs(guess)
+    guess.add_argument(
+        "--out", type=_path, default=None, metavar="JOB", help="passed over: its stages count as not done"
+    )
+    guess.add_argument("--json", action="store_true", default=False, help="as data for other programs")
+    _add_options(guess)
     doctor = commands.add_parser("doctor", help="show versions, kernel variant, device and memory")
     doctor.add_argument(
         "--card", action="store_true", help="check this machine's card against the CPU, in a minute; auto takes it then"
@@ -166,18 +175,26 @@ def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_job_command(commands: Any, name: str, help: str) -> None:
     parser = commands.add_parser(name, help=help, description=help, argument_default=argparse.SUPPRESS)
-    parser.add_argument("scene", nargs="?", type=_path, default=None, help="COLMAP scene, or a folder of photos")
+    _add_inputs(parser, "?")
     parser.add_argument("--out", type=_path, required=True, metavar="JOB", help="job folder")
-    parser.add_argument("--prompts", type=_path, default=None, metavar="FILE", help="clicks on the building (JSON)")
-    parser.add_argument("--masks", type=_path, default=None, metavar="FOLDER", help="use these masks (PNG per photo)")
-    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set any option by name")
     parser.add_argument("--resume", action="store_true", default=False, help="continue the job in the folder")
     styles = ("auto", "bar", "plain", "json", "none")
     parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
     parser.add_argument(
         "--cancel-on-eof", action="store_true", default=False, help="stop (resumable) when standard input closes"
     )
+    _add_options(parser)
+
+
+def _add_inputs(parser: argparse.ArgumentParser, scenes: str | None = None) -> None:
+    parser.add_argument("scene", nargs=scenes, type=_path, default=None, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("--prompts", type=_path, default=None, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("--masks", type=_path, default=None, metavar="FOLDER", help="use these masks (PNG per photo)")
+    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set any option by name")
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
     for section in SECTIONS:
         group = parser.add_argument_group(f"{section} options")
         for spec in (f for f in fields(Config) if f.metadata["section"] == section):
@@ -297,6 +314,18 @@ def _options_command(args: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
+def _estimate_command(args: argparse.Namespace) -> int:
+    from mgf_engine.config import make_config
+    from mgf_engine.estimate import as_data, as_table, estimate, survey
+    from mgf_engine.memory import budget_of
+
+    config, photos = make_config(_given_options(args)), survey(args.scene, args.out)
+    found, budget = estimate(config, photos), budget_of(config.memory)
+    data = as_data(found, config, photos, budget)
+    print(json.dumps(data, indent=1) if args.json else as_table(data))
+    return EXIT_DONE
+
+
 def _doctor_command(args: argparse.Namespace) -> int:
     if args.card:
         from mgf_engine.field.cuda_check import check_card
@@ -357,6 +386,7 @@ _OTHER_COMMANDS = {
     "clean": _clean_command,
     "doctor": _doctor_command,
     "drawings": _drawings_command,
+    "estimate": _estimate_command,
     "options": _options_command,
     "weights": _weights_command,
     "evaluate": _evaluate_command,

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from mgf_engine.costs import COSTS
 from mgf_engine.errors import BadInput
 
 SECTIONS = ("run", "scene", "masks", "field", "mesh", "deliver", "georef")
@@ -52,6 +53,7 @@ class Config:
     preset: str = option("standard", "run", "How much time to spend", choices=("quick", "draft", "standard", "fine", "paper"), advanced=False)
     device: str = option("auto", "run", "Where the field is trained", choices=("auto", "cpu", "cuda"), advanced=False)
     threads: int = option(0, "run", "Worker threads of the kernels; 0 takes every core", low=0, high=256)
+    memory: float = option(0.0, "run", "Memory that the job may use; 0 takes three quarters of what is free at its start", low=0, high=100_000, unit="GB", advanced=False)
     seed: int = option(0, "run", "Seed of everything random; the same seed and thread count give the same mesh", low=0, high=2**31 - 1)
     checkpoint_seconds: float = option(60.0, "run", "Time between two checkpoints of the field", low=1, high=86400, unit="s")
 
@@ -277,7 +279,9 @@ def options_schema() -> dict[str, Any]:
     entries = [
         {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in fields(Config)
     ]
-    return {"sections": list(SECTIONS), "presets": PRESETS, "run_length": RUN_LENGTH, "options": entries}
+    return {
+        "sections": list(SECTIONS), "presets": PRESETS, "run_length": RUN_LENGTH, "costs": COSTS, "options": entries,
+    }  # fmt: skip
 
 
 def renamed_values(given: dict[str, Any]) -> list[str]:

@@ -9,6 +9,7 @@ from mgf_engine import __version__
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.masks.segmenters.download import default_folder
 from mgf_engine.masks.segmenters.notice import standing
+from mgf_engine.memory import GB, free_memory
 from mgf_engine.system import cores, cpu_name, total_memory, versions
 
 
@@ -22,9 +23,8 @@ def report(weights: Path | None = None) -> int:
     found = versions()
     for name, version in found.items():
         print(f"  {name:<32} {version}")
-    memory = total_memory()
     print(f"  {'processor':<32} {cpu_name()}, {cores()} cores")
-    print(f"  {'memory':<32} {'unknown' if memory is None else f'{memory / 2**30:.1f} GiB'}")
+    print(f"  {'memory':<32} {total_memory() / GB:.1f} GB, {free_memory() / GB:.1f} GB free")
     problems = [f"{name} is missing; run 'pip install {name}'." for name, v in found.items() if v == "missing"]
     try:
         from mgf_engine.raster.library import variant

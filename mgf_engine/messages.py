@@ -7,13 +7,17 @@ A message is one JSON object on one line. Every message has ``v`` (schema versio
 ===========  ==========================================================================================
 started      ``job`` (folder), ``pid``, ``version``, ``stages`` (names in order)
 device       ``device`` (cpu or cuda), ``text`` (one sentence: what was chosen, and why)
+estimate     ``seconds`` (of all stages to come), ``bytes`` (the most memory), ``allowed`` (bytes that the job may use),
+             ``stages`` (name -> seconds), ``text`` (one sentence)
 segmenter    ``segmenter`` (random_walker or efficientsam), ``text`` (one sentence: what draws the masks, and the other)
 stage        ``stage`` (name), ``index``, ``count``, ``cached`` (true: an earlier result is used)
 progress     ``stage``, ``fraction`` (0..1 of the stage), ``overall`` (0..1 of the job), ``seconds_left`` (of the
-             stage, null while unknown), ``figures`` (name -> number or text)
+             stage, null while unknown), ``job_seconds_left`` (of all stages, null without an estimate), ``figures``
+             (name -> number or text)
 preview      ``stage``, ``path`` (a picture worth showing now), ``title``
 warning      ``text`` (one sentence: cause and cure)
-result       ``path`` (job folder), ``files`` (name -> path), ``figures``
+result       ``path`` (job folder), ``files`` (name -> path), ``figures``, ``speed`` (time of this machine over that of
+             the one that estimates were fitted on, as far as its jobs have told; else null)
 failed       ``code`` (exit code), ``text`` (one sentence), ``log`` (path of the log, or null)
 ===========  ==========================================================================================
 """
@@ -31,8 +35,11 @@ from mgf_engine.system import json_text
 
 SCHEMA_VERSION = 1
 STAGES = ("scene", "masks", "field", "mesh", "deliver")
-#: Rough share of a whole job each stage takes; only used to draw one overall bar.
+#: Rough share of a whole job each stage takes, to draw one overall bar where there is no estimate.
 STAGE_SHARE = {"scene": 0.03, "masks": 0.07, "field": 0.75, "mesh": 0.12, "deliver": 0.03}
+
+_TELLING = 5.0  # seconds: shorter stages say nothing of the machine
+_PACES = (0.3, 3.0)
 
 Message = dict[str, Any]
 Sink = Callable[[Message], None]
@@ -58,9 +65,11 @@ class Reporter:
         self.stage_name = ""
         self.stages: tuple[str, ...] = STAGES
         self.warnings: list[str] = []
+        self.expected: dict[str, float] = {}
         self._min_interval = min_interval
         self._last = 0.0
         self._stage_started = time.monotonic()
+        self._pace = 1.0  # time taken over time expected, of the stage before
         self._cancel = threading.Event()
 
     def send(self, type: str, **fields: Any) -> None:
@@ -69,8 +78,13 @@ class Reporter:
         for sink in self.sinks:
             sink(message)
 
+    def expect(self, seconds: dict[str, float]) -> None:
+        """Set what the stages to come will take, for the time left and the overall bar."""
+        self.expected, self._pace = dict(seconds), 1.0
+
     def stage(self, name: str, cached: bool = False) -> None:
         """Announce that a stage begins (or that its earlier result is used)."""
+        self._learn_pace()
         self.stage_name, self._stage_started, self._last = name, time.monotonic(), 0.0
         self.send("stage", stage=name, index=self.stages.index(name), count=len(self.stages), cached=cached)
 
@@ -95,7 +109,8 @@ class Reporter:
             stage=self.stage_name,
             fraction=round(fraction, 4),
             overall=round(self._overall(fraction), 4),
-            seconds_left=None if seconds_left is None else round(seconds_left, 1),
+            seconds_left=_rounded(seconds_left),
+            job_seconds_left=_rounded(self._job_left(fraction, seconds_left)),
             figures=figures,
         )
 
@@ -123,11 +138,33 @@ class Reporter:
         if self._cancel.is_set():
             raise Cancelled("Cancelled; run again with --resume to continue.")
 
+    def _job_left(self, fraction: float, stage_left: float | None) -> float | None:
+        """Seconds until the last stage ends, as far as anything tells."""
+        if not self.expected:
+            return None
+        if stage_left is None:
+            stage_left = self._pace * self.expected.get(self.stage_name, 0.0) * (1.0 - fraction)
+        later = self.stages[self.stages.index(self.stage_name) + 1 :] if self.stage_name in self.stages else ()
+        return stage_left + self._pace * sum(self.expected.get(name, 0.0) for name in later)
+
+    def _learn_pace(self) -> None:
+        """The estimate may be wrong, and the machine busy: what the stage before took tells of those to come."""
+        expected = self.expected.get(self.stage_name, 0.0)
+        if expected >= _TELLING:
+            taken = time.monotonic() - self._stage_started
+            self._pace = min(_PACES[1], max(_PACES[0], taken / expected))
+
     def _overall(self, fraction: float) -> float:
-        total = sum(STAGE_SHARE.get(s, 1.0) for s in self.stages)
+        shares = self.expected or STAGE_SHARE
+        rest = 0.0 if self.expected else 1.0  # of stages that other commands have
+        total = sum(shares.get(s, rest) for s in self.stages) or 1.0
         done = 0.0
         for name in self.stages:
             if name == self.stage_name:
-                return (done + STAGE_SHARE.get(name, 1.0) * fraction) / total
-            done += STAGE_SHARE.get(name, 1.0)
+                return (done + shares.get(name, rest) * fraction) / total
+            done += shares.get(name, rest)
         return fraction
+
+
+def _rounded(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds, 1)

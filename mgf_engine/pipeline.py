@@ -15,9 +15,12 @@ import numpy as np
 
 from mgf_engine import __version__
 from mgf_engine.errors import BadInput
+from mgf_engine.estimate import Photos, estimate, learn, shortage, survey
 from mgf_engine.job import Job
+from mgf_engine.memory import GB, Watch, allow, allowed, budget_of, share
 from mgf_engine.messages import STAGES, Reporter
-from mgf_engine.system import cores, cpu_seconds, peak_memory
+from mgf_engine.system import cores, cpu_seconds
+from mgf_engine.terminal import duration
 
 if TYPE_CHECKING:
     from mgf_engine.field.gaussians import Gaussians
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
 log = logging.getLogger("mgf")
 #: Mean confidence of a mesh below which its F1 is about half of what the scene allows (docs/stability.md).
 DOUBTFUL = 0.5
+#: Seconds: what shorter jobs took is mostly their start.
+TELLING = 30.0
 Figures = dict[str, Any]
 
 
@@ -44,13 +49,19 @@ def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
     reporter.send("started", job=str(job.folder), pid=os.getpid(), version=__version__, stages=list(stages))
     _prepare(job, reporter)
     lost = job.lost(until)
-    for name in stages:
+    to_run = [name for name in stages if name in lost or not job.done(name)]
+    photos = _look_ahead(job, to_run, reporter) if to_run else None
+    for place, name in enumerate(stages):
         reporter.check()
-        cached = job.done(name) and name not in lost
-        reporter.stage(name, cached=cached)
-        if not cached:
+        reporter.stage(name, cached=name not in to_run)
+        if name in to_run:
             _run_stage(job, name, reporter)
-    reporter.send("result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"])
+            if name == "masks" and photos is not None:
+                photos = _look_again(job, photos, list(stages[place + 1 :]), reporter)
+    speed = learn_from(job, photos) if photos is not None and to_run == list(STAGES) else None
+    reporter.send(
+        "result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"], speed=speed
+    )
 
 
 def result_files(job: Job) -> dict[str, str]:
@@ -144,16 +155,82 @@ def _prepare(job: Job, reporter: Reporter) -> None:
     cv2.setRNGSeed(job.config.seed)
 
 
+def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos:
+    """Say what the stages to come will take, and set how much memory they may use.
+
+    Raises:
+        BadInput: they need more memory than the user allows.
+    """
+    from mgf_engine.scene.photo_cache import PHOTOS, ROOM
+
+    photos = survey(job.source, job.folder)
+    if "masks" not in stages:
+        photos = _with_masks(job, photos)
+    allow(budget_of(job.config.memory))
+    PHOTOS.room = share(0.1, ROOM)
+    found = estimate(job.config, photos, stages)
+    reporter.expect(found.seconds)
+    seconds, memory = sum(found.seconds.values()), max(found.memory.values())
+    _check_memory(job, photos, stages, reporter)
+    reporter.send(
+        "estimate", seconds=round(seconds, 1), bytes=round(memory), allowed=round(allowed()),
+        stages={name: round(value, 1) for name, value in found.seconds.items()},
+        text=f"About {duration(seconds)} and {memory / GB:.1f} GB of memory; {allowed() / GB:.1f} GB may be used.",
+    )  # fmt: skip
+    return photos
+
+
+def _look_again(job: Job, photos: Photos, stages: list[str], reporter: Reporter) -> Photos:
+    """The same once the masks tell how much of the photos the building fills, before the long work begins."""
+    if not stages:
+        return photos
+    before, photos = photos, _with_masks(job, photos)
+    reporter.expect(estimate(job.config, photos, stages).seconds)
+    if not shortage(job.config, before, allowed(), stages):  # else it has been said
+        _check_memory(job, photos, stages, reporter)
+    return photos
+
+
+def _with_masks(job: Job, photos: Photos) -> Photos:
+    share_of_building = job.stages.get("masks", {}).get("figures", {}).get("building")
+    return photos if share_of_building is None else replace(photos, building=float(share_of_building))
+
+
+def _check_memory(job: Job, photos: Photos, stages: list[str], reporter: Reporter) -> None:
+    """Refuse what needs more memory than the user allows, warn of what needs more than is usual."""
+    lacking = shortage(job.config, photos, allowed(), stages)
+    if lacking and job.config.memory:
+        raise BadInput(lacking)
+    if lacking:
+        reporter.warning(lacking)
+
+
+def learn_from(job: Job, photos: Photos) -> float | None:
+    """What a whole job on the CPU tells of this machine's speed; None where it was too short, or on a card."""
+    from mgf_engine.raster.device import choose_device
+
+    seconds = {name: float(entry["seconds"]) for name, entry in job.stages.items()}
+    if sum(seconds.values()) < TELLING or choose_device(job.config.device).device.type != "cpu":
+        return None
+    return learn(job.config, photos, seconds)
+
+
 def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
     key = job.begin(name)
     log.info("stage %s begins", name)
     started, cpu_before = time.perf_counter(), cpu_seconds()
     reporter.warnings.clear()
-    figures = _RUNNERS[name](job, reporter)
+    with Watch() as memory:
+        figures = _RUNNERS[name](job, reporter)
     seconds, cpu = time.perf_counter() - started, cpu_seconds() - cpu_before
+    if job.config.memory and memory.peak > allowed():
+        reporter.warning(
+            f"The stage '{name}' took {memory.peak / GB:.1f} GB of memory instead of at most {allowed() / GB:.1f} GB, "
+            "more than was foreseen; lower the resolution if that is too much."
+        )
     reporter.progress(1.0, 0.0, **{k: v for k, v in figures.items() if isinstance(v, int | float | str)})
-    job.finish(name, key, seconds, cpu, peak_memory(), figures, list(reporter.warnings))
-    log.info("stage %s took %.1f s: %s", name, seconds, figures)
+    job.finish(name, key, seconds, cpu, memory.peak, figures, list(reporter.warnings))
+    log.info("stage %s took %.1f s and %.2f GB: %s", name, seconds, memory.peak / GB, figures)
 
 
 def _run_scene(job: Job, reporter: Reporter) -> Figures:
@@ -170,11 +247,15 @@ def _run_scene(job: Job, reporter: Reporter) -> Figures:
 
 def _run_masks(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.masks.build import build_masks
+    from mgf_engine.masks.model import building
 
     scene = load_scene_of(job)
     job.keep_clicks()
     masks = build_masks(scene, job.inputs.clicks, job.masks, job.path("masks"), job.config, reporter)
-    return {"used": int(masks.used.sum()), "masked_points": int(masks.point_mask.sum())}
+    return {
+        "used": int(masks.used.sum()), "masked_points": int(masks.point_mask.sum()),
+        "building": round(float(np.mean([building(labels).mean() for labels in masks.labels])), 4),
+    }  # fmt: skip
 
 
 def _run_field(job: Job, reporter: Reporter) -> Figures:

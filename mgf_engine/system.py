@@ -16,6 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 PACKAGES = (
     "torch", "numpy", "pycolmap", "onnxruntime", "opencv-contrib-python-headless", "scipy", "libigl", "trimesh",
 )  # fmt: skip
@@ -50,7 +52,7 @@ def cpu_seconds() -> float:
 def peak_memory() -> int:
     """Largest resident memory of this process so far, in bytes."""
     if sys.platform == "win32":
-        return _windows_peak_memory()
+        return int(psutil.Process().memory_info().peak_wset)
     with contextlib.suppress(OSError, ValueError, IndexError):
         # Linux hands ru_maxrss on to a started program: a job begun by a large Blender would look as large.
         status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
@@ -92,12 +94,9 @@ def near_memory_limit(share: float = 0.7) -> bool:
     return False
 
 
-def total_memory() -> int | None:
-    """Bytes of memory in the machine, or None where the system does not say."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
+def total_memory() -> int:
+    """Bytes of memory in the machine."""
+    return int(psutil.virtual_memory().total)
 
 
 def cpu_name() -> str:
@@ -184,21 +183,3 @@ def sweep(folder: Path) -> None:
     for path in folder.rglob(".part-*"):
         with contextlib.suppress(OSError):
             path.unlink()
-
-
-def _windows_peak_memory() -> int:
-    import ctypes
-    from ctypes import wintypes
-
-    class Counters(ctypes.Structure):
-        _fields_ = [
-            ("cb", wintypes.DWORD), ("PageFaultCount", wintypes.DWORD), ("PeakWorkingSetSize", ctypes.c_size_t),
-            ("others", ctypes.c_size_t * 7),
-        ]  # fmt: skip
-
-    counters = Counters(cb=ctypes.sizeof(Counters))
-    kernel = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined]
-    kernel.GetCurrentProcess.restype = wintypes.HANDLE
-    kernel.K32GetProcessMemoryInfo.argtypes = [wintypes.HANDLE, ctypes.c_void_p, wintypes.DWORD]
-    kernel.K32GetProcessMemoryInfo(kernel.GetCurrentProcess(), ctypes.byref(counters), counters.cb)
-    return int(counters.PeakWorkingSetSize)

@@ -3,17 +3,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 #: For Popen: Ctrl-C reaches the job alone, which then ends its workers; a worker that it ended first would look broken.
 APART: dict[str, Any] = {"process_group": 0}
 if sys.platform == "win32":
     APART = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+#: Process ids of the workers that run now; their memory is the job's.
+RUNNING: set[int] = set()
 _POLL_SECONDS = 0.3
+
+
+@contextlib.contextmanager
+def worker(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that works for the job, as ``Popen`` starts it; leaving waits for its end, and does not ask for it."""
+    with subprocess.Popen(command, **how, **APART) as process:
+        RUNNING.add(process.pid)
+        try:
+            yield process
+        finally:
+            RUNNING.discard(process.pid)
 
 
 def ended(process: subprocess.Popen[bytes]) -> bool:

@@ -55,7 +55,8 @@ class Job:
     cached: bool = False  # whether a stage used an earlier result
     fraction: float = 0.0
     overall: float = 0.0
-    seconds_left: float | None = None
+    seconds_left: float | None = None  # of all stages
+    speed: float | None = None  # of this machine, as the engine learned it
     figures: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     messages: int = 0  # taken in so far
@@ -135,12 +136,12 @@ class Job:
     def _apply(self, message: dict[str, Any]) -> None:
         kind = message["type"]
         if kind == "stage":
-            self.stage, self.fraction, self.seconds_left = str(message.get("stage", "")), 0.0, None
+            self.stage, self.fraction = str(message.get("stage", "")), 0.0
             self.stage_index, self.stage_count = _number(message, "index"), _number(message, "count")
             self.figures, self.cached = {}, self.cached or bool(message.get("cached"))
         elif kind == "progress":
             self.fraction, self.overall = _share(message, "fraction"), _share(message, "overall")
-            left = message.get("seconds_left")
+            left = message.get("job_seconds_left")
             self.seconds_left = float(left) if isinstance(left, int | float) else None
             self.figures = _mapping(message, "figures")
         elif kind == "preview":
@@ -149,6 +150,8 @@ class Job:
             self.warnings.append(str(message.get("text", "")))
         elif kind == "result":
             self.figures, self.overall, self._ended_by_message = _mapping(message, "figures"), 1.0, True
+            speed = message.get("speed")
+            self.speed = float(speed) if isinstance(speed, int | float) else None
         elif kind == "failed":
             self.text, self.log = str(message.get("text", "")), str(message.get("log") or "")
             self._ended_by_message = True

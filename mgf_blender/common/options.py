@@ -20,6 +20,7 @@ SCHEMA: dict[str, Any] = json.loads((Path(__file__).parents[1] / "options.json")
 OPTIONS: dict[str, dict[str, Any]] = {o["name"]: o for o in SCHEMA["options"]}
 SECTIONS: list[str] = SCHEMA["sections"]
 PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
+COSTS: dict[str, Any] = SCHEMA["costs"]
 RUN_LENGTH: dict[str, int] = SCHEMA["run_length"]
 _CAPITALS = {"sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda", "gps", "crs"}
 _SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM"}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a job will roughly take, said before it starts: time and memory, from photos, pixels, iterations, Gaussians.
+"""What a job will roughly take, said before it starts: time and memory, from the engine's own table of costs.
 
-The costs were fitted to the reports of finished jobs (see docs/blender.md for the errors). What this machine makes of
-them is learned: every job that ran in one go leaves the ratio of its true time to the estimate in the user's folder.
+The table (``mgf_engine/costs.py`` says what it holds) comes with the options; ``mgf estimate`` tells the same of the
+same photos. What this machine makes of the times is learned: the engine says so at the end of a job that ran in one go.
 """
 
 from __future__ import annotations
@@ -12,29 +12,16 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from statistics import median
 
 import bpy
 
 from ..common.addon import user_folder
-from ..common.options import RUN_LENGTH
+from ..common.options import COSTS, RUN_LENGTH
 from ..scene_import.cameras import SIZE_KEY
 from ..scene_import.tree import Tree
 
-#: Seconds on two cores with AVX-512. MP: megapixels of a working photo, G: 100,000 Gaussians.
-_MASK_PHOTO, _MASK_PIXELS = 0.12, 0.65  # per photo; per photo and MP
-_STEP, _STEP_GAUSSIANS, _STEP_PIXELS = 0.002, 0.015, 0.085  # per iteration; and G; and MP
-_STEREO = 0.3  # per photo and MP
-_MESH, _MESH_GAUSSIANS, _MESH_VIEWS = 2.0, 7.5, 0.365  # once; per G; per G and photo
-_START, _DELIVER_PHOTO = 7.0, 0.07  # once; per photo
-_CORES = 2
-#: Bytes: the engine at rest, per Gaussian, per pixel of all photos together.
-_REST, _PER_GAUSSIAN, _PER_PIXEL = 0.42e9, 8_500.0, 33.0
-_GROWN = 0.9  # share of the allowed Gaussians that a field usually reaches
-_PER_PHOTO_PIXEL = 0.015  # and no more than this per pixel of all photos
 _FILE = "speed.json"
-_LEARN = 0.5  # weight of the newest job
-_LIMITS = (0.05, 20.0)
 
 
 @dataclass(frozen=True)
@@ -47,10 +34,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Photos:
-    """How many photos there are, and their long and short side in pixels (not known: large ones, 4 to 3)."""
+    """How many photos there are, and their long and short side in pixels (not known: of 27 megapixels)."""
 
     count: int
-    size: tuple[int, int] = (1 << 16, 3 << 14)
+    size: tuple[int, int] = (6000, 4500)
 
     def at_work(self, options: bpy.types.PropertyGroup) -> tuple[int, float]:
         """How many of them a job with these options takes, and the megapixels of one while working."""
@@ -66,50 +53,59 @@ def photos_of(scene: bpy.types.Scene) -> Photos:
     sizes = [tuple(camera[SIZE_KEY]) for camera in cameras if SIZE_KEY in camera]
     if not sizes:
         return Photos(max(1, len(cameras) or 5 * len(scene.mgf.photos)))
-    largest = max(sizes, key=max)
-    return Photos(len(cameras), (max(largest), min(largest)))
+    return Photos(len(cameras), (int(median(map(max, sizes))), int(median(map(min, sizes)))))
 
 
 def estimate(options: bpy.types.PropertyGroup, photos: Photos, factor: float | None = None) -> Estimate:
     """What a job with these options takes here.
 
     Args:
-        factor: time of this machine over that of the reference; the learned one when None.
+        factor: time of this machine over that of the measured one; the learned one when None.
     """
-    work = photos.at_work(options)
-    return Estimate(_seconds(options, *work) * (speed_factor(options) if factor is None else factor),
-                    _memory(options, *work))  # fmt: skip
+    known, stages = quantities(options, photos), COSTS["stages"].values()
+    threads = min(COSTS["threads"], known["threads"])
+    seconds = sum(_amount(s["cpu"], known) * (s["serial"] + (1 - s["serial"]) / threads) for s in stages)
+    return Estimate(seconds * (speed() if factor is None else factor), max(_amount(s["bytes"], known) for s in stages))
 
 
-def speed_factor(options: bpy.types.PropertyGroup) -> float:
-    """Time of this machine over that of the reference: learned from jobs, else by the number of cores."""
+def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, float]:
+    """What the costs depend on, as ``mgf_engine/estimate.py`` counts it; cameras are known once photos are here."""
+    count, pixels = photos.at_work(options)
+    held_out = count // options.holdout_every if options.holdout_every else 0
+    trained = min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], count - held_out))
+    grown, per_pixel = COSTS["gaussians"]["grown"], COSTS["gaussians"]["per_pixel"]
+    building = count * pixels * (COSTS["building"] if options.use_masks else 1.0)
+    return {
+        "photos": count, "pixels": pixels, "taken": photos.size[0] * photos.size[1] / 1e6, "building": building,
+        "surface": building if options.start == "surface" and options.use_masks else 0,
+        "unplaced": 0, "pairs": 0,
+        "passes": options.iterations or options.passes * trained,
+        "gaussians": min(grown * options.max_gaussians, per_pixel * count * pixels * 1e6) / 1e5,
+        "threads": options.threads or os.cpu_count() or 1,
+        "texture": options.texture_size**2 / 1e6 if options.texture else 0,
+    }  # fmt: skip
+
+
+def _amount(terms: dict[str, float], known: dict[str, float]) -> float:
+    return sum(number * math.prod(known[q] for q in name.split()) for name, number in terms.items())
+
+
+def speed() -> float:
+    """Time of this machine over that of the measured one, as the engine learned it from jobs; 1 before the first."""
     try:
-        learned = float(json.loads(_path().read_text(encoding="utf-8"))["factor"])
-        if _LIMITS[0] <= learned <= _LIMITS[1]:
-            return learned
+        found = float(json.loads(_path().read_text(encoding="utf-8"))["factor"])
     except (OSError, ValueError, KeyError, TypeError):
-        pass
-    return _CORES / min(8, max(1, options.threads or os.cpu_count() or 1))
+        return 1.0
+    low, high = COSTS["speed"]
+    return found if low <= found <= high else 1.0
 
 
-def learn(options: bpy.types.PropertyGroup, photos: Photos, folder: Path) -> float | None:
-    """Take in the true time of a finished job; returns the new factor, None when the report cannot be used."""
+def remember(factor: float) -> None:
+    """Keep what the engine says of this machine's speed."""
     try:
-        report: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-        actual = float(report["seconds"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    count, megapixels = photos.at_work(options)
-    ratio = (actual + _around(count)) / _seconds(options, count, megapixels)
-    if not _LIMITS[0] <= ratio <= _LIMITS[1]:
-        return None
-    known = speed_factor(options) if _path().is_file() else ratio
-    factor = math.exp(_LEARN * math.log(ratio) + (1 - _LEARN) * math.log(known))
-    try:
-        _path().write_text(json.dumps({"factor": round(factor, 4)}), encoding="utf-8")
+        _path().write_text(json.dumps({"factor": factor}), encoding="utf-8")
     except OSError:
-        return None  # an estimate that does not get better is no reason to bother anyone
-    return factor
+        return  # an estimate that does not get better is no reason to bother anyone
 
 
 def duration(seconds: float | None) -> str:
@@ -120,36 +116,6 @@ def duration(seconds: float | None) -> str:
         return f"{max(0, round(seconds))} s"
     minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
-
-
-def _seconds(options: bpy.types.PropertyGroup, count: int, megapixels: float) -> float:
-    """Seconds of a whole job on the reference machine."""
-    gaussians = _gaussians(options, count, megapixels) / 1e5
-    masks = count * (_MASK_PHOTO + _MASK_PIXELS * megapixels)
-    step = _STEP + _STEP_GAUSSIANS * gaussians + _STEP_PIXELS * megapixels
-    field = _iterations(options, count) * step + _STEREO * count * megapixels
-    mesh = _MESH + gaussians * (_MESH_GAUSSIANS + _MESH_VIEWS * count)
-    return masks + field + mesh + _around(count)
-
-
-def _iterations(options: bpy.types.PropertyGroup, count: int) -> int:
-    """Of the training; the engine's own choice where the option is 0."""
-    held_out = count // options.holdout_every if options.holdout_every else 0
-    photos = min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], count - held_out))
-    return options.iterations or options.passes * photos
-
-
-def _around(count: int) -> float:
-    """Seconds that the report of a job does not count: the engine's start, and what comes after the mesh."""
-    return _START + _DELIVER_PHOTO * count
-
-
-def _gaussians(options: bpy.types.PropertyGroup, count: int, megapixels: float) -> float:
-    return min(_GROWN * options.max_gaussians, _PER_PHOTO_PIXEL * count * megapixels * 1e6)
-
-
-def _memory(options: bpy.types.PropertyGroup, count: int, megapixels: float) -> float:
-    return _REST + _gaussians(options, count, megapixels) * _PER_GAUSSIAN + count * megapixels * 1e6 * _PER_PIXEL
 
 
 def _path() -> Path:

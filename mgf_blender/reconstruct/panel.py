@@ -185,8 +185,8 @@ def _headline(job: Job) -> str:
         return tr("Starting the engine")
     stage, left = tr(_STAGES.get(job.stage, options.title(job.stage))), duration(job.seconds_left)
     if not left:
-        return tr("{stage}, {share:.0%}", stage=stage, share=job.fraction)
-    return tr("{stage}, {share:.0%}, {time} left", stage=stage, share=job.fraction, time=left)
+        return tr("{stage}, {share:.0%}", stage=stage, share=job.overall)
+    return tr("{stage}, {share:.0%}, {time} left", stage=stage, share=job.overall, time=left)
 
 
 def _outcome(job: Job) -> str:

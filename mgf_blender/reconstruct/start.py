@@ -162,8 +162,8 @@ def ended(job: Job) -> None:
         run_in(scene, "import_sfm", directory=str(job.folder))
     elif job.kind == "masks":
         scene.mgf.show_mask = True
-    if job.kind == "reconstruct" and not job.cached:
-        estimate.learn(scene.mgf.options, estimate.photos_of(scene), job.folder)
+    if job.speed is not None:
+        estimate.remember(job.speed)
 
 
 def in_background() -> bool:

@@ -30,6 +30,7 @@ from mgf_engine.georef.report import survey_figures, survey_html
 from mgf_engine.job import Job
 from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.masks.segmenters.notice import used
+from mgf_engine.memory import GB
 from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.mesh.view import shaded
 from mgf_engine.messages import Reporter
@@ -160,7 +161,6 @@ def _view_report(
 
 def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list[ViewReport]) -> ReportData:
     trained = job.stages["field"]["figures"]
-    memory = total_memory()
     stages = [StageReport(n, s["seconds"], s["peak_memory"], s.get("cpu_seconds")) for n, s in job.stages.items()]
     contact = job.path("masks", "contact_sheet.jpg")
     return ReportData(
@@ -184,7 +184,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
         versions=versions(),
         machine={
             "processor": cpu_name(), "cores": str(cores()), "threads": str(job.config.threads or cores()),
-            "memory": "unknown" if memory is None else f"{memory / 2**30:.1f} GiB",
+            "memory": f"{total_memory() / GB:.1f} GB",
             "device": choose_device(job.config.device).text.removeprefix("Device: "),
             "segmenter of the masks": used(job.path("masks")),
         },

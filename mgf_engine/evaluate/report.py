@@ -55,7 +55,7 @@ class ViewReport:
 
 @dataclass
 class StageReport:
-    """One stage's cost: seconds of wall and of CPU time, ``peak_memory`` in bytes (of the process so far), or None."""
+    """One stage's cost: seconds of wall and of CPU time, ``peak_memory`` in bytes of it and its workers, or None."""
 
     name: str
     seconds: float

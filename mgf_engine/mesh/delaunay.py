@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
-from mgf_engine.workers import APART, end_with_the_job
+from mgf_engine.workers import end_with_the_job, worker
 
 with contextlib.suppress(ModuleNotFoundError):  # one that is there and cannot be loaded says why itself
     from igl.copyleft import tetgen
@@ -44,7 +44,7 @@ def begun(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]
     pipe = subprocess.PIPE
     with (
         ThreadPoolExecutor(2, "mgf-delaunay") as beside,
-        subprocess.Popen([*COMMAND, str(len(points))], stdin=pipe, stdout=pipe, stderr=pipe, **APART) as process,
+        worker([*COMMAND, str(len(points))], stdin=pipe, stdout=pipe, stderr=pipe) as process,
     ):
         assert process.stderr
         talk = beside.submit(_talk, process, points)

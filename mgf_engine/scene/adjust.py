@@ -24,7 +24,7 @@ from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
 from mgf_engine.scene.colmap_bundle import by_image, centres, colmap_camera, moved, owners, projection_errors
 from mgf_engine.scene.sparse import SparseModel, check_model
-from mgf_engine.workers import APART, wait_for
+from mgf_engine.workers import wait_for, worker
 
 Indices = NDArray[np.int64]
 #: Median error, working pixels, from which adjusting is tried; sound models stay below 0.35.
@@ -117,7 +117,7 @@ def _in_a_process(task: Task, reporter: Reporter) -> SparseModel | None:
         folder = Path(name)
         write_task(task, folder / TASK)
         quiet = subprocess.DEVNULL
-        with subprocess.Popen([*COMMAND, name], stdin=subprocess.PIPE, stdout=quiet, stderr=quiet, **APART) as process:
+        with worker([*COMMAND, name], stdin=subprocess.PIPE, stdout=quiet, stderr=quiet) as process:
             try:
                 wait_for(process, reporter.check)
             finally:

@@ -19,6 +19,7 @@ from mgf_engine.scene.sparse import SparseModel, check_model
 #: looks in the same (``mgf_blender/scene_import/locate.py``), for its cameras must be the ones the mesh is made with.
 PLACES = (("", "sparse", "sparse/*"), ("*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*"), ("*",))
 PHOTO_KINDS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".ppm", ".pgm"}
+FEWEST = 3  # photos that structure from motion needs
 _PARTS = ("cameras", "images", "points3D")
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-_ROOM = 256 << 20  # bytes: some 230 photos of 750 x 500
+ROOM = 256 << 20  # bytes: some 230 photos of 750 x 500
 
 
 class PhotoCache:
@@ -23,7 +23,7 @@ class PhotoCache:
     Larger sets than fit, read in order again and again, gain nothing and lose nothing.
     """
 
-    def __init__(self, room: int = _ROOM) -> None:
+    def __init__(self, room: int = ROOM) -> None:
         self.room = room
         self._held: OrderedDict[Path, tuple[tuple[int, int], NDArray[np.uint8]]] = OrderedDict()
         self._bytes = 0

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.memory import share
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.cameras import WorkingCamera, plan_camera
 from mgf_engine.scene.images import PhotoInfo, read_info, read_rgb, turn, write_png
@@ -22,8 +23,10 @@ from mgf_engine.scene.model import View
 from mgf_engine.scene.sparse import NO_POINT, SparseCamera, SparseImage, SparseModel
 from mgf_engine.system import cores
 
-#: Bytes that photos being decoded may take together; a photo takes about nine times its pixels.
+#: Bytes that photos being decoded may take together, and the share of the job's memory where that is less; a photo
+#: takes about nine times its pixels.
 _MEMORY = 800 << 20
+_SHARE = 0.25
 _BYTES_PER_PIXEL = 9
 _MAX_WORKERS = 8
 
@@ -83,7 +86,7 @@ def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Calla
         BadInput: a photo cannot be decoded.
     """
     largest = max(p.width * p.height for p in photos) * _BYTES_PER_PIXEL
-    workers = max(1, min(threads or cores(), _MAX_WORKERS, _MEMORY // largest))
+    workers = max(1, min(threads or cores(), _MAX_WORKERS, share(_SHARE, _MEMORY) // largest))
     with ThreadPoolExecutor(workers) as pool:
         jobs = [pool.submit(_make_photo, photo, folder) for photo in photos]
         try:
@@ -108,9 +111,9 @@ class Room:
     @contextmanager
     def photo(self, width: int, height: int) -> Iterator[None]:
         """Wait until a photo of so many pixels may be opened; it is gone when the block ends."""
-        wanted = width * height * _BYTES_PER_PIXEL
+        wanted, room = width * height * _BYTES_PER_PIXEL, share(_SHARE, _MEMORY)
         with self._changed:
-            self._changed.wait_for(lambda: self._taken == 0 or self._taken + wanted <= _MEMORY)
+            self._changed.wait_for(lambda: self._taken == 0 or self._taken + wanted <= room)
             self._taken += wanted
         try:
             yield

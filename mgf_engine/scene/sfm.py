@@ -23,10 +23,11 @@ from urllib.parse import quote
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter, log
+from mgf_engine.scene.colmap import FEWEST
 from mgf_engine.scene.images import read_info
-from mgf_engine.scene.sfm_worker import DATABASE, FEWEST, MODEL, NO_MODEL, TASK
+from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
 from mgf_engine.system import write_json
-from mgf_engine.workers import APART, ended
+from mgf_engine.workers import ended, worker
 
 #: Up to this many photos every pair is matched; beyond it neighbours and photos that look alike.
 EXHAUSTIVE_LIMIT = 60
@@ -85,26 +86,23 @@ class _Worker:
         """Start the worker and wait for its end; returns its exit code."""
         command = [sys.executable, "-m", "mgf_engine.scene.sfm_worker", str(self.folder)]
         pipe = subprocess.PIPE
-        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, **APART)
         errors: list[bytes] = []
-        readers = [
-            threading.Thread(target=self._follow, args=(process.stdout,), daemon=True),
-            threading.Thread(target=lambda: errors.extend(process.stderr or ()), daemon=True),
-        ]
-        for reader in readers:
-            reader.start()
-        try:
-            while not ended(process):
-                self._report()
-            self._report()
-        finally:
-            process.kill()
-            process.wait()
+        with worker(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
+            readers = [
+                threading.Thread(target=self._follow, args=(process.stdout,), daemon=True),
+                threading.Thread(target=lambda: errors.extend(process.stderr or ()), daemon=True),
+            ]
             for reader in readers:
-                reader.join()
-            for stream in (process.stdin, process.stdout, process.stderr):
-                if stream is not None:
-                    stream.close()
+                reader.start()
+            try:
+                while not ended(process):
+                    self._report()
+                self._report()
+            finally:
+                process.kill()
+                process.wait()
+                for reader in readers:
+                    reader.join()
         if errors:
             log.warning("structure from motion: %s", b"".join(errors[-40:]).decode("utf-8", "replace").strip())
         return process.returncode

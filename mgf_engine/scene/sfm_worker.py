@@ -18,13 +18,12 @@ from typing import Any
 
 import pycolmap
 
+from mgf_engine.scene.colmap import FEWEST
 from mgf_engine.scene.pairs import choose_pairs
 from mgf_engine.system import put_in_place, write_json
 from mgf_engine.workers import end_with_the_job
 
 TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
-#: Fewest photos of a model.
-FEWEST = 3
 #: Exit code when the photos give no model.
 NO_MODEL = 3
 _MAX_SIDE = 1600

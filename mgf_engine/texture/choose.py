@@ -10,10 +10,9 @@ from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.mesh.clean import edges
 from mgf_engine.texture.model import NO_VIEW
-from mgf_engine.texture.sights import Sights
+from mgf_engine.texture.sights import FAIR, Sights
 
-NEARLY_BEST = 0.5  # of the largest size at which any photo shows a face
-FAIR = 0.25  # of that size: a photo that may take a face over from its neighbours
+NEARLY_BEST = 0.5  # of the largest size at which any photo shows a face; FAIR: may take it over from neighbours
 ROUNDS = 12  # of smoothing the borders
 SMALL = 40.0  # px of the working photo; smaller patches go to their neighbours where those show them
 

@@ -21,12 +21,13 @@ STEEP = 0.15  # cosine between the face's normal and the ray below which a photo
 LARGE = 12.0  # px; faces of this area and more must show this share of it in the mask, smaller ones their corners
 SHOWN = 0.75
 OTHER_COLOR = 25.0  # grey levels from the blended colours of the vertices: leaves before the wall, reflections
+FAIR = 0.25  # of the largest size at which any photo shows a face: a photo that may paint it
 ODD = 0.01  # what the size of a face counts where a photo shows it in such a colour
 
 
 @dataclass(frozen=True)
 class Sights:
-    """Pairs of a view and a face that it shows, ordered by view.
+    """Pairs of a view and a face that it shows fairly large (:data:`FAIR`), ordered by view.
 
     Attributes:
         view: int32 [K], position among the views; face: int32 [K].
@@ -59,14 +60,44 @@ def find_sights(
     def seen(i: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         return _shown(mesh, normals, views[i], photo(i), inside(i))
 
-    face, size, count = [np.zeros(0, np.int32)], [np.zeros(0, np.float32)], []
+    found = _Found(len(mesh.faces))
     for i, (faces, sizes) in enumerate(side_by_side(seen, range(len(views)))):
         progress(i / len(views))
-        face.append(faces)
-        size.append(sizes)
-        count.append(len(faces))
-    view = np.repeat(np.arange(len(views), dtype=np.int32), count)
-    return Sights(view, np.concatenate(face), np.concatenate(size), len(mesh.faces))
+        found.add(i, faces, sizes)
+    return found.sights()
+
+
+class _Found:
+    """Collects sights. Each photo shows a tenth of the faces, so that hundreds would fill the memory: what is small
+    beside what another photo shows is dropped underway, which changes nothing."""
+
+    def __init__(self, faces: int) -> None:
+        self._best = np.zeros(faces, np.float32)
+        self._parts: list[tuple[int, NDArray[np.int32], NDArray[np.float32]]] = []
+        self._count, self._limit = 0, 2 * faces
+
+    def add(self, view: int, faces: NDArray[np.int32], sizes: NDArray[np.float32]) -> None:
+        """What one view shows; views come in their order."""
+        self._best[faces] = np.maximum(self._best[faces], sizes)
+        self._parts.append((view, faces, sizes))
+        self._count += len(faces)
+        if self._count > self._limit:
+            self._drop_small()
+            self._limit = 2 * max(self._count, len(self._best))
+
+    def sights(self) -> Sights:
+        """All that are fairly large."""
+        self._drop_small()
+        view = np.repeat(np.array([v for v, *_ in self._parts], np.int32), [len(f) for _, f, _ in self._parts])
+        face = np.concatenate([np.zeros(0, np.int32), *(f for _, f, _ in self._parts)])
+        size = np.concatenate([np.zeros(0, np.float32), *(s for *_, s in self._parts)])
+        return Sights(view, face, size, len(self._best))
+
+    def _drop_small(self) -> None:
+        for number, (view, faces, sizes) in enumerate(self._parts):
+            kept = sizes >= FAIR * self._best[faces]
+            self._parts[number] = view, faces[kept], sizes[kept]
+        self._count = sum(len(faces) for _, faces, _ in self._parts)
 
 
 def _shown(

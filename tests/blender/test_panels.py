@@ -79,7 +79,7 @@ def test_running_waiting_and_cancelled(addon, engine, house):
         runner.pump()
         time.sleep(0.01)
     drawn = draw(MGF_PT_reconstruct)
-    assert "12 s left" in drawn.said and "Reconstruct Building" not in drawn.said
+    assert "20 s left" in drawn.said and "Reconstruct Building" not in drawn.said
     assert "mgf.cancel_job" in [name for name, *_ in drawn.operators] and "Open Log" in drawn.said
     bpy.ops.mgf.cancel_job()
     assert "Stopping" in draw(MGF_PT_reconstruct).said

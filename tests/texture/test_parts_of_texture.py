@@ -16,7 +16,7 @@ from mgf_engine.texture.charts import CELL, GUTTER, lay_out, pack
 from mgf_engine.texture.choose import choose_views, face_neighbours, patches
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
-from mgf_engine.texture.sights import Sights, find_sights
+from mgf_engine.texture.sights import FAIR, Sights, _Found, find_sights
 from tests.mesh.analytic import ball, camera, ring
 
 SIDE = 12
@@ -175,3 +175,23 @@ def test_a_photo_in_another_colour_than_the_others_is_taken_only_where_no_other_
     label = choose_all(found, mesh)
     seen_elsewhere = np.isin(np.arange(len(mesh.faces)), found.face[found.view != 0])
     assert not (label[seen_elsewhere] == 0).any()
+
+
+def test_sights_that_are_small_beside_others_are_dropped_underway() -> None:
+    """What is dropped is what nobody asks for, and never all sights are held."""
+    rng, faces, views = np.random.default_rng(2), 400, 500
+    shown = [np.sort(rng.choice(faces, faces // 10, replace=False)).astype(np.int32) for _ in range(views)]
+    sizes = [(rng.random(len(f)) ** 4).astype(np.float32) for f in shown]
+    found, most = _Found(faces), 0
+    for k in range(views):
+        found.add(k, shown[k], sizes[k])
+        most = max(most, found._count)
+    kept = found.sights()
+    best = np.zeros(faces, np.float32)
+    for f, s in zip(shown, sizes, strict=True):
+        best[f] = np.maximum(best[f], s)
+    expected = [
+        (k, int(f)) for k in range(views) for f, s in zip(shown[k], sizes[k], strict=True) if s >= FAIR * best[f]
+    ]
+    assert list(zip(kept.view.tolist(), kept.face.tolist(), strict=True)) == expected
+    assert len(expected) < most < 0.75 * sum(map(len, shown))

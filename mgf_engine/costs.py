@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the stages of a job cost, as data: CPU seconds and bytes, from photos, pixels, iterations and Gaussians.
+
+``mgf estimate`` and the start of a job read the table here, the panel in Blender reads the same from ``mgf options``.
+It was fitted to finished jobs (docs/scale.md has measured and estimated figures side by side).
+
+A term is the product of the quantities in its name ("" for none) times its number:
+
+========== ===========================================================
+photos     photos that the job takes
+pixels     millions of pixels of a photo while working
+taken      millions of pixels of a photo as it was taken
+building   millions of working pixels that show the building, all photos together
+surface    the same where training starts on a surface, else 0
+unplaced   photos whose cameras are to be found (0 with a COLMAP model)
+pairs      pairs of those that are matched
+passes     iterations of the training
+gaussians  Gaussians, in 100,000
+threads    worker threads
+texture    millions of pixels of the texture at most, 0 without one
+========== ===========================================================
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+Terms = dict[str, float]
+
+#: Per stage ``cpu`` (seconds on one core of the machine that was measured), ``serial`` (the share of them that one
+#: core works on alone) and ``bytes``. ``building``: share of the pixels before the masks tell. ``gaussians``: what a
+#: field reaches of those that it may have, and no more than that share of all photos' pixels. ``pairs``: of each photo
+#: where not all are matched. ``speed``: limits of what is learned of a machine. ``threads``: more bring nothing.
+COSTS: dict[str, Any] = {
+    "stages": {
+        "scene": {
+            "cpu": {"": 1.0, "photos taken": 0.025, "photos pixels": 0.03, "unplaced": 1.0, "pairs": 0.05},
+            "serial": 0.3,
+            "bytes": {"": 0.40e9, "photos pixels": 3e6},
+        },
+        "masks": {
+            "cpu": {"photos": 0.15, "photos pixels": 1.3},
+            "serial": 0.15,
+            "bytes": {"": 0.45e9, "photos pixels": 14e6},
+        },
+        "field": {
+            "cpu": {
+                "": 1.0, "surface": 10.0, "photos pixels": 0.1,
+                "passes": 0.004, "passes gaussians": 0.028, "passes pixels": 0.13,
+            },
+            "serial": 0.15,
+            "bytes": {"": 0.45e9, "surface": 0.25e9, "photos pixels": 12e6, "gaussians": 0.15e9},
+        },
+        "mesh": {
+            "cpu": {"": 1.5, "building": 9.0, "gaussians": 13.0},
+            "serial": 0.15,
+            "bytes": {"": 0.45e9, "building": 0.15e9, "gaussians": 0.3e9},
+        },
+        "deliver": {
+            "cpu": {"": 2.5, "photos": 0.1, "photos pixels": 0.2},
+            "serial": 0.3,
+            "bytes": {"": 0.6e9, "photos pixels": 12e6, "gaussians": 0.3e9},
+        },
+    },
+    "building": 0.4,
+    "gaussians": {"grown": 0.9, "per_pixel": 0.015},
+    "pairs": 25,
+    "speed": [0.05, 20.0],
+    "threads": 16,
+}  # fmt: skip
+
+
+def amount(terms: Terms, quantities: dict[str, float]) -> float:
+    """The sum of the terms with these quantities."""
+    return sum(number * math.prod(quantities[q] for q in name.split()) for name, number in terms.items())
+
+
+def seconds_of(stage: str, quantities: dict[str, float]) -> float:
+    """Seconds that a stage takes on the machine that was measured, with so many threads."""
+    cost = COSTS["stages"][stage]
+    threads = min(COSTS["threads"], quantities["threads"])
+    return amount(cost["cpu"], quantities) * (cost["serial"] + (1 - cost["serial"]) / threads)
+
+
+def bytes_of(stage: str, quantities: dict[str, float]) -> float:
+    """The most memory that a stage takes."""
+    return amount(COSTS["stages"][stage]["bytes"], quantities)

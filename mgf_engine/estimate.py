@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a job will take, said before it starts: ``mgf estimate``, the first message of a job, and whether it fits.
+
+Times are those of the machine that :mod:`mgf_engine.costs` was fitted on, times what this one was found to need in
+its own jobs (:func:`learn`).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mgf_engine.config import Config
+from mgf_engine.costs import COSTS, bytes_of, seconds_of
+from mgf_engine.errors import BadInput
+from mgf_engine.memory import GB
+from mgf_engine.messages import STAGES
+from mgf_engine.scene.colmap import FEWEST, find_model, find_photos, list_photos, photo_names
+from mgf_engine.scene.images import read_info
+from mgf_engine.system import cores, user_cache, write_json
+from mgf_engine.terminal import duration
+
+_HEADERS = 12  # photos whose size is looked at
+_SPEED = "speed.json"
+_NEWEST = 0.5  # weight of the newest job in what is known of this machine
+#: What is tried to make a job fit, in steps: working photos, their number, the texture.
+_LEAST_SIDE, _SIDE_STEP, _LEAST_PHOTOS, _PHOTO_STEP = 300, 50, 20, 10
+
+
+@dataclass(frozen=True)
+class Photos:
+    """The photos of a scene.
+
+    Attributes:
+        count: how many there are.
+        size: their usual long and short side in pixels.
+        placed: whether their cameras are known.
+        building: share of their pixels that shows the building; a usual one before there are masks.
+    """
+
+    count: int
+    size: tuple[int, int]
+    placed: bool = True
+    building: float = COSTS["building"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Seconds and bytes of each stage, stage -> number."""
+
+    seconds: dict[str, float]
+    memory: dict[str, float]
+
+    @property
+    def largest(self) -> str:
+        """The stage that needs most memory."""
+        return max(self.memory, key=lambda stage: self.memory[stage])
+
+
+def survey(source: Path, exclude: Path | None = None) -> Photos:
+    """Look at a scene's folder without reading a photo.
+
+    Args:
+        exclude: the job's own folder.
+
+    Raises:
+        BadInput: there are no photos, or the model or a photo cannot be read.
+    """
+    source = source.resolve()
+    if not source.is_dir():
+        raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")
+    model = find_model(source, exclude)
+    if model is None:
+        root, names = list_photos(source, exclude)
+        paths = [root / name for name in names]
+        if len(paths) < FEWEST:
+            raise BadInput(
+                f"'{root}' holds no COLMAP model and {len(paths)} photos; "
+                f"give a COLMAP scene or at least {FEWEST} photos."
+            )
+    else:
+        paths = find_photos(photo_names(model), model, source, exclude)
+    looked_at = [read_info(paths[k]) for k in np.unique(np.linspace(0, len(paths) - 1, _HEADERS).astype(int))]
+    long, short = (np.median([f((i.width, i.height)) for i in looked_at]) for f in (max, min))
+    return Photos(len(paths), (int(long), int(short)), model is not None)
+
+
+def quantities(config: Config, photos: Photos) -> dict[str, float]:
+    """What the costs of a job depend on, see :mod:`mgf_engine.costs`."""
+    count = min(photos.count, config.max_photos or photos.count)
+    long, short = photos.size
+    pixels = min(config.resolution, long) ** 2 * short / long / 1e6
+    held_out = count // config.holdout_every if config.holdout_every else 0
+    all_pairs = photos.count * (photos.count - 1) / 2
+    grown, per_pixel = COSTS["gaussians"]["grown"], COSTS["gaussians"]["per_pixel"]
+    building = count * pixels * (photos.building if config.use_masks else 1.0)
+    return {
+        "photos": count, "pixels": pixels, "taken": long * short / 1e6, "building": building,
+        "surface": building if config.start == "surface" and config.use_masks else 0,
+        "unplaced": 0 if photos.placed else photos.count,
+        "pairs": 0 if photos.placed else min(all_pairs, COSTS["pairs"] * photos.count),
+        "passes": config.run_length(max(1, count - held_out)),
+        "gaussians": min(grown * config.max_gaussians, per_pixel * count * pixels * 1e6) / 1e5,
+        "threads": config.threads or cores(),
+        "texture": config.texture_size**2 / 1e6 if config.texture else 0,
+    }  # fmt: skip
+
+
+def estimate(config: Config, photos: Photos, stages: Sequence[str] = STAGES, speed: float | None = None) -> Estimate:
+    """What the stages of a job with these options take.
+
+    Args:
+        speed: time of this machine over that of the measured one; what is known of it when None.
+    """
+    asked, factor = quantities(config, photos), known_speed() if speed is None else speed
+    return Estimate({s: factor * seconds_of(s, asked) for s in stages}, {s: bytes_of(s, asked) for s in stages})
+
+
+def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGES) -> str:
+    """The least change of options with which a job stays below a budget, as flags; empty where none of those does."""
+    for changes in _changes(config, photos):
+        if max(estimate(replace(config, **changes), photos, stages, 1.0).memory.values()) <= budget:
+            return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in changes.items())
+    return ""
+
+
+def _changes(config: Config, photos: Photos) -> Iterator[dict[str, Any]]:
+    """Options to try, those that cost least quality first."""
+    sides = range(min(config.resolution, photos.size[0]) // _SIDE_STEP * _SIDE_STEP, _LEAST_SIDE - 1, -_SIDE_STEP)
+    count = min(photos.count, config.max_photos or photos.count)
+    fewer = range(count // _PHOTO_STEP * _PHOTO_STEP, _LEAST_PHOTOS - 1, -_PHOTO_STEP)
+    if config.texture and config.texture_size > 2048:
+        yield {"texture_size": 2048}
+    yield from ({"resolution": side} for side in sides if 2 * side >= config.resolution)
+    yield from ({"max_photos": number} for number in fewer if 2 * number >= count)
+    yield from ({"max_photos": number, "resolution": side} for side in sides for number in fewer)
+
+
+def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGES) -> str:
+    """One sentence where a job needs more than a budget; empty where it fits."""
+    found = estimate(config, photos, stages, 1.0)
+    needed = found.memory[found.largest]
+    if needed <= budget:
+        return ""
+    flags = remedy(config, photos, budget, stages)
+    cure = f"{flags} would make it fit" if flags else "no smaller photos would make it fit"
+    return (
+        f"The stage '{found.largest}' will need about {needed / GB:.1f} GB of memory, and the job may use "
+        f"{budget / GB:.1f} GB; {cure}, or allow more with --memory."
+    )
+
+
+def known_speed() -> float:
+    """Time of this machine over that of the measured one, learned from its own jobs; 1 before the first."""
+    try:
+        found = float(json.loads(_speed_file().read_text(encoding="utf-8"))["factor"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return 1.0
+    low, high = COSTS["speed"]
+    return found if low <= found <= high else 1.0
+
+
+def learn(config: Config, photos: Photos, seconds: dict[str, float]) -> float | None:
+    """Take in the true seconds of stages that ran; the new factor, None where they tell nothing."""
+    expected = sum(estimate(config, photos, list(seconds), 1.0).seconds.values())
+    ratio = sum(seconds.values()) / expected if expected else 0.0
+    low, high = COSTS["speed"]
+    if not low <= ratio <= high:
+        return None
+    known = known_speed() if _speed_file().is_file() else ratio
+    factor = math.exp(_NEWEST * math.log(ratio) + (1 - _NEWEST) * math.log(known))
+    try:
+        write_json(_speed_file(), {"factor": round(factor, 4)})
+    except OSError:
+        return None  # an estimate that does not get better is no reason to bother anyone
+    return factor
+
+
+def _speed_file() -> Path:
+    return user_cache() / _SPEED
+
+
+def as_data(found: Estimate, config: Config, photos: Photos, budget: float) -> dict[str, Any]:
+    """All of an estimate as plain data: seconds, bytes."""
+    asked = quantities(config, photos)
+    return {
+        "photos": photos.count, "used": asked["photos"], "size": list(photos.size), "cameras_known": photos.placed,
+        "iterations": asked["passes"], "threads": asked["threads"],
+        "stages": {s: {"seconds": round(found.seconds[s], 1), "bytes": round(found.memory[s])} for s in found.seconds},
+        "seconds": round(sum(found.seconds.values()), 1), "bytes": round(max(found.memory.values())),
+        "allowed": round(budget), "shortage": shortage(config, photos, budget, list(found.seconds)),
+    }  # fmt: skip
+
+
+def as_table(data: dict[str, Any]) -> str:
+    """:func:`as_data` for people."""
+    known = "" if data["cameras_known"] else ", cameras to be found"
+    used = "" if data["used"] == data["photos"] else f", {data['used']} of them used"
+    lines = [f"{data['photos']} photos of {data['size'][0]} x {data['size'][1]} px{used}{known}; "
+             f"{data['threads']} threads, {data['iterations']} iterations", "",
+             f"{'stage':<10}{'time':>14}{'memory':>12}"]  # fmt: skip
+    for name, stage in data["stages"].items():
+        lines.append(f"{name:<10}{duration(stage['seconds']):>14}{stage['bytes'] / GB:>9.1f} GB")
+    lines.append(f"{'together':<10}{duration(data['seconds']):>14}{data['bytes'] / GB:>9.1f} GB")
+    lines += ["", f"{data['allowed'] / GB:.1f} GB may be used."]
+    return "\n".join([*lines, data["shortage"]] if data["shortage"] else lines)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The memory of a job: how much is free, how much it may use (``--memory``), how much its stages took.
+
+The budget decides how many photos are open at once and what is done side by side, never what comes out: the same
+input gives the same mesh with any budget.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+from pathlib import Path
+from types import TracebackType
+
+import psutil
+
+from mgf_engine.system import peak_memory
+from mgf_engine.workers import RUNNING
+
+GB = 1e9
+#: Of the memory that is free at the start of a job, what it may use unless the user says otherwise.
+USUAL = 0.75
+_SAMPLE_SECONDS = 0.5
+_CGROUPS = Path("/sys/fs/cgroup")
+_allowed = 0.0
+
+
+def free_memory() -> int:
+    """Bytes that this process may still take: what the system has, its control group and ``ulimit -v`` leave."""
+    left = [psutil.virtual_memory().available, *_left_in_groups()]
+    with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY:
+            left.append(limit - psutil.Process().memory_info().vms)
+    return max(0, min(left))
+
+
+def _left_in_groups(root: Path = _CGROUPS, own: Path = Path("/proc/self/cgroup")) -> list[int]:
+    """What the limits of the control groups of this process leave (containers, Slurm; version 2 of Linux' groups)."""
+    try:
+        name = next(line[3:] for line in own.read_text().splitlines() if line.startswith("0::"))
+    except (OSError, StopIteration):
+        return []
+    left = []
+    for folder in {root, root / name.strip("/")}:
+        with contextlib.suppress(OSError, ValueError):  # "max" is no limit
+            limit = int((folder / "memory.max").read_text())
+            figures = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+            used = int((folder / "memory.current").read_text()) - int(figures.get("inactive_file", 0))
+            left.append(limit - used)
+    return left
+
+
+def budget_of(gigabytes: float, free: int | None = None) -> float:
+    """Bytes that a job may use: what the user says, else :data:`USUAL` of what is free."""
+    return gigabytes * GB if gigabytes else USUAL * (free_memory() if free is None else free)
+
+
+def allow(budget: float) -> None:
+    """Set the bytes that this process may use from now on; see :func:`share`."""
+    global _allowed
+    _allowed = budget
+
+
+def allowed() -> float:
+    """Bytes that this process may use."""
+    return _allowed or budget_of(0.0)
+
+
+def share(part: float, most: int) -> int:
+    """Bytes for one purpose: a part (0..1) of what the process may use, and no more than ``most``."""
+    return int(min(most, part * allowed()))
+
+
+class Watch:
+    """The most memory that this process and its workers take together inside a ``with`` block; bytes in ``peak``.
+
+    On Linux the system's own figure for this process counts, too, so that no short peak is missed.
+    """
+
+    def __init__(self) -> None:
+        self.peak = 0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._follow, name="mgf-memory", daemon=True)
+
+    def __enter__(self) -> Watch:
+        self._exact = _forget_peak()
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._sample()
+        if self._exact:
+            self.peak = max(self.peak, peak_memory())
+
+    def _follow(self) -> None:
+        while not self._ended.wait(_SAMPLE_SECONDS):
+            self._sample()
+
+    def _sample(self) -> None:
+        taken = psutil.Process().memory_info().rss
+        for worker in tuple(RUNNING):
+            with contextlib.suppress(psutil.Error):
+                taken += psutil.Process(worker).memory_info().rss
+        self.peak = max(self.peak, taken)
+
+
+def _forget_peak() -> bool:
+    """Have the system count this process's peak anew; False where it cannot."""
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return False
+    return True

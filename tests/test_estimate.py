@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is said of a job before it starts: true to jobs that were measured, and who asks for too much is told."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from benchmarks.synthetic.house import House, build_house
+from mgf_engine import estimate as module
+from mgf_engine import memory
+from mgf_engine.cli import main
+from mgf_engine.config import make_config
+from mgf_engine.costs import COSTS, amount
+from mgf_engine.estimate import Photos, estimate, known_speed, learn, quantities, remedy, shortage, survey
+from mgf_engine.memory import GB
+from mgf_engine.messages import STAGES, Reporter
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> House:
+    return build_house(tmp_path_factory.mktemp("estimated house"))
+
+
+@pytest.fixture(autouse=True)
+def _nothing_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "user_cache", lambda: tmp_path / "cache")
+    yield
+    memory.allow(0.0)
+
+
+def test_the_photos_of_a_scene_are_counted_without_reading_them(house: House, tmp_path: Path) -> None:
+    assert survey(house.folder) == Photos(14, (240, 180))
+    shutil.copytree(house.folder / "images", tmp_path / "photos")
+    assert survey(tmp_path / "photos") == Photos(14, (240, 180), placed=False)
+
+
+def test_every_term_names_quantities_that_are_known() -> None:
+    known = quantities(make_config(), Photos(50, (4000, 3000)))
+    for stage in STAGES:
+        for kind in ("cpu", "bytes"):
+            assert amount(COSTS["stages"][stage][kind], known) > 0
+            assert all(number > 0 for number in COSTS["stages"][stage][kind].values())
+
+
+def test_more_work_takes_longer_and_more_memory() -> None:
+    def of(photos: Photos, **given: object) -> tuple[float, float]:
+        found = estimate(make_config(given), photos, speed=1.0)
+        return sum(found.seconds.values()), max(found.memory.values())
+
+    few, many = of(Photos(20, (4000, 3000))), of(Photos(80, (4000, 3000)))
+    assert many[0] > few[0] and many[1] > few[1]
+    fine = of(Photos(20, (4000, 3000)), preset="fine")
+    assert fine[0] > 2 * few[0] and fine[1] > few[1]
+    assert of(Photos(20, (4000, 3000)), threads=8)[0] < 0.8 * of(Photos(20, (4000, 3000)), threads=2)[0]
+    assert of(Photos(20, (4000, 3000), placed=False))[0] > few[0] + 10
+    assert of(Photos(500, (4000, 3000)), max_photos=80)[1] == many[1]
+    assert of(Photos(20, (480, 320)))[0] < few[0]  # small photos are not enlarged
+
+
+@pytest.mark.parametrize("share", [0.9, 0.6, 0.4])
+def test_the_remedy_makes_it_fit_and_a_milder_one_would_not(share: float) -> None:
+    config, photos = make_config({"preset": "fine"}), Photos(120, (6000, 4000))
+    budget = share * max(estimate(config, photos, speed=1.0).memory.values())
+    flags = remedy(config, photos, budget)
+    given = {name.replace("-", "_"): value for name, value in re.findall(r"--([a-z-]+) (\d+)", flags)}
+    assert given and shortage(config, photos, budget)
+    fitting = make_config({"preset": "fine", **given})
+    assert shortage(fitting, photos, budget) == ""
+    if set(given) == {"resolution"}:
+        milder = make_config({"preset": "fine", "resolution": int(given["resolution"]) + 50})
+        assert shortage(milder, photos, budget)
+
+
+def test_nothing_helps_below_what_the_engine_itself_takes() -> None:
+    text = shortage(make_config(), Photos(60, (4000, 3000)), 0.1 * GB)
+    assert "no smaller photos would make it fit, or allow more with --memory" in text
+
+
+def test_a_job_that_cannot_fit_is_refused_before_it_works(house: House, tmp_path: Path, capsys) -> None:
+    job = tmp_path / "job"
+    arguments = ["reconstruct", str(house.folder), "--prompts", str(house.prompts), "--out", str(job)]
+    assert main([*arguments, "--memory", "0.2", "--progress", "json"]) == 2
+    messages = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert "and the job may use 0.2 GB" in messages[-1]["text"]
+    assert not any(m["type"] == "stage" for m in messages) and not (job / "scene").exists()
+
+
+def test_a_job_says_first_what_it_will_take(house: House, tmp_path: Path, capsys) -> None:
+    job = tmp_path / "job"
+    arguments = ["masks", str(house.folder), "--prompts", str(house.prompts), "--out", str(job)]
+    assert main([*arguments, "--memory", "3", "--progress", "json"]) == 0
+    messages = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    kinds = [m["type"] for m in messages]
+    said = messages[kinds.index("estimate")]
+    assert kinds.index("estimate") < kinds.index("stage") and said["allowed"] == 3 * GB
+    assert set(said["stages"]) == {"scene", "masks"}
+    assert said["seconds"] == pytest.approx(sum(said["stages"].values()), abs=0.2)
+    left = [m["job_seconds_left"] for m in messages if m["type"] == "progress"]
+    assert left[0] > 0 and left[-1] == 0
+    record = json.loads((job / "job.json").read_text())["stages"]
+    assert all(0.05 * GB < entry["peak_memory"] < 3 * GB for entry in record.values())
+
+
+def test_little_memory_that_is_free_is_warned_of(house: House, tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("mgf_engine.pipeline.budget_of", lambda gigabytes: 0.2 * GB)
+    arguments = ["scene", str(house.folder), "--out", str(tmp_path / "job"), "--progress", "json"]
+    assert main(arguments) == 0
+    warnings = [json.loads(x) for x in capsys.readouterr().out.splitlines() if '"warning"' in x]
+    assert any("and the job may use 0.2 GB" in w["text"] for w in warnings)
+
+
+def test_the_command_prints_a_table_or_data(house: House, capsys) -> None:
+    assert main(["estimate", str(house.folder), "--preset", "draft", "--memory", "0.3"]) == 0
+    text = capsys.readouterr().out
+    assert [line.split()[0] for line in text.splitlines()[2:9]] == ["stage", *STAGES, "together"]
+    assert "0.3 GB may be used." in text and "--memory" in text.splitlines()[-1]
+    assert main(["estimate", str(house.folder), "--set", "preset=draft", "--memory", "8", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert list(data["stages"]) == list(STAGES) and data["photos"] == 14 and data["shortage"] == ""
+    assert data["bytes"] == max(s["bytes"] for s in data["stages"].values())
+    assert main(["estimate", "/nowhere"]) == 2
+
+
+def test_it_learns_the_speed_of_the_machine(tmp_path: Path) -> None:
+    config, photos = make_config(), Photos(20, (4000, 3000))
+    usual = estimate(config, photos, speed=1.0).seconds
+    assert learn(config, photos, {s: 3 * t for s, t in usual.items()}) == pytest.approx(3)
+    assert estimate(config, photos).seconds["field"] == pytest.approx(3 * usual["field"], rel=1e-3)
+    assert 1.2 < (learn(config, photos, usual) or 0) < 2.5  # half the way back
+    assert learn(config, photos, {s: 1e6 * t for s, t in usual.items()}) is None
+    (tmp_path / "cache" / "speed.json").write_text('{"factor": "fast"}')
+    assert known_speed() == 1.0
+
+
+def test_time_left_counts_the_stages_to_come_at_the_pace_so_far(monkeypatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("mgf_engine.messages.time.monotonic", lambda: now[0])
+    seen: list[dict] = []
+    reporter = Reporter(seen.append, min_interval=0)
+    reporter.expect({"scene": 10.0, "masks": 20.0, "field": 60.0, "mesh": 20.0, "deliver": 10.0})
+    reporter.stage("scene")
+    reporter.progress(0.0)
+    assert seen[-1]["job_seconds_left"] == 120.0
+    now[0] += 20.0  # twice as long as expected
+    reporter.stage("masks")
+    reporter.progress(0.0)
+    assert seen[-1]["job_seconds_left"] == 220.0
+    now[0] += 10.0
+    reporter.progress(0.5, 10.0)
+    assert seen[-1]["job_seconds_left"] == 10.0 + 2 * 90.0
+    assert seen[-1]["overall"] == pytest.approx(20 / 120, abs=1e-4)
