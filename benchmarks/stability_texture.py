@@ -14,6 +14,7 @@ import os
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -84,24 +85,16 @@ def fine_house(rounds: int) -> Mesh:
 
 def measure(photos: int, rounds: int, side: int, threads: int) -> dict[str, float]:
     """Paint the house from so many photos."""
-    painted: list[int] = []
-    laid_out = make.choose_views
-
-    def counted(*arguments: object) -> np.ndarray:
-        label = laid_out(*arguments)
-        painted.append(len(np.unique(label[label >= 0])))
-        return label
-
-    make.choose_views = counted
     set_threads(threads)
     with tempfile.TemporaryDirectory() as name:
         scene, masks, mesh = many_photos(Path(name), photos), striped_masks(photos), fine_house(rounds)
         before = cpu_seconds()
-        with Watch() as memory:
+        opening = mock.patch.object(make, "original_photo", wraps=make.original_photo)
+        with opening as opened, Watch() as memory:
             texture = make_texture(mesh, scene, masks, side, print)
     assert texture.image.shape[2] == 3 and texture.image.std() > 0
     return {
-        "photos": photos, "painted": painted[0], "faces": len(mesh.faces), "side": texture.image.shape[1],
+        "photos": photos, "painted": opened.call_count, "faces": len(mesh.faces), "side": texture.image.shape[1],
         "cpu_seconds": round(cpu_seconds() - before, 1), "peak": memory.peak,
     }  # fmt: skip
 
