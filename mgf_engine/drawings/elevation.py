@@ -22,7 +22,7 @@ def draw_elevation(survey: Survey, planes: Planes, frame: Frame) -> LineDrawing:
     """What a frame shows, as lines."""
     regions = find_regions(survey, planes, frame)
     chains = trace(regions.label)
-    kinds = [classify(chain, regions, planes, survey.working_pixel) for chain in chains]
+    kinds = [classify(chain, regions, survey.working_pixel) for chain in chains]
     drawn = [(chain, kind) for chain, kind in zip(chains, kinds, strict=True) if kind is not None]
     places: dict[int, Array] = {}
     strokes: list[Stroke] = []
@@ -30,12 +30,12 @@ def draw_elevation(survey: Survey, planes: Planes, frame: Frame) -> LineDrawing:
         corners = regions.grid.places(chain.corners)
         places[chain.ends[0]], places[chain.ends[1]] = corners[0], corners[-1]
         known = meeting_line(regions, chain) if kind == CREASE else None
-        strokes.append(straighten(corners, chain.ends, survey.pixel, known))
-    join_ends(strokes, places, survey.pixel)
-    return LineDrawing(frame, _merged(strokes, [kind for _, kind in drawn], survey.pixel), [])
+        strokes.append(straighten(corners, chain.ends, survey.working_pixel, known))
+    join_ends(strokes, places, survey.working_pixel)
+    return LineDrawing(frame, _merged(strokes, [kind for _, kind in drawn], survey.working_pixel), [])
 
 
-def classify(chain: Chain, regions: Regions, planes: Planes, pixel: float) -> str | None:
+def classify(chain: Chain, regions: Regions, pixel: float) -> str | None:
     """The layer of a border between two regions; None where there is nothing to draw."""
     if chain.low == NOTHING:
         return OUTLINE
@@ -46,7 +46,7 @@ def classify(chain: Chain, regions: Regions, planes: Planes, pixel: float) -> st
     step = np.median(np.abs(regions.before(chain.low, at) - regions.before(chain.high, at)))
     if step > LEAST_STEP * pixel:
         return STEP
-    turn = planes.normals[chain.low - 1] @ planes.normals[chain.high - 1]
+    turn = regions.normal(chain.low) @ regions.normal(chain.high)
     return CREASE if turn < LEAST_TURN else None
 
 

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a drawing shows as regions: each pixel belongs to a plane of the mesh, to something loose, or to nothing."""
+"""What a drawing shows as regions: each pixel belongs to a plane of the mesh, to something loose, or to nothing.
+
+Planes of the mesh begin the regions; they grow over what lies in them but for noise, further planes are put through
+what is left, small regions and holes go to what is around, and borders are smoothed. Noise ends here.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -11,14 +16,17 @@ from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
 from mgf_engine.drawings.model import Array, Frame, Survey
-from mgf_engine.drawings.project import Grid, Seen, see
+from mgf_engine.drawings.project import Grid, Seen, plan_grid, see
 from mgf_engine.mesh.planar import Planes, planes_of
 
 FINE = 0.5  # of a photo's pixel: a pixel of the regions
-LONGEST = 5000  # pixels of a region map
-NEAR = 1.5  # working pixels from a plane within which loose faces beside it belong to it
-REACH = 12.0  # working pixels along the drawing over which they do
-LEAST = 60.0  # square working pixels of a region; smaller ones go to what is around
+LONGEST = 4000  # pixels of a region map
+NEAR = 2.5  # working pixels from a plane, within which what hangs together with it belongs to it
+PLANE = 500.0  # square working pixels of loose pixels that a further plane is put through
+STEEP = 4.0  # slope from which a plane is seen too much edge on
+TRIES, SAMPLE = 150, 3000
+LEAST, LEAST_HOLE = 120.0, 1600.0  # square working pixels; smaller regions and holes go to what is around
+SMOOTH = 2.0  # working pixels around a pixel that vote on its label
 NOTHING = 0
 
 
@@ -45,6 +53,11 @@ class Regions:
         a, b, c = self.slope[label - 1]
         return np.asarray(a * at[:, 0] + b * at[:, 1] + c)
 
+    def normal(self, label: int) -> Array:
+        """Unit normal of a plane in drawing coordinates, towards whoever looks, [3]."""
+        a, b, _ = self.slope[label - 1]
+        return np.asarray(np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1))
+
 
 def survey_planes(survey: Survey) -> Planes:
     """The planes of the survey's mesh, local frame."""
@@ -52,52 +65,122 @@ def survey_planes(survey: Survey) -> Planes:
 
 
 def find_regions(survey: Survey, planes: Planes, frame: Frame) -> Regions:
-    """The regions that a frame shows, small ones merged into what is around them."""
-    from mgf_engine.drawings.project import plan_grid
-
+    """The regions that a frame shows."""
+    pixel = survey.working_pixel
     resolution = max(FINE * survey.pixel, float(frame.size.max()) / LONGEST)
     seen = see(survey, plan_grid(frame, resolution, survey.unit))
     slope = _slopes(planes, frame)
     plane = planes.label[np.maximum(seen.face, 0)]
     label = np.where(seen.face < 0, NOTHING, np.where(plane >= 0, plane + 1, len(slope) + 1)).astype(np.int32)
     regions = Regions(seen.grid, label, slope)
-    _absorb(regions, seen, survey.working_pixel)
-    _merge_small(regions, LEAST * (survey.working_pixel / resolution) ** 2)
+    square = (pixel / resolution) ** 2
+    _grow(regions, seen, NEAR * pixel)
+    regions = _further_planes(regions, seen, NEAR * pixel, PLANE * square)
+    _merge_small(regions, LEAST * square, LEAST_HOLE * square)
+    _smooth(regions.label, max(1, round(SMOOTH * pixel / resolution)))
+    _merge_small(regions, LEAST * square, LEAST_HOLE * square)
     return regions
 
 
 def _slopes(planes: Planes, frame: Frame) -> Array:
     """Planes as functions of drawing coordinates, [P, 3]; level with the view where they are seen edge on."""
-    axes = np.stack([frame.x, frame.y, frame.normal])
-    along = planes.normals @ axes.T
+    along = planes.normals @ np.stack([frame.x, frame.y, frame.normal]).T
     level = planes.offsets - planes.normals @ frame.origin
     facing = np.where(np.abs(along[:, 2]) < 1e-3, np.inf, along[:, 2])
     return np.stack([-along[:, 0] / facing, -along[:, 1] / facing, level / facing], 1)
 
 
-def _absorb(regions: Regions, seen: Seen, pixel: float) -> None:
-    """Loose pixels near a plane that shows beside them become part of it."""
-    label, grid = regions.label, regions.grid
+def _offsets(regions: Regions, seen: Seen, label: int, box: tuple[slice, slice]) -> NDArray[np.float32]:
+    """How far what pixels of a box see lies from a plane, along its normal; NaN where they see nothing."""
+    a, b, c = regions.slope[label - 1]
+    grid, (rows, columns) = regions.grid, box
+    x = grid.left + (np.arange(columns.start, columns.stop) + 0.5) * grid.resolution
+    y = grid.top - (np.arange(rows.start, rows.stop) + 0.5) * grid.resolution
+    off = seen.before[box] - (a * x + c).astype(np.float32) - (b * y).astype(np.float32)[:, None]
+    return np.asarray(np.abs(off) * np.float32(1 / np.sqrt(a * a + b * b + 1)))
+
+
+def _grow(regions: Regions, seen: Seen, near: float) -> None:
+    """Planes take the loose pixels near them that hang together with them; the nearest plane wins."""
+    label = regions.label
+    best = np.full(label.shape, near, np.float32)
+    taken = np.where(label == regions.loose, 0, label)
+    whole = slice(0, label.shape[0]), slice(0, label.shape[1])
+    for value in np.unique(taken[taken > 0]).tolist():
+        own = label == value
+        off = _offsets(regions, seen, value, whole)
+        fits = own | ((label == regions.loose) & (off < near))
+        _, part = cv2.connectedComponents(fits.astype(np.uint8), connectivity=4)
+        touched = np.zeros(int(part.max()) + 1, bool)
+        touched[part[own]] = True
+        touched[0] = False
+        better = touched[part] & ~own & (off < best)
+        best[better], taken[better] = off[better], value
     loose = label == regions.loose
-    known = (label > 0) & ~loose
-    if not loose.any() or not known.any():
-        return
-    distance, nearest = cv2.distanceTransformWithLabels(
-        (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    source = np.zeros(int(nearest.max()) + 1, np.int64)
-    source[nearest[known]] = np.flatnonzero(known)
-    row, column = np.nonzero(loose & (distance * grid.resolution < REACH * pixel))
-    plane = label.ravel()[source[nearest[row, column]]]
-    at = grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5)
-    a, b, c = regions.slope[plane - 1].T
-    off = np.abs(a * at[:, 0] + b * at[:, 1] + c - seen.before[row, column])
-    near = off < NEAR * pixel
-    label[row[near], column[near]] = plane[near]
+    label[loose & (taken > 0)] = taken[loose & (taken > 0)]
 
 
-def _merge_small(regions: Regions, least: float) -> None:
-    """Connected regions of fewer pixels take the label of the nearest larger one."""
+def _further_planes(regions: Regions, seen: Seen, near: float, least: float) -> Regions:
+    """Planes through large loose parts, one after the other."""
+    rng, tried = np.random.default_rng(0), 0
+    for box, own in list(_parts(regions.label, regions.loose)):
+        left = own.copy()
+        while left.sum() >= least and tried < TRIES:
+            tried += 1
+            slope = _plane_through(regions, seen, box, left, near, rng)
+            if slope is None:
+                break
+            grown = replace(regions, slope=np.concatenate([regions.slope, slope[None]]))
+            label = grown.loose - 1
+            fits = left & (_offsets(grown, seen, label, box) < near)
+            _, part, stats, _ = cv2.connectedComponentsWithStats(fits.astype(np.uint8), connectivity=4)
+            if len(stats) < 2 or stats[1:, cv2.CC_STAT_AREA].max() < least:
+                break
+            largest = part == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+            regions.label[regions.label == regions.loose] = grown.loose
+            regions.label[box][largest] = label
+            regions, left = grown, left & ~largest
+    return regions
+
+
+def _plane_through(
+    regions: Regions,
+    seen: Seen,
+    box: tuple[slice, slice],
+    own: NDArray[np.bool_],
+    near: float,
+    rng: np.random.Generator,
+) -> Array | None:
+    """The plane (a, b, c) that most of the pixels of a part lie in; None where it is seen edge on."""
+    row, column = np.nonzero(own)
+    some = rng.choice(len(row), min(SAMPLE, len(row)), replace=False)
+    at = regions.grid.places(np.stack([column[some] + box[1].start, row[some] + box[0].start], 1) + 0.5)
+    points = np.column_stack([at, seen.before[box][row[some], column[some]]])
+    three = points[rng.integers(0, len(points), (TRIES, 3))]
+    normal = np.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])
+    usable = np.abs(normal[:, 2]) * STEEP > np.hypot(normal[:, 0], normal[:, 1])
+    if not usable.any():
+        return None
+    normal, origin = normal[usable], three[usable, 0]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    off = np.abs(points @ normal.T - (origin * normal).sum(1))
+    k = int((off < near).sum(0).argmax())
+    held = points[off[:, k] < near]
+    terms = np.column_stack([held[:, :2], np.ones(len(held))])
+    slope = np.linalg.lstsq(terms, held[:, 2], rcond=None)[0]
+    return np.asarray(slope) if np.hypot(slope[0], slope[1]) < STEEP else None
+
+
+def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, slice], NDArray[np.bool_]]]:
+    """The box of each connected part of one label, and its pixels in it."""
+    _, part = cv2.connectedComponents((label == value).astype(np.uint8), connectivity=4)
+    for k, box in enumerate(find_objects(part), start=1):
+        if box is not None:
+            yield box, part[box] == k
+
+
+def _merge_small(regions: Regions, least: float, hole: float) -> None:
+    """Connected regions and holes of fewer pixels take the label of the nearest larger region."""
     label = regions.label
     small = np.zeros(label.shape, bool)
     for value, box in enumerate(find_objects(label + 1)):
@@ -105,8 +188,10 @@ def _merge_small(regions: Regions, least: float) -> None:
             continue
         own = (label[box] == value).astype(np.uint8)
         _, part, stats, _ = cv2.connectedComponentsWithStats(own, connectivity=4)
-        drop = stats[:, cv2.CC_STAT_AREA] < least
+        drop = stats[:, cv2.CC_STAT_AREA] < (hole if value == NOTHING else least)
         drop[0] = False
+        if value == NOTHING:  # around the building it is no hole
+            drop[np.unique(np.concatenate([part[0], part[-1], part[:, 0], part[:, -1]]))] = False
         small[box] |= drop[part]
     if not small.any() or small.all():
         return
@@ -114,3 +199,20 @@ def _merge_small(regions: Regions, least: float) -> None:
     source = np.zeros(int(nearest.max()) + 1, np.int64)
     source[nearest[~small]] = np.flatnonzero(~small)
     label[small] = label.ravel()[source[nearest[small]]]
+
+
+def _smooth(label: NDArray[np.int32], radius: int) -> None:
+    """Each pixel takes the label that most pixels of the square around it have."""
+    most, winner = np.zeros(label.shape, np.float32), label.copy()
+    size = (2 * radius + 1, 2 * radius + 1)
+    for value, box in enumerate(find_objects(label + 1)):
+        if box is None:
+            continue
+        wide = tuple(
+            slice(max(0, s.start - radius), min(n, s.stop + radius)) for s, n in zip(box, label.shape, strict=True)
+        )
+        own = (label[wide] == value).astype(np.float32)
+        votes = cv2.boxFilter(own, -1, size, normalize=False, borderType=cv2.BORDER_REPLICATE) + 0.5 * own
+        better = votes > most[wide]
+        most[wide][better], winner[wide][better] = votes[better], value
+    label[:] = winner

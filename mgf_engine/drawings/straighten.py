@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SPLIT = 1.5  # ground pixels that a chain may leave the line between two of its corners
-SHORT = 5.0  # ground pixels; shorter parts have no line of their own
+SPLIT = 2.0  # ground pixels that a chain may leave the line between two of its corners
+SHORT = 8.0  # ground pixels; shorter parts have no line of their own
 TRUE = 1.0  # ground pixel that the end of a line moves at most when it is made level or upright
 SNAP = np.radians(6.0)  # and its angle
 CROSS = np.sin(np.radians(12.0))  # of the angle between lines that cross in a place worth the name
 MEET = 4.0  # ground pixels around a corner or an end within which its lines are brought together
 KNOWN = 1.5  # ground pixels from the line of two planes within which a part is that line
 ALONG = np.cos(np.radians(1.5))  # of the angle between lines that are one line
+CORNER = 2.5  # ground pixels at the ends of a part that say nothing about its line
 APART = 0.6  # ground pixels between them
 
 
@@ -77,7 +78,7 @@ def straighten(corners: Array, ends: tuple[int, int], pixel: float, known: Array
     """
     closed = ends[0] == ends[1]
     if closed:
-        corners = _begun_at_a_corner(corners)
+        corners = _begun_at_longest(_begun_at_a_corner(corners), SPLIT * pixel)
     breaks = split(corners, SPLIT * pixel)
     runs = [_run(corners[i : j + 1], pixel, known) for i, j in pairwise(breaks)]
     at = corners[breaks]
@@ -185,6 +186,13 @@ def _begun_at_a_corner(loop: Array) -> Array:
     return np.concatenate([loop[first:-1], loop[: first + 1]])
 
 
+def _begun_at_longest(loop: Array, tolerance: float) -> Array:
+    """A closed polyline begun where its longest straight part begins."""
+    breaks = split(loop, tolerance)
+    first = max(pairwise(breaks), key=lambda ends: float(np.hypot(*(loop[ends[1]] - loop[ends[0]]))))[0]
+    return np.concatenate([loop[first:-1], loop[: first + 1]])
+
+
 def _run(corners: Array, pixel: float, known: Array | None) -> Run:
     """The line through part of a chain."""
     middles = 0.5 * (corners[1:] + corners[:-1])
@@ -197,7 +205,7 @@ def _run(corners: Array, pixel: float, known: Array | None) -> Run:
         if np.median(np.abs(off)) < KNOWN * pixel and length > 0 and abs(float(along @ span)) > 0.9 * length:
             centre = corners.mean(0)
             return _true(Run(centre - across * (centre @ across + known[2]), along, length, True), pixel)
-    cut = min(len(middles) // 4, max(1, int(pixel / max(length / len(middles), 1e-12))))
+    cut = min(len(middles) // 4, max(1, int(CORNER * pixel / max(length / len(middles), 1e-12))))
     inner = middles[cut : len(middles) - cut] if len(middles) > 6 else middles
     centre = inner.mean(0)
     if len(inner) > 2:
@@ -219,16 +227,19 @@ def _true(run: Run, pixel: float) -> Run:
 
 
 def _without_short(runs: list[Run], at: Array, pixel: float, closed: bool) -> tuple[list[Run], Array]:
-    """Short runs dropped where the lines beside them cross nearby."""
+    """Short runs dropped where the lines beside them cross nearby; the first run of a loop is its longest."""
     k = 1
-    while k < len(runs) - 1:
-        before, run, after = runs[k - 1], runs[k], runs[k + 1]
+    while k < len(runs) - (not closed) and len(runs) > 2:
+        last = k == len(runs) - 1
+        before, run, after = runs[k - 1], runs[k], runs[0 if last else k + 1]
         if run.length < SHORT * pixel and min(before.length, after.length) > run.length:
             middle = 0.5 * (at[k] + at[k + 1])
             if abs(turn(before.along, after.along)) > CROSS:
                 place = _cross(before, after)
                 if np.hypot(*(place - middle)) < MEET * pixel:
                     runs, at = runs[:k] + runs[k + 1 :], np.concatenate([at[:k], [place], at[k + 2 :]])
+                    if last:
+                        at[0] = place
                     continue
         k += 1
     return runs, at
