@@ -10,7 +10,7 @@ the minimum over views decides, and asking costs a look-up per view instead of a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import cv2
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.mesh.depth_smoothing import SmoothingOptions, smooth_depth
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import outside_hull
 from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_surface, unmatched
@@ -47,6 +48,7 @@ OUTVOTED = 3  # times the square of the views that call a point free: as many th
 CHUNK = 1 << 16  # points that are asked at a time, which bounds the memory
 ENOUGH = 50  # triangulated points from which the level is calibrated
 
+SMOOTH = SmoothingOptions()
 T = TypeVar("T")
 Progress = Callable[[float], None]
 _BELIEF = [
@@ -147,6 +149,9 @@ class FusedField:
             if asked.prior:
                 (known, sure), *rest = asked.prior
                 surface, found = decided(surface, known, sure, found, [other for other, _ in rest], search)
+            if found.precision is not None and found.parallax is not None and SMOOTH.strength > 0:
+                depth = smooth_depth(surface.depth, found.depth, found.precision, found.parallax, SMOOTH)
+                found = replace(found, depth=depth)
             return depth_map(surface, asked.mask, found)
 
         self.maps: list[DepthMap] = []

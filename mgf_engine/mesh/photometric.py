@@ -21,6 +21,8 @@ from mgf_engine.scene.model import View
 JUMP = 0.01  # share of the depth that pixels of one surface may differ from its plane
 HIDDEN = 0.02  # share of the depth that the neighbour's own depth may differ
 TEXTURE = 0.008 * 255  # least standard deviation of a patch's brightness, grey levels
+LEAST_NOISE = 0.02  # of the correlation, as far as precision is concerned
+SAMPLES = 25  # pixels of a patch: their depths share one error
 SURE = 0.6  # least correlation at the best depth
 
 Array = NDArray[np.float32]
@@ -71,11 +73,15 @@ class Matched:
     Attributes:
         likeness: 0..1, how alike the photos look there (0: no say).
         trust: weight of what no photo has a say on; None for what the field vouches for alone.
+        precision: inverse variance of the depth, per square pixel of parallax, 0 where no photo tells it.
+        parallax: relative change of the inverse depth that is one pixel of parallax.
     """
 
     depth: Array
     likeness: Array
     trust: Array | None = None
+    precision: Array | None = None
+    parallax: Array | None = None
 
 
 def unmatched(surface: Surface) -> Matched:
@@ -86,15 +92,16 @@ def unmatched(surface: Surface) -> Matched:
 def match_surface(first: Surface, others: Sequence[Surface], search: Search = WIDE) -> Matched:
     """The depth of ``first`` where its photo and the neighbours' agree best among those searched."""
     pixels = np.flatnonzero(first.depth.ravel() > 0).astype(np.int32)
-    likeness = np.zeros(first.depth.size, np.float32)
+    likeness, precision, parallax = (np.zeros(first.depth.size, np.float32) for _ in range(3))
     depth = first.depth.ravel().copy()
     if len(pixels) and others:
         scores, counts, step = correlations(first, others, pixels, search)
-        shift, best = _peak(scores, counts)
+        shift, best, curvature = _peak(scores, counts)
         depth[pixels] = depth[pixels] / (1 + shift * step)
-        likeness[pixels] = best
+        likeness[pixels], parallax[pixels] = best, step / search.pixels
+        precision[pixels] = counts * curvature / (np.maximum(1 - best, LEAST_NOISE) * search.pixels**2)
     shape = first.depth.shape
-    return Matched(depth.reshape(shape), likeness.reshape(shape))
+    return Matched(depth.reshape(shape), likeness.reshape(shape), None, precision.reshape(shape) / SAMPLES, parallax.reshape(shape))
 
 
 def correlations(
@@ -136,8 +143,9 @@ def _intrinsics(view: View) -> NDArray[np.float64]:
     return np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]])
 
 
-def _peak(scores: Array, counts: Array) -> tuple[Array, Array]:
-    """Where the mean correlation peaks, in steps from the start, and how high, [N] each; 0, 0 where nothing is sure."""
+def _peak(scores: Array, counts: Array) -> tuple[Array, Array, Array]:
+    """Where the mean correlation peaks, in steps from the start, how high and how sharply, [N] each; 0 where nothing is
+    sure."""
     count, steps = scores.shape
     best = np.clip(scores.argmax(1), 1, steps - 2)
     at, mean = np.arange(0, count * steps, steps) + best, np.maximum(counts, 1)
@@ -146,4 +154,6 @@ def _peak(scores: Array, counts: Array) -> tuple[Array, Array]:
     sure = (counts > 0) & (top >= SURE) & (top >= low) & (top >= high) & (curvature < 0)
     offset = 0.5 * (low - high) / np.where(sure, curvature, 1.0)
     shift = best - steps // 2 + offset
-    return np.where(sure, shift, 0).astype(np.float32), np.where(sure, top, 0).astype(np.float32)
+    values = (shift, top, -curvature)
+    shift, top, sharp = (np.where(sure, value, 0).astype(np.float32) for value in values)
+    return shift, top, sharp

@@ -22,6 +22,7 @@ from mgf_engine.scene.model import View
 SAME = 1.5  # px: depths whose places differ by less are one
 GAIN = 0.05  # of the correlation: what the photos must like the field's depth better by, where the plane is sure
 SURE = 0.3  # strength from which a plane is sure
+PLANE_PRECISION = 1.0  # px^-2 of the strongest plane where no photo has a say
 TRUST = (0.2, 0.6)  # weight of what no photo confirms: any of it, and in addition on the strongest planes
 
 Array = NDArray[np.float32]
@@ -100,4 +101,7 @@ def decided(
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
     here = known & (np.abs(depth - prior.depth) * field.view.fx < SAME * prior.depth)
     trust = np.where(here, TRUST[0] + TRUST[1] * sure, TRUST[0]).astype(np.float32)
-    return replace(field, depth=depth, normal=normal), Matched(depth, likeness, trust)
+    assert matched.precision is not None and rival.precision is not None
+    precision = np.where(take, rival.precision, matched.precision)
+    precision = np.where((precision == 0) & here, PLANE_PRECISION * sure, precision).astype(np.float32)
+    return replace(field, depth=depth, normal=normal), Matched(depth, likeness, trust, precision, matched.parallax)
