@@ -110,6 +110,7 @@ class Config:
     visual_hull: bool = option(True, "mesh", "What several masks call background is free, whatever the field says")
     surface: str = option("fused", "mesh", "Where the surface lies: 'fused' is the mean of all views' depths, 'opacity' the minimum over views, eq. 25", choices=("fused", "opacity"))
     match_photos: bool = option(True, "mesh", "Move the surface to where neighbouring photos look most alike")
+    depth_smoothing: float = option(20.0, "mesh", "Weight of the second differences of matched depth maps beside what photos tell of each depth; 0 leaves them as matched (with match_photos only)", low=0, high=10_000)
     refine_rounds: int = option(1, "mesh", "Times the finished mesh is moved to where the photos agree about it (with match_photos only)", low=0, high=10)
     calibrate_level: bool = option(True, "mesh", "Take the surface at the level on which the surest sparse points lie")
     opacity_level: float = option(0.5, "mesh", "Opacity at which the surface is taken, eq. 26, unless sparse points calibrate it (surface 'opacity' only)", low=0.01, high=0.99)

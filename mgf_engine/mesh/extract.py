@@ -165,7 +165,7 @@ def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
         [scene.views[i] for i in chosen],
         judging_masks(scene, masks, chosen, config.screening_dilation),
         [masks.labels[i] for i in chosen],
-        _photos(scene, masks, chosen) if config.match_photos else None,
+        _photos(scene, masks, chosen, config.depth_smoothing) if config.match_photos else None,
     )
 
 
@@ -190,14 +190,14 @@ def surface_field(
     )
 
 
-def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
+def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], smoothing: float) -> Photos:
     position = {view: number for number, view in enumerate(chosen)}
     pairs = matching_views(*points_to_match(scene, masks, chosen), chosen, MATCHED_WITH)
 
     def grey(number: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)
 
-    return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
+    return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen], smoothing)
 
 
 def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:

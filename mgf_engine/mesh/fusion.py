@@ -48,7 +48,6 @@ OUTVOTED = 3  # times the square of the views that call a point free: as many th
 CHUNK = 1 << 16  # points that are asked at a time, which bounds the memory
 ENOUGH = 50  # triangulated points from which the level is calibrated
 
-SMOOTH = SmoothingOptions()
 T = TypeVar("T")
 Progress = Callable[[float], None]
 _BELIEF = [
@@ -71,10 +70,12 @@ class Photos:
     Attributes:
         grey: number of a view -> uint8 [H, W], brightness.
         neighbours: per view the numbers of those to match it with.
+        smoothing: of the matched depths, as :class:`FusedField` takes it.
     """
 
     grey: Callable[[int], NDArray[np.uint8]]
     neighbours: Sequence[Sequence[int]]
+    smoothing: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ class FusedField:
         device: where ``show`` draws.
         prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
         hull: whether what several masks call background is free, whatever the depths say.
+        smoothing: weight of the depths' second differences (:class:`SmoothingOptions`); 0 leaves them as matched.
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class FusedField:
         device: torch.device = CPU,
         prior: Callable[[int], tuple[Surface, NDArray[np.float32]]] | None = None,
         hull: bool = True,
+        smoothing: float = 0.0,
     ) -> None:
         self.offset, self.band, self.hull = 0.0, band, hull
         near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
@@ -149,8 +152,8 @@ class FusedField:
             if asked.prior:
                 (known, sure), *rest = asked.prior
                 surface, found = decided(surface, known, sure, found, [other for other, _ in rest], search)
-            if found.precision is not None and found.parallax is not None and SMOOTH.strength > 0:
-                depth = smooth_depth(surface.depth, found.depth, found.precision, found.parallax, SMOOTH)
+            if smoothing > 0:
+                depth = smooth_depth(surface.depth, found, SmoothingOptions(strength=smoothing))
                 found = replace(found, depth=depth)
             return depth_map(surface, asked.mask, found)
 
@@ -300,6 +303,7 @@ def fuse_gaussians(
     return FusedField(
         show, masks, photos.neighbours if photos else (), progress=progress, device=gaussians.positions.device,
         prior=known if prior is not None and photos is not None else None, hull=hull,
+        smoothing=photos.smoothing if photos else 0.0,
     )  # fmt: skip
 
 

@@ -21,8 +21,8 @@ from mgf_engine.scene.model import View
 JUMP = 0.01  # share of the depth that pixels of one surface may differ from its plane
 HIDDEN = 0.02  # share of the depth that the neighbour's own depth may differ
 TEXTURE = 0.008 * 255  # least standard deviation of a patch's brightness, grey levels
-LEAST_NOISE = 0.02  # of the correlation, as far as precision is concerned
-SAMPLES = 25  # pixels of a patch: their depths share one error
+LEAST_NOISE = 0.02  # least share of a patch's variance that no other photo explains
+PATCH_PIXELS = 25  # whose depths share one error
 SURE = 0.6  # least correlation at the best depth
 
 Array = NDArray[np.float32]
@@ -72,21 +72,22 @@ class Matched:
 
     Attributes:
         likeness: 0..1, how alike the photos look there (0: no say).
+        precision: inverse variance of the depth, per square pixel of parallax; 0 where no photo tells it.
+        parallax: relative change of the inverse depth that is one pixel of parallax; 0 where nothing is matched.
         trust: weight of what no photo has a say on; None for what the field vouches for alone.
-        precision: inverse variance of the depth, per square pixel of parallax, 0 where no photo tells it.
-        parallax: relative change of the inverse depth that is one pixel of parallax.
     """
 
     depth: Array
     likeness: Array
+    precision: Array
+    parallax: Array
     trust: Array | None = None
-    precision: Array | None = None
-    parallax: Array | None = None
 
 
 def unmatched(surface: Surface) -> Matched:
     """The depth as rendered."""
-    return Matched(surface.depth, np.zeros_like(surface.depth))
+    nothing = np.zeros_like(surface.depth)
+    return Matched(surface.depth, nothing, nothing, nothing)
 
 
 def match_surface(first: Surface, others: Sequence[Surface], search: Search = WIDE) -> Matched:
@@ -99,9 +100,12 @@ def match_surface(first: Surface, others: Sequence[Surface], search: Search = WI
         shift, best, curvature = _peak(scores, counts)
         depth[pixels] = depth[pixels] / (1 + shift * step)
         likeness[pixels], parallax[pixels] = best, step / search.pixels
-        precision[pixels] = counts * curvature / (np.maximum(1 - best, LEAST_NOISE) * search.pixels**2)
-    shape = first.depth.shape
-    return Matched(depth.reshape(shape), likeness.reshape(shape), None, precision.reshape(shape) / SAMPLES, parallax.reshape(shape))
+        noise = np.maximum(1 - best, LEAST_NOISE) * PATCH_PIXELS * search.pixels**2
+        precision[pixels] = counts * curvature / noise
+    depth, likeness, precision, parallax = (
+        a.reshape(first.depth.shape) for a in (depth, likeness, precision, parallax)
+    )
+    return Matched(depth, likeness, precision, parallax)
 
 
 def correlations(

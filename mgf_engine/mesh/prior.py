@@ -101,7 +101,6 @@ def decided(
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
     here = known & (np.abs(depth - prior.depth) * field.view.fx < SAME * prior.depth)
     trust = np.where(here, TRUST[0] + TRUST[1] * sure, TRUST[0]).astype(np.float32)
-    assert matched.precision is not None and rival.precision is not None
     precision = np.where(take, rival.precision, matched.precision)
     precision = np.where((precision == 0) & here, PLANE_PRECISION * sure, precision).astype(np.float32)
-    return replace(field, depth=depth, normal=normal), Matched(depth, likeness, trust, precision, matched.parallax)
+    return replace(field, depth=depth, normal=normal), Matched(depth, likeness, precision, matched.parallax, trust)

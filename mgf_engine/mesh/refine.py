@@ -78,7 +78,7 @@ def _matched(
     def show(number: int) -> Surface:
         return look_surface(mesh, normals, views[number], photos.grey(number))
 
-    return FusedField(show, masks, photos.neighbours, SEARCH, BAND_PIXELS, progress)
+    return FusedField(show, masks, photos.neighbours, SEARCH, BAND_PIXELS, progress, smoothing=photos.smoothing)
 
 
 def onto_surface(

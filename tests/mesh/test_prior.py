@@ -29,7 +29,8 @@ def likes(depth: float):
     """A matching by which photos confirm surfaces at one depth only."""
 
     def match(first: Surface, others: object, search: object) -> Matched:
-        return Matched(first.depth, np.where(np.abs(first.depth - depth) < 0.01, 0.9, 0).astype(np.float32))
+        likeness = np.where(np.abs(first.depth - depth) < 0.01, 0.9, 0).astype(np.float32)
+        return Matched(first.depth, likeness, likeness, NOTHING + np.float32(1 / view(0.0).fx))
 
     return match
 
