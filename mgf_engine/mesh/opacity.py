@@ -110,14 +110,13 @@ class OpacityField:
     def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         """What the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.fusion.FusedField.known`.
 
-        Without ``evidence`` all are ``confirmed``, and no more: eq. 25 does not tell what was seen from what was only
-        not ruled out.
+        All are ``confirmed``: eq. 25 does not tell what was seen from what was only not ruled out. Without ``evidence``
+        nothing else is known.
         """
         if self.evidence is None:
             return {"confirmed": np.ones(len(points), bool)}
-        found = self.evidence.known(points)
-        # The two surfaces differ by fractions of a pixel: whether a view shows one near by is what counts here.
-        return {**found, "confirmed": found["views"] > 0}
+        # The level set may lie some pixels before the depths of thick Gaussians, so distance from them confirms nothing.
+        return {**self.evidence.known(points), "confirmed": np.ones(len(points), bool)}
 
     def _seen(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """State of each point from where it falls in the masks alone, and how many views see it on the building."""
