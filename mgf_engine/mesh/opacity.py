@@ -115,7 +115,7 @@ class OpacityField:
         """
         if self.evidence is None:
             return {"confirmed": np.ones(len(points), bool)}
-        # The level set may lie some pixels before the depths of thick Gaussians, so distance from them confirms nothing.
+        # The level set of thick Gaussians may lie some pixels before their depths.
         return {**self.evidence.known(points), "confirmed": np.ones(len(points), bool)}
 
     def _seen(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
