@@ -102,10 +102,7 @@ def match_surface(first: Surface, others: Sequence[Surface], search: Search = WI
         likeness[pixels], parallax[pixels] = best, step / search.pixels
         noise = np.maximum(1 - best, LEAST_NOISE) * PATCH_PIXELS * search.pixels**2
         precision[pixels] = counts * curvature / noise
-    depth, likeness, precision, parallax = (
-        a.reshape(first.depth.shape) for a in (depth, likeness, precision, parallax)
-    )
-    return Matched(depth, likeness, precision, parallax)
+    return Matched(*(values.reshape(first.depth.shape) for values in (depth, likeness, precision, parallax)))
 
 
 def correlations(
