@@ -72,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--poses", choices=("sfm", "true"), default="sfm", help="cameras: found, or the true ones")
     parser.add_argument(
         "--external", action="append", default=[], metavar="NAME=COMMAND",
-        help="another tool for suites peers and surfaces; {images}, {scene}, {work} and {mesh} are filled in",
+        help="another tool for suites peers, surfaces and pareto; {images}, {scene}, {work} and {mesh} are filled in",
     )  # fmt: skip
     parser.add_argument("--samples", type=count, default=300_000, help="points sampled on each mesh")
     parser.add_argument("--label", default="", help="part of every run's key: measure the same again under a new label")

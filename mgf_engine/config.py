@@ -205,6 +205,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "texture": False,
     },
 }
+#: What a preset is, where the values that it sets would say little.
+PRESET_HELP = {"paper": "The method as the paper prints it, and nothing of ours: to compare with"}
 #: Option -> value it had in an earlier version -> value it has now; taken for one version, with a warning.
 RENAMED: dict[str, dict[str, str]] = {"segmenter": {"grabcut": "random_walker"}}
 _SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
@@ -281,7 +283,8 @@ def options_schema() -> dict[str, Any]:
         {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in fields(Config)
     ]
     return {
-        "sections": list(SECTIONS), "presets": PRESETS, "run_length": RUN_LENGTH, "costs": COSTS, "options": entries,
+        "sections": list(SECTIONS), "presets": PRESETS, "preset_help": PRESET_HELP, "run_length": RUN_LENGTH, "costs": COSTS,
+        "options": entries,
     }  # fmt: skip
 
 

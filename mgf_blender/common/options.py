@@ -21,6 +21,7 @@ OPTIONS: dict[str, dict[str, Any]] = {o["name"]: o for o in SCHEMA["options"]}
 SECTIONS: list[str] = SCHEMA["sections"]
 PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
 COSTS: dict[str, Any] = SCHEMA["costs"]
+PRESET_HELP: dict[str, str] = SCHEMA["preset_help"]
 RUN_LENGTH: dict[str, int] = SCHEMA["run_length"]
 _CAPITALS = {"sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda", "gps", "crs"}
 _SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM"}
@@ -121,7 +122,10 @@ def _choice_help(name: str, choice: str) -> str:
     """What a choice means; of a preset, what it sets (0 is off, all, or the engine's own choice)."""
     if name != "preset":
         return f"{title(name)}: {title(choice)}"
-    values = [(n, default_of(n, choice)) for n in sorted({n for given in PRESETS.values() for n in given})]
+    if choice in PRESET_HELP:
+        return PRESET_HELP[choice]
+    told = sorted({n for preset, given in PRESETS.items() if preset not in PRESET_HELP for n in given})
+    values = [(n, default_of(n, choice)) for n in told]
     return ", ".join(f"{title(n)} {v:,}" if isinstance(v, int) else f"{title(n)} {v}" for n, v in values if v)
 
 
