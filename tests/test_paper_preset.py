@@ -52,11 +52,11 @@ OURS = {
     "drop_unseen": False, "face_votes": False, "fill_holes": False, "span_dents": False, "smoothing": 0,
     "flatten": False, "face_error": 0.0, "min_component": 0.0, "close_bottom": False, "crop_box": "", "texture": False,
 }  # fmt: skip
-#: What decides nothing about the method, or how it is run; and passes and color_error, which the others leave idle.
+#: What decides nothing about the method: how it is run, where in the world its results stand; and passes and color_error, which the others leave idle.
 NO_MATTER = {
     "preset", "device", "threads", "seed", "checkpoint_seconds", "matching", "weights", "strict_vote", "vote_tolerance",
     "passes", "holdout_every", "max_gaussians", "max_faces", "color_error", "texture_size", "export_obj", "export_glb",
-    "render_all",
+    "render_all", "memory", "gps", "crs", "control", "marks", "scale_bars", "control_adjust",
 }  # fmt: skip
 
 
