@@ -191,6 +191,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "visual_hull": False,
         "surface": "opacity",
         "match_photos": False,
+        "depth_smoothing": 0.0,
         "refine_rounds": 0,
         "calibrate_level": False,
         "merge_flat": False,

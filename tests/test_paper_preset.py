@@ -48,7 +48,8 @@ OF_ITS_BASE = {
 OURS = {
     "max_photos": 0, "even_exposure": False, "mask_margin": 0.0, "coarse_to_fine": False, "filter_3d": False,
     "random_background": False, "geometry_every": 1, "background_lambda": 0.0, "training_votes": False,
-    "visual_hull": False, "match_photos": False, "depth_smoothing": 0.0, "refine_rounds": 0, "calibrate_level": False, "merge_flat": False,
+    "visual_hull": False, "match_photos": False, "refine_rounds": 0, "depth_smoothing": 0.0,
+    "calibrate_level": False, "merge_flat": False,
     "drop_unseen": False, "face_votes": False, "fill_holes": False, "span_dents": False, "smoothing": 0,
     "flatten": False, "face_error": 0.0, "min_component": 0.0, "close_bottom": False, "crop_box": "", "texture": False,
 }  # fmt: skip
