@@ -23,7 +23,7 @@ $(BPY)/.ready: constraints-blender.txt
 	@touch $@
 
 kernels: $(VENV)/.ready
-	$(RUN) -m mgf_engine.raster.build
+	$(RUN) -m mgf_engine.native.build
 
 lint: $(VENV)/.ready
 	$(RUN) -m ruff check .

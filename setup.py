@@ -2,7 +2,7 @@
 """Builds the kernels into the wheel; everything else is in pyproject.toml.
 
 The libraries are called through ctypes, so a wheel depends on the platform but not on the Python version.
-``MGF_WHEEL_TARGET`` (a name in ``mgf_engine.raster.build.TARGETS``) makes a wheel for another platform.
+``MGF_WHEEL_TARGET`` (a name in ``mgf_engine.native.build.TARGETS``) makes a wheel for another platform.
 """
 
 import os
@@ -14,7 +14,7 @@ from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 
 sys.path.insert(0, str(Path(__file__).parent))
-from mgf_engine.raster import build as kernels
+from mgf_engine.native import build as kernels
 
 
 def wheel_target() -> str:
@@ -30,7 +30,7 @@ class BuildWithKernels(build_py):
     def run(self) -> None:
         carried = {path.name for path in kernels.build([wheel_target()])}
         super().run()
-        collected = Path(self.build_lib) / "mgf_engine" / "raster" / "lib"
+        collected = Path(self.build_lib) / "mgf_engine" / "native" / "lib"
         for path in collected.glob("*") if collected.is_dir() else ():
             if path.name not in carried:  # stamps and libraries of other platforms
                 path.unlink()

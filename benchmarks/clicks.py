@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.prompts import inside_points, spread_photos
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.model import BACKGROUND, BUILDING
+from mgf_engine.model.masks import BACKGROUND, BUILDING
 from mgf_engine.scene.colmap import find_model
 from mgf_engine.system import write_json
 

@@ -24,13 +24,14 @@ import torch
 
 from mgf_engine.errors import BadInput
 from mgf_engine.field.cuda_compare import Training, compare, same_training, too_far
-from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.optimiser import TRAINED
 from mgf_engine.field.synthetic import corner_view
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.native.cuda import compiler
+from mgf_engine.native.cuda.card import find_card
+from mgf_engine.native.cuda.sources import programs
 from mgf_engine.raster.api import Camera
-from mgf_engine.raster.cuda import compiler, rasterizer_on
-from mgf_engine.raster.cuda.card import find_card
-from mgf_engine.raster.cuda.sources import programs
+from mgf_engine.raster.cuda import rasterizer_on
 
 _TOOLS = ("racecheck", "memcheck", "initcheck", "synccheck")
 _TOOL_SECONDS = 500.0

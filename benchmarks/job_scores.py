@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mgf_engine.evaluate.geometry import mask_iou
 from mgf_engine.evaluate.images import Scores, mean_scores, score
 from mgf_engine.evaluate.lpips import Lpips, find_lpips
-from mgf_engine.masks.model import BACKGROUND, UNKNOWN, building
+from mgf_engine.model.masks import BACKGROUND, UNKNOWN, building
 
 
 def held_out_scores(job: Path, scene: Path) -> Scores:

@@ -23,12 +23,13 @@ import torch
 from benchmarks import torch_tiles
 from mgf_engine.config import Config
 from mgf_engine.field import reference_losses
-from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.losses import LossTerms, total_loss
 from mgf_engine.field.optimiser import TRAINED
 from mgf_engine.field.synthetic import building, corner_view, noise_target
 from mgf_engine.field.targets import Target
-from mgf_engine.raster import cpu, library
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.native import library
+from mgf_engine.raster import cpu
 from mgf_engine.raster.adam import adam_step
 from mgf_engine.raster.api import Camera, Rendering, render
 from mgf_engine.raster.camera import TILE

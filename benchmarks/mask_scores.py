@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.boundaries import boundaries
-from mgf_engine.masks.model import BACKGROUND, FIRST_ELEMENT, UNKNOWN, building
+from mgf_engine.model.masks import BACKGROUND, FIRST_ELEMENT, UNKNOWN, building
 
 Labels = NDArray[np.uint8]
 #: px; outlines farther from the truth than this are another object's, not a tight or loose one.

@@ -27,8 +27,8 @@ from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.masks.store import read_png
 from mgf_engine.messages import Message, Reporter
+from mgf_engine.model.scene import Scene
 from mgf_engine.scene.load import load_scene
-from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores, write_json
 
 SCENES = ("demo", "masks_block", "masks_hall", "masks_trees")

@@ -26,8 +26,8 @@ from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.geometry import cameras_of, compare_surfaces
 from mgf_engine.evaluate.materials import read_materials
 from mgf_engine.evaluate.surfaces import Points, SeeingCamera, Surface, read_surface
-from mgf_engine.masks.model import UNKNOWN
-from mgf_engine.mesh.export import read_ply, write_ply
+from mgf_engine.geometry.mesh_files import read_ply, write_ply
+from mgf_engine.model.masks import UNKNOWN
 from mgf_engine.system import cores, cpu_name
 
 #: Thresholds in metres always reported; one ground pixel and its double are added.

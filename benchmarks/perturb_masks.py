@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.perturb_copy import SceneCopy
-from mgf_engine.masks.model import BUILDING
+from mgf_engine.model.masks import BUILDING
 
 
 def erode(copy: SceneCopy, pixels: float) -> None:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.model import BACKGROUND, BUILDING
+from mgf_engine.model.masks import BACKGROUND, BUILDING
 from mgf_engine.system import write_json
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How near the blending kernels come to what the processor can do: ``python -m benchmarks.roofline``.
 
-Both limits are measured: multiply-adds on registers alone (``kernels/peak.c``), and reading and writing large arrays.
-Operations are counted from the source, per pixel of a block in which something was blended (``OPERATIONS``); pixels of
+Both limits are measured: multiply-adds on registers alone (``csrc/common/peak.c``), and reading and writing large
+arrays. Operations are counted from the source, per pixel of a block in which something was blended
+(``OPERATIONS``); pixels of
 blocks that a footprint touches in vain are work, but no use, and do not count. All rates are per second of CPU time of
 one core, so that they hold on a busy machine.
 """
@@ -19,7 +20,8 @@ import numpy as np
 import torch
 
 from mgf_engine.field.synthetic import building, corner_view
-from mgf_engine.raster import cpu, library
+from mgf_engine.native import library
+from mgf_engine.raster import cpu
 
 #: Additions, multiplications and the like per pixel and Gaussian with all outputs, as ``blend.c`` and
 #: ``blend_backward.c`` write them; a reciprocal counts as three, 2^x as fourteen; comparisons and masks not at all.

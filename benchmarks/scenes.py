@@ -36,7 +36,7 @@ from benchmarks.shapes import Part
 from benchmarks.surroundings import surroundings
 from benchmarks.truth import MATERIALS, write_pixels, write_truth
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
+from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
 from mgf_engine.system import user_cache, write_json
 
 #: Part of the cache key: raise it when the same spec gives other pictures than before.

@@ -72,7 +72,7 @@ def runs(seeds: int, variants: list[str]) -> list[tuple[str, int, int, str]]:
 
 
 def main() -> int:
-    from mgf_engine.raster.library import runnable_variants
+    from mgf_engine.native.library import runnable_variants
 
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.stability_spread", description="Spread over seeds and machines."

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blending as one would write it in torch: a tile at a time, all Gaussians of its list at all its pixels, autograd.
 
-The yardstick of :mod:`benchmarks.kernels`: float32, the formulas of ``kernels/records.h``, the same lists.
+The yardstick of :mod:`benchmarks.kernels`: float32, the formulas of ``csrc/raster/records.h``, the same lists.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from mgf_engine.raster.camera import TILE
 from mgf_engine.raster.cpu import TileLists
 from mgf_engine.raster.reference import ALPHA_MAX, ALPHA_MIN, T_STOP
 
-#: Columns of a record (kernels/records.h): centre, q, a, b, opacity, colour, normal.
+#: Columns of a record (csrc/raster/records.h): centre, q, a, b, opacity, colour, normal.
 CENTRE, Q, A, B, OPACITY, RGB, NORMAL = (
     slice(0, 2),
     slice(2, 5),

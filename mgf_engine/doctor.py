@@ -27,7 +27,7 @@ def report(weights: Path | None = None) -> int:
     print(f"  {'memory':<32} {total_memory() / GB:.1f} GB, {free_memory() / GB:.1f} GB free")
     problems = [f"{name} is missing; run 'pip install {name}'." for name, v in found.items() if v == "missing"]
     try:
-        from mgf_engine.raster.library import variant
+        from mgf_engine.native.library import variant
 
         print(f"  {'kernel variant':<32} {variant()}")
     except (ImportError, OSError, RuntimeError) as error:

@@ -14,7 +14,7 @@ from typing import Any
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.prompts import PromptsFile
-from mgf_engine.masks.supplied import find_mask
+from mgf_engine.masks.user_masks import find_mask
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, model_files, photo_names
 
 _LARGEST_HASHED = 16 << 20  # bytes; of larger files size and time are compared

@@ -15,8 +15,8 @@ from types import TracebackType
 
 import psutil
 
+from mgf_engine.subprocesses import RUNNING
 from mgf_engine.system import peak_memory
-from mgf_engine.workers import RUNNING
 
 GB = 1e9
 #: Of the memory that is free at the start of a job, what it may use unless the user says otherwise.

@@ -23,10 +23,10 @@ from mgf_engine.system import cores, cpu_seconds
 from mgf_engine.terminal import duration
 
 if TYPE_CHECKING:
-    from mgf_engine.field.gaussians import Gaussians
-    from mgf_engine.masks.model import MaskSet
-    from mgf_engine.mesh.model import Mesh
-    from mgf_engine.scene.model import Scene
+    from mgf_engine.model.gaussians import Gaussians
+    from mgf_engine.model.masks import MaskSet
+    from mgf_engine.model.mesh import Mesh
+    from mgf_engine.model.scene import Scene
 
 log = logging.getLogger("mgf")
 #: Mean confidence of a mesh below which its F1 is about half of what the scene allows (docs/stability.md).
@@ -105,7 +105,7 @@ def load_field(job: Job) -> Gaussians:
 
 def load_mesh(job: Job) -> Mesh:
     """The mesh, scene frame."""
-    from mgf_engine.mesh.export import read_ply
+    from mgf_engine.geometry.mesh_files import read_ply
 
     with _made_by(job, "mesh"):
         try:
@@ -133,8 +133,8 @@ def _prepare(job: Job, reporter: Reporter) -> None:
     import cv2
     import torch
 
+    from mgf_engine.native.library import set_threads, variant
     from mgf_engine.raster.device import choose_device
-    from mgf_engine.raster.library import set_threads, variant
 
     log.info("kernel variant %s", variant())  # loads the kernels: better now than after the first stages
     choice = choose_device(job.config.device)
@@ -161,7 +161,7 @@ def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos:
     Raises:
         BadInput: they need more memory than the user allows.
     """
-    from mgf_engine.scene.photo_cache import PHOTOS, ROOM
+    from mgf_engine.model.photo_cache import PHOTOS, ROOM
 
     photos = survey(job.source, job.folder)
     if "masks" not in stages:
@@ -247,7 +247,7 @@ def _run_scene(job: Job, reporter: Reporter) -> Figures:
 
 def _run_masks(job: Job, reporter: Reporter) -> Figures:
     from mgf_engine.masks.build import build_masks
-    from mgf_engine.masks.model import building
+    from mgf_engine.model.masks import building
 
     scene = load_scene_of(job)
     job.keep_clicks()
@@ -270,8 +270,8 @@ def _run_field(job: Job, reporter: Reporter) -> Figures:
 
 
 def _run_mesh(job: Job, reporter: Reporter) -> Figures:
-    from mgf_engine.mesh.clean import vertex_areas
-    from mgf_engine.mesh.export import in_scene, write_ply
+    from mgf_engine.geometry.clean import vertex_areas
+    from mgf_engine.geometry.mesh_files import in_scene, write_ply
     from mgf_engine.mesh.extract import extract_mesh
     from mgf_engine.mesh.parts import FILE as PARTS_FILE
     from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
@@ -307,7 +307,7 @@ def weak_surface(confidence: float, unseen: float) -> str:
 
 
 def _run_deliver(job: Job, reporter: Reporter) -> Figures:
-    from mgf_engine.deliver import deliver
+    from mgf_engine.export.stage import deliver
 
     return deliver(job, reporter)
 

@@ -13,8 +13,18 @@ from mgf_engine.config import Config
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
-KERNELS = "mgf_engine/raster/kernels"
-ROOMS = ("", "mgf_engine", "mgf_engine/masks", "mgf_engine/raster", KERNELS, KERNELS + "/cuda", "mgf_blender")
+KERNELS = "mgf_engine/native/csrc"
+SUBJECTS = [str(p.relative_to(ROOT)) for p in (ROOT / KERNELS).iterdir()]
+ROOMS = (
+    "",
+    "mgf_engine",
+    "mgf_engine/masks",
+    "mgf_engine/raster",
+    "mgf_engine/native",
+    KERNELS,
+    *SUBJECTS,
+    "mgf_blender",
+)
 OTHERS = {"--command", "--python"}  # Blender's own
 SOURCES = "\n".join(
     path.read_text(encoding="utf-8")

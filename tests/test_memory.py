@@ -13,8 +13,8 @@ import pytest
 
 from mgf_engine import memory
 from mgf_engine.memory import GB, Watch, allow, allowed, budget_of, free_memory, share
+from mgf_engine.subprocesses import worker
 from mgf_engine.system import total_memory
-from mgf_engine.workers import worker
 
 
 @pytest.fixture(autouse=True)

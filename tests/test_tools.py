@@ -10,7 +10,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from mgf_engine.raster.build import TARGETS
+from mgf_engine.native.build import TARGETS
 
 
 def test_the_extension_carries_the_engine_for_every_target() -> None:

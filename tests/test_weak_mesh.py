@@ -11,9 +11,9 @@ import pytest
 
 from mgf_engine import pipeline
 from mgf_engine.config import make_config
-from mgf_engine.mesh.model import Mesh
 from mgf_engine.messages import Reporter
-from mgf_engine.scene.model import Similarity
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Similarity
 
 
 @pytest.mark.parametrize(("confidence", "said"), [(0.2, True), (0.49, True), (0.7, False)])

@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mgf_engine.masks.model import MaskSet
-from mgf_engine.scene.model import Scene, Similarity, View
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.scene import Scene, Similarity, View
 
 WIDTH, HEIGHT, FOCAL = 192, 144, 180.0
 _TEXTURE_SCALE = 100.0  # texture pixels per unit

@@ -26,7 +26,7 @@ REPO = Path(__file__).resolve().parents[1]
 #: Fixed time stamps, so that the same sources give the same zip.
 _EPOCH = (2020, 1, 1, 0, 0, 0)
 _SKIP = {"__pycache__"}
-#: The names in ``mgf_engine.raster.build.TARGETS``, which this script's Python need not be able to import.
+#: The names in ``mgf_engine.native.build.TARGETS``, which this script's Python need not be able to import.
 ALL_TARGETS = ("linux-x86_64", "linux-aarch64", "windows-x86_64", "macos-x86_64", "macos-aarch64")
 
 
@@ -64,7 +64,7 @@ def carry_engine(folder: Path, wheel: Path | None, targets: list[str], python: P
     """Put the engine's wheels and the pinned versions into ``folder``; builds one wheel per target if none is given.
 
     Args:
-        targets: names in ``mgf_engine.raster.build.TARGETS``.
+        targets: names in ``mgf_engine.native.build.TARGETS``.
     """
     folder.mkdir()
     if wheel is None:

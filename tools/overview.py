@@ -11,13 +11,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mgf_engine.deliver import render_view
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.pictures import mask_overlay, normal_picture, on_white
+from mgf_engine.export.stage import render_view
+from mgf_engine.geometry.mesh_files import read_texture
+from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.job import Job
-from mgf_engine.masks.model import building
-from mgf_engine.mesh.export import read_texture
-from mgf_engine.mesh.view import shaded
+from mgf_engine.model.masks import building
 from mgf_engine.pipeline import load_field, load_inputs, load_mesh
 from mgf_engine.texture.draw import draw_textured
 

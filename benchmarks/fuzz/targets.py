@@ -20,9 +20,9 @@ import numpy as np
 from benchmarks.fuzz.uses import all_inside, use_field, use_mesh, use_scene
 from benchmarks.synthetic.colmap_scene import reconstruction, write_model, write_scene
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.masks.model import MaskSet
-from mgf_engine.scene.model import Scene, Similarity, View
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.scene import Scene, Similarity, View
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ def _write_photos(scene: Scene) -> None:
 
 
 def _prepare_ply(folder: Path) -> None:
-    from mgf_engine.mesh.export import write_ply
-    from mgf_engine.mesh.model import Mesh
+    from mgf_engine.geometry.mesh_files import write_ply
+    from mgf_engine.model.mesh import Mesh
 
     _write_photos(small_scene(folder))
     write_ply(Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8)), folder / "binary.ply")
@@ -152,7 +152,7 @@ def _prepare_ply(folder: Path) -> None:
 def _read_ply(folder: Path) -> Any:
     from mgf_engine.evaluate.geometry import compare_surfaces
     from mgf_engine.evaluate.surfaces import read_surface
-    from mgf_engine.mesh.export import read_ply
+    from mgf_engine.geometry.mesh_files import read_ply
 
     scene = small_scene(folder)
     truth = read_surface(_sound_surface(folder))
@@ -169,8 +169,8 @@ def _read_ply(folder: Path) -> Any:
 
 
 def _sound_surface(folder: Path) -> Path:
-    from mgf_engine.mesh.export import write_ply
-    from mgf_engine.mesh.model import Mesh
+    from mgf_engine.geometry.mesh_files import write_ply
+    from mgf_engine.model.mesh import Mesh
 
     if not (folder / "truth.ply").exists():
         write_ply(Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8)), folder / "truth.ply")
@@ -234,7 +234,7 @@ def _prepare_masks(folder: Path) -> None:
 
 
 def _read_masks(folder: Path) -> Any:
-    from mgf_engine.masks.supplied import read_supplied
+    from mgf_engine.masks.user_masks import read_supplied
 
     scene = small_scene(folder)
     given = read_supplied(folder, scene)
@@ -244,7 +244,7 @@ def _read_masks(folder: Path) -> Any:
 
 def _use_masks(masks: MaskSet, scene: Scene, folder: Path) -> None:
     """Train a step on the masks, and paint a mesh from what they show."""
-    from mgf_engine.mesh.model import Mesh
+    from mgf_engine.model.mesh import Mesh
 
     use_field(_field(), scene, masks, folder)
     mesh = Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8))
@@ -319,8 +319,8 @@ def _read_scene(folder: Path) -> Any:
 
 
 def _prepare_saved_masks(folder: Path) -> None:
-    from mgf_engine.masks.model import MaskSet
     from mgf_engine.masks.store import save_masks
+    from mgf_engine.model.masks import MaskSet
 
     scene = small_scene(folder)
     _write_photos(scene)

@@ -15,24 +15,24 @@ import torch
 
 from mgf_engine.config import make_config
 from mgf_engine.field.export import write_splats
-from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.initialise import initial_field
 from mgf_engine.field.losses import total_loss
 from mgf_engine.field.targets import make_target
-from mgf_engine.masks.model import MaskSet, building
-from mgf_engine.mesh import clean
-from mgf_engine.mesh.apart import belongs
+from mgf_engine.geometry import clean
+from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_ply, write_texture
+from mgf_engine.geometry.rasterize import look
 from mgf_engine.mesh.colors import color_from_photos
-from mgf_engine.mesh.export import write_glb, write_obj, write_ply, write_texture
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.pixel_counts import count_pixels
-from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
-from mgf_engine.mesh.view import look
+from mgf_engine.mesh.component_filter import belongs
+from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
+from mgf_engine.mesh.face_visibility import count_pixels
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.points import INSIDE, PointOpacity
-from mgf_engine.scene.model import Scene
 from mgf_engine.texture.draw import draw_textured
-from mgf_engine.texture.make import make_texture
+from mgf_engine.texture.texture_pipeline import make_texture
 
 #: Larger things are left alone: what a case costs must not depend on the damage.
 MOST_PIXELS, MOST_FACES, MOST_GAUSSIANS = 1 << 16, 10_000, 5000

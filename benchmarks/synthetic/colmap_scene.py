@@ -12,8 +12,8 @@ import pycolmap
 
 from mgf_engine.config import Config, make_config
 from mgf_engine.messages import Reporter
+from mgf_engine.model.scene import Scene
 from mgf_engine.scene.load import load_scene
-from mgf_engine.scene.model import Scene
 
 SIZE = (160, 120)
 FOCAL = 150.0

@@ -17,9 +17,9 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look
-from mgf_engine.scene.model import View
+from mgf_engine.geometry.rasterize import look
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 220.0
 OFFSET = np.array([100.0, -40.0, 7.0])  # the house does not stand at the origin

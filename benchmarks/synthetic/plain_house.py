@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.synthetic.house import OFFSET, house_mesh, lawn_mesh, ring_view, write_model
-from mgf_engine.masks.model import MaskSet
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look, scaled_view
-from mgf_engine.scene.model import Scene, Similarity
+from mgf_engine.geometry.rasterize import look, scaled_view
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene, Similarity
 
 PHOTOS = 16
 _WALLS = np.array([(235, 235, 230), (225, 228, 235), (238, 230, 220), (228, 236, 228)])

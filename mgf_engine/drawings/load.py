@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.errors import BadInput
+from mgf_engine.geometry.clean import face_areas
+from mgf_engine.geometry.mesh_files import read_ply
+from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import read_georeference
 from mgf_engine.job import read_job
-from mgf_engine.masks.model import MaskSet
-from mgf_engine.masks.shape import up_direction
+from mgf_engine.masks.geometry.point_features import up_direction
 from mgf_engine.masks.store import read_masks
-from mgf_engine.mesh.clean import face_areas
-from mgf_engine.mesh.export import read_ply
-from mgf_engine.mesh.flat import nearest_pixels
-from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.parts import face_parts, named_parts
+from mgf_engine.mesh.planar_clustering import nearest_pixels
 from mgf_engine.mesh.screening import voting_views
-from mgf_engine.mesh.view import face_normals
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene
 from mgf_engine.scene.store import read_scene
 
 TRUST = 0.003  # weight of the direction that cameras tell against that of all walls together

@@ -31,7 +31,7 @@ from mgf_engine.job import locked
 from mgf_engine.masks.store import write_png
 from mgf_engine.messages import Reporter
 from mgf_engine.system import cpu_seconds, peak_memory, write_json
-from mgf_engine.texture.make import choose_painting
+from mgf_engine.texture.texture_pipeline import choose_painting
 
 STAGE = "drawings"
 INDEX = "drawings.json"

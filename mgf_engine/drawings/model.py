@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference
-from mgf_engine.masks.model import MaskSet
-from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.parts import Elements
-from mgf_engine.mesh.view import face_normals
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
 #: Of a normal against the horizon, up to which a face is part of a wall.
@@ -115,7 +115,7 @@ class Survey:
     @cached_property
     def areas(self) -> Array:
         """Areas of the faces, [F]."""
-        from mgf_engine.mesh.clean import face_areas
+        from mgf_engine.geometry.clean import face_areas
 
         return face_areas(self.mesh)
 

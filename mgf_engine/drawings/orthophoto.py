@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.drawings.project import Seen
-from mgf_engine.masks.model import building
+from mgf_engine.geometry.rasterize import look
 from mgf_engine.mesh.colors import SLACK
-from mgf_engine.mesh.view import look
-from mgf_engine.raster.library import side_by_side
+from mgf_engine.model.masks import building
+from mgf_engine.native.library import side_by_side
 from mgf_engine.scene.photos import Room
 from mgf_engine.texture.bake import barycentric, look_up
-from mgf_engine.texture.make import Painting
-from mgf_engine.texture.sights import MARGIN, STEEP
+from mgf_engine.texture.texture_pipeline import Painting
+from mgf_engine.texture.visibility import MARGIN, STEEP
 
 AROUND = np.ones((3, 3), np.uint8)
 RIM = 1e-3  # what a photo counts where the point lies within a pixel of an outline: its colour is mixed there

@@ -14,7 +14,7 @@ from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.project import Grid, Seen
 from mgf_engine.drawings.straighten import straighten
 from mgf_engine.drawings.trace import trace
-from mgf_engine.texture.make import Painting
+from mgf_engine.texture.texture_pipeline import Painting
 
 LEAST = 40.0  # pixels of the grid that a part covers at least
 SQUARE = 0.85  # intersection over union with its rectangle from which a part is one

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.view import look_along
+from mgf_engine.geometry.rasterize import look_along
 
 MOST_PIXELS = 400_000_000
 MARGIN = 2  # pixels around what is drawn

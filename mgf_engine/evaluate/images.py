@@ -55,7 +55,7 @@ def score(
 
     Args:
         photo, render: RGB uint8 [h, w, 3].
-        mask: bool [h, w], the building (see :func:`mgf_engine.masks.model.building`).
+        mask: bool [h, w], the building (see :func:`mgf_engine.model.masks.building`).
         lpips: what measures LPIPS.
 
     Raises:

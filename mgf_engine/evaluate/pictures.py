@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.model import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.raster.library import side_by_side
-from mgf_engine.scene.model import Scene, View
+from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene, View
+from mgf_engine.native.library import side_by_side
 
 #: Absolute colour error (0..1, mean of the channels) that is drawn in the brightest colour.
 ERROR_LIMIT = 0.25
@@ -81,7 +81,7 @@ def turntable(
     Returns:
         RGB uint8 [height, width, 3] each; nothing for a mesh without faces.
     """
-    from mgf_engine.mesh.view import shaded
+    from mgf_engine.geometry.rasterize import shaded
 
     if not len(mesh.faces):
         return []

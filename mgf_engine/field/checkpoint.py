@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from mgf_engine.arrays import read_arrays
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.raster.api import RenderStats
-from mgf_engine.raster.cuda.room import Room
+from mgf_engine.raster.cuda.tile_list_capacity import Room
+from mgf_engine.safe_npz import read_arrays
 from mgf_engine.system import atomic_path
 
 _NAMES = tuple(f.name for f in fields(Gaussians))

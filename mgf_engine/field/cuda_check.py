@@ -13,8 +13,8 @@ import torch
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT
 from mgf_engine.field import cuda_compare
 from mgf_engine.field.schedule import rates_at
-from mgf_engine.raster.cuda.approved import approve, driver_version, withdraw
-from mgf_engine.raster.cuda.card import find_card
+from mgf_engine.native.cuda.card import find_card
+from mgf_engine.native.cuda.checked_cards import approve, driver_version, withdraw
 
 GAUSSIANS, WIDTH, HEIGHT, ROUNDS = 20_000, 480, 320, 100
 #: Difference of the last loss on card and CPU, as a share of what the training took off the first.

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.hull import points_to_match
-from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.messages import Reporter
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.scene import Scene
+from mgf_engine.native.parallel import in_order
 from mgf_engine.scene.depths import Depths, match_photos
-from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
-from mgf_engine.threads import in_order
 
 _NEIGHBOURS = 3
 _LONGEST_SIDE = 500  # px; more costs time and adds points that are thinned out anyway

@@ -14,9 +14,9 @@ import torch
 from torch import Tensor
 
 from mgf_engine.config import Config
-from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.field.optimiser import Optimiser
-from mgf_engine.order import along_curve
+from mgf_engine.model.gaussians import Gaussians, rotation_matrices
+from mgf_engine.morton import along_curve
 from mgf_engine.raster.api import RenderStats
 
 _SPLIT_OFFSET = 0.55  # of the longest axis, to either side

@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.field.gaussians import Gaussians, rotation_matrices
-from mgf_engine.mesh.export import needs_double
+from mgf_engine.geometry.mesh_files import needs_double
+from mgf_engine.model.gaussians import Gaussians, rotation_matrices
+from mgf_engine.model.scene import Similarity
 from mgf_engine.raster.reference import sh_basis
-from mgf_engine.scene.model import Similarity
 from mgf_engine.system import atomic_path
 
 _OPACITY_LIMIT = 1e-6

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.scene.model import View
-from mgf_engine.threads import in_order
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.scene import View
+from mgf_engine.native.parallel import in_order
 
 _VARIANCE = 0.2  # of the filter, in pixels squared of the finest view (Mip-Splatting, section 5.1)
 _MARGIN = 0.15  # views count when the centre falls this far outside the frame at most

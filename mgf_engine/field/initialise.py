@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.model.gaussians import Gaussians
 
 SH_CONSTANT = 0.28209479177387814  # Y_0^0
 _NEIGHBOURS = 9

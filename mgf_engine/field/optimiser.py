@@ -8,7 +8,7 @@ from dataclasses import fields
 import torch
 from torch import Tensor
 
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.raster.adam import adam_step
 
 TRAINED = ("positions", "log_scales", "rotations", "opacity_logits", "sh")

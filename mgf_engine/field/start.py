@@ -14,12 +14,12 @@ from scipy.spatial import cKDTree
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.dense import dense_points
-from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.initialise import initial_field
-from mgf_engine.masks.model import MaskSet
 from mgf_engine.messages import Reporter
-from mgf_engine.order import along_curve
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.scene import Scene
+from mgf_engine.morton import along_curve
 from mgf_engine.start.samples import Samples, sample_surface
 from mgf_engine.start.store import FILE, write_start
 from mgf_engine.start.surface import StartSurface, start_surface

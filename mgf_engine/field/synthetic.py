@@ -7,10 +7,10 @@ import numpy as np
 import torch
 
 from mgf_engine.config import Config
-from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.targets import Target, make_target
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.scene import View
 from mgf_engine.raster.camera import Camera
-from mgf_engine.scene.model import View
 
 
 def building(n: int, seed: int = 0, size: float = 0.02) -> Gaussians:

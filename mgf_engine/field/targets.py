@@ -14,10 +14,10 @@ from torch import Tensor
 
 from mgf_engine.config import Config
 from mgf_engine.masks.boundaries import boundaries
-from mgf_engine.masks.model import BACKGROUND, BUILDING, building
+from mgf_engine.model.masks import BACKGROUND, BUILDING, building
+from mgf_engine.model.scene import View
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.loss import PhotoSide, photo_side
-from mgf_engine.scene.model import View
 
 _OPEN = 8  # rims that a gap in the mask must be wide to have a rim inside it
 _RING = 24  # px of certain background around the building that is kept empty
@@ -115,7 +115,7 @@ def make_target(
 
     Args:
         photo: RGB uint8 [H, W, 3] at working resolution.
-        labels: uint8 [H, W], see :mod:`mgf_engine.masks.model`.
+        labels: uint8 [H, W], see :mod:`mgf_engine.model.masks`.
     """
     camera = Camera.from_view(view, 1.0 / factor)
     size = (camera.width, camera.height)

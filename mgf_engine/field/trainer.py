@@ -21,7 +21,6 @@ from mgf_engine.errors import BadInput
 from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
 from mgf_engine.field.density import budget_at, refine
 from mgf_engine.field.filter3d import update_filter
-from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.field.losses import LossTerms, total_loss
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.field.schedule import (
@@ -36,12 +35,13 @@ from mgf_engine.field.schedule import (
 )
 from mgf_engine.field.start import start_field
 from mgf_engine.field.targets import Target, make_target
-from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import chosen_voters, vote
 from mgf_engine.messages import Reporter
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.scene import Scene
 from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.raster.device import choose_device, rendered_nothing, restore_room, room_state
-from mgf_engine.scene.model import Scene
 from mgf_engine.system import cores
 
 log = logging.getLogger("mgf")

@@ -7,16 +7,16 @@ import json
 from typing import Any
 
 from mgf_engine.errors import BadInput
+from mgf_engine.geometry.mesh_files import IMAGE, read_texture
 from mgf_engine.georef.export import write_georeferenced
 from mgf_engine.georef.find import Survey, find_georeference
 from mgf_engine.georef.model import write_georeference
 from mgf_engine.georef.report import replace_section, survey_figures, survey_html
 from mgf_engine.job import Job
-from mgf_engine.mesh.export import IMAGE, read_texture
-from mgf_engine.mesh.model import Mesh, Texture
 from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.model.scene import Scene
 from mgf_engine.runs import MANIFEST, current_run
-from mgf_engine.scene.model import Scene
 from mgf_engine.system import write_json
 
 

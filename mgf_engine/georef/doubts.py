@@ -12,7 +12,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import Control, Mark, Point
 from mgf_engine.georef.crs import Projection, enu
 from mgf_engine.georef.triangulate import Placed, limits, project_point
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
 _FAR = 2000.0  # metres between control points and photos

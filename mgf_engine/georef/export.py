@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from mgf_engine.geometry.mesh_files import IMAGE, write_glb, write_obj, write_ply
 from mgf_engine.georef.crs import Projection
 from mgf_engine.georef.model import Georeference, write_georeference
-from mgf_engine.mesh.export import IMAGE, write_glb, write_obj, write_ply
-from mgf_engine.mesh.model import Mesh, Texture
+from mgf_engine.model.mesh import Mesh, Texture
 
 FOLDER = "georeferenced"
 #: x east, y north, z up -> glTF's axes: x east, y up, z south.

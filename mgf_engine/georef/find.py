@@ -24,7 +24,7 @@ from mgf_engine.georef.model import METRE, SCENE_UNITS, Georeference
 from mgf_engine.georef.similarity import matrix_of
 from mgf_engine.georef.triangulate import Placed, place_points
 from mgf_engine.georef.up import Upward, find_up
-from mgf_engine.scene.model import Scene, Similarity
+from mgf_engine.model.scene import Scene, Similarity
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")

@@ -13,7 +13,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CONTROL, USUAL_MARK, Point
 from mgf_engine.georef.similarity import LINE, adjusted, applied, consensus, straightness, umeyama
 from mgf_engine.georef.triangulate import Placed
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
 _TOLERANCE, _SHARE = 5.0, 0.01  # a control point may be off by so many times its accuracy, or so much of the extent

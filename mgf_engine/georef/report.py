@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.find import Survey
 from mgf_engine.georef.fit_control import ControlRow
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.scene import Scene
 from mgf_engine.system import atomic_path
 
 BEGIN, END = "<!-- georeference -->", "<!-- /georeference -->"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.georef.control import Mark
-from mgf_engine.scene.model import Scene, View
+from mgf_engine.model.scene import Scene, View
 
 Array = NDArray[np.float64]
 #: A mark is wrong when it lies farther than this from where the others put it, pixels of the photo as taken per 1000

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.georef.similarity import Direction
-from mgf_engine.masks.shape import up_direction
-from mgf_engine.scene.model import Scene, View
+from mgf_engine.masks.geometry.point_features import up_direction
+from mgf_engine.model.scene import Scene, View
 
 Array = NDArray[np.float64]
 #: How far off rough directions may be: of gimbals' tags, and of cameras that people hold level.

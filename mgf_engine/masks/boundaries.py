@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.model import building
+from mgf_engine.model.masks import building
 
 
 def boundaries(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -29,7 +29,7 @@ def weights(labels: NDArray[np.uint8], w_edge: float) -> NDArray[np.float32]:
     """w(u, v) of eq. 12: ``w_edge`` on the building's boundaries, 1 elsewhere on it, 0 outside.
 
     Args:
-        labels: [H, W], see :mod:`mgf_engine.masks.model`.
+        labels: [H, W], see :mod:`mgf_engine.model.masks`.
         w_edge: at least 1; 10 in the paper.
 
     Returns:

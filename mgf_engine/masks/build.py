@@ -16,27 +16,27 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.agreement import contradicted_masks
-from mgf_engine.masks.contact import write_contact_sheet
-from mgf_engine.masks.fit import forgive, measure_fit, misfits
-from mgf_engine.masks.hull import hull_cells
-from mgf_engine.masks.levels import Part, add_elements, tie_parts
-from mgf_engine.masks.model import BACKGROUND, BUILDING, MaskSet, building
-from mgf_engine.masks.plain import PLAIN, plain_share, plain_text
+from mgf_engine.masks.contact_sheet import write_contact_sheet
+from mgf_engine.masks.geometry.visual_hull import hull_cells
+from mgf_engine.masks.parts import Part, add_elements, tie_parts
 from mgf_engine.masks.points import chosen_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, read_prompts
-from mgf_engine.masks.propagate import Propagation, consistency, propagate
+from mgf_engine.masks.propagation.propagate import Propagation, consistency, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam
 from mgf_engine.masks.segmenters.notice import notice
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.masks.store import save_masks
-from mgf_engine.masks.supplied import read_supplied
+from mgf_engine.masks.user_masks import read_supplied
+from mgf_engine.masks.validation.cross_view_consistency import contradicted_masks
+from mgf_engine.masks.validation.low_texture import PLAIN, plain_share, plain_text
+from mgf_engine.masks.validation.mask_coverage import forgive, measure_fit, misfits
 from mgf_engine.messages import Reporter
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
+from mgf_engine.model.scene import Scene
+from mgf_engine.native.parallel import in_order, plain_opencv
 from mgf_engine.system import cores
-from mgf_engine.threads import in_order, plain_opencv
 
 log = logging.getLogger("mgf")
 

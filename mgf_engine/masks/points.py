@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
-from mgf_engine.masks.model import UNKNOWN, MaskSet, building
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import UNKNOWN, MaskSet, building
+from mgf_engine.model.scene import Scene
+from mgf_engine.native.parallel import in_order
 from mgf_engine.system import cores
-from mgf_engine.threads import in_order
 
 LabelMaps = Sequence[NDArray[np.uint8]]
 #: Few votes cannot speak with one voice: half of them may be wrong, up to this many.

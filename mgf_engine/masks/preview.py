@@ -19,25 +19,25 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config, make_config, renamed_values
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.belief import SceneGraph
 from mgf_engine.masks.build import choose_segmenter
+from mgf_engine.masks.geometry.point_features import measure_shape
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
-from mgf_engine.masks.propagate import RETRY_BELOW, make_hints
-from mgf_engine.masks.regions import cut_regions
+from mgf_engine.masks.propagation.propagate import RETRY_BELOW, make_hints
+from mgf_engine.masks.propagation.random_walker import SceneGraph
+from mgf_engine.masks.propagation.stable_masks import first_clicks, join, obey, touch
+from mgf_engine.masks.propagation.superpixels import cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
 from mgf_engine.masks.segmenters.download import default_folder
-from mgf_engine.masks.shape import measure_shape
-from mgf_engine.masks.steady import first_clicks, join, obey, touch
 from mgf_engine.masks.store import write_png
 from mgf_engine.messages import Reporter
+from mgf_engine.model.scene import Scene, Similarity, View
+from mgf_engine.native.parallel import in_order
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.images import read_rgb, shrink, turn
 from mgf_engine.scene.load import build_scene
-from mgf_engine.scene.model import Scene, Similarity, View
 from mgf_engine.scene.photos import plan_photos
 from mgf_engine.scene.sparse import SparseImage, SparseModel, SparsePoints
 from mgf_engine.system import cores
-from mgf_engine.threads import in_order
 
 _MAP_STEP = 8  # px between the places where the lens is evaluated
 

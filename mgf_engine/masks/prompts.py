@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.scene.model import Scene, View
+from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.names import named_like
 
 Points = NDArray[np.float64]

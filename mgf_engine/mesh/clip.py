@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.clean import with_faces
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.geometry.clean import with_faces
+from mgf_engine.model.mesh import Mesh
 
 
 def clip(mesh: Mesh, planes: NDArray[np.float64]) -> Mesh:

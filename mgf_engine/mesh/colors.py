@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import corners, look
-from mgf_engine.raster.library import call, side_by_side
-from mgf_engine.scene.model import View
+from mgf_engine.geometry.rasterize import corners, look
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+from mgf_engine.native.library import call, side_by_side
 
 BEST = 5  # photos that share in the colour of a vertex: those that see it largest and straightest
 SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen

@@ -14,34 +14,34 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.masks.hull import points_to_match
-from mgf_engine.masks.model import MaskSet, building
-from mgf_engine.mesh import clean
-from mgf_engine.mesh.apart import belongs
+from mgf_engine.geometry import clean
+from mgf_engine.geometry.delaunay import begun
+from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos, vertex_normals
-from mgf_engine.mesh.delaunay import begun
-from mgf_engine.mesh.face_votes import cut_background
-from mgf_engine.mesh.flat import merge_flat
-from mgf_engine.mesh.fusion import FusedField, Photos, fuse_gaussians
+from mgf_engine.mesh.component_filter import belongs
+from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
+from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import cap_rims, fill_holes
 from mgf_engine.mesh.isosurface import FREE, find_level, march
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.low_confidence_fill import UNCONFIRMED, stretch_unconfirmed
+from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField, judging_masks
-from mgf_engine.mesh.pixel_counts import count_pixels
 from mgf_engine.mesh.planar import flatten
+from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.prior import Prior
-from mgf_engine.mesh.reduce import ground_pixels, reduce_faces
 from mgf_engine.mesh.refine import onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
-from mgf_engine.mesh.shadows import drop_shadows
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
-from mgf_engine.mesh.unconfirmed import UNCONFIRMED, stretch_unconfirmed
+from mgf_engine.mesh.tsdf import FusedField, Photos, fuse_gaussians
+from mgf_engine.mesh.unobserved_volumes import drop_shadows
 from mgf_engine.messages import Reporter
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene, View
 from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
-from mgf_engine.scene.model import Scene, View
 from mgf_engine.scene.neighbours import matching_views
 from mgf_engine.start.surface import StartSurface
 from mgf_engine.timing import PartTimes

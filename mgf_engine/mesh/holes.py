@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.clean import edges, open_edges
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.geometry.clean import edges, open_edges
+from mgf_engine.model.mesh import Mesh
 
 
 def boundary_loops(mesh: Mesh) -> list[NDArray[np.int32]]:
@@ -91,8 +91,8 @@ def _ears(rim: NDArray[np.float64], loop: NDArray[np.int32], known: set[int]) ->
     """Triangles over a rim [n, 3], facing away from the faces that border it; ears with the best angle go first.
 
     Args:
-        known: keys of the edges that the mesh has already (see :func:`mgf_engine.mesh.clean.edges`): a chord along one
-            of them would give it a third face. Chords that are made are added.
+        known: keys of the edges the mesh has (:func:`mgf_engine.geometry.clean.edges`): a chord along one of
+            them would give it a third face. Chords that are made are added.
     """
     following = np.roll(rim, -1, axis=0)
     normal = -np.cross(rim, following).sum(0)  # the cap runs against the direction of the rim

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.raster.library import side_by_side
+from mgf_engine.native.library import side_by_side
 
 FREE, SOLID, INVALID = 0, 1, 2
 NEAR_ENOUGH = 0.02  # signed distance at which the search for the level ends

@@ -16,14 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.masks.model import BACKGROUND, UNKNOWN, MaskSet
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import BACKGROUND, UNKNOWN, MaskSet
+from mgf_engine.model.scene import Scene, View
 from mgf_engine.raster import points as kernel
-from mgf_engine.scene.model import Scene, View
 
 if TYPE_CHECKING:  # which needs the hull from here
-    from mgf_engine.mesh.fusion import FusedField
+    from mgf_engine.mesh.tsdf import FusedField
 
 HULL_SHARE = 0.25  # a point is outside the visual hull when more than this share of its views call it background,
 HULL_FEW = 2  # and more than this many (fewer, where fewer see it on the building)
@@ -108,7 +108,7 @@ class OpacityField:
         return self.level
 
     def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """What the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.fusion.FusedField.known`.
+        """What the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.tsdf.FusedField.known`.
 
         All are ``confirmed``: eq. 25 does not tell what was seen from what was only not ruled out. Without ``evidence``
         nothing else is known.

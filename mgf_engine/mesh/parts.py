@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.model import MaskSet, building
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import corners, look
-from mgf_engine.scene.model import Scene
+from mgf_engine.geometry.rasterize import corners, look
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene
 from mgf_engine.system import atomic_path
 
 REST = "building"

@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.raster.library import parallel
-from mgf_engine.scene.model import View
+from mgf_engine.model.scene import View
+from mgf_engine.native.library import parallel
 
 JUMP = 0.01  # share of the depth that pixels of one surface may differ from its plane
 HIDDEN = 0.02  # share of the depth that the neighbour's own depth may differ
@@ -127,7 +127,7 @@ def correlations(
 
 
 def _struct(surfaces: Sequence[Surface], first: View) -> NDArray[np.void]:
-    """As ``raster/kernels/match.c`` takes photos with their surfaces (struct Photo)."""
+    """As ``native/csrc/stereo/match.c`` takes photos with their surfaces (struct Photo)."""
     rows = [(s.quads.ctypes.data, s.depth.ctypes.data, *s.depth.shape, between(first, s.view)) for s in surfaces]
     return np.array(rows, [(name, "<i8") for name in ("quads", "depth", "height", "width")] + [("to", "<f8", 12)])
 

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mgf_engine.mesh.clean import edges, face_areas
+from mgf_engine.geometry.clean import edges, face_areas
+from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.mesh.divide import divide_long_edges
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import face_normals
-from mgf_engine.order import arrange, cells_of, morton
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.morton import arrange, cells_of, morton
 
-#: All lengths are in ground pixels (:func:`mgf_engine.mesh.reduce.ground_pixels`), all areas in their squares.
+#: All lengths are in ground pixels (:func:`mgf_engine.mesh.decimate.ground_pixels`), all areas in their squares.
 LEAST_AREA, LEAST_WIDTH = 400.0, 6.0  # of a plane
 SEED_SIDE, SEED_AREA, SEED_EVEN = 10.0, 25.0, 0.95  # cells that planes begin in: side, area, length of the mean normal
 TRIES = 250  # places at most where a plane is begun

@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.geometry.rasterize import face_normals, look
 from mgf_engine.mesh.photometric import Matched, Search, Surface, match_surface
-from mgf_engine.mesh.view import face_normals, look
-from mgf_engine.scene.model import View
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
 
 SAME = 1.5  # px: depths whose places differ by less are one
 GAIN = 0.05  # of the correlation: what the photos must like the field's depth better by, where the plane is sure

@@ -14,14 +14,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.rasterize import look
 from mgf_engine.mesh.colors import vertex_normals
-from mgf_engine.mesh.fusion import FusedField, Photos
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.photometric import Search, Surface
 from mgf_engine.mesh.prior import sight_surface
-from mgf_engine.mesh.reduce import ground_pixels
-from mgf_engine.mesh.view import look
-from mgf_engine.scene.model import View
+from mgf_engine.mesh.tsdf import FusedField, Photos
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
 
 SEARCH = Search(9, 0.25)  # within one pixel of parallax
 BAND_PIXELS = 1.5  # half width of the band: narrower than at first, because the mesh is nearer to the truth

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.masks.model import MaskSet
 from mgf_engine.masks.points import chosen_voters, vote
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.scene import Scene
 
 
 def voting_views(scene: Scene, masks: MaskSet) -> list[int]:

@@ -6,10 +6,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from mgf_engine.native.library import parallel
 from mgf_engine.raster.device import backend_for
-from mgf_engine.raster.library import parallel
 
-_MOST_RATES = 48  # kernels/cuda/adam.cu
+_MOST_RATES = 48  # csrc/cuda/adam.cu
 
 
 def adam_step(
@@ -74,8 +74,8 @@ def _on_card(
     rates: list[float],
     settings: tuple[float, ...],
 ) -> None:
+    from mgf_engine.native.cuda.launcher import blocks
     from mgf_engine.raster.cuda import launcher_on
-    from mgf_engine.raster.cuda.launching import blocks
 
     if width > _MOST_RATES:
         raise ValueError(f"rows of {width} numbers are longer than the {_MOST_RATES} the CUDA kernel takes")

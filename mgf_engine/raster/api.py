@@ -21,7 +21,7 @@ from typing import Any, Protocol, cast
 import torch
 from torch import Tensor
 
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.raster import cpu
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.cpu import TileLists, build_lists

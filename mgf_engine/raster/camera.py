@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mgf_engine.scene.model import View
+from mgf_engine.model.scene import View
 
-TILE = 16  # pixels; kernels/records.h
+TILE = 16  # pixels; csrc/raster/records.h
 
 
 class Intrinsics(Protocol):
@@ -74,7 +74,7 @@ class Camera:
         return -(-self.height // TILE), -(-self.width // TILE)
 
     def packed(self) -> Tensor:
-        """float32 [32] as the kernels read it (struct Camera in ``kernels/records.h``)."""
+        """float32 [32] as the kernels read it (struct Camera in ``csrc/raster/records.h``)."""
         values = np.zeros(32, np.float32)
         values[0:9] = self.rotation.reshape(-1)
         values[9:12] = self.translation

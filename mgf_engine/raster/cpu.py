@@ -9,14 +9,14 @@ import torch
 from torch import Tensor
 
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.raster.buffers import Frame
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.native.buffers import Frame
+from mgf_engine.native.library import call, parallel
 from mgf_engine.raster.camera import TILE, Camera
-from mgf_engine.raster.library import call, parallel
 
-RECORD = 32  # floats per record, kernels/records.h
-PLANES, PLANES_BASIC = 12, 5  # image planes, kernels/blend.h
-SUMS = 24  # gradient sums per list entry, kernels/blend_backward.h
+RECORD = 32  # floats per record, csrc/raster/records.h
+PLANES, PLANES_BASIC = 12, 5  # image planes, csrc/raster/blend.h
+SUMS = 24  # gradient sums per list entry, csrc/raster/blend_backward.h
 _CHUNKS = 16  # parts of the depth order that are binned side by side
 _LEVEL_COLOR, _LEVEL_DEPTH, _LEVEL_ALL = 0, 1, 2
 
@@ -26,7 +26,7 @@ class TileLists:
     """Projected Gaussians and, for every tile, those that touch it, front to back.
 
     Attributes:
-        records: float32 [N, 32], layout in ``kernels/records.h``; rows with ``tile_counts == 0`` are undefined.
+        records: float32 [N, 32], layout in ``csrc/raster/records.h``; rows with ``tile_counts == 0`` are undefined.
         tile_counts: int32 [N], number of listed tiles each Gaussian touches; 0 where it is not drawn.
         gid: int32 [E], Gaussian of every list entry; tile t's list is ``gid[ranges[t]:ranges[t + 1]]``.
         slots: int32 [E], place of every entry in the order by Gaussian.
@@ -160,8 +160,8 @@ def blend(lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:
     """Blend the lists.
 
     Returns:
-        the image planes float32 [12 or 5, tiles_y * 16, tiles_x * 16] (``kernels/blend.h``), and per slot the blocks
-        in which the entry was blended, int16 [E].
+        the image planes float32 [12 or 5, tiles_y * 16, tiles_x * 16] (``csrc/raster/blend.h``), and per slot the
+        blocks in which the entry was blended, int16 [E].
     """
     planes = PLANES if geometry else PLANES_BASIC
     image = torch.empty(planes, lists.tiles_y * TILE, lists.tiles_x * TILE)
@@ -212,7 +212,7 @@ def backward(
 def blend_backward(
     lists: TileLists, image: Tensor, hits: Tensor, heads: HeadGradients, error_map: Tensor | None, stats: bool
 ) -> Tensor:
-    """Sums over each tile's pixels for every list entry, float32 [E, 24] (``kernels/blend_backward.h``)."""
+    """Sums over each tile's pixels for every list entry, float32 [E, 24] (``csrc/raster/blend_backward.h``)."""
     sums = lists.frame.array(torch.float32, lists.entries, SUMS)
     listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
     given = (heads.color, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)

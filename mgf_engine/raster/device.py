@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from mgf_engine.errors import BadInput
-from mgf_engine.raster.library import side_by_side
+from mgf_engine.native.library import side_by_side
 
 if TYPE_CHECKING:
-    from mgf_engine.raster.cuda.room import Room
+    from mgf_engine.raster.cuda.tile_list_capacity import Room
 
 T = TypeVar("T")
 
@@ -52,8 +52,8 @@ def choose_device(wanted: str) -> Choice:
     """
     if wanted == "cpu":
         return Choice(torch.device("cpu"), "Device: CPU, as asked for.")
-    from mgf_engine.raster.cuda.approved import is_approved
-    from mgf_engine.raster.cuda.card import find_card
+    from mgf_engine.native.cuda.card import find_card
+    from mgf_engine.native.cuda.checked_cards import is_approved
 
     try:
         found = find_card()

@@ -18,18 +18,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mgf_engine.native.buffers import Frame, lasting_array
+from mgf_engine.native.library import parallel
 from mgf_engine.raster.api import Rendering
-from mgf_engine.raster.buffers import Frame, lasting_array
 from mgf_engine.raster.camera import Intrinsics
 from mgf_engine.raster.device import backend_for
-from mgf_engine.raster.library import parallel
 
 #: Exponents of multi-scale SSIM (Wang, Simoncelli and Bovik 2003), finest scale first.
 MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 WINDOW = 11
 FLOOR = 0.01  # pooled similarity is kept positive so that its powers have a slope
-_TILE_H, _TILE_W = 32, 256  # kernels/loss.h, as everything up to _ALPHA
-_STRIP = 16  # rows, kernels/normals.h
+_TILE_H, _TILE_W = 32, 256  # csrc/raster/loss.h, as everything up to _ALPHA
+_STRIP = 16  # rows, csrc/raster/normals.h
 _LEVEL_FIELDS, _SAVED = 9, 4
 _HAS_LABEL, _COVERS_LABEL, _HAS_RING = 1, 2, 4
 _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
@@ -48,7 +48,7 @@ class PhotoSide:
         area: int64 [scales, ids], pixels of each label at the scales of MS-SSIM; in place of label 0, of the whole
             building.
         edge_area, ring_area: labelled edge pixels, ring pixels.
-        levels: int64 [scales, 9], struct Level of ``kernels/loss.h``.
+        levels: int64 [scales, 9], struct Level of ``csrc/raster/loss.h``.
         flags: uint8 [tiles of all levels].
         strips: uint8, whether 16 rows hold a label.
         scratch: floats of scratch memory the kernels need.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Opacity of points in space as a camera sees them (eq. 23-24), by the kernels in ``kernels/points.c``.
+"""Opacity of points in space as a camera sees them (eq. 23-24), by the kernels in ``csrc/raster/points.c``.
 
 The twin in float64 is :func:`mgf_engine.raster.reference_points.opacity_of_points`.
 """
@@ -13,12 +13,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.field.gaussians import Gaussians, rotation_matrices
+from mgf_engine.model.gaussians import Gaussians, rotation_matrices
+from mgf_engine.model.scene import View
+from mgf_engine.native.library import call, parallel
 from mgf_engine.raster.camera import TILE, Camera, pose_and_intrinsics
 from mgf_engine.raster.cpu import RECORD, Parameters, check_entries
 from mgf_engine.raster.device import backend_for
-from mgf_engine.raster.library import call, parallel
-from mgf_engine.scene.model import View
 
 if TYPE_CHECKING:
     from mgf_engine.raster.cuda.points import DevicePoints

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.raster.api import Rendering, RenderStats
 from mgf_engine.raster.camera import TILE, Camera
 

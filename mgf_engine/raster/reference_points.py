@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plain torch twin of the opacity of points (``kernels/points.c``), written from eq. 23-24; for tests."""
+"""Plain torch twin of the opacity of points (``csrc/raster/points.c``), written from eq. 23-24; for tests."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.scene import View
 from mgf_engine.raster.points import deviations
-from mgf_engine.scene.model import View
 
 
 def opacity_of_points(points: NDArray[np.float64], gaussians: Gaussians, view: View, near: float) -> Tensor:

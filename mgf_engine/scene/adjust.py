@@ -24,7 +24,7 @@ from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
 from mgf_engine.scene.colmap_bundle import by_image, centres, colmap_camera, moved, owners, projection_errors
 from mgf_engine.scene.sparse import SparseModel, check_model
-from mgf_engine.workers import wait_for, worker
+from mgf_engine.subprocesses import wait_for, worker
 
 Indices = NDArray[np.int64]
 #: Median error, working pixels, from which adjusting is tried; sound models stay below 0.35.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_task, write_result
 from mgf_engine.scene.colmap_bundle import Bundle, centres, colmap_camera, moved, projection_errors, working_scale
 from mgf_engine.scene.sparse import SparseModel
-from mgf_engine.workers import end_with_the_job
+from mgf_engine.subprocesses import end_with_the_job
 
 Array = NDArray[np.float64]
 #: Exit code when the cameras that were found lie nowhere near the old ones.

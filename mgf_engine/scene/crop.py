@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.scene.model import Scene, Similarity
+from mgf_engine.model.scene import Scene, Similarity
 
 _HOW = "give 6 numbers (lowest x y z, highest x y z), 16 (the matrix from the cube -1..1, row by row), or a file"
 

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.scene import Scene
+from mgf_engine.native.parallel import in_order
 from mgf_engine.scene.neighbours import matching_views, point_sets
 from mgf_engine.scene.stereo import Photo, pair_depth
-from mgf_engine.threads import in_order
 
 TOLERANCE = 0.008  # relative difference of depth at which two views agree
 

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
+from mgf_engine.model.photo_cache import PHOTOS
+from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.adjust import agreeing
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
-from mgf_engine.scene.doubts import drop_views, without_doubtful
 from mgf_engine.scene.exposure import even_exposure
-from mgf_engine.scene.model import Scene, View
 from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
-from mgf_engine.scene.photo_cache import PHOTOS
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
 from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out, standpoints
+from mgf_engine.scene.scene_checks import drop_views, without_doubtful
 from mgf_engine.scene.sfm import reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene

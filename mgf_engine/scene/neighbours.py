@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.scene import Scene
 
 ANGLES = (2.0, 10.0, 35.0)  # degrees between rays: least, best, most
 LEAST_SHARED = 20  # sparse points two views must share

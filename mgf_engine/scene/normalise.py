@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.scene.model import Similarity
+from mgf_engine.model.scene import Similarity
 
 #: Median distance from the cameras to the centre, in units of the normalised frame.
 CAMERA_DISTANCE = 5.0

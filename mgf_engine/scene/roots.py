@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.scene.model import View
+from mgf_engine.model.scene import View
 from mgf_engine.scene.normalise import CAMERA_DISTANCE
 
 _FEWEST_ROOTS = 3

@@ -26,8 +26,8 @@ from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.colmap import FEWEST
 from mgf_engine.scene.images import read_info
 from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
+from mgf_engine.subprocesses import ended, worker
 from mgf_engine.system import write_json
-from mgf_engine.workers import ended, worker
 
 #: Up to this many photos every pair is matched; beyond it neighbours and photos that look alike.
 EXHAUSTIVE_LIMIT = 60

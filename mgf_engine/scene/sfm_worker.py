@@ -20,8 +20,8 @@ import pycolmap
 
 from mgf_engine.scene.colmap import FEWEST
 from mgf_engine.scene.pairs import choose_pairs
+from mgf_engine.subprocesses import end_with_the_job
 from mgf_engine.system import put_in_place, write_json
-from mgf_engine.workers import end_with_the_job
 
 TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
 #: Exit code when the photos give no model.

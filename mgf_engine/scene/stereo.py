@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.scene.model import View
+from mgf_engine.model.scene import View
 
 _BLOCK = 5  # px, matching window
 _LARGEST_RANGE = 256  # disparities searched at most

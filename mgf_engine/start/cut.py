@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.model import building
-from mgf_engine.mesh.delaunay import begun
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look
-from mgf_engine.raster.library import parallel
+from mgf_engine.geometry.delaunay import begun
+from mgf_engine.geometry.rasterize import look
+from mgf_engine.model.masks import building
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.native.library import parallel
 from mgf_engine.start.options import CutOptions
 from mgf_engine.start.segments import pixel_rays
 from mgf_engine.start.views import StartViews
@@ -95,7 +95,7 @@ class Tetrahedra:
 
     @cached_property
     def table(self) -> Any:
-        """As ``raster/kernels/tetra_rays.c`` takes them (struct Tetrahedra); holds on to its arrays."""
+        """As ``native/csrc/mesh/tetra_rays.c`` takes them (struct Tetrahedra); holds on to its arrays."""
         flat = self.corners.ravel()
         order = np.argsort(flat, kind="stable")
         around = np.searchsorted(flat[order], np.arange(len(self.points) + 1)).astype(np.int64)

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.hull import with_hull_points
-from mgf_engine.masks.model import MaskSet, building
+from mgf_engine.masks.geometry.visual_hull import with_hull_points
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.native.parallel import in_order
 from mgf_engine.scene.depths import Depths, match_photos
 from mgf_engine.start.options import DenseOptions
 from mgf_engine.start.views import StartViews
-from mgf_engine.threads import in_order
 
 _FAR = 50.0  # degrees: photos further around confirm nothing
 _PER_CUBE = 2  # points at least in a cube

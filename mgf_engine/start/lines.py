@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.raster.library import parallel
+from mgf_engine.native.library import parallel
 from mgf_engine.start.segments import Segments
 
 log = logging.getLogger("mgf")

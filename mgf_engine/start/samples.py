@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.mesh.clean import face_areas
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import face_normals, look
-from mgf_engine.scene.model import Scene
+from mgf_engine.geometry.clean import face_areas
+from mgf_engine.geometry.rasterize import face_normals, look
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene
 
 _CANDIDATES = 4.0  # random points for each that stays
 _DISK = 0.8  # of the spacing, what no two points are nearer than: as many points as on a grid

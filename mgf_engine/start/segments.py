@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.model import BACKGROUND
+from mgf_engine.model.masks import BACKGROUND
+from mgf_engine.native.parallel import in_order
 from mgf_engine.start.options import SegmentOptions
 from mgf_engine.start.views import StartViews
-from mgf_engine.threads import in_order
 
 _SIDE = np.linspace(2.0, 4.0, 3)  # px beside the edge where its colours are read,
 _ALONG = np.linspace(0.15, 0.85, 7)  # and where along it
@@ -81,7 +81,7 @@ class Segments:
 
     @cached_property
     def table(self) -> Any:
-        """As ``raster/kernels/segments.c`` takes it (struct Segments); holds on to its arrays."""
+        """As ``native/csrc/image/segments.c`` takes it (struct Segments); holds on to its arrays."""
         grid, cell, near = self.grid
         arrays: tuple[NDArray[Any], ...] = (
             self.ends, self.sides, self.rays, self.normals, self.view, self.views.projections, self.views.centres,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mgf_engine.arrays import read_arrays
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.safe_npz import read_arrays
 from mgf_engine.start.surface import StartSurface
 from mgf_engine.system import atomic_path
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.model import MaskSet
-from mgf_engine.mesh.model import Mesh
 from mgf_engine.messages import Reporter
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene
 from mgf_engine.start.cut import Evidence, cut_surface
 from mgf_engine.start.dense import dense_points
 from mgf_engine.start.lines import Line, find_lines, line_points

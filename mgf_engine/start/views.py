@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.hull import FEW, hull_cells
-from mgf_engine.masks.model import BACKGROUND, MaskSet, building
-from mgf_engine.mesh.view import scaled_view
-from mgf_engine.raster.library import parallel
-from mgf_engine.scene.model import Scene, View
+from mgf_engine.geometry.rasterize import scaled_view
+from mgf_engine.masks.geometry.visual_hull import FEW, hull_cells
+from mgf_engine.model.masks import BACKGROUND, MaskSet, building
+from mgf_engine.model.scene import Scene, View
+from mgf_engine.native.library import parallel
 
 _PAD = 0.3  # of the box's longest side, around the points
 _LEAST_TRACK = 3  # photos that must have seen a sparse point

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.mesh.colors import sample
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import draw_triangles
-from mgf_engine.raster.library import side_by_side
-from mgf_engine.scene.model import View
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+from mgf_engine.native.library import side_by_side
 from mgf_engine.scene.photos import Room
 from mgf_engine.texture.charts import GUTTER
 from mgf_engine.texture.model import NO_VIEW, Layout, Source

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.rasterize import corners, look
 from mgf_engine.mesh.colors import sample
-from mgf_engine.mesh.model import Mesh, Texture
-from mgf_engine.mesh.view import corners, look
-from mgf_engine.scene.model import View
+from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.model.scene import View
 from mgf_engine.texture.bake import barycentric
 
 

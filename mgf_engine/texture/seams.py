@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import cg
 
+from mgf_engine.geometry.rasterize import corners, face_normals
 from mgf_engine.mesh.colors import sample
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import corners, face_normals
-from mgf_engine.scene.model import View
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
 from mgf_engine.texture.model import NO_VIEW, painting_views
 
 STIFF = 0.2  # weight of the differences along edges, against one on seams

@@ -17,10 +17,11 @@ from benchmarks import cuda_card
 from mgf_engine.cli import main
 from mgf_engine.errors import BadInput
 from mgf_engine.field import cuda_check, cuda_compare
+from mgf_engine.native.cuda import checked_cards
+from mgf_engine.native.cuda.card import Found
+from mgf_engine.native.cuda.driver import DriverError
 from mgf_engine.raster import device
-from mgf_engine.raster.cuda import approved, rasterizer_on
-from mgf_engine.raster.cuda.card import Found
-from mgf_engine.raster.cuda.driver import DriverError
+from mgf_engine.raster.cuda import rasterizer_on
 
 SOURCE = "cuda-source-on-cpu"
 
@@ -184,7 +185,7 @@ def test_an_iteration_that_waits_is_seen(monkeypatch: pytest.MonkeyPatch, card_d
 def remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Found:
     found = Found("Card 9000", 90, 2**34)
     monkeypatch.setattr(cuda_check, "find_card", lambda: found)
-    monkeypatch.setattr(approved, "driver_version", lambda: "999.1")
+    monkeypatch.setattr(checked_cards, "driver_version", lambda: "999.1")
     monkeypatch.setattr(cuda_check, "driver_version", lambda: "999.1")
     monkeypatch.setenv("MGF_CACHE", str(tmp_path))
     for name, value in {"GAUSSIANS": 600, "WIDTH": 96, "HEIGHT": 64, "ROUNDS": 8}.items():
@@ -200,7 +201,7 @@ def test_doctor_remembers_a_card_that_passed_and_forgets_one_that_fails(
     assert main(["doctor", "--card"]) == 0
     said = capsys.readouterr().out
     assert "Card 9000" in said and "gradient of positions" in said and "training, 8 iterations" in said
-    assert "passed" in said and approved.is_approved(remembered)
+    assert "passed" in said and checked_cards.is_approved(remembered)
 
     step = cuda_compare.Optimiser.step
 
@@ -212,7 +213,7 @@ def test_doctor_remembers_a_card_that_passed_and_forgets_one_that_fails(
         broken.setattr(cuda_compare.Optimiser, "step", slow)
         assert main(["doctor", "--card"]) == 1
     said = capsys.readouterr().out
-    assert "Problem: The card did not pass: after 8 iterations" in said and not approved.is_approved(remembered)
+    assert "Problem: The card did not pass: after 8 iterations" in said and not checked_cards.is_approved(remembered)
 
 
 def test_a_check_that_the_driver_stops_is_a_failed_one(
@@ -221,10 +222,10 @@ def test_a_check_that_the_driver_stops_is_a_failed_one(
     def stop(*size: int) -> dict[str, float]:
         raise DriverError("cuLaunchKernel failed: an illegal memory access was encountered (700)")
 
-    approved.approve(remembered)
+    checked_cards.approve(remembered)
     monkeypatch.setattr(cuda_compare, "compare", stop)
     assert main(["doctor", "--card"]) == 1
-    assert "illegal memory access" in capsys.readouterr().out and not approved.is_approved(remembered)
+    assert "illegal memory access" in capsys.readouterr().out and not checked_cards.is_approved(remembered)
 
 
 def test_doctor_says_where_there_is_no_card(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:

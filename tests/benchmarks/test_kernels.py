@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from benchmarks import kernels, torch_tiles
-from mgf_engine.raster import cpu, library
+from mgf_engine.native import library
+from mgf_engine.raster import cpu
 
 
 def test_every_part_of_every_variant_is_timed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,8 @@ import pytest
 
 from benchmarks import roofline
 from mgf_engine.field.synthetic import building, corner_view
-from mgf_engine.raster import cpu, library
+from mgf_engine.native import library
+from mgf_engine.raster import cpu
 
 
 def test_kernels_stay_below_what_the_processor_can_do() -> None:

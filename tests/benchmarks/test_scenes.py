@@ -18,7 +18,7 @@ from benchmarks.scenes import find_blender_python, make_scene, render_views, sce
 from benchmarks.shapes import true_mesh
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluate.surfaces import SeeingCamera, Surface
-from mgf_engine.masks.model import BUILDING, UNKNOWN
+from mgf_engine.model.masks import BUILDING, UNKNOWN
 
 TINY = replace(
     SCENES["demo"], building="tower", photos=2, width=120, samples=1, trees=1, trees_in_front=4, neighbours=1, cars=0,

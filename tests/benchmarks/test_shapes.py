@@ -14,7 +14,7 @@ from benchmarks.buildings import BUILDINGS
 from benchmarks.scenes import element_ids
 from benchmarks.shapes import Builder, Opening, Part, true_mesh, wall_row
 from mgf_engine.evaluate.surfaces import Surface
-from mgf_engine.masks.model import BUILDING, FIRST_ELEMENT, UNKNOWN
+from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, UNKNOWN
 
 
 def area(parts: list[Part]) -> float:

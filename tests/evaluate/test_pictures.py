@@ -18,8 +18,8 @@ from mgf_engine.evaluate.pictures import (
     turntable_views,
     upward,
 )
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.scene.model import Scene, Similarity, View
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene, Similarity, View
 
 
 def test_overlay_dims_the_surroundings_and_tints_elements() -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.masks.model import MaskSet
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.scene import Scene
 from tests import wall
 
 

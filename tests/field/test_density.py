@@ -6,9 +6,9 @@ import torch
 
 from mgf_engine.config import make_config
 from mgf_engine.field.density import budget_at, refine, split
-from mgf_engine.field.gaussians import Gaussians, rotation_matrices
 from mgf_engine.field.optimiser import Optimiser
-from mgf_engine.order import along_curve
+from mgf_engine.model.gaussians import Gaussians, rotation_matrices
+from mgf_engine.morton import along_curve
 from mgf_engine.raster.api import RenderStats
 
 

@@ -6,11 +6,11 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from mgf_engine.deliver import _offset
+from mgf_engine.export.stage import _offset
 from mgf_engine.field.export import offset_of, rotate_sh, write_splats
-from mgf_engine.field.gaussians import Gaussians, rotation_matrices
+from mgf_engine.model.gaussians import Gaussians, rotation_matrices
+from mgf_engine.model.scene import Similarity
 from mgf_engine.raster.reference import sh_basis
-from mgf_engine.scene.model import Similarity
 
 
 def random_field(count: int = 30) -> Gaussians:

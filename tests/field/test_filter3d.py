@@ -4,7 +4,7 @@ import pytest
 
 from mgf_engine.field import filter3d
 from mgf_engine.field.filter3d import finest_sampling
-from mgf_engine.scene.model import View
+from mgf_engine.model.scene import View
 
 
 def view(x: float, fx: float = 100.0, turn: float = 0.0) -> View:

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import rotation_matrices
 from mgf_engine.field.initialise import SH_CONSTANT, initial_field
+from mgf_engine.model.gaussians import rotation_matrices
 
 
 def plane(normal: np.ndarray, count: int = 400) -> np.ndarray:

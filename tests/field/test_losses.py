@@ -15,12 +15,12 @@ from mgf_engine.errors import BadInput
 from mgf_engine.field import reference_losses
 from mgf_engine.field.losses import total_loss
 from mgf_engine.field.targets import Target, make_target
-from mgf_engine.masks.model import BACKGROUND
-from mgf_engine.raster import buffers, library
+from mgf_engine.model.masks import BACKGROUND
+from mgf_engine.model.scene import View
+from mgf_engine.native import buffers, library
+from mgf_engine.native.buffers import lasting_array
+from mgf_engine.native.cuda.card import find_card
 from mgf_engine.raster.api import Rendering
-from mgf_engine.raster.buffers import lasting_array
-from mgf_engine.raster.cuda.card import find_card
-from mgf_engine.scene.model import View
 
 MAPS = ("color", "alpha", "depth", "normal", "distortion")
 VALUE_TOLERANCE = 2e-6  # sums of float32 terms near 1

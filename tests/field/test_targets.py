@@ -10,8 +10,8 @@ import pytest
 
 from mgf_engine.config import Config
 from mgf_engine.field.targets import Target, make_target, rim_of
-from mgf_engine.masks.model import BACKGROUND, BUILDING, UNKNOWN, building
-from mgf_engine.scene.model import View
+from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN, building
+from mgf_engine.model.scene import View
 
 
 def labels() -> np.ndarray:

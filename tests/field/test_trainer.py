@@ -12,9 +12,9 @@ from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.field.checkpoint import read_checkpoint, read_field
 from mgf_engine.field.trainer import train, training_views
 from mgf_engine.messages import Reporter
+from mgf_engine.native.library import set_threads
 from mgf_engine.raster import device
-from mgf_engine.raster.cuda import room
-from mgf_engine.raster.library import set_threads
+from mgf_engine.raster.cuda import tile_list_capacity
 
 #: From points: masks that fill the picture leave the starting surface without a silhouette.
 OPTIONS = {"iterations": 120, "densify_every": 20, "max_gaussians": 1500, "geometry_from": 0.3, "start": "dense"}
@@ -58,8 +58,10 @@ def test_the_same_seed_gives_the_same_field_and_another_seed_another(make_wall, 
 def test_a_stopped_run_goes_on_as_if_never_stopped(make_wall, tmp_path, monkeypatch, backend) -> None:
     monkeypatch.setattr(device, "CPU_BACKEND", backend)
     if backend != "cpu":
-        monkeypatch.setattr(room, "_SPARE", 0.98)  # so tight that renderings are lost, and it matters which
-        monkeypatch.setattr(room, "_STEP", 1)
+        monkeypatch.setattr(
+            tile_list_capacity, "_SPARE", 0.98
+        )  # so tight that renderings are lost, and it matters which
+        monkeypatch.setattr(tile_list_capacity, "_STEP", 1)
     scene, masks = make_wall(CENTRES)
     config = make_config({**OPTIONS, "iterations": 60})
     whole, _ = train(scene, masks, config, tmp_path / "whole", Reporter())

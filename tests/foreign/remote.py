@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Kernels of another processor or system in place of this one's: every call goes to ``host.c`` in an emulator.
 
-With :func:`kernels_of` entered, whatever calls :func:`mgf_engine.raster.library.call` or ``parallel`` has its arrays
+With :func:`kernels_of` entered, whatever calls :func:`mgf_engine.native.library.call` or ``parallel`` has its arrays
 copied to the emulated process and back, so any test can be run on the foreign kernels as it is.
 """
 
@@ -23,8 +23,9 @@ from unittest.mock import patch
 import numpy as np
 from torch import Tensor
 
-from mgf_engine.mesh import fusion, photometric
-from mgf_engine.raster import build, library, loss
+from mgf_engine.mesh import photometric, tsdf
+from mgf_engine.native import build, library
+from mgf_engine.raster import loss
 from mgf_engine.start import cut, lines
 
 HOST = Path(__file__).parent / "host.c"
@@ -47,7 +48,7 @@ def emulator_of(target: str) -> str | None:
 
 def exported() -> list[str]:
     """Names of all kernels."""
-    text = "\n".join(p.read_text(encoding="utf-8") for p in sorted(build.KERNELS.glob("*.c")))
+    text = "\n".join(p.read_text(encoding="utf-8") for p in sorted(build.KERNELS.rglob("*.c")))
     return sorted(set(re.findall(r"^MGF_API \w+ (\w+)\(", text, re.MULTILINE)))
 
 
@@ -78,7 +79,7 @@ def start(target: str, folder: Path, variant: str = "") -> subprocess.Popen[byte
         table.write_text("".join(f"KERNEL({name})\n" for name in exported()))
         flags = [f for f in build.FLAGS if f not in ("-shared", "-fPIC", "-O1")]
         cpu = build.VARIANTS["aarch64"]["neon"]
-        sources = [str(p) for p in sorted(build.KERNELS.glob("*.c"))]
+        sources = [str(p) for p in sorted(build.KERNELS.rglob("*.c"))]
         given = ["-static", "-target", "aarch64-linux-musl", f"-mcpu={cpu}", f'-DTABLE="{table}"', *flags, *sources]
         arguments: list[str] = []
     else:
@@ -110,7 +111,7 @@ def kernels_of(process: subprocess.Popen[bytes]) -> Iterator[Remote]:
 _ADDRESSES: list[tuple[Any, str, Callable[..., list[Any]]]] = [
     (loss._Pass, "_at_box", lambda self, map: [map]),
     (loss, "_address", lambda value: [value]),
-    (fusion.FusedField, "_judge", lambda self, m: [m.mask, m.pixels, m.rows]),
+    (tsdf.FusedField, "_judge", lambda self, m: [m.mask, m.pixels, m.rows]),
     (lines, "_by_reference", lambda segments: [segments.table, *segments.table.arrays]),
     (photometric, "_struct", lambda surfaces, first: [a for s in surfaces for a in (s.quads, s.depth)]),
 ]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from foreign.remote import EMULATORS, PACKAGES, emulator_of, exported, kernels_of, start
-from mgf_engine.mesh.topology import Around
-from mgf_engine.mesh.view import corners
-from mgf_engine.raster import build
-from mgf_engine.scene.model import View
+from mgf_engine.geometry.rasterize import corners
+from mgf_engine.geometry.topology import Around
+from mgf_engine.model.scene import View
+from mgf_engine.native import build
 
 #: As few tests as call every kernel, the rasterizer's and the losses' with gradients.
 FEW = [
@@ -23,18 +23,18 @@ FEW = [
     "tests/raster/test_point_opacity.py::test_matches_the_twin[cpu-4.0-many]",
     "tests/field/test_losses.py::test_every_kernel_variant_matches_the_twin[x86-64]",
     "tests/mesh/test_topology.py",
-    "tests/mesh/test_view.py",
-    "tests/mesh/test_fusion.py",
+    "tests/mesh/test_rasterize.py",
+    "tests/mesh/test_tsdf.py",
     "tests/mesh/test_photometric.py::test_kernel_equals_its_twin[x86-64]",
-    "tests/mesh/test_flat.py::test_a_box_keeps_its_shape_with_a_third_of_the_vertices",
-    "tests/mesh/test_reduce.py::test_a_flat_wall_needs_few_faces_and_its_edges_stay",
-    "tests/mesh/test_reduce.py::test_rims_stay_where_they_are",
-    "tests/mesh/test_reduce.py::test_the_count_is_met_where_tolerances_ask_for_more[6.0]",
+    "tests/mesh/test_planar_clustering.py::test_a_box_keeps_its_shape_with_a_third_of_the_vertices",
+    "tests/mesh/test_decimate.py::test_a_flat_wall_needs_few_faces_and_its_edges_stay",
+    "tests/mesh/test_decimate.py::test_rims_stay_where_they_are",
+    "tests/mesh/test_decimate.py::test_the_count_is_met_where_tolerances_ask_for_more[6.0]",
     "tests/mesh/test_colors.py",
     "tests/start/test_start_kernels.py",
-    "tests/masks/test_patches.py",
-    "tests/masks/test_surface.py",
-    "tests/masks/test_regions.py",
+    "tests/masks/test_patch_ncc.py",
+    "tests/masks/test_point_surface.py",
+    "tests/masks/test_superpixels.py",
 ]
 #: They only measure speed, which means nothing in an emulator.
 TIMED = {"mgf_peak", "mgf_peak_operations"}

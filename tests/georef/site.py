@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from mgf_engine.georef.crs import Projection
-from mgf_engine.scene.model import Scene, Similarity, View
+from mgf_engine.model.scene import Scene, Similarity, View
 
 CRS = "EPSG:25832"
 ORIGIN = np.array([691_234.0, 5_334_876.0, 519.0])

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.scene.model import Scene, Similarity, View
+from mgf_engine.model.scene import Scene, Similarity, View
 
 WIDTH, HEIGHT, FOCAL = 240, 160, 200.0
 UP = np.array([0.0, 0.0, 1.0])

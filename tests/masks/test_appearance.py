@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from mgf_engine.masks.appearance import ROWS, fit_mixture, log_ratio
+from mgf_engine.masks.propagation.appearance import ROWS, fit_mixture, log_ratio
 
 
 def features(count: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 import numpy as np
 
 from mgf_engine.masks.boundaries import boundaries, weights
-from mgf_engine.masks.model import BUILDING, UNKNOWN
+from mgf_engine.model.masks import BUILDING, UNKNOWN
 
 
 def test_counting_labels_do_not_cancel():

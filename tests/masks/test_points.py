@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mgf_engine.config import make_config
-from mgf_engine.masks.model import BUILDING, UNKNOWN, MaskSet
 from mgf_engine.masks.points import Votes, decide, project_votes, track_votes, vote
-from mgf_engine.scene.model import Scene, Similarity, View
+from mgf_engine.model.masks import BUILDING, UNKNOWN, MaskSet
+from mgf_engine.model.scene import Scene, Similarity, View
 
 CONFIG = make_config({"vote_dilation": 0})
 

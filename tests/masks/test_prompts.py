@@ -8,7 +8,7 @@ import pytest
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.prompts import read_prompts
-from mgf_engine.scene.model import Lens, Scene
+from mgf_engine.model.scene import Lens, Scene
 from tests.masks.test_points import make_scene, view
 
 

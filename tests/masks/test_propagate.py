@@ -16,13 +16,13 @@ from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks import build
 from mgf_engine.masks.build import build_masks
-from mgf_engine.masks.doubt import Doubt, left_out
-from mgf_engine.masks.model import MaskSet, building
 from mgf_engine.masks.prompts import Clicks as PhotoClicks
-from mgf_engine.masks.propagate import Propagation
+from mgf_engine.masks.propagation.prompt_outliers import Doubt, left_out
+from mgf_engine.masks.propagation.propagate import Propagation
 from mgf_engine.masks.store import read_masks
 from mgf_engine.messages import Message, Reporter
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.scene import Scene
 from tests.masks.conftest import quiet
 
 CONFIG = make_config({"segmenter": "random_walker", "device": "cpu", "second_level": "off"})

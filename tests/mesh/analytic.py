@@ -10,11 +10,11 @@ import numpy as np
 import torch
 import trimesh
 
-from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.masks.model import MaskSet
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import look
-from mgf_engine.scene.model import Scene, Similarity, View
+from mgf_engine.geometry.rasterize import look
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene, Similarity, View
 
 WIDTH, HEIGHT, FOCAL = 160, 128, 180.0
 

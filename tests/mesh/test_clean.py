@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mgf_engine.mesh import clean
+from mgf_engine.geometry import clean
+from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import boundary_loops, cap_rims, fill_holes
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.pixel_counts import count_pixels
+from mgf_engine.model.mesh import Mesh
 
 from .analytic import as_trimesh, ball, cuboid, ring
 

@@ -10,8 +10,8 @@ from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.extract import extract_mesh
-from mgf_engine.mesh.model import Mesh
 from mgf_engine.messages import Reporter
+from mgf_engine.model.mesh import Mesh
 from mgf_engine.scene.crop import parse_crop_box
 
 from .analytic import as_trimesh, ball, box, cuboid, ring, scene_of

@@ -6,8 +6,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from mgf_engine.geometry.rasterize import corners, look
 from mgf_engine.mesh.colors import LEAST_FACING, SLACK, _samples, color_from_photos, sample, vertex_normals
-from mgf_engine.mesh.view import corners, look
 
 from .analytic import ball, camera, ring
 from .test_clean import empty, merged

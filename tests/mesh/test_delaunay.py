@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mgf_engine.errors import BadInput, Cancelled
-from mgf_engine.mesh import delaunay
-from mgf_engine.mesh.delaunay import begun
+from mgf_engine.geometry import delaunay
+from mgf_engine.geometry.delaunay import begun
 
 
 def nothing() -> None:

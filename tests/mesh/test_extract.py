@@ -11,10 +11,10 @@ import trimesh
 
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput, Cancelled
-from mgf_engine.field.gaussians import Gaussians
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.messages import Reporter
+from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.timing import PartTimes
 
 from .analytic import as_trimesh, ball, box, cuboid, discs, mesh_of, ring, scene_of, sphere
@@ -59,7 +59,7 @@ def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
 
 
 def test_same_input_same_mesh_for_any_number_of_threads():
-    from mgf_engine.raster import library
+    from mgf_engine.native import library
 
     scene, masks = scene_of(ring(8), ball())
     results = []
@@ -237,7 +237,7 @@ def test_screening_follows_its_switches():
 
 @pytest.mark.parametrize("surface", ["fused", "opacity"])
 def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
-    from mgf_engine.mesh import fusion, opacity
+    from mgf_engine.mesh import opacity, tsdf
     from mgf_engine.mesh.extract import find_judges, surface_field
 
     scene, masks = scene_of(ring(8), ball())
@@ -246,7 +246,7 @@ def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
     points = np.random.default_rng(0).normal(size=(1000, 3))
     shares: list[float] = []
     whole = field.classify(points), field.known(points)
-    monkeypatch.setattr(fusion, "CHUNK", 128)
+    monkeypatch.setattr(tsdf, "CHUNK", 128)
     monkeypatch.setattr(opacity, "CHUNK", 128)
     parts = field.classify(points, shares.append), field.known(points)
     assert len(np.unique(whole[0])) > 1 and np.array_equal(whole[0], parts[0])
@@ -257,12 +257,12 @@ def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
 def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
     import weakref
 
-    from mgf_engine.mesh import fusion
-    from mgf_engine.raster import library
+    from mgf_engine.mesh import tsdf
+    from mgf_engine.native import library
 
     alive: list[weakref.ref] = []
     most = 0
-    original = fusion.render_surface
+    original = tsdf.render_surface
 
     def render(*arguments):
         nonlocal most
@@ -271,14 +271,14 @@ def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
         most = max(most, sum(r() is not None for r in alive))
         return surface
 
-    monkeypatch.setattr(fusion, "render_surface", render)
+    monkeypatch.setattr(tsdf, "render_surface", render)
     views = ring(24)
     scene, masks = scene_of(views, ball())
     grey = np.zeros((views[0].height, views[0].width), np.uint8)
-    photos = fusion.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 23)] for n in range(24)])
+    photos = tsdf.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 23)] for n in range(24)])
     from mgf_engine.mesh.opacity import judging_masks
 
     library.set_threads(2)
-    field = fusion.fuse_gaussians(sphere(100), views, judging_masks(scene, masks, range(24), 1), photos)
+    field = tsdf.fuse_gaussians(sphere(100), views, judging_masks(scene, masks, range(24), 1), photos)
     library.set_threads(0)
     assert len(field.maps) == len(alive) == 24 and most <= 4 + 2 * (2 + 1)  # those made ahead twice over

@@ -6,9 +6,9 @@ import itertools
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.delaunay import delaunay
+from mgf_engine.geometry.delaunay import delaunay
 from mgf_engine.mesh.isosurface import FREE, INVALID, NEAR_ENOUGH, SOLID, find_level, march
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.model.mesh import Mesh
 
 from .analytic import as_trimesh
 

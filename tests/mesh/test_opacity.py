@@ -4,10 +4,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.masks.model import UNKNOWN
-from mgf_engine.mesh.fusion import fuse_gaussians
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import OpacityField, judging_mask, judging_masks, outside_hull, spread_order
+from mgf_engine.mesh.tsdf import fuse_gaussians
+from mgf_engine.model.masks import UNKNOWN
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
 from mgf_engine.raster.points import UNKNOWN as UNKNOWN_PIXEL
 from mgf_engine.raster.reference_points import opacity_of_points

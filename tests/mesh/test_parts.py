@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
+from mgf_engine.geometry.rasterize import look
 from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
-from mgf_engine.mesh.view import look
 
 from .analytic import ball, mesh_of, ring, scene_of
 

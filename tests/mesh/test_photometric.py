@@ -20,9 +20,9 @@ from mgf_engine.mesh.photometric import (
     correlations,
     match_surface,
 )
-from mgf_engine.raster import library
-from mgf_engine.raster.reference_match import depth_steps, match_depths
-from mgf_engine.scene.model import View
+from mgf_engine.mesh.reference_photometric import depth_steps, match_depths
+from mgf_engine.model.scene import View
+from mgf_engine.native import library
 
 SIZE, DISTANCE = 64, 5.0
 

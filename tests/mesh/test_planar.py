@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.clean import weld
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.geometry.clean import weld
 from mgf_engine.mesh.planar import flatten
+from mgf_engine.model.mesh import Mesh
 
 NOISE = 0.2  # ground pixels, which are 1 here
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.fusion import UNMATCHED, depth_map
-from mgf_engine.mesh.model import Mesh
 from mgf_engine.mesh.photometric import WIDE, Matched, Surface, match_surface
 from mgf_engine.mesh.prior import TRUST, Prior, decided, joined
+from mgf_engine.mesh.tsdf import UNMATCHED, depth_map
+from mgf_engine.model.mesh import Mesh
 from mgf_engine.raster.points import INSIDE
 from tests.mesh.test_photometric import SIZE, view
 

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.clean import smooth
+from mgf_engine.geometry.clean import smooth
+from mgf_engine.geometry.rasterize import look
 from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.extract import extract_mesh, find_judges
-from mgf_engine.mesh.fusion import Photos
 from mgf_engine.mesh.opacity import judging_masks
-from mgf_engine.mesh.reduce import ground_pixels
 from mgf_engine.mesh.refine import refine
-from mgf_engine.mesh.view import look
+from mgf_engine.mesh.tsdf import Photos
 
 from .analytic import as_trimesh, ball, camera, scene_of, sphere
 from .rays import pixel_rays

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.delaunay import delaunay
+from mgf_engine.geometry.delaunay import delaunay
 from mgf_engine.mesh.tetrahedra import tetra_points
 
 from .analytic import discs, sphere

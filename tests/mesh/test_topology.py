@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from mgf_engine.mesh import clean
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.topology import Around
-from mgf_engine.order import along_curve, arrange, cells_of, morton
-from mgf_engine.raster import library
+from mgf_engine.geometry import clean
+from mgf_engine.geometry.topology import Around
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.morton import along_curve, arrange, cells_of, morton
+from mgf_engine.native import library
 
 from .analytic import ball, cuboid
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from rendered import skip_without_card
 
-from mgf_engine.raster import library
+from mgf_engine.native import library
 
 
 def _backends() -> list[str]:

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.native.cuda.card import find_card
 from mgf_engine.raster import reference
 from mgf_engine.raster.api import Camera, Rendering, RenderStats, render
-from mgf_engine.raster.cuda.card import find_card
 
 TRAINED = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
 OUTPUTS = ("color", "alpha", "depth", "median", "normal", "distortion")

@@ -11,8 +11,8 @@ import threading
 import pytest
 import torch
 
-from mgf_engine.raster import buffers
-from mgf_engine.raster.buffers import Frame, lasting_array
+from mgf_engine.native import buffers
+from mgf_engine.native.buffers import Frame, lasting_array
 
 COLLECTED_INSIDE = """
 import gc

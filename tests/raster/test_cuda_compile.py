@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.raster.cuda import compiler
-from mgf_engine.raster.cuda.driver import Driver
-from mgf_engine.raster.cuda.sources import programs
+from mgf_engine.native.cuda import compiler
+from mgf_engine.native.cuda.driver import Driver
+from mgf_engine.native.cuda.sources import programs
 
 
 def _nvrtc() -> compiler.Nvrtc:

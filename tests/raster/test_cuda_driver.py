@@ -11,12 +11,13 @@ import pytest
 import torch
 from rendered import OUTPUTS, camera, gaussians, random_weights, run
 
+from mgf_engine.native.cuda import card
+from mgf_engine.native.cuda.card import Card, Found
+from mgf_engine.native.cuda.driver import Driver
+from mgf_engine.native.cuda.emulated import SourceOnCpu
+from mgf_engine.native.cuda.launcher import THREADS
 from mgf_engine.raster.api import render
-from mgf_engine.raster.cuda import blending, card, launcher_on
-from mgf_engine.raster.cuda.card import Card, Found
-from mgf_engine.raster.cuda.driver import Driver
-from mgf_engine.raster.cuda.emulated import SourceOnCpu
-from mgf_engine.raster.cuda.launching import THREADS
+from mgf_engine.raster.cuda import blending, launcher_on
 
 CONTEXT, STREAM = 77, 4242
 

@@ -10,11 +10,11 @@ import pytest
 import torch
 from rendered import camera, gaussians
 
+from mgf_engine.native.cuda.emulated import SourceOnCpu
 from mgf_engine.raster.api import Camera
 from mgf_engine.raster.cpu import HeadGradients, Parameters
 from mgf_engine.raster.cuda import launcher_on
 from mgf_engine.raster.cuda.blending import Rasterizer, TileLists
-from mgf_engine.raster.cuda.emulated import SourceOnCpu
 
 STALE = 3  # what memory holds that nothing was written to: the number of a tile, so that reading it crashes nothing
 SIZES = [(70, 50), (256, 256)]  # 20 tiles; 256 tiles, where the number after the last takes one bit more

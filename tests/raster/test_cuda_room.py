@@ -15,7 +15,7 @@ from mgf_engine.raster.api import RenderStats, render
 from mgf_engine.raster.cpu import Parameters
 from mgf_engine.raster.cuda import launcher_on, rasterizer_on
 from mgf_engine.raster.cuda.blending import Rasterizer
-from mgf_engine.raster.cuda.room import Room
+from mgf_engine.raster.cuda.tile_list_capacity import Room
 
 SOURCE = "cuda-source-on-cpu"
 TILES = 9

@@ -14,14 +14,14 @@ import torch
 from rendered import OUTPUTS, Result, camera, gaussians, random_weights, run, skip_without_card
 from test_projection import check_lists
 
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.native.cuda.emulated import SourceOnCpu
+from mgf_engine.native.cuda.launcher import At, pack
+from mgf_engine.native.cuda.sources import program_of, programs
 from mgf_engine.raster import reference
 from mgf_engine.raster.api import render
 from mgf_engine.raster.cpu import Parameters
 from mgf_engine.raster.cuda import launcher_on, rasterizer_on
-from mgf_engine.raster.cuda.emulated import SourceOnCpu
-from mgf_engine.raster.cuda.launching import At, pack
-from mgf_engine.raster.cuda.sources import program_of, programs
 
 SOURCE = "cuda-source-on-cpu"
 

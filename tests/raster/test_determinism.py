@@ -9,7 +9,7 @@ import pytest
 import torch
 from rendered import OUTPUTS, Result, camera, gaussians, random_weights, run
 
-from mgf_engine.raster import library
+from mgf_engine.native import library
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ from mgf_engine import pipeline
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Message, Reporter
+from mgf_engine.native.cuda import card, checked_cards, compiler
+from mgf_engine.native.cuda.driver import Driver, DriverError
 from mgf_engine.raster import device
-from mgf_engine.raster.cuda import approved, card, compiler
-from mgf_engine.raster.cuda.driver import Driver, DriverError
 
 
 @pytest.fixture(autouse=True)
@@ -50,7 +50,7 @@ def test_cuda_without_a_card_is_refused_in_one_sentence(monkeypatch: pytest.Monk
 def card_9000(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> card.Found:
     found = card.Found("Card 9000", 90, 24 * 2**30)
     monkeypatch.setattr(card, "find_card", lambda: found)
-    monkeypatch.setattr(approved, "driver_version", lambda: "999.1")
+    monkeypatch.setattr(checked_cards, "driver_version", lambda: "999.1")
     monkeypatch.setenv("MGF_CACHE", str(tmp_path))
     return found
 
@@ -59,10 +59,10 @@ def test_auto_takes_a_card_only_once_it_has_passed(card_9000: card.Found) -> Non
     choice = device.choose_device("auto")
     assert choice.device.type == "cpu" and choice.surprising and "\n" not in choice.text
     assert "Card 9000" in choice.text and "mgf doctor --card" in choice.text and "--device cuda" in choice.text
-    approved.approve(card_9000)
+    checked_cards.approve(card_9000)
     device.choose_device.cache_clear()
     assert device.choose_device("auto").device.type == "cuda"
-    approved.withdraw(card_9000)
+    checked_cards.withdraw(card_9000)
     device.choose_device.cache_clear()
     assert device.choose_device("auto").device.type == "cpu"
 
@@ -78,22 +78,22 @@ def test_a_job_says_once_that_a_card_was_found() -> None:
 def test_a_pass_is_for_one_card_one_driver_and_one_state_of_the_kernels(
     card_9000: card.Found, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    approved.approve(card_9000)
-    assert approved.is_approved(card_9000) and not approved.is_approved(card.Found("Card 9001", 90, 2**30))
+    checked_cards.approve(card_9000)
+    assert checked_cards.is_approved(card_9000) and not checked_cards.is_approved(card.Found("Card 9001", 90, 2**30))
     with monkeypatch.context() as changed:
-        changed.setattr(approved, "driver_version", lambda: "999.2")
-        assert not approved.is_approved(card_9000)
+        changed.setattr(checked_cards, "driver_version", lambda: "999.2")
+        assert not checked_cards.is_approved(card_9000)
     with monkeypatch.context() as changed:
-        changed.setattr(approved, "digest", lambda: "other kernels")
-        assert not approved.is_approved(card_9000)
-    assert approved.is_approved(card_9000)
+        changed.setattr(checked_cards, "digest", lambda: "other kernels")
+        assert not checked_cards.is_approved(card_9000)
+    assert checked_cards.is_approved(card_9000)
     for damage in ("{", "[]", '"x"'):
-        approved.record_file().write_text(damage)
-        assert not approved.is_approved(card_9000)
+        checked_cards.record_file().write_text(damage)
+        assert not checked_cards.is_approved(card_9000)
 
 
 def test_a_card_is_taken_and_named(card_9000: card.Found) -> None:
-    approved.approve(card_9000)
+    checked_cards.approve(card_9000)
     assert device.choose_device("auto").text == "Device: Card 9000, 24 GiB, because it passed the check."
     assert device.choose_device("cuda").device.type == "cuda"
     assert device.choose_device("cpu").device.type == "cpu"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.raster import build, library
+from mgf_engine.native import build, library
 
 
 def test_best_variant_is_loaded_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,7 +35,7 @@ def test_unknown_variant_is_refused() -> None:
 def test_missing_library_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(library, "library_path", lambda target, variant: tmp_path / f"{variant}.so")
     library._open.cache_clear()
-    with pytest.raises(RuntimeError, match=r"python -m mgf_engine\.raster\.build"):
+    with pytest.raises(RuntimeError, match=r"python -m mgf_engine\.native\.build"):
         library.use_variant("")
     library._open.cache_clear()
 
@@ -66,7 +66,7 @@ def test_build_rebuilds_only_what_changed(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 def test_command_line_refuses_unknown_targets() -> None:
-    command = [sys.executable, "-m", "mgf_engine.raster.build", "--targets", "amiga-68000"]
+    command = [sys.executable, "-m", "mgf_engine.native.build", "--targets", "amiga-68000"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2 and "invalid choice" in done.stderr
 

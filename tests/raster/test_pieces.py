@@ -12,14 +12,14 @@ import pytest
 import torch
 from rendered import camera, gaussians, random_weights, run
 
-from mgf_engine.mesh.topology import Around
-from mgf_engine.mesh.view import corners, draw_triangles
-from mgf_engine.raster import build, library
+from mgf_engine.geometry.rasterize import corners, draw_triangles
+from mgf_engine.geometry.topology import Around
+from mgf_engine.model.scene import View
+from mgf_engine.native import build, library
 from mgf_engine.raster.adam import adam_step
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.loss import LossWeights, image_loss, photo_side
 from mgf_engine.raster.points import INSIDE, PointOpacity
-from mgf_engine.scene.model import View
 
 MANY = 1000
 WEIGHTS = LossWeights(
@@ -60,11 +60,11 @@ def woken(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, list[tuple[int,
 
 def test_pieces_are_as_large_as_the_kernels_say() -> None:
     for name, items in library.ITEMS_PER_PIECE.items():
-        (source,) = [text for p in build.KERNELS.glob("*.c") if re.search(rf"\b{name}\(", text := p.read_text())]
+        (source,) = [text for p in build.KERNELS.rglob("*.c") if re.search(rf"\b{name}\(", text := p.read_text())]
         said = re.search(r"enum { PIECE = (\d+)", source)
         if said is None:
             assert name == "match_photos_work" and "take_work(next) * GROUPS * VECTOR" in source
-            assert "GROUPS = 4" in source and "VECTOR = 16" in (build.KERNELS / "vector.h").read_text()
+            assert "GROUPS = 4" in source and "VECTOR = 16" in (build.KERNELS / "common" / "vector.h").read_text()
         assert items == (int(said[1]) if said else 4 * 16), name
 
 

@@ -7,13 +7,13 @@ import torch
 from rendered import device_of, skip_without_card
 
 from mgf_engine.errors import BadInput
-from mgf_engine.field.gaussians import Gaussians
-from mgf_engine.raster import library
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.scene import View
+from mgf_engine.native import library
 from mgf_engine.raster.points import BACKGROUND, INSIDE, NEAR, OUTSIDE, SEEN, UNKNOWN, UNSEEN, PointOpacity, locate
 from mgf_engine.raster.reference_points import opacity_of_points
-from mgf_engine.scene.model import View
 
-TOLERANCE = 3e-5  # float32 quotients of quadratics, see kernels/records.h
+TOLERANCE = 3e-5  # float32 quotients of quadratics, see csrc/raster/records.h
 
 
 def field(count: int, seed: int = 0, scale: float = 0.1, spread: float = 0.7, opacity: float = 0.0) -> Gaussians:

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mgf_engine.model.scene import View
 from mgf_engine.raster.api import Camera
-from mgf_engine.scene.model import View
 
 
 def view() -> View:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rendered import OUTPUTS, assert_agrees, assert_finite, camera, draw, gaussians, random_weights, run
 
-from mgf_engine.field.gaussians import Gaussians
+from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.raster.api import Camera
 
 

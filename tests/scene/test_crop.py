@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from mgf_engine.errors import BadInput
+from mgf_engine.model.scene import Similarity
 from mgf_engine.scene.crop import CropBox, parse_crop_box, read_crop_box
-from mgf_engine.scene.model import Similarity
 
 
 def turned(angle: float = 0.6) -> np.ndarray:

@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.synthetic.colmap_scene import Messages, config, reconstruction, reprojection, write_scene
 from mgf_engine.masks.prompts import clicked_names
+from mgf_engine.model.scene import Scene
 from mgf_engine.scene.load import load_scene
-from mgf_engine.scene.model import Scene
 from mgf_engine.scene.names import named_like
 
 

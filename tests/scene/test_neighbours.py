@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.colmap_scene import load, reconstruction, write_scene
+from mgf_engine.model.scene import Scene
 from mgf_engine.scene import neighbours
-from mgf_engine.scene.model import Scene
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.scene.model import Similarity
+from mgf_engine.model.scene import Similarity
 from mgf_engine.scene.normalise import CAMERA_DISTANCE, normalise, normalise_pose, rotation_of, weighted_median
 
 

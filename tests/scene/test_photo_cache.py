@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine.scene.photo_cache import PhotoCache
+from mgf_engine.model.photo_cache import PhotoCache
 
 
 @pytest.fixture

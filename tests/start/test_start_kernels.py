@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.plain_house import PlainHouse
-from mgf_engine.mesh.delaunay import delaunay
-from mgf_engine.raster import library
-from mgf_engine.raster.library import parallel
+from mgf_engine.geometry.delaunay import delaunay
+from mgf_engine.native import library
+from mgf_engine.native.library import parallel
 from mgf_engine.start import reference
 from mgf_engine.start.cut import Tetrahedra, _positive
 from mgf_engine.start.lines import fit_segments, match_segments, neighbours_of

@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
 from mgf_engine.errors import BadInput, Cancelled
-from mgf_engine.masks.hull import hull_cells, with_hull_points
-from mgf_engine.mesh.model import Mesh
+from mgf_engine.masks.geometry.visual_hull import hull_cells, with_hull_points
 from mgf_engine.messages import Reporter
+from mgf_engine.model.mesh import Mesh
 from mgf_engine.start.samples import apart, sample_surface, spread
 from mgf_engine.start.store import read_start, write_start
 from mgf_engine.start.surface import StartSurface, start_surface

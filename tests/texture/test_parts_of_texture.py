@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mgf_engine.mesh.model import Mesh
-from mgf_engine.mesh.view import draw_triangles
+from mgf_engine.geometry.rasterize import draw_triangles
+from mgf_engine.model.mesh import Mesh
 from mgf_engine.texture.charts import CELL, GUTTER, lay_out, pack
-from mgf_engine.texture.choose import choose_views, face_neighbours, patches
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
-from mgf_engine.texture.sights import FAIR, Sights, _Found, find_sights
+from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
+from mgf_engine.texture.visibility import FAIR, Sights, _Found, find_sights
 from tests.mesh.analytic import ball, camera, ring
 
 SIDE = 12

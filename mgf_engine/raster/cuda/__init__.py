@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from functools import cache
 
+from mgf_engine.native.cuda.launcher import Launcher
 from mgf_engine.raster.cuda.blending import Rasterizer
-from mgf_engine.raster.cuda.launching import Launcher
 
 
 @cache
@@ -17,10 +17,10 @@ def launcher_on(backend: str) -> Launcher:
         BadInput: ``cuda``, and there is no card, driver or compiler to use; the sentence says which.
     """
     if backend == "cuda":
-        from mgf_engine.raster.cuda.card import Card
+        from mgf_engine.native.cuda.card import Card
 
         return Card()
-    from mgf_engine.raster.cuda.emulated import SourceOnCpu
+    from mgf_engine.native.cuda.emulated import SourceOnCpu
 
     return SourceOnCpu()
 

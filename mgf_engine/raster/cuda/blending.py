@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from mgf_engine.native.cuda.launcher import Launcher, blocks
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.cpu import PLANES, PLANES_BASIC, RECORD, SUMS, HeadGradients, Parameters
-from mgf_engine.raster.cuda.launching import Launcher, blocks
-from mgf_engine.raster.cuda.room import MOST, Room
+from mgf_engine.raster.cuda.tile_list_capacity import MOST, Room
 
-_RUN = 1024  # items of a block of the sort, kernels/cuda/sort.cu
+_RUN = 1024  # items of a block of the sort, csrc/cuda/sort.cu
 _DIGITS = 256
 _BACKWARD = ("blend_backward_colour", "blend_backward_depth", "blend_backward_all")
 
@@ -23,7 +23,7 @@ class TileLists:
     """Projected Gaussians and, for every tile, those that touch it, front to back; all on the device.
 
     Attributes:
-        records: float32 [N, 32], layout in ``kernels/records.h``; rows with ``tile_counts == 0`` are undefined.
+        records: float32 [N, 32], layout in ``csrc/raster/records.h``; rows with ``tile_counts == 0`` are undefined.
         tile_counts: int32 [N], number of listed tiles each Gaussian touches; 0 where it is not drawn.
         gid: int32 [room], Gaussian of every list entry; tile t's list is ``gid[ranges[t]:ranges[t + 1]]``.
         slots: int32 [room], place of every entry in the order by Gaussian.
@@ -51,7 +51,7 @@ class TileLists:
 
     @property
     def packed(self) -> tuple[Tensor | int, ...]:
-        """struct Lists of ``kernels/cuda/blend.cuh``."""
+        """struct Lists of ``csrc/cuda/blend.cuh``."""
         return (self.records, self.gid, self.slots, self.ranges, self.tiles_x, self.tiles)
 
 
@@ -192,7 +192,7 @@ class Rasterizer:
         error_map: Tensor | None,
         stats: bool,
     ) -> Tensor:
-        """Sums over each tile's pixels for every slot, float32 [room, 24] (``kernels/blend_backward.h``)."""
+        """Sums over each tile's pixels for every slot, float32 [room, 24] (``csrc/raster/blend_backward.h``)."""
         sums = self.empty(torch.float32, len(hits), SUMS)
         given = (heads.color, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
         name = _BACKWARD[heads.level] + ("_stats" if stats else "")

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from mgf_engine.raster.cuda.launching import At, Launcher, blocks
+from mgf_engine.native.cuda.launcher import At, Launcher, blocks
 
 if TYPE_CHECKING:
     from mgf_engine.raster.camera import Intrinsics
     from mgf_engine.raster.loss import LossWeights, PhotoSide
 
-_SIDE = 16  # of a tile, kernels/cuda/loss.cuh, as everything up to _EDGES
+_SIDE = 16  # of a tile, csrc/cuda/loss.cuh, as everything up to _EDGES
 _MAX_LEVELS, _SAVED, _OTHER_SUMS = 5, 4, 6
 _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
 

@@ -8,13 +8,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mgf_engine.model.scene import View
+from mgf_engine.native.cuda.launcher import blocks
 from mgf_engine.raster.camera import TILE, Camera, pose_and_intrinsics
 from mgf_engine.raster.cpu import Parameters
 from mgf_engine.raster.cuda.blending import Projection, Rasterizer
-from mgf_engine.raster.cuda.launching import blocks
-from mgf_engine.scene.model import View
 
-_INNERS = 16  # blocks of 4 x 4 pixels in a tile, kernels/cuda/points.cu
+_INNERS = 16  # blocks of 4 x 4 pixels in a tile, csrc/cuda/points.cu
 
 
 class DevicePoints:

@@ -15,8 +15,7 @@ from benchmarks.synthetic.house import House
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.build import build_masks, choose_segmenter
-from mgf_engine.masks.levels import sam_elements
-from mgf_engine.masks.model import building
+from mgf_engine.masks.parts import sam_elements
 from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.base import Hints
 from mgf_engine.masks.segmenters.download import WeightFile
@@ -24,7 +23,8 @@ from mgf_engine.masks.segmenters.efficientsam import EfficientSam, queries, spre
 from mgf_engine.masks.segmenters.notice import used
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.messages import Reporter
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import building
+from mgf_engine.model.scene import Scene
 from tests.masks.small_sam import write_pair
 
 RED, GREEN = (200, 60, 50), (60, 150, 70)

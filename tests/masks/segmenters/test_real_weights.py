@@ -16,10 +16,10 @@ import pytest
 from benchmarks.synthetic.house import House
 from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
-from mgf_engine.masks.model import building
 from mgf_engine.masks.segmenters.download import find_weights
 from mgf_engine.masks.segmenters.notice import used
-from mgf_engine.scene.model import Scene
+from mgf_engine.model.masks import building
+from mgf_engine.model.scene import Scene
 from tests.masks.conftest import quiet
 from tests.masks.segmenters.test_efficientsam import install, iou
 

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fills the report of a finished job from its folder: measures held-out views, gathers counts, times and pictures."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import as_dict
+from mgf_engine.errors import BadInput
+from mgf_engine.evaluate.curve import curve_svg
+from mgf_engine.evaluate.evenness import Evenness, measure_evenness, typical_pixel
+from mgf_engine.evaluate.images import Scores, mean_scores, score
+from mgf_engine.evaluate.lpips import Lpips, find_lpips
+from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
+from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, shrunk, write_report
+from mgf_engine.evaluate.story import placing
+from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.export.stage import render_view
+from mgf_engine.geometry.rasterize import shaded
+from mgf_engine.georef.find import Survey
+from mgf_engine.georef.report import survey_figures, survey_html
+from mgf_engine.job import Job
+from mgf_engine.masks.segmenters.notice import used
+from mgf_engine.memory import GB
+from mgf_engine.messages import Reporter
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.model.scene import Scene
+from mgf_engine.native.library import side_by_side, variant
+from mgf_engine.raster.device import choose_device, each_view
+from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
+from mgf_engine.texture.draw import draw_textured
+
+_TRAINING_VIEWS_SHOWN = 3
+_RELIEF_SIDES = 4
+
+
+def report_job(
+    job: Job,
+    scene: Scene,
+    masks: MaskSet,
+    field: Gaussians,
+    mesh: Mesh,
+    texture: Callable[[], Texture | None],
+    survey: Survey,
+    reporter: Reporter,
+) -> dict[str, Any]:
+    """Measure and write ``report.html`` and ``report.json``; returns the headline figures.
+
+    Args:
+        field, mesh: normalised frame.
+        texture: waits for the mesh's texture, which may still be in the making; all files it belongs to are there then.
+        survey: where the building is.
+    """
+    shown, lpips = _shown_views(scene, masks), find_lpips(Path(job.config.weights) if job.config.weights else None)
+
+    def one(index: int) -> ViewReport:
+        return _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown, lpips)
+
+    views: list[ViewReport] = []
+    for report in each_view(one, range(len(scene.views)), field.positions.device):
+        reporter.progress(0.3 + 0.5 * len(views) / len(scene.views))
+        views.append(report)
+    drawing, turned = curve_svg(job.stages["field"]["figures"]["curve"]), turntable(mesh, scene)  # beside the texture
+    relief, evenness = turntable(mesh, scene, _RELIEF_SIDES, relief=True), _evenness(mesh, scene)
+    made = texture()
+    reporter.progress(0.8)
+    quality = None if made is None else _show_texture(mesh, made, scene, masks, views)
+    data = _report_data(job, scene, masks, mesh, views)
+    data.lpips = lpips.name if lpips else ""
+    data.curve_drawing, data.turntable = drawing, list(turned)
+    data.relief, data.evenness = list(relief), evenness
+    data.georeference, data.georeference_html = survey_figures(survey), survey_html(survey, scene)
+    if quality is not None:
+        data.counts["PSNR of the textured mesh, held-out photos (dB)"] = round(quality, 2)
+    write_report(job.folder, data)
+    held_out = mean_scores([v.scores for v in views if v.held_out and v.scores])
+    return {
+        "psnr": _rounded(held_out.psnr, 2), "ssim": _rounded(held_out.ssim, 4),
+        "lpips": _rounded(held_out.lpips, 4), "held_out": len(scene.held_out),
+        "gaussians": len(field), "faces": len(mesh.faces),
+    }  # fmt: skip
+
+
+def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, views: list[ViewReport]) -> float | None:
+    """Adds a picture of the textured mesh to the views with pictures; returns its mean PSNR in held-out photos, dB."""
+
+    def one(index: int) -> Scores | None:
+        picture = draw_textured(mesh, texture, scene.views[index])[0]
+        views[index].pictures["texture"] = shrunk(picture)
+        measured = views[index].held_out and masks.used[index]
+        return score(scene.photo(index), picture, building(masks.labels[index])) if measured else None
+
+    shown = [index for index, view in enumerate(views) if view.pictures]
+    return mean_scores([scores for scores in side_by_side(one, shown) if scores]).psnr
+
+
+def _evenness(mesh: Mesh, scene: Scene) -> Evenness | None:
+    """How even the mesh (normalised frame) is, in working pixels; None where nothing tells their size or no area is."""
+    points, owner = scene.points, scene.track_point
+    seen = [owner[scene.observations(index)] for index in range(len(scene.views))]
+    away = [np.linalg.norm(points[s] - v.centre, axis=1) for s, v in zip(seen, scene.views, strict=True)]
+    try:
+        pixel = typical_pixel(away, [view.fx for view in scene.views])
+        found = measure_evenness(Surface(mesh.vertices, mesh.faces.astype(np.int64)), pixel)
+    except BadInput:
+        return None
+    return replace(found, ground_pixel=pixel / scene.to_normalised.scale)
+
+
+def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:
+    training = [i for i in range(len(scene.views)) if masks.used[i] and i not in scene.held_out]
+    step = max(1, len(training) // _TRAINING_VIEWS_SHOWN)
+    return {*scene.held_out, *training[::step][:_TRAINING_VIEWS_SHOWN]}
+
+
+def _view_report(
+    index: int,
+    scene: Scene,
+    masks: MaskSet,
+    field: Gaussians,
+    mesh: Mesh,
+    sh_degree: int,
+    shown: bool,
+    lpips: Lpips | None = None,
+) -> ViewReport:
+    """Scores of held-out and shown views; the others only appear in the table, with a note when left out."""
+    view = scene.views[index]
+    note = "" if masks.used[index] else "mask too weak, not used"
+    report = ViewReport(view.name, index in scene.held_out, note=note)
+    if not shown:
+        return report
+    photo, mask = scene.photo(index), building(masks.labels[index])
+    rendering = render_view(field, view, sh_degree)
+    render = _to_picture(rendering.color.numpy())
+    if masks.used[index]:
+        report.scores = score(photo, render, mask, lpips)
+    assert rendering.normal is not None
+    normals = rendering.normal.permute(1, 2, 0).numpy()
+    pictures = {
+        "photo": photo,
+        "mask": mask_overlay(photo, masks.labels[index]),
+        "render": on_white(render, mask),
+        "normals": normal_picture(normals, rendering.alpha.numpy()),
+        "mesh": shaded(mesh, view, from_side=True),
+        "error": error_picture(photo, render, mask),
+    }
+    # Of a thousand photos a hundred are kept out: in full size these would take gigabytes until the page is written.
+    report.pictures = {caption: shrunk(picture) for caption, picture in pictures.items()}
+    return report
+
+
+def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list[ViewReport]) -> ReportData:
+    trained = job.stages["field"]["figures"]
+    stages = [StageReport(n, s["seconds"], s["peak_memory"], s.get("cpu_seconds")) for n, s in job.stages.items()]
+    contact = job.path("masks", "contact_sheet.jpg")
+    return ReportData(
+        title=job.source.name,
+        command=_command(job),
+        config=as_dict(job.config),
+        given=job.given,
+        views=views,
+        counts={
+            "photos": len(scene.views), "photos left out": len(scene.left_out),
+            "photos with a usable mask": int(masks.used.sum()),
+            "sparse points": len(scene.points), "points on the building": int(masks.point_mask.sum()),
+            "Gaussians at the start": trained["start_gaussians"], "Gaussians": trained["gaussians"],
+            "vertices": len(mesh.vertices), "faces": len(mesh.faces), **_trust(job),
+        },
+        stages=stages,
+        iterations=trained["iterations"],
+        seconds_per_part=trained["seconds_per_part"],
+        mesh_seconds_per_part=job.stages["mesh"]["figures"].get("seconds_per_part", {}),
+        curve=trained["curve"],
+        versions=versions(),
+        machine={
+            "processor": cpu_name(), "cores": str(cores()), "threads": str(job.config.threads or cores()),
+            "memory": f"{total_memory() / GB:.1f} GB",
+            "device": choose_device(job.config.device).text.removeprefix("Device: "),
+            "segmenter of the masks": used(job.path("masks")),
+        },
+        kernel=variant(),
+        peak_memory=max([peak_memory(), *(s.peak_memory or 0 for s in stages)]),
+        warnings=[text for s in job.stages.values() for text in s.get("warnings", [])],
+        contact_sheet=contact if contact.exists() else None,
+        placing=placing(job.config, trained["iterations"]),
+        files=_files(job),
+    )  # fmt: skip
+
+
+def _trust(job: Job) -> dict[str, float]:
+    """How far the mesh is to be trusted, where its surface tells (see ``FusedField.known``)."""
+    figures = job.stages["mesh"]["figures"]
+    names = {"confidence": "confidence of the mesh (0..1, mean)", "unseen_share": "share of it that no photo shows"}
+    return {text: figures[name] for name, text in names.items() if name in figures}
+
+
+def _files(job: Job) -> dict[str, str]:
+    names = (
+        "georeferenced",
+        "mesh.ply",
+        "mesh.obj",
+        "mesh.glb",
+        "texture.jpg",
+        "field.ply",
+        "renders",
+        "report.json",
+        "log.txt",
+    )
+    return {Path(name).stem if name != "mesh.ply" else "mesh": name for name in names if job.path(name).exists()}
+
+
+def _command(job: Job) -> str:
+    parts = ["mgf", "reconstruct", str(job.source)]
+    for flag, path in (("--prompts", job.prompts), ("--masks", job.masks)):
+        parts += [flag, str(path)] if path else []
+    for name, value in job.given.items():
+        parts += ["--set", f"{name}={value}"]
+    join = shlex.join if sys.platform != "win32" else " ".join
+    return join([*parts, "--out", str(job.folder)])
+
+
+def _to_picture(color: NDArray[np.float32]) -> NDArray[np.uint8]:
+    picture: NDArray[np.uint8] = (color.clip(0, 1).transpose(1, 2, 0) * 255).round().astype(np.uint8)
+    return picture
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Last stage: novel views, the texture, ``deliver.json`` for Blender and scripts, and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mgf_engine.field.export import offset_of
+from mgf_engine.geometry.mesh_files import COORDINATES, IMAGE, write_glb, write_obj, write_texture
+from mgf_engine.georef.apply import survey_job, write_models
+from mgf_engine.job import CLICKS, OUTPUTS, Job
+from mgf_engine.mesh.parts import FILE as PARTS_FILE
+from mgf_engine.messages import Reporter
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.model.scene import Scene, View
+from mgf_engine.raster.api import Camera, Rendering, render
+from mgf_engine.raster.device import choose_device, each_view
+from mgf_engine.runs import MANIFEST, keep_run
+from mgf_engine.system import atomic_path
+from mgf_engine.texture.texture_pipeline import make_texture
+
+#: What people take from a job, and the clicks it was made with.
+_RESULT = [name for name in (*OUTPUTS["mesh"], *OUTPUTS["deliver"], "field.ply", CLICKS) if name != MANIFEST]
+_RENDERED = 0.3  # share of the stage, for the progress bar
+
+
+def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
+    """Render, measure and write everything people look at; returns the headline figures.
+
+    The texture is made beside all that does not show it: both have long stretches that one core works on alone.
+    """
+    from mgf_engine.export.report import report_job
+    from mgf_engine.pipeline import load_field, load_inputs, load_mesh
+
+    scene, masks = load_inputs(job)
+    mesh = load_mesh(job)
+    survey = survey_job(job, scene, reporter)  # first: files that cannot be used should end the job before long work
+    field = load_field(job).to(choose_device(job.config.device).device)
+    chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
+    if job.stages["field"]["figures"].get("iterations") == 0:
+        chosen = ()  # a field that nothing was trained in shows nothing worth a look
+
+    def one(index: int) -> str:
+        name = f"renders/{Path(scene.views[index].file).stem}.png"
+        _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
+        return name
+
+    normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
+    with ThreadPoolExecutor(1, "mgf-texture") as beside:
+        warnings: list[str] = []  # this thread reports them: who listens expects all messages from one
+        make = partial(_texture, job, scene, masks, normalised, warnings.append, reporter.check)
+        painting = beside.submit(make) if job.config.texture else None
+        renders: dict[int, str] = {}
+        for index, name in zip(chosen, each_view(one, chosen, field.positions.device), strict=True):
+            reporter.progress(_RENDERED * len(renders) / len(chosen))
+            renders[index] = name
+
+        def texture() -> Texture | None:
+            made = painting.result() if painting else None
+            for text in warnings:
+                reporter.warning(text)
+            _write_other_formats(mesh, made, job)
+            write_models(job, mesh, survey, made)
+            return made
+
+        figures = report_job(job, scene, masks, field, normalised, texture, survey, reporter)
+    manifest = {**_manifest(scene, renders, figures), **_parts(job), **_painting(job), **_offset(field, scene)}
+    keep_run(job.folder, _RESULT, manifest, job.given)
+    return figures
+
+
+def _texture(
+    job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, warn: Callable[[str], None], check: Callable[[], None]
+) -> Texture:
+    texture = make_texture(mesh, scene, masks, job.config.texture_size, warn, lambda share: check())
+    write_texture(texture, job.folder)
+    return texture
+
+
+def _offset(field: Gaussians, scene: Scene) -> dict[str, list[float]]:
+    """What is to be added to the positions of ``field.ply``, where that is anything."""
+    offset = offset_of(field, scene.to_normalised)
+    return {"field_offset": list(offset)} if any(offset) else {}
+
+
+def _painting(job: Job) -> dict[str, str]:
+    return {"texture": IMAGE, "texture_uv": COORDINATES} if job.config.texture else {}
+
+
+def _parts(job: Job) -> dict[str, str]:
+    """The named parts of the mesh, where the user named any."""
+    return {"parts": PARTS_FILE} if job.path(PARTS_FILE).exists() else {}
+
+
+def _write_other_formats(mesh: Mesh, texture: Texture | None, job: Job) -> None:
+    if job.config.export_obj:
+        write_obj(mesh, job.path("mesh.obj"), texture)
+    if job.config.export_glb:
+        write_glb(mesh, job.path("mesh.glb"), texture)
+
+
+def render_view(field: Gaussians, view: View, sh_degree: int) -> Rendering:
+    """A view of the whole field at working resolution, without gradients."""
+    with torch.no_grad():
+        return render(field, Camera.from_view(view), sh_degree=sh_degree).cpu()
+
+
+def straight_rgba(rendering: Rendering) -> NDArray[np.uint8]:
+    """The render as RGBA uint8 [H, W, 4] with straight (not premultiplied) alpha."""
+    alpha = rendering.alpha.clamp(0, 1)
+    color = (rendering.color / alpha.clamp_min(1e-4)).clamp(0, 1)
+    rgba = torch.cat([color, alpha[None]]).permute(1, 2, 0)
+    return (rgba * 255).round().to(torch.uint8).numpy()
+
+
+def camera_to_scene(view: View, scene: Scene) -> NDArray[np.float64]:
+    """[4, 4] COLMAP camera axes -> scene frame, in the scene's own units."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = scene.to_normalised.rotation.T @ view.rotation.T
+    matrix[:3, 3] = scene.to_normalised.invert(view.centre)
+    return matrix
+
+
+def _write_render(rendering: Rendering, path: Path) -> None:
+    ok, data = cv2.imencode(".png", cv2.cvtColor(straight_rgba(rendering), cv2.COLOR_RGBA2BGRA))
+    if not ok:
+        raise RuntimeError(f"could not encode {path.name}")
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+
+
+def _manifest(scene: Scene, renders: dict[int, str], figures: dict[str, Any]) -> dict[str, Any]:
+    held_out = set(scene.held_out)
+    views = [
+        {
+            "name": view.name, "file": "scene/" + view.file, "width": view.width, "height": view.height,
+            "fx": view.fx, "fy": view.fy, "cx": view.cx, "cy": view.cy,
+            "camera_to_world": camera_to_scene(view, scene).tolist(),
+            "render": renders.get(index), "held_out": index in held_out,
+        }
+        for index, view in enumerate(scene.views)
+    ]  # fmt: skip
+    return {"views": views, "mesh": "mesh.ply", "field": "field.ply", "report": "report.html", "figures": figures}

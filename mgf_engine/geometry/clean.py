@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From the raw level set to a clean mesh: faces without area, false parts, orientation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.morton import arrange, cells_of, morton
+from mgf_engine.native.library import side_by_side
+
+DRAWN_BACK = 0.01  # share of the way to the middle between a vertex and its neighbours
+CHUNK = 1 << 15  # faces that are measured at a time
+SEEN_PIXELS = 3  # parts of which all views together see fewer pixels are dropped
+
+
+def face_areas(mesh: Mesh) -> NDArray[np.float64]:
+    """Areas [F]."""
+
+    def some(start: int) -> NDArray[np.float64]:
+        a, b, c = (mesh.vertices[mesh.faces[start : start + CHUNK, k]] for k in range(3))
+        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+    return np.concatenate([np.zeros(0), *side_by_side(some, range(0, len(mesh.faces), CHUNK))])
+
+
+def vertex_areas(mesh: Mesh) -> NDArray[np.float64]:
+    """A third of the area of the faces around each vertex, [N]."""
+    shares = np.repeat(face_areas(mesh) / 3, 3)
+    return np.asarray(np.bincount(mesh.faces.ravel(), shares, len(mesh.vertices)), np.float64)
+
+
+def with_faces(mesh: Mesh, faces: NDArray[np.int32]) -> Mesh:
+    """The mesh of these faces, without vertices they do not use."""
+    used = np.zeros(len(mesh.vertices), bool)
+    used[faces.ravel()] = True
+    index = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return mesh.gather(np.flatnonzero(used), index[faces.reshape(-1, 3)])
+
+
+def weld(mesh: Mesh) -> Mesh:
+    """Vertices at one place become one; faces with two equal corners and repeated faces go.
+
+    Vertices and faces come out in an order in which those close together in space follow each other.
+    """
+    if len(mesh.vertices) == 0:
+        return mesh
+    order, new = arrange(morton(cells_of(mesh.vertices)), *mesh.vertices.T)
+    group = np.empty(len(order), np.int32)
+    group[order] = np.cumsum(new) - 1
+    faces = group[mesh.faces]
+    proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    faces = faces[proper]
+    a, b, c = np.sort(faces, 1).T.astype(np.uint64)
+    by_place, once = arrange(a << np.uint64(32) | b, c)
+    return with_faces(mesh.gather(order[new], faces), faces[by_place[once]])
+
+
+def parts(mesh: Mesh) -> NDArray[np.int32]:
+    """Which connected part (by shared edges) each face belongs to, int32 [F]."""
+    return mesh.around.parts()
+
+
+def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
+    """Keep the parts whose area is at least ``share`` of the largest part's."""
+    if len(mesh.faces) == 0:
+        return mesh
+    label = parts(mesh)
+    area = np.bincount(label, weights=face_areas(mesh))
+    return with_faces(mesh, mesh.faces[(area >= share * area.max())[label]])
+
+
+def seen_parts(mesh: Mesh, seen: NDArray[np.integer], share: float) -> NDArray[np.bool_]:
+    """Faces of parts that the views see, bool [F]; not bubbles inside walls, nor far things that few masks let in.
+
+    Args:
+        seen: pixels of all views together that see each face, [F].
+        share: of the pixels of the part that is seen most; parts with less are hardly seen.
+    """
+    label = parts(mesh)
+    pixels = np.bincount(label, weights=seen)
+    visible: NDArray[np.bool_] = pixels >= max(SEEN_PIXELS, share * pixels.max(initial=0))
+    return visible[label]
+
+
+def unconfirmed_patches(
+    mesh: Mesh, confirmed: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
+    """Faces without a confirmed vertex (bool [N]): their rows [K], the patch of each [K], and the patches' areas."""
+    rows = np.flatnonzero(~confirmed[mesh.faces].any(1))
+    patch = replace(mesh, faces=mesh.faces[rows])
+    label = parts(patch)
+    return rows, label, np.asarray(np.bincount(label, weights=face_areas(patch)), np.float64)
+
+
+def drop_unconfirmed(mesh: Mesh, confirmed: NDArray[np.bool_], largest: float) -> Mesh:
+    """Drop patches that no view shows, such as a skirt below the building; small ones stay and close holes.
+
+    Args:
+        confirmed: bool [N], vertices near which a view shows a surface.
+        largest: share of the mesh's area up to which such a patch may stay.
+    """
+    made_up, patch, area = unconfirmed_patches(mesh, confirmed)
+    if not len(made_up):
+        return mesh
+    too_large = area > largest * face_areas(mesh).sum()
+    return with_faces(mesh, np.delete(mesh.faces, made_up[too_large[patch]], axis=0))
+
+
+def smooth(mesh: Mesh, rounds: int) -> Mesh:
+    """Move every vertex half way to the mean of its neighbours, ``rounds`` times; open rims stay where they are."""
+    if rounds <= 0 or len(mesh.faces) == 0:
+        return mesh
+    fixed, vertices = np.zeros(len(mesh.vertices), bool), np.ascontiguousarray(mesh.vertices)
+    fixed[np.concatenate(open_edges(mesh))] = True
+    for _ in range(rounds):
+        vertices = mesh.around.smooth(vertices, fixed)
+    return replace(mesh, vertices=vertices)
+
+
+def orient_outward(mesh: Mesh, front: NDArray[np.integer], back: NDArray[np.integer]) -> Mesh:
+    """Turn the parts that the cameras see mostly from behind. ``front``, ``back``: pixels of each face."""
+    if len(mesh.faces) == 0:
+        return mesh
+    label = parts(mesh)
+    wrong = np.bincount(label, weights=back) > np.bincount(label, weights=front)
+    if not wrong.any():
+        return mesh
+    faces = mesh.faces.copy()
+    faces[wrong[label]] = faces[wrong[label]][:, ::-1]
+    return replace(mesh, faces=faces)
+
+
+def split_nonmanifold(mesh: Mesh) -> Mesh:
+    """Cut the mesh open where more than two faces share an edge or two fans share a vertex.
+
+    The first fan around a vertex keeps it, each further one gets a copy (after Gueziec et al. 2001). Both draw back a
+    little into their own faces, or whoever joins vertices by place would undo the cut.
+    """
+    fan, fans = mesh.around.fans()
+    further = np.maximum(fans - 1, 0)
+    copies = len(fans) + np.cumsum(further) - further  # the first copy of each vertex
+    moved = np.flatnonzero(fan)
+    faces = mesh.faces.ravel().copy()
+    corner = mesh.around.corner[moved]
+    faces[corner] = copies[faces[corner]] + fan[moved] - 1
+    origin = np.r_[np.arange(len(fans)), np.repeat(np.arange(len(fans)), further)]
+    cut = mesh.gather(origin, faces.reshape(-1, 3))
+    if not further.any():
+        return cut
+    halfway = cut.around.smooth(np.ascontiguousarray(cut.vertices), fans[origin] < 2)
+    return replace(cut, vertices=cut.vertices + DRAWN_BACK * (halfway - cut.vertices))
+
+
+def edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """An undirected key for each of the three edges of each face [3 F], and the face it belongs to."""
+    a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    key = np.minimum(a, b) << 32 | np.maximum(a, b)
+    return key, np.repeat(np.arange(len(faces)), 3)
+
+
+def open_edges(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Edges with one face only, in the direction of that face."""
+    alone = mesh.around.open_edges()
+    return mesh.faces[alone], np.roll(mesh.faces, -1, axis=1)[alone]

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Delaunay tetrahedra of points, made in a process of their own: ``python -m mgf_engine.geometry.delaunay COUNT``.
+
+tetgen works on one core for seconds, and no other Python thread goes on meanwhile. A process of its own ends when the
+job is cancelled, and its memory goes with it. Points and result go through pipes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
+from mgf_engine.subprocesses import end_with_the_job, worker
+
+with contextlib.suppress(ModuleNotFoundError):  # one that is there and cannot be loaded says why itself
+    from igl.copyleft import tetgen
+
+COMMAND = (sys.executable, "-m", "mgf_engine.geometry.delaunay")
+_POLL_SECONDS = 0.1
+
+Points = NDArray[np.float64]
+Tetrahedra = NDArray[np.int32]
+
+
+@contextlib.contextmanager
+def begun(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]]:
+    """Begins :func:`delaunay` of points beside what is done inside; gives a function that waits for the result.
+
+    That function takes a check that is called while it waits, and may raise to cancel. Leaving ends the process.
+
+    Raises:
+        BadInput: as :func:`delaunay`, here or from the function.
+    """
+    _check(points)
+    pipe = subprocess.PIPE
+    with (
+        ThreadPoolExecutor(2, "mgf-delaunay") as beside,
+        worker([*COMMAND, str(len(points))], stdin=pipe, stdout=pipe, stderr=pipe) as process,
+    ):
+        assert process.stderr
+        talk = beside.submit(_talk, process, points)
+        errors = beside.submit(process.stderr.read)  # a full pipe would stop the process
+
+        def result(check: Callable[[], None]) -> Tetrahedra:
+            check()
+            while not wait([talk], _POLL_SECONDS).done:
+                check()
+            found, said, code = talk.result(), errors.result(), process.wait()
+            if code != 0:
+                check()  # what ends the job may have ended the process, too
+                raise BadInput(_why(code, said.decode(errors="replace")))
+            return np.frombuffer(found, np.int32).reshape(-1, 4)
+
+        try:
+            yield result
+        finally:
+            process.kill()
+
+
+def _talk(process: subprocess.Popen[bytes], points: Points) -> bytes:
+    """Hands the points over; what the process then writes to stdout."""
+    assert process.stdin and process.stdout
+    with contextlib.suppress(OSError):  # it is gone already: its code says why
+        process.stdin.write(points.astype(np.float64).tobytes())
+        process.stdin.flush()
+    return process.stdout.read()
+
+
+def delaunay(points: Points, method: str = "tetgen") -> Tetrahedra:
+    """Delaunay tetrahedra [T, 4] of distinct points [M, 3], all of positive volume.
+
+    Args:
+        method: "tetgen" (libigl; fast) or "qhull" (SciPy; permissive licence, about ten times slower).
+
+    Raises:
+        BadInput: fewer than four points, or all in one plane, or the chosen method is not installed.
+    """
+    _check(points)
+    if method == "tetgen":
+        return _tetgen(points)
+    from scipy.spatial import Delaunay
+
+    return _positive(points, Delaunay(points).simplices.astype(np.int32))
+
+
+def main(count: int) -> int:
+    """The tetrahedra of so many points on stdin, to stdout; exit code 0, or EXIT_BAD_INPUT and a sentence on stderr."""
+    answer = os.dup(1)
+    os.dup2(2, 1)  # what tetgen prints goes elsewhere
+    points = np.frombuffer(sys.stdin.buffer.read(3 * 8 * count)).reshape(-1, 3)
+    threading.Thread(target=end_with_the_job, daemon=True).start()
+    try:
+        found = _tetgen(points)  # `begun` has looked at the points
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    with os.fdopen(answer, "wb") as stdout:
+        stdout.write(found.astype(np.int32).tobytes())
+    return 0
+
+
+def _why(code: int, said: str) -> str:
+    if code == EXIT_BAD_INPUT and said.strip():
+        return said.strip().splitlines()[-1]
+    return (
+        f"The tetrahedra of the field could not be made (tetgen ended with code {code}); "
+        "if memory ran out, lower max_gaussians."
+    )
+
+
+def _check(points: Points) -> None:
+    if len(points) < 4 or _flat(points):
+        raise BadInput("The field is a point, a line or a plane, and no surface can be made of it; train longer.")
+
+
+def _flat(points: Points) -> bool:
+    centred = points - points.mean(0)
+    spread = np.linalg.svd(centred.T @ centred, compute_uv=False)
+    return bool(spread[2] <= 1e-14 * spread[0])
+
+
+def _tetgen(points: Points) -> Tetrahedra:
+    if "tetgen" not in globals():
+        raise BadInput("libigl is not installed; run 'pip install libigl' or choose the method 'qhull'.")
+    low, size = points.min(0), float(np.ptp(points, axis=0).max())
+    try:
+        result = tetgen.tetrahedralize(np.ascontiguousarray((points - low) / size), flags="Q")
+    except RuntimeError as error:
+        raise BadInput(f"The tetrahedra of the field could not be made ({error}); train longer.") from error
+    if len(result[0]) != len(points):
+        raise RuntimeError("tetgen changed the points")
+    return result[1].astype(np.int32)
+
+
+def _positive(points: Points, tetrahedra: Tetrahedra) -> Tetrahedra:
+    """The tetrahedra that have a volume, turned so that it is positive."""
+    a, b, c, d = (points[tetrahedra[:, k]] for k in range(4))
+    volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+    turned = tetrahedra.copy()
+    turned[volume < 0] = turned[volume < 0][:, [0, 1, 3, 2]]
+    return turned[volume != 0]
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))

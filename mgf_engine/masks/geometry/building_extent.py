@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the building can be in a photo, from the sparse points that are the building.
+
+The building is taken as those points and the columns below them: walls reach the ground even where bushes always
+hid their foot. From that follow, per photo:
+
+* *core*: pixels whose ray meets the building. Background there is an occluder (unknown, never "empty space").
+* *reach*: those and the rim around them where the surface, as flat as around its points, would still be.
+* *away*: how far a pixel is from those; a few spacings of the points away the building cannot be.
+* *ground first*: pixels whose ray meets the ground before the building.
+* *hidden*: pixels where points that this photo should have observed were not observed.
+* *behind*: pixels where another thing's points are nearer than the building.
+* *near*: depth at which the ray meets the building, infinite where it does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.overhangs import Overhangs, enclosed
+from mgf_engine.masks.geometry.point_features import Shape, looking_down
+from mgf_engine.masks.geometry.point_surface import Map, make_surface
+from mgf_engine.model.scene import Scene, View
+
+#: Maps are drawn on a photo of about this longest side.
+MAP_SIDE = 250
+#: Samples of the building are so many map pixels apart at least, in the photos taken from closest by.
+FINE, CLOSE_BY = 1.25, 10
+CORE = 1.5  # spacings of the points
+SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
+STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
+EXPECTED = 8.0  # points that should be seen within the window in which they are counted
+PLAN_SIDE = 64  # cells along the longer side of the building's ground plan
+PLAN_CLOSE = 0.12  # of that side; gaps up to twice this between its points belong to the plan
+OVER_SHARE = 0.7  # of the building's height around, from which a point above its plan stands on it
+HIDDEN_BLUR = (5.0, 14.0)  # px on the map, smallest and largest window (standard deviation)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Maps of one photo on the reduced photo, bool [h, w]; see the module's text."""
+
+    core: Map
+    reach: Map
+    away: NDArray[np.float32]  # [h, w], in spacings of the points as they appear in this photo
+    ground_first: Map
+    hidden: Map
+    behind: Map
+    near: NDArray[np.float32]  # [h, w], normalised units
+
+
+class Extent:
+    """Where the building is, from the points that are it and those that are something else.
+
+    Args:
+        keep: [P], points of the building.
+        ground: the plane under it; None takes the level of the lowest kept points.
+        others: [P], points of other things that stand on the ground; none unless given.
+    """
+
+    def __init__(
+        self, scene: Scene, shape: Shape, keep: Map, ground: Ground | None, sight: Sight, others: Map | None = None
+    ) -> None:
+        keep = keep & _supported(shape, keep)
+        self.scene, self.keep, self.ground = scene, keep, ground
+        self.sight = sight
+        fine = FINE * _map_pixel(scene, keep)
+        over = None
+        if keep.any():
+            spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene) is None
+            over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen)
+        self.posts = make_surface(scene, shape, keep, ground, discs=False, overhangs=over, coarse=fine)
+        self.body = make_surface(scene, shape, keep, ground, discs=True, overhangs=over, coarse=fine)
+        others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)
+        self.others = make_surface(scene, shape, others, None, discs=True, coarse=fine)
+        self.floor = ground or _lowest(scene, shape, keep)
+
+    def place(self, index: int) -> Place:
+        """All maps of view ``index``."""
+        view = self.scene.views[index]
+        h, w = map_size(view)
+        if not len(self.posts.samples):
+            empty, nowhere = np.zeros((h, w), bool), np.full((h, w), np.inf, np.float32)
+            return Place(empty, empty, empty.astype(np.float32), empty, empty, empty, nowhere)
+        near = self.body.depth(view, h, w)
+        places, _, radius = self.posts.project(view, h, w)
+        core = _close(places, CORE * radius, h, w)
+        unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
+        reach = core | np.isfinite(near)
+        outside = (~enclosed(reach)).astype(np.uint8)
+        away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
+        behind = self.others.depth(view, h, w) + self.body.tolerance < near
+        first, hidden = self._ground_first(view, near, h, w), self._hidden(index, h, w)
+        return Place(core, reach, away, first, hidden, behind, near)
+
+    def within(self, index: int, place: Place) -> NDArray[np.bool_]:
+        """Which observations of view ``index`` lie on the building's surface or behind it, [N], in their order.
+
+        What is seen through the surface that the points span is a recess or a window of it, nothing in front of it.
+        """
+        view, (h, w) = self.scene.views[index], place.core.shape
+        here = self.scene.observations(index)
+        x, y = np.floor(self.scene.track_uv[here] * (w / view.width, h / view.height)).astype(np.int64).T
+        x, y = np.clip(x, 0, w - 1), np.clip(y, 0, h - 1)
+        depth = view.project(self.scene.points[self.sight.owner[here]])[1]
+        return (place.core & ~place.ground_first)[y, x] & (depth > place.near[y, x] - self.body.tolerance)
+
+    def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> Map:
+        if self.floor is None:
+            return np.zeros((h, w), bool)
+        depth = ground_depth(view, self.floor, h, w)
+        # The plane may be off by its thickness: along the ray that is more the flatter the ray.
+        above = float(self.floor.height(view.centre[None])[0])
+        margin = depth * min(0.5, 1.5 * self.floor.thickness / max(above, 1e-9))
+        return np.isfinite(depth) & (depth + margin < near)
+
+    def _hidden(self, index: int, h: int, w: int) -> Map:
+        """Many accepted points that cameras close by observed here, and hardly any observed in this photo."""
+        view, points = self.scene.views[index], self.scene.points
+        observed = self.sight.observed(index)
+        expected = self.sight.expected(index) & self.keep
+        rows = np.flatnonzero(expected)
+        uv, depth = view.project(points[rows])
+        uv = uv * (w / view.width, h / view.height)
+        here = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)
+        if not here.any():
+            return np.zeros((h, w), bool)
+        x, y = np.floor(uv[here]).astype(np.int64).T
+        seen = observed[rows[here]]
+        counts = np.stack([np.bincount(y * w + x, weight, h * w).reshape(h, w) for weight in (None, seen)])
+        counts = counts.astype(np.float32)
+        # As wide a window as it takes to expect enough points; 4 pi sigma^2 is the area it weighs like a disc.
+        covered = float((cv2.dilate(counts[0], np.ones((15, 15), np.uint8)) > 0).sum())
+        sigma = float(np.clip(np.sqrt(EXPECTED * covered / (4 * np.pi * len(x))), *HIDDEN_BLUR))
+        local = [cv2.GaussianBlur(c, (0, 0), sigma) * (4 * np.pi * sigma**2) for c in counts]
+        usual = float(seen.mean())
+        return (local[0] > 0.6 * EXPECTED) & (local[1] < 0.2 * usual * local[0])
+
+
+class Sight:
+    """Which points each photo observed, and which it should have: a camera close by did.
+
+    Args:
+        sparse: so many of the points, the first, are of structure from motion; of others no photo is expected to have
+            a track. None for all.
+    """
+
+    def __init__(self, scene: Scene, shape: Shape, sparse: int | None = None) -> None:
+        self.scene, self.shape, self.owner = scene, shape, scene.track_point
+        self._tracked = np.arange(len(scene.points)) < (len(scene.points) if sparse is None else sparse)
+        centres = np.stack([v.centre for v in scene.views])
+        self._rays = scene.points[self.owner] - centres[scene.track_view]
+        self._lengths = np.linalg.norm(self._rays, axis=1)
+        self._expected: dict[int, NDArray[np.bool_]] = {}
+
+    def observed(self, index: int) -> NDArray[np.bool_]:
+        """Points whose track goes through view ``index``, [P]."""
+        result = np.zeros(len(self.scene.points), bool)
+        result[self.owner[self.scene.observations(index)]] = True
+        return result
+
+    def expected(self, index: int) -> NDArray[np.bool_]:
+        """Points some camera saw from nearly the same direction and distance, or view ``index`` itself, [P]."""
+        if index not in self._expected:
+            towards = self.scene.points - self.scene.views[index].centre
+            length = np.linalg.norm(towards, axis=1)
+            facing = np.abs((towards * self.shape.normals).sum(1)) > STEEP * length
+            mine = length[self.owner]
+            cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
+            alike = (cosine > SAME_SIDE) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
+            result = np.zeros(len(self.scene.points), bool)
+            result[self.owner[alike]] = True
+            self._expected[index] = ((result & facing) | self.observed(index)) & self._tracked
+        return self._expected[index]
+
+
+def _map_pixel(scene: Scene, keep: Map) -> float:
+    """Side of a map pixel at the kept points, in the photos taken from closest by; normalised units."""
+    if not keep.any():
+        return 0.0
+    middle = np.median(scene.points[keep], axis=0)
+    sides = [np.linalg.norm(v.centre - middle) * v.width / (v.fx * map_size(v)[1]) for v in scene.views]
+    return float(np.percentile(sides, CLOSE_BY))
+
+
+def map_size(view: View) -> tuple[int, int]:
+    """Height and width of the reduced maps of a view."""
+    factor = min(1.0, MAP_SIDE / max(view.width, view.height))
+    return max(1, round(view.height * factor)), max(1, round(view.width * factor))
+
+
+def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float64]:
+    """Depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w]."""
+    xs = ((np.arange(w) + 0.5) * view.width / w - view.cx) / view.fx
+    ys = ((np.arange(h) + 0.5) * view.height / h - view.cy) / view.fy
+    normal = view.rotation @ ground.normal
+    slope = normal[0] * xs[None, :] + normal[1] * ys[:, None] + normal[2]
+    above = float(ground.height(view.centre[None])[0])
+    with np.errstate(divide="ignore"):
+        depth = np.where(slope < -1e-9, -above / np.minimum(slope, -1e-9), np.inf)
+    return np.where(depth > 0, depth, np.inf)
+
+
+def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
+    """Points that stand on the building: above its ground plan and not low, as spires and chimneys do, [P].
+
+    Args:
+        points: [P, 3]; keep: [P], points of the building.
+    """
+    keep = keep & _supported(shape, keep)
+    if keep.sum() < 10:
+        return np.zeros(len(points), bool)
+    side = np.linalg.svd(shape.up[None])[2][1:]
+    plan, height = points @ side.T, points @ shape.up
+    low, high = plan[keep].min(0), plan[keep].max(0)
+    cell = max(float((high - low).max()) / PLAN_SIDE, 1e-9)
+    reach = round(PLAN_CLOSE * PLAN_SIDE)
+    size = np.ceil((high - low) / cell).astype(int) + 1 + 2 * reach
+    at = np.floor((plan - low) / cell).astype(np.int64) + reach
+    inside = ((at >= 0) & (at < size)).all(1)
+    at = np.clip(at, 0, size - 1)
+    top = np.full(size, -np.inf, np.float32)
+    np.maximum.at(top, tuple(at[keep].T), height[keep])
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    area = enclosed(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
+    floor = float(np.percentile(height[keep], 1))
+    tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), kernel)
+    tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells
+    x, y = at.T
+    return np.asarray(inside & area[x, y] & (height - floor > OVER_SHARE * tall[x, y]), bool)
+
+
+def _supported(shape: Shape, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Kept points that are not alone: close enough to neighbours of which enough are kept."""
+    if not keep.any():
+        return keep
+    first, second = shape.pairs[:, 0], shape.pairs[:, 1]
+    share = np.bincount(first, keep[second], len(keep)) / np.maximum(np.bincount(first, minlength=len(keep)), 1)
+    return (share >= 0.5) & (shape.spacing < 4 * np.median(shape.spacing[keep]))
+
+
+def _lowest(scene: Scene, shape: Shape, keep: NDArray[np.bool_]) -> Ground | None:
+    """The level plane through the lowest kept points: no part of the building is seen below it."""
+    if keep.sum() < 10:
+        return None
+    level = float(np.percentile(scene.points[keep] @ shape.up, 0.5))
+    return Ground(shape.up, level, float(np.median(shape.spacing[keep])))
+
+
+def _close(places: NDArray[np.int32], radius: NDArray, h: int, w: int) -> Map:
+    """The samples' pixels (y * w + x) and the gaps between them, without reaching beyond the outermost ones."""
+    spots = np.zeros((h, w), np.uint8)
+    spots.reshape(-1)[places] = 1
+    if not len(radius):
+        return spots.astype(bool)
+    size = 2 * round(max(1.0, float(np.percentile(radius, 80)))) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    # A border as wide as the kernel: at the frame, too, nothing is filled beyond the samples.
+    padded = cv2.copyMakeBorder(spots, size, size, size, size, cv2.BORDER_REPLICATE)
+    return cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)[size : size + h, size : size + w].astype(bool)

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points where structure from motion found none: flat roofs and blank walls, whose place the masks need all the same.
+
+Between sparse points the building's surface has to be guessed. Where a whole roof has none, its pixels seem to show the
+ground behind, whatever was clicked on them. Matching photos with their neighbours finds such surfaces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.points import pixel_at
+from mgf_engine.model.scene import Scene
+from mgf_engine.scene.depths import Depths, match_photos
+
+Flags = NDArray[np.bool_]
+
+NEIGHBOURS, LONGEST_SIDE = 3, 375  # photos each is matched with, px
+#: Shares of the longer side: a pixel farther than REACH from all points is bare; at most one new point per CELL.
+REACH, CELL = 1 / 20, 1 / 40
+#: px around a pixel of which nearly all must be matched, without a step in depth: at edges matching is off by a window.
+CALM, MATCHED, STEP = 6, 0.8, 0.04
+CONFIRMED = 3  # photos, itself among them, that must see a point
+
+
+def with_bare_points(
+    scene: Scene, leafy: Callable[[int], NDArray[np.bool_]], threads: int, check: Callable[[], None]
+) -> Scene:
+    """The scene with points, and tracks through the photos that confirm them, where it has none.
+
+    Args:
+        leafy: view -> bool [h, w] of any size: leaves and grass, which are never flat nor the building.
+        check: called between photos; may raise to cancel.
+
+    Returns:
+        A scene whose first points are those of ``scene``; their observations come first, too.
+    """
+    views = range(len(scene.views))
+    depths = match_photos(
+        scene, views, np.ones(len(scene.points), bool), None, NEIGHBOURS, LONGEST_SIDE, threads, check
+    )
+    bare = {i: ~_around(scene, i, depths) & ~_beside(leafy(i), depths.photos[i].grey.shape) for i in views}
+    found: list[tuple[NDArray[np.float64], NDArray[np.uint8], Flags]] = []
+    for index in depths.maps:
+        check()
+        points, colors = _new_points(index, depths, bare[index])
+        seen = _seen(points, index, depths, len(views))
+        enough = seen.sum(1) >= CONFIRMED
+        points, colors, seen = points[enough], colors[enough], seen[enough]
+        for other in np.flatnonzero(seen.any(0)).tolist():
+            bare[other] &= ~_covered(scene, other, points[seen[:, other]], bare[other].shape)
+        found.append((points, colors, seen))
+    return _joined(scene, *(np.concatenate(parts) for parts in zip(*found, strict=True))) if found else scene
+
+
+def _new_points(index: int, depths: Depths, bare: Flags) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """At most one point [N, 3] for each cell of a photo's bare pixels [h, w], with its grey as colour [N, 3]."""
+    pixels, points = depths.points(index, bare & _calm(depths.maps[index]))
+    side = _cell(bare.shape)
+    cell = pixels // side @ np.array([bare.shape[1], 1])
+    aside = np.abs(pixels % side - side / 2).sum(1)
+    order = np.lexsort((aside, cell))
+    chosen = order[np.unique(cell[order], return_index=True)[1]]
+    grey = depths.photos[index].grey[tuple(pixels[chosen].T)]
+    return points[chosen], np.stack([grey] * 3, 1)
+
+
+def _cell(shape: tuple[int, ...]) -> int:
+    """Side of a cell of a reduced photo, px."""
+    return max(2, round(CELL * max(shape)))
+
+
+def _seen(points: NDArray[np.float64], index: int, depths: Depths, count: int) -> Flags:
+    """Which of ``count`` views show points [N, 3] of one view, [N, count]: it, its neighbours, and theirs."""
+    result = np.zeros((len(points), count), bool)
+    beside = depths.neighbours[index]
+    for other in {k for i in beside for k in (i, *depths.neighbours[i])} - {index}:
+        result[:, other] = depths.confirms(other, points)
+    result[:, index] = True
+    return result
+
+
+def _calm(depth: NDArray[np.float32]) -> Flags:
+    """Pixels [h, w] around which nearly all are matched and the depth changes evenly."""
+    window = np.ones((2 * CALM + 1,) * 2, np.uint8)
+    matched = cv2.blur((depth > 0).astype(np.float32), window.shape) > MATCHED
+    around = np.ones((3, 3), np.uint8)
+    near, far = cv2.erode(np.where(depth > 0, depth, np.inf), around), cv2.dilate(depth, around)
+    step = cv2.dilate((far / np.float32(1 + STEP) > near).astype(np.uint8), window) > 0
+    return np.asarray(matched & ~step, bool)
+
+
+def _around(scene: Scene, index: int, depths: Depths) -> Flags:
+    """Pixels [h, w] of a reduced photo that have a sparse point near by, be it one that only others observed."""
+    view, shape = scene.views[index], depths.photos[index].grey.shape
+    radius = round(REACH * max(shape))
+    disc = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
+    places = np.concatenate(
+        [scene.track_uv[scene.observations(index)], view.project(scene.points[depths.confirms(index, scene.points)])[0]]
+    )
+    return _spots(places / (view.width, view.height), shape, disc)
+
+
+def _beside(mask: Flags, shape: tuple[int, ...]) -> Flags:
+    """Pixels [h, w] of a reduced photo on a mask of any size or beside it."""
+    small = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
+    return np.asarray(cv2.dilate(small, np.ones((2 * CALM + 1,) * 2, np.uint8)) > 0, bool)
+
+
+def _covered(scene: Scene, index: int, points: NDArray[np.float64], shape: tuple[int, ...]) -> Flags:
+    """Pixels [h, w] of a reduced photo that new points stand for."""
+    view = scene.views[index]
+    window = np.ones((2 * _cell(shape) - 1,) * 2, np.uint8)
+    return _spots(view.project(points)[0] / (view.width, view.height), shape, window)
+
+
+def _spots(places: NDArray[np.floating], shape: tuple[int, ...], kernel: NDArray[np.uint8]) -> Flags:
+    """The kernel at places [N, 2] (x, y as shares of the photo), bool [h, w]."""
+    height, width = shape
+    result = np.zeros((height, width), np.uint8)
+    result[pixel_at(shape, places * (width, height))] = 1
+    return np.asarray(cv2.dilate(result, kernel) > 0, bool)
+
+
+def _joined(scene: Scene, points: NDArray[np.float64], colors: NDArray[np.uint8], seen: Flags) -> Scene:
+    """The scene with points [N, 3] more, and which views see each, [N, V]."""
+    owner, view = np.nonzero(seen)
+    uv = np.zeros((len(owner), 2))
+    for index in np.unique(view):
+        here, by = view == index, scene.views[index]
+        uv[here] = np.clip(by.project(points[owner[here]])[0], 0, (by.width - 0.01, by.height - 0.01))
+    counts = np.cumsum(seen.sum(1))
+    return replace(
+        scene,
+        points=np.concatenate([scene.points, points]),
+        colors=np.concatenate([scene.colors, colors]),
+        errors=np.concatenate([scene.errors, np.zeros(len(points), np.float32)]),
+        track_start=np.concatenate([scene.track_start, scene.track_start[-1] + counts]).astype(np.int64),
+        track_view=np.concatenate([scene.track_view, view]).astype(np.int32),
+        track_uv=np.concatenate([scene.track_uv, uv]).astype(np.float32),
+    )

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ground as a plane under the building, where the sparse points show one.
+
+It separates paving from walls of the same stone, and tells how far walls reach down behind bushes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.geometry.point_features import Shape
+from mgf_engine.model.scene import Scene
+
+MIN_SUPPORT = 20  # points
+MAX_TILT = 0.26  # radians between the plane's normal and up
+TRIALS = 300
+
+
+@dataclass(frozen=True)
+class Ground:
+    """``normal @ x = level`` with normal [3] pointing up, and how thick the layer of its points is."""
+
+    normal: NDArray[np.float64]
+    level: float
+    thickness: float
+
+    def height(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height of points [N, 3] over the plane -> [N]."""
+        return points @ self.normal - self.level
+
+    def holds(self, scene: Scene, shape: Shape) -> NDArray[np.float64]:
+        """How much each sparse point is part of the ground, 0..1: level and in the plane, or below it; [P]."""
+        height = self.height(scene.points) / self.thickness
+        level = np.clip(2 * np.abs(shape.normals @ shape.up) - 0.6, 0, 1)
+        return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)
+
+
+def find_ground(scene: Scene, shape: Shape, outside: NDArray[np.floating], seed: int) -> Ground | None:
+    """The plane most points agree on that lies below the cameras and nearly all points, or None.
+
+    Args:
+        outside: [P], 0..1, how likely each point is not the building; weighs the support.
+    """
+    upright = np.abs(shape.normals @ shape.up) * shape.flatness
+    weight = np.clip(outside, 0, 1) * np.clip(2 * upright - 0.6, 0, 1)
+    pool = np.flatnonzero(weight > 0.05)
+    if len(pool) < MIN_SUPPORT:
+        return None
+    rng = np.random.default_rng(seed)
+    thickness = 0.6 * float(np.median(shape.spacing[pool]))
+    centres = np.stack([v.centre for v in scene.views])
+    points, best, best_score = scene.points, None, 0.0
+    share = weight[pool] / weight[pool].sum()
+    for three in _draws(rng, share, TRIALS):
+        plane = _through(points[pool[three]], shape.up)
+        if plane is None:
+            continue
+        score = _support(plane, points, weight, thickness, centres)
+        if score > best_score:
+            best, best_score = plane, score
+    if best is None or best_score < MIN_SUPPORT / 2:
+        return None
+    return _refit(best, points, weight, thickness)
+
+
+def _draws(rng: np.random.Generator, share: NDArray[np.float64], count: int) -> Iterator[NDArray[np.int64]]:
+    """So many times three different rows by their shares [N]: ``rng.choice``, but the shares are summed up once."""
+    below = np.cumsum(share)
+    below /= below[-1]
+    for _ in range(count):
+        before = rng.bit_generator.state
+        three = below.searchsorted(rng.random(3), side="right")
+        if len(set(three.tolist())) < 3:
+            rng.bit_generator.state = before
+            three = rng.choice(len(share), 3, replace=False, p=share)
+        yield three
+
+
+def _through(three: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
+    normal = np.cross(three[1] - three[0], three[2] - three[0])
+    length = np.linalg.norm(normal)
+    if length < 1e-12:
+        return None
+    normal = normal / length * np.sign(normal @ up or 1.0)
+    return (normal, float(normal @ three[0])) if normal @ up > np.cos(MAX_TILT) else None
+
+
+def _support(
+    plane: tuple[NDArray[np.float64], float],
+    points: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    thickness: float,
+    centres: NDArray[np.float64],
+) -> float:
+    normal, level = plane
+    if np.mean(centres @ normal > level) < 0.9:
+        return 0.0
+    height = points @ normal - level
+    below = np.mean(height < -3 * thickness)
+    return float(weight[np.abs(height) < thickness].sum() * max(0.0, 1 - 10 * below))
+
+
+def _refit(
+    plane: tuple[NDArray[np.float64], float], points: NDArray[np.float64], weight: NDArray[np.float64], thickness: float
+) -> Ground:
+    normal, level = plane
+    for _ in range(3):
+        near = (np.abs(points @ normal - level) < thickness) & (weight > 0.05)
+        centre = np.average(points[near], axis=0, weights=weight[near])
+        offset = (points[near] - centre) * np.sqrt(weight[near])[:, None]
+        fitted = np.linalg.svd(offset, full_matrices=False)[2][2]
+        fitted = fitted * np.sign(fitted @ normal or 1.0)
+        if fitted @ normal < np.cos(MAX_TILT):
+            break
+        normal, level = fitted, float(fitted @ centre)
+    near = (np.abs(points @ normal - level) < thickness) & (weight > 0.05)
+    spread = 1.4826 * float(np.median(np.abs(points[near] @ normal - level)))
+    return Ground(normal, level, float(np.clip(3 * spread, 0.3 * thickness, thickness)))

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the sparse points tell about the shape of the scene: up, local normals, neighbours, height over ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from mgf_engine.model.scene import Scene
+
+NEIGHBOURS = 10
+ASTRAY = 1.5  # times the spacing of its neighbours
+ONE_SIDED = 0.75  # of their mean distance, the distance of their middle
+#: Photos of a grid straight down: so many at least, their mean viewing direction so long (1: all the same), and the
+#: grid as wide as this share of its length.
+FEWEST_IN_GRID, ALIKE, GRID = 8, 0.97, 0.3
+GROUP_GAP = 4.0  # spacings; side of the cells whose contact makes a group
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Local shape around each of ``P`` sparse points.
+
+    Attributes:
+        up: unit vector [3], normalised frame.
+        spacing: float64 [P], distance to the neighbours (their median).
+        normals: float64 [P, 3], unit, sign arbitrary.
+        flatness: float64 [P], 0 (scattered) .. 1 (planar).
+        height: float64 [P], over the lowest surface around, in normalised units.
+        pairs: int64 [E, 2] neighbours in space.
+        closeness: float64 [E], 0..1.
+        astray: bool [P], beside others that lie together and away from all of them: matches slide along eaves.
+    """
+
+    up: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    flatness: NDArray[np.float64]
+    height: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+    closeness: NDArray[np.float64]
+    astray: NDArray[np.bool_]
+
+
+def up_direction(scene: Scene) -> NDArray[np.float64]:
+    """The direction against gravity, from how people hold cameras: upright, with a level horizon, or straight down."""
+    down = looking_down(scene)
+    if down is not None:
+        return -down
+    right = np.stack([v.rotation[0] for v in scene.views])
+    mean_up = -np.stack([v.rotation[1] for v in scene.views]).mean(0)
+    length = np.linalg.norm(mean_up)
+    mean_up = mean_up / length if length > 1e-9 else np.array([0.0, -1.0, 0.0])
+    # Up is perpendicular to every camera's x axis; the mean settles what few directions leave open.
+    matrix = right.T @ right / len(right) - 0.05 * np.outer(mean_up, mean_up)
+    up = np.linalg.eigh(matrix)[1][:, 0]
+    up = up * np.sign(up @ mean_up or 1.0)
+    return up if up @ mean_up > 0.7 else mean_up
+
+
+def looking_down(scene: Scene) -> NDArray[np.float64] | None:
+    """Where a grid of photos that all look the same way looks, [3]; None where they do not.
+
+    Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.
+    """
+    axis = np.stack([v.rotation[2] for v in scene.views]).mean(0)
+    length = np.linalg.norm(axis)
+    if len(scene.views) < FEWEST_IN_GRID or length < ALIKE:
+        return None
+    axis /= length
+    centres = np.stack([v.centre for v in scene.views])
+    centres = centres - centres.mean(0)
+    across = centres - np.outer(centres @ axis, axis)
+    wide = np.linalg.svd(across, compute_uv=False)
+    flat = np.linalg.norm(centres @ axis) < 0.5 * wide[1]
+    return axis if flat and wide[1] > GRID * wide[0] else None
+
+
+def measure_shape(scene: Scene) -> Shape:
+    """Neighbours, normals and heights of the sparse points of a scene."""
+    points = scene.points
+    count = len(points)
+    up = up_direction(scene)
+    k = min(NEIGHBOURS, count - 1)
+    if k < 1:
+        zero, none = np.zeros(count), np.zeros(count, bool)
+        return Shape(up, zero + 1, np.tile(up, (count, 1)), zero, zero, np.zeros((0, 2), np.int64), np.zeros(0), none)
+    tree = cKDTree(points)
+    distance, index = tree.query(points, k + 1)
+    distance, index = distance[:, 1:], index[:, 1:]
+    spacing = np.maximum(np.median(distance, 1), 1e-9)
+    offsets = points[index] - points[:, None]
+    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets) / k)
+    normals = vectors[:, :, 0]
+    flatness = 1 - np.sqrt(np.maximum(values[:, 0], 0) / np.maximum(values[:, 1], 1e-18))
+    pairs, closeness = _links(distance, index, spacing, normals, flatness)
+    loose = _astray(offsets, spacing, index)
+    return Shape(up, spacing, normals, flatness, _heights(points @ up, points, up), pairs, closeness, loose)
+
+
+def _astray(offsets: NDArray, spacing: NDArray, index: NDArray) -> NDArray[np.bool_]:
+    """From the offsets [P, K, 3] to the neighbours ``index`` [P, K]."""
+    one_sided = np.linalg.norm(offsets.mean(1), axis=1) > ONE_SIDED * np.linalg.norm(offsets, axis=2).mean(1)
+    return np.asarray(one_sided & (spacing > ASTRAY * spacing[index].mean(1)), bool)
+
+
+def _links(
+    distance: NDArray, index: NDArray, spacing: NDArray, normals: NDArray, flatness: NDArray
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Self-tuning closeness: near, and where both sides are planar, facing the same way."""
+    count, k = index.shape
+    first, second = np.repeat(np.arange(count), k), index.ravel()
+    near = np.exp(-(distance.ravel() ** 2) / (2 * spacing[first] * spacing[second]))
+    turn = 1 - np.abs((normals[first] * normals[second]).sum(1))
+    planar = np.clip(np.minimum(flatness[first], flatness[second]), 0, 1)
+    return np.stack([first, second], 1), near * np.exp(-4 * planar * turn)
+
+
+def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64]:
+    """Height over the lowest points (5th percentile) of a square around, on a grid of the ground plan."""
+    side = np.linalg.svd(up[None])[2][1:]
+    plan = points @ side.T
+    low, high = np.percentile(plan, [2, 98], axis=0)
+    cell = max(float((high - low).max()) / 12, 1e-9)
+    cells = np.clip(np.floor((plan - low) / cell), -3, 15).astype(np.int64) + 3
+    floor = np.full((19, 19), np.inf)
+    number = np.ravel_multi_index(tuple(cells.T), floor.shape)
+    order = np.argsort(number)
+    cuts = np.searchsorted(number[order], np.arange(floor.size + 1))
+    for key, (start, end) in enumerate(pairwise(cuts)):
+        if end - start >= 3:
+            floor.flat[key] = np.percentile(level[order[start:end]], 5)
+    padded = np.pad(floor, 1, constant_values=np.inf)
+    lowest = np.min([padded[i : i + 19, j : j + 19] for i in range(3) for j in range(3)], axis=0)
+    lowest[~np.isfinite(lowest)] = np.percentile(level, 5)
+    return np.maximum(level - lowest[cells[:, 0], cells[:, 1]], 0)
+
+
+def clicked_groups(
+    points: NDArray[np.float64], keep: NDArray[np.bool_], clicked: NDArray[np.int64], shape: Shape
+) -> NDArray[np.bool_]:
+    """Kept points that hang together with clicked ones: a building of the same brick across the street does not.
+
+    Points hang together where no gap of about eight spacings lies between them.
+
+    Args:
+        points: [P, 3]; keep: [P].
+        clicked: rows of the points that were clicked on.
+
+    Returns:
+        bool [P]; all kept points where no clicked one is among them.
+    """
+    clicked = clicked[keep[clicked]]
+    if not len(clicked):
+        return keep
+    cell = GROUP_GAP * float(np.median(shape.spacing[keep]))
+    rows = np.flatnonzero(keep)
+    cells, which = np.unique(np.floor(points[rows] / cell).astype(np.int64), axis=0, return_inverse=True)
+    tree = cKDTree(cells)
+    pairs = tree.query_pairs(1.8, output_type="ndarray")  # the 26 cells around
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
+    _, group = connected_components(links, directed=False)
+    group = group[which.ravel()]
+    result = np.zeros(len(points), bool)
+    result[rows] = np.isin(group, group[np.isin(rows, clicked)])
+    return result

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A surface from few points: discs around them, columns below them, and how far away a photo sees it first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.overhangs import Overhangs
+from mgf_engine.masks.geometry.point_features import Shape
+from mgf_engine.model.scene import Scene, View
+from mgf_engine.native.library import call
+
+Map = NDArray[np.bool_]
+Points = NDArray[np.float64]
+
+MAX_COLUMN = 40  # samples between a point and the ground
+DISC = 0.9  # spacings; the surface is known this far around a point
+FLAT = 0.6  # flatness from which a point has a surface
+SPLAT = 0.8  # cells; radius of a sample
+HALF = 0.5  # of the points' spacing: how far apart samples are, unless coarser ones are asked for
+_RINGS = ((0.5, 6), (1.0, 12))  # share of the disc's radius, samples
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Samples [M, 3] with the spacing [M] of the points they come from, thinned to cells of one size.
+
+    Attributes:
+        cell: normalised units; tolerance: half the points' spacing, by which depths may be off.
+    """
+
+    samples: Points
+    spacing: Points
+    cell: float
+    tolerance: float
+
+    def project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
+        """Map pixels (y * w + x), depths and spacings in map pixels of the samples inside the frame, [N] each."""
+        count = len(self.samples)
+        places, depth, radius = np.empty(count, np.int32), *np.empty((2, count), np.float32)
+        unit = float(view.fx * w / view.width)
+        given = count, self._columns, self._spacing, _matrix(view, h, w), h, w, unit
+        seen = call("project_samples", *given, places, depth, radius)
+        return places[:seen], depth[:seen], radius[:seen]
+
+    @cached_property
+    def _columns(self) -> NDArray[np.float32]:
+        """The samples as [3, M], contiguous: every photo projects all of them in every round."""
+        return np.ascontiguousarray(self.samples.T, np.float32)
+
+    @cached_property
+    def _spacing(self) -> NDArray[np.float32]:
+        return self.spacing.astype(np.float32)
+
+    def depth(self, view: View, h: int, w: int) -> NDArray[np.float32]:
+        """Depth at which each map pixel meets the surface first, infinite where it does not, [h, w]."""
+        near = self._splat(view, h, w)
+        if self.cell > self.tolerance:  # few samples: where they lie unevenly, a pixel between them is missed
+            near = np.asarray(cv2.morphologyEx(near, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.float32)
+        return near
+
+    def _splat(self, view: View, h: int, w: int) -> NDArray[np.float32]:
+        """The nearest depth among discs around the samples; infinite where there is none, [h, w]."""
+        most = max(0, int(2 * np.log2(max(h, w) / 4)))
+        # Discs get larger by the square root of two from one level to the next.
+        limits = SPLAT * self.cell * view.fx * w / view.width / 2 ** ((np.arange(most) + 0.5) / 2)
+        spots = np.full((most + 1, h, w), np.inf, np.float32)
+        used = call(
+            "nearest_samples", len(self.samples), self._columns, _matrix(view, h, w), h, w, most + 1,
+            limits.astype(np.float32), spots,
+        )  # fmt: skip
+        result = np.full((h, w), np.inf, np.float32)
+        for level in range(most + 1):
+            if used >> level & 1:
+                size = 2 * round(2 ** (level / 2)) + 1
+                disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+                grown = cv2.erode(spots[level], disc, borderType=cv2.BORDER_CONSTANT, borderValue=float("inf"))
+                result = np.minimum(result, grown)
+        return result
+
+
+def _matrix(view: View, h: int, w: int) -> NDArray[np.float32]:
+    """From the normalised frame to the pixels of a map of the view, [3, 4]."""
+    frame = np.array([[view.fx * w / view.width, 0, view.cx * w / view.width],
+                      [0, view.fy * h / view.height, view.cy * h / view.height], [0, 0, 1]])  # fmt: skip
+    return np.ascontiguousarray(frame @ np.column_stack([view.rotation, view.translation]), np.float32)
+
+
+def make_surface(
+    scene: Scene,
+    shape: Shape,
+    keep: Map,
+    ground: Ground | None,
+    discs: bool,
+    overhangs: Overhangs | None = None,
+    coarse: float = 0.0,
+) -> Surface:
+    """The surface around kept points.
+
+    Args:
+        keep: [P].
+        ground: where columns end; None: the lowest points around.
+        discs: add a disc around each point whose neighbours are flat.
+        overhangs: add what is below all but these, down to the ground; these get discs, and what is astray among them
+            is left out. None: no columns.
+        coarse: side of the cells, where that is more than half the spacing of the points; finer ones are not seen.
+    """
+    if not keep.any():
+        return Surface(np.zeros((0, 3)), np.zeros(0), 1.0, 1.0)
+    usual = float(np.median(shape.spacing[keep]))
+    spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
+    cell = max(HALF * usual, coarse)
+    owner = np.flatnonzero(keep)
+    if overhangs is not None:
+        owner = owner[~(overhangs(scene.points[owner]) & shape.astray[owner])]
+    samples = scene.points[owner]
+    flat = owner if discs else owner[overhangs(samples)] if overhangs is not None else owner[:0]
+    if len(flat):
+        wide, around = _discs(scene.points, spacing, shape, flat)
+        samples, owner = _thin(np.concatenate([samples, wide]), np.concatenate([owner, around]), cell)
+    if overhangs is not None:
+        top = _highest(samples, shape.up, cell)
+        top = top[~overhangs(samples[top])]
+        height = np.maximum(ground.height(samples[top]), 0) if ground is not None else shape.height[owner[top]]
+        below, count = _columns(samples[top], height, shape.up, cell)
+        samples = np.concatenate([samples, below])
+        samples, owner = _thin(samples, np.concatenate([owner, np.repeat(owner[top], count)]), cell)
+    return Surface(samples, spacing[owner], cell, HALF * usual)
+
+
+def _discs(points: Points, spacing: Points, shape: Shape, rows: NDArray[np.int64]) -> tuple[Points, NDArray[np.int64]]:
+    """Samples of a disc around each of these points where the surface is flat, and which point each belongs to."""
+    flat = rows[shape.flatness[rows] > FLAT]
+    normals = shape.normals[flat]
+    helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    first = np.cross(normals, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    samples, owner = [], []
+    for ring, number in _RINGS:
+        for angle in np.arange(number) * (2 * np.pi / number):
+            reach = (ring * DISC * spacing[flat])[:, None]
+            samples.append(points[flat] + reach * (np.cos(angle) * first + np.sin(angle) * second))
+            owner.append(flat)
+    return np.concatenate(samples), np.concatenate(owner)
+
+
+def _highest(samples: Points, up: Points, cell: float) -> NDArray[np.int64]:
+    """The highest sample over each cell of the ground: the column below it holds those of all others there, [K]."""
+    first = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.7 else [0, 1.0, 0])
+    first /= np.linalg.norm(first)
+    flat = np.stack([samples @ first, samples @ np.cross(up, first)], axis=1)
+    _, place = np.unique(np.floor(flat / cell).astype(np.int64), axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    order = np.lexsort((samples @ up, place))
+    return order[np.flatnonzero(np.diff(place[order], append=-1))]
+
+
+def _columns(top: Points, height: Points, up: Points, cell: float) -> tuple[Points, NDArray[np.int64]]:
+    """What is below the samples [K, 3], so far down [K], and how many that are for each, [K]."""
+    step = np.maximum(cell, height / MAX_COLUMN)
+    count = np.floor(height / step).astype(np.int64) + 1
+    rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.repeat(top, count, axis=0) - (rank * np.repeat(step, count))[:, None] * up, count
+
+
+def _thin(samples: Points, owner: NDArray[np.int64], cell: float) -> tuple[Points, NDArray[np.int64]]:
+    cells = np.floor((samples - samples.min(0)) / cell).astype(np.int64)
+    spans = cells.max(0) + 1
+    first = _first_of_each((cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2])
+    return samples[first], owner[first]
+
+
+def _first_of_each(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where each value of keys >= 0 comes first, by ascending value: ``np.unique``, whose stable sort takes longer."""
+    bits = len(keys).bit_length()
+    if int(keys.max()) >> (63 - bits):
+        return np.unique(keys, return_index=True)[1]
+    ranked = np.sort(keys << bits | np.arange(len(keys)))
+    return ranked[np.flatnonzero(np.diff(ranked >> bits, prepend=-1))] & ((1 << bits) - 1)

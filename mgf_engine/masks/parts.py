@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The second level: elements inside the building (windows, doors, wall fields, roof faces).
+
+Found automatically per photo, overridden where the user clicked on parts, and tied together across photos by the
+sparse points into scene-wide parts with names.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.ndimage import find_objects
+
+from mgf_engine.masks.image_ops import grow
+from mgf_engine.masks.points import pixel_at
+from mgf_engine.masks.prompts import Points
+from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.masks.segmenters.efficientsam import POINT, EfficientSam
+from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, UNKNOWN, building
+from mgf_engine.model.scene import Scene
+
+LAST_ELEMENT = UNKNOWN - 1
+SMALLEST, LARGEST = 0.001, 0.5  # share of the building
+GRID = 12  # prompts across the longer side of the building
+MIN_QUALITY, MIN_STABILITY, MAX_OVERLAP = 0.8, 0.9, 0.6
+MIN_CONTRAST = 4.0  # CIELAB units around an element found by colour
+MARGIN = 8  # px around the building that are looked at, too: a field ends where the next begins
+MIN_SHARED, MIN_COMMON = 3, 0.5  # points two elements share, and their share of what both photos saw
+
+
+@dataclass(frozen=True)
+class Element:
+    """Pixels of one photo: a box of it, and which of the box's pixels, bool [h, w]."""
+
+    box: tuple[slice, slice]
+    mask: NDArray[np.bool_]
+
+
+@dataclass
+class Part:
+    """One scene-wide part.
+
+    Attributes:
+        name: the user's, or ``element-N``.
+        elements: (view, label) of each of its elements.
+        points: rows of the scene's sparse points on it.
+    """
+
+    name: str
+    elements: list[tuple[int, int]]
+    points: list[int] = field(default_factory=list)
+
+
+def add_elements(
+    labels: NDArray[np.uint8], photo: NDArray[np.uint8], clicks: dict[str, Points], sam: EfficientSam | None
+) -> tuple[NDArray[np.uint8], dict[int, str]]:
+    """Label map with elements from 2 up, and the user's names of clicked ones.
+
+    Args:
+        labels: level one [H, W].
+        photo: RGB uint8 [H, W, 3].
+        clicks: part name -> clicks; they win over what is found automatically.
+        sam: asked with a grid of points; None finds elements by colour.
+    """
+    inside = building(labels)
+    if not inside.any():
+        return labels, {}
+    fields = colour_fields(photo, inside)
+    named = [(name, _clicked(points, fields, inside, photo, sam)) for name, points in sorted(clicks.items())]
+    if sam is not None:
+        found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam)]
+    else:
+        found = good_fields(photo, inside, fields)
+    result = np.where(inside, BUILDING, labels).astype(np.uint8)
+    number = FIRST_ELEMENT
+    # Small ones are drawn over the large ones they lie on; named ones over all.
+    largest = sorted(found, key=lambda e: -int(e.mask.sum()))
+    for element in largest[: LAST_ELEMENT - FIRST_ELEMENT + 1 - len(named)]:
+        result[element.box][element.mask & inside[element.box]] = number
+        number += 1
+    names: dict[int, str] = {}
+    for name, mask in named:
+        if mask.any():
+            result[mask & inside] = number
+            names[number] = name
+            number += 1
+    return _renumber(result, names)
+
+
+def colour_fields(photo: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Fields of even colour inside the building, int32 [H, W], from 0; -1 outside."""
+    count, result = 0, np.full(inside.shape, -1, np.int32)
+    around = _around(inside)
+    held, building_here = np.ascontiguousarray(photo[around]), inside[around]
+    lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, 7, 30, 5), cv2.COLOR_RGB2LAB))
+    lab[~grow(building_here, MARGIN)] = 0  # one field, quickly found
+    smallest = max(12, round(SMALLEST * int(inside.sum())))
+    graph = cv2.ximgproc.segmentation.createGraphSegmentation(0.6, 250.0, smallest)
+    fields = graph.processImage(lab).astype(np.int32)
+    fields[~building_here] = -1
+    # A field cut in two by the outline or an occluder is two fields.
+    for value, box in _boxes(fields).items():
+        pieces, here = cv2.connectedComponents((fields[box] == value).astype(np.uint8), connectivity=4)
+        where = here > 0
+        result[around][box][where] = here[where] - 1 + count
+        count += pieces - 1
+    return result
+
+
+def good_fields(photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32]) -> list[Element]:
+    """Fields of a sensible size that stand out from what is around them."""
+    around = _around(inside)
+    lab = lab_of(photo[around])
+    total, sizes = int(inside.sum()), np.bincount(fields[fields >= 0])
+    result = []
+    for value, (rows, columns) in _boxes(fields).items():
+        if not SMALLEST * total <= sizes[value] <= LARGEST * total:
+            continue
+        box = slice(max(0, rows.start - 4), rows.stop + 4), slice(max(0, columns.start - 4), columns.stop + 4)
+        mask = fields[box] == value
+        ring = cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool) & ~mask
+        top, left = around[0].start, around[1].start
+        patch = lab[box[0].start - top : box[0].stop - top, box[1].start - left : box[1].stop - left]
+        if ring.any() and np.linalg.norm(patch[mask].mean(0) - patch[ring].mean(0)) < MIN_CONTRAST:
+            continue
+        result.append(Element(box, mask))
+    return result
+
+
+def _around(inside: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """The box that holds the building and a margin."""
+    rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+    return (
+        slice(max(0, int(rows[0]) - MARGIN), int(rows[-1]) + 1 + MARGIN),
+        slice(max(0, int(columns[0]) - MARGIN), int(columns[-1]) + 1 + MARGIN),
+    )
+
+
+def sam_elements(photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam) -> list[NDArray[np.bool_]]:
+    """Masks from a grid of single points: good by the model's own word, stable, of a sensible size, not twice."""
+    embedding = sam.embed(photo)
+    ys, xs = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+    step = max(4.0, max(ys[-1] - ys[0], xs[-1] - xs[0]) / GRID)
+    grid = np.stack(np.meshgrid(np.arange(xs[0], xs[-1] + 1, step), np.arange(ys[0], ys[-1] + 1, step)), -1)
+    grid = grid.reshape(-1, 2) + 0.5
+    y, x = pixel_at(inside.shape, grid)
+    total, found = int(inside.sum()), []
+    for point in grid[inside[y, x]]:
+        masks, quality = sam.ask(embedding, photo.shape[:2], point[None], np.array([POINT]))
+        for logits, value in zip(masks, quality, strict=True):
+            stability = (logits > 1).sum() / max(1, (logits > -1).sum())
+            if value < MIN_QUALITY or stability < MIN_STABILITY:
+                continue
+            mask = cv2.resize(logits, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR) > 0
+            mask &= inside
+            if SMALLEST * total <= mask.sum() <= LARGEST * total:
+                found.append((float(value), mask))
+    kept: list[NDArray[np.bool_]] = []
+    for _, mask in sorted(found, key=lambda f: -f[0]):
+        if all((mask & other).sum() <= MAX_OVERLAP * (mask | other).sum() for other in kept):
+            kept.append(mask)
+    return kept
+
+
+def tie_parts(scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[int, str]]) -> list[Part]:
+    """Scene-wide parts: elements of different photos that show the same sparse points.
+
+    Args:
+        labels: label maps of all views.
+        names: per view, label -> the user's name.
+    """
+    element = np.zeros(len(scene.track_view), np.int64)  # label under each observation
+    for index, labels_here in enumerate(labels):
+        here = scene.observations(index)
+        y, x = pixel_at(labels_here.shape, scene.track_uv[here])
+        element[here] = labels_here[y, x]
+    element[(element < FIRST_ELEMENT) | (element == UNKNOWN)] = 0
+    node = np.where(element > 0, scene.track_view.astype(np.int64) * 256 + element, -1)
+    parent = {int(n): int(n) for n in np.unique(node[node >= 0])}
+    parent |= {v * 256 + label: v * 256 + label for v, named in enumerate(names) for label in named}
+    for first, second in _links(scene, node):
+        parent[_root(parent, first)] = _root(parent, second)
+    for members in _same_name(names):
+        for other in members[1:]:
+            parent[_root(parent, other)] = _root(parent, members[0])
+    return _collect(scene, node, parent, names)
+
+
+def _links(scene: Scene, node: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Pairs of elements of two photos that share enough points.
+
+    ``shared`` counts the points two elements both hold, ``seen`` those of an element that another photo sees at all.
+    """
+    known = np.flatnonzero(node >= 0)
+    ids, column = np.unique(node[known], return_inverse=True)
+    point, view = scene.track_point, scene.track_view
+    ones = np.ones(len(node), np.int64)
+    holds = sparse.csr_matrix((ones[known], (point[known], column)), (len(scene.points), len(ids)))
+    sees = sparse.csr_matrix((ones, (point, view)), (len(scene.points), len(scene.views)))
+    shared, seen = (holds.T @ holds).tocoo(), (holds.T @ sees).tocsr()
+    enough = (ids[shared.row] // 256 < ids[shared.col] // 256) & (shared.data >= MIN_SHARED)
+    if not enough.any():
+        return []
+    a, b, count = shared.row[enough], shared.col[enough], shared.data[enough]
+    common = np.maximum(np.asarray(seen[a, ids[b] // 256]), np.asarray(seen[b, ids[a] // 256]))
+    good = count >= MIN_COMMON * common.ravel()
+    return list(zip(ids[a[good]].tolist(), ids[b[good]].tolist(), strict=True))
+
+
+def _same_name(names: list[dict[int, str]]) -> list[list[int]]:
+    """Elements the user gave the same name, which are one part."""
+    groups: dict[str, list[int]] = {}
+    for view, named in enumerate(names):
+        for label, name in named.items():
+            groups.setdefault(name, []).append(view * 256 + label)
+    return list(groups.values())
+
+
+def _collect(scene: Scene, node: NDArray[np.int64], parent: dict[int, int], names: list[dict[int, str]]) -> list[Part]:
+    owner = scene.track_point
+    groups: dict[int, list[int]] = {}
+    for member in sorted(parent):
+        groups.setdefault(_root(parent, member), []).append(member)
+    votes: dict[int, Counter[int]] = {}
+    for point, member in zip(owner[node >= 0], node[node >= 0], strict=True):
+        votes.setdefault(int(point), Counter())[_root(parent, int(member))] += 1
+    points: dict[int, list[int]] = {}
+    for point, counter in sorted(votes.items()):
+        points.setdefault(counter.most_common(1)[0][0], []).append(point)
+    parts: list[Part] = []
+    for root, members in groups.items():
+        given = [names[m // 256][m % 256] for m in members if m % 256 in names[m // 256]]
+        if len(members) == 1 and not given:
+            continue  # seen in one photo only: an element, not a part
+        name = given[0] if given else f"element-{len(parts) + 1}"
+        parts.append(Part(name, [(m // 256, m % 256) for m in members], points.get(root, [])))
+    return parts
+
+
+def _root(parent: dict[int, int], node: int) -> int:
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return node
+
+
+def _clicked(
+    points: Points, fields: NDArray[np.int32], inside: NDArray[np.bool_], photo: NDArray[np.uint8],
+    sam: EfficientSam | None,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """The element under the user's clicks: the colour fields they hit, or the model's smallest good answer."""
+    if not len(points):
+        return np.zeros(inside.shape, bool)
+    y, x = pixel_at(inside.shape, points)
+    if sam is None:
+        hit = fields[y, x]
+        return np.isin(fields, hit[hit >= 0])
+    masks, quality = sam.ask(sam.embed(photo), photo.shape[:2], points, np.full(len(points), POINT))
+    best, best_score = np.zeros(inside.shape, bool), -1.0
+    for logits, value in zip(masks, quality, strict=True):
+        mask = cv2.resize(logits, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR) > 0
+        score = float(mask[y, x].mean()) + 0.1 * float(value)
+        if mask.sum() <= LARGEST * inside.sum() and score > best_score:
+            best, best_score = mask & inside, score
+    return best
+
+
+def _boxes(fields: NDArray[np.int32]) -> dict[int, tuple[slice, slice]]:
+    """Bounding boxes of the values from 0 up."""
+    return {value: box for value, box in enumerate(find_objects(fields + 1)) if box is not None}
+
+
+def _renumber(labels: NDArray[np.uint8], names: dict[int, str]) -> tuple[NDArray[np.uint8], dict[int, str]]:
+    """Consecutive element ids after drawing over each other."""
+    table = np.arange(256, dtype=np.uint8)
+    used = [int(v) for v in np.flatnonzero(np.bincount(labels.ravel())) if FIRST_ELEMENT <= v <= LAST_ELEMENT]
+    for new, old in enumerate(used, FIRST_ELEMENT):
+        table[old] = new
+    return table[labels], {int(table[old]): name for old, name in names.items() if old in used}

@@ -1,0 +1,417 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From clicks on a few photos to a mask of every photo (section 3.1.2 of the paper).
+
+Clicks -> belief about all regions and points -> root masks -> vote of the points (eq. 3) -> child masks from the
+points -> a second vote by all photos, which corrects or flags the masks that contradict it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config
+from mgf_engine.masks.geometry.building_extent import Extent
+from mgf_engine.masks.geometry.densify_points import with_bare_points
+from mgf_engine.masks.geometry.point_features import measure_shape
+from mgf_engine.masks.geometry.visual_hull import hull_agreement
+from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
+from mgf_engine.masks.prompts import Clicks, Prompts
+from mgf_engine.masks.propagation.appearance import lab_of, plants
+from mgf_engine.masks.propagation.prompt_outliers import (
+    Doubt,
+    clicked_elsewhere,
+    doubtful_clicks,
+    left_out,
+    on_points,
+    without,
+)
+from mgf_engine.masks.propagation.random_walker import Belief, SceneGraph
+from mgf_engine.masks.propagation.sky_regions import draw_skyline
+from mgf_engine.masks.propagation.superpixels import Regions, cut_regions
+from mgf_engine.masks.refinement.far_background import cut_distant
+from mgf_engine.masks.refinement.ground_homography import GroundSeen
+from mgf_engine.masks.refinement.sky_holes import sky_through
+from mgf_engine.masks.refinement.thin_structures import Openwork, find_openwork
+from mgf_engine.masks.refinement.vegetation import leaves_before
+from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
+from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
+from mgf_engine.messages import Reporter
+from mgf_engine.model.masks import BACKGROUND, UNKNOWN, MaskSet, building
+from mgf_engine.model.scene import Scene
+from mgf_engine.native.parallel import in_order
+from mgf_engine.system import cores
+
+T = TypeVar("T")
+
+#: Agreement below which a photo is prompted again, and below which it is flagged and not trained on.
+RETRY_BELOW = 0.9
+FLAG_BELOW = 0.75
+HULL_BELOW = 0.3  # a hull of few photos is larger than the building
+#: Share of a photo's points on which the other photos may say otherwise before the mask is made again.
+DISAGREE_ABOVE = 0.05
+LEAFY = 0.3  # likeness to leaves, 0..1, from which no surface is looked for
+#: A mask below this share of its photo shows too little of the building to train on.
+MIN_BUILDING = 0.005
+#: A piece of mask without points stays where at least this share of it is covered by the building's extent.
+STRAY_COVER = 0.3
+
+
+@dataclass(frozen=True)
+class Propagation:
+    """Masks of all photos; per photo why it is flagged (empty: it is fine); sentences the user should read."""
+
+    masks: MaskSet
+    reasons: list[str]
+    warnings: list[str]
+    consistency: float  # share of the points seen in three photos or more on which all votes agree
+
+
+def propagate(scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter) -> Propagation:
+    """Masks of every photo from clicks on some.
+
+    Args:
+        prompts: clicks by view index; at least one on the building.
+        segmenter: draws each mask.
+    """
+    return _Work(scene, prompts, segmenter, config, reporter).run()
+
+
+class _Work:
+    """One run: the scene, its regions, the belief about them, and the masks as they grow."""
+
+    def __init__(
+        self, scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter
+    ) -> None:
+        self.scene, self.prompts, self.segmenter = scene, prompts, segmenter
+        self.config, self.reporter = config, reporter
+        self.threads = config.threads or cores()
+        self.owner = scene.track_point
+        self.views = range(len(scene.views))
+        self.regions: list[Regions] = []
+        self.labels: list[NDArray[np.uint8]] = [np.zeros((v.height, v.width), np.uint8) for v in scene.views]
+        self.scores = np.zeros(len(scene.views), np.float32)
+
+    def run(self) -> Propagation:
+        """All steps in order."""
+        for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i)), self.views):
+            self.regions.append(regions)
+            self.reporter.progress(0.25 * (index + 1) / len(self.views))
+        self.full = with_bare_points(self.scene, self._leafy, self.threads, self.reporter.check)
+        self.reporter.progress(0.4)
+        self.shape = measure_shape(self.scene)
+        self.graph = SceneGraph(self.scene, self.regions, self.shape, self.threads, self.full)
+        doubts = self._drop_doubtful()
+        self.belief = self.graph.solve(self.prompts, self.config.seed)
+        self.reporter.progress(0.5)
+        roots = [i for i in self.views if i in self.prompts]
+        believed = self.belief.points > 0.5
+        self._draw(roots, believed, 0.5)
+        accepted = self._vote(roots)
+        children = [i for i in self.views if i not in self.prompts]
+        self._draw(children, accepted, 0.5 + 0.35 * len(roots) / len(self.views))
+        disagreement = self._second_vote()
+        return self._finish(disagreement, doubts)
+
+    def _drop_doubtful(self) -> list[Doubt]:
+        """Leave out clicks that the other photos contradict; returns all doubted ones, also those that count."""
+        doubts = doubtful_clicks(self.graph, self.prompts, self.config.seed)
+        kept = without(self.prompts, left_out(doubts, self.prompts))
+        self.original = self.prompts
+        if any(len(c.positive) for c in kept.values()):
+            self.prompts = kept
+        return doubts
+
+    def _doubt_texts(self, doubts: list[Doubt]) -> list[str]:
+        """Sentences for each photo with doubted clicks, or one for all when they were kept for want of others."""
+        out = left_out(doubts, self.original)
+        if out and self.prompts is self.original:
+            names = ", ".join(self.scene.views[i].name for i in sorted({d.view for d in doubts}))
+            return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
+        counting = [d for d in doubts if d not in out]
+        return [
+            sentence(index, [d for d in chosen if d.view == index])
+            for chosen, sentence in ((out, self._left_out_text), (counting, self._counting_text))
+            for index in sorted({d.view for d in chosen})
+        ]
+
+    def _left_out_text(self, index: int, doubts: list[Doubt]) -> str:
+        name, spots = self.scene.views[index].name, self._spots(index, doubts)
+        evidence = on_points(self.graph, index, self.original[index])
+        if evidence and clicked_elsewhere(index, doubts, self.original):
+            return f"'{name}' seems to be clicked on another building; its clicks {spots} were left out."
+        return (
+            f"The clicks {spots} in '{name}' contradict the other photos and were left out; if they are right, "
+            "click the same thing in a second photo."
+        )
+
+    def _counting_text(self, index: int, doubts: list[Doubt]) -> str:
+        name, spots = self.scene.views[index].name, self._spots(index, doubts)
+        return (
+            f"The clicks {spots} in '{name}' are beside the building for you and on it for the other photos; they "
+            "count all the same, so take them away if they are slips."
+        )
+
+    def _spots(self, index: int, doubts: list[Doubt]) -> str:
+        """Where clicks lie in the user's photo."""
+        clicks = self.original[index]
+        chosen = [(clicks.positive if d.positive else clicks.negative)[d.row] for d in doubts]
+        return ", ".join(f"({u:.0f}, {v:.0f})" for u, v in self.scene.views[index].to_original(np.stack(chosen)))
+
+    def _draw(self, indices: list[int], accepted: NDArray[np.bool_], done: float) -> None:
+        """Masks of some views, prompted again where they agree badly."""
+        for index, segment in self._parallel(lambda i: self._segment(i, accepted), indices):
+            self.labels[index] = segment.mask.astype(np.uint8)
+            self.scores[index] = segment.score
+            done += 0.35 / len(self.views)
+            self.reporter.progress(done)
+
+    def _segment(self, index: int, accepted: NDArray[np.bool_]) -> Segment:
+        photo, hints = self.scene.photo(index), self._hints(index, accepted)
+        segment = self.segmenter.segment(index, photo, hints)
+        if segment.score < RETRY_BELOW:
+            again = self.segmenter.segment(index, photo, hints, attempt=1)
+            if again.score > segment.score + 0.02:
+                return again
+        return segment
+
+    def _hints(self, index: int, accepted: NDArray[np.bool_]) -> Hints:
+        clicks = self.prompts.get(index, Clicks())
+        here = accepted[self.owner[self.scene.observations(index)]]
+        return make_hints(self.scene, index, clicks, self.regions[index], self.belief, here)
+
+    def _vote(self, voters: list[int]) -> NDArray[np.bool_]:
+        """Points the voters' masks accept; the belief speaks for points that none of them observed."""
+        kept = self._accepted(self.scene, voters)
+        seen = np.zeros(len(kept), bool)
+        seen[self.owner[np.isin(self.scene.track_view, voters)]] = True
+        return np.where(seen, kept, self.belief.points > 0.5)
+
+    def _accepted(self, scene: Scene, voters: list[int]) -> NDArray[np.bool_]:
+        """Points of the scene, or of the full one, that the voters' masks accept."""
+        return vote(scene.points, scene, self.labels, voters, self.config, np.arange(len(scene.points)))
+
+    def _second_vote(self) -> NDArray[np.float64]:
+        """Compare each mask with what all others say about its points; make it again where they differ.
+
+        Returns:
+            [V], share of each photo's points on which the others still disagree.
+        """
+        result = np.zeros(len(self.views))
+        votes = track_votes(self.scene, self.labels, list(self.views), self.config.vote_dilation)
+        for index, disagreement in self._parallel(lambda i: self._made_again(i, votes), self.views):
+            result[index] = disagreement
+            self.reporter.check()
+        return result
+
+    def _made_again(self, index: int, votes: Votes) -> float:
+        """Make a mask again where all others contradict it; what they still contradict."""
+        result, accepted = self._disagreement(index, votes)
+        if result <= DISAGREE_ABOVE:
+            return result
+        hints = self._hints(index, accepted)
+        before = agreement(building(self.labels[index]), hints)
+        again = self.segmenter.segment(index, self.scene.photo(index), hints, attempt=1)
+        if again.score <= max(before, self.scores[index] - 0.02):
+            return result
+        self.labels[index] = again.mask.astype(np.uint8)
+        self.scores[index] = again.score
+        return self._disagreement(index, votes)[0]
+
+    def _disagreement(self, index: int, votes: Votes) -> tuple[float, NDArray[np.bool_]]:
+        """Share of this photo's points on which two others or more say otherwise, and what the others accept."""
+        here = self.scene.observations(index)
+        points = self.owner[here]
+        if not len(points):
+            return 0.0, self.belief.points > 0.5
+        own = track_votes(self.scene, self.labels, [index], self.config.vote_dilation)
+        others = Votes(votes.inside - own.inside, votes.outside - own.outside)
+        known = others.inside + others.outside > 0
+        accepted = np.where(known, others.inside > others.outside, self.belief.points > 0.5)
+        sure = np.abs(others.inside - others.outside)[points] >= 2
+        y, x = pixel_at(self.labels[index].shape, self.scene.track_uv[here])
+        mine = own.inside[points] > 0
+        differ = (mine != accepted[points]) & sure & (self.labels[index][y, x] != UNKNOWN)
+        return float(differ.sum() / max(1, sure.sum())), accepted
+
+    def _finish(self, disagreement: NDArray[np.float64], doubts: list[Doubt]) -> Propagation:
+        reasons = [_reason(self.labels[i], float(self.scores[i]), float(disagreement[i])) for i in self.views]
+        reasons = self._without_points(reasons)
+        used = np.array([not r for r in reasons], bool)
+        voters = [i for i in self.views if used[i]] or list(self.views)
+        accepted = self._accepted(self.full, voters)
+        plane = self.belief.ground
+        extent, point_mask = self.graph.extent(accepted, plane), accepted[: len(self.scene.points)]
+        for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
+            self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
+        ground = None if plane is None else GroundSeen(self.scene, plane)
+        opened = ground is not None and self._cut_ground(ground, voters)
+        openwork = self._add_openwork(ground, point_mask)
+        if opened or openwork is not None:
+            cut_distant(
+                self.scene, self.labels, self.shape.up, lambda i: self._seen_points(i, point_mask), self.threads
+            )
+        if openwork is not None:
+            point_mask = self._accepted(self.scene, voters)
+            doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
+        if self.config.voters != "all":
+            point_mask = self._accepted(self.scene, chosen_voters(self.scene, voters, self.config))
+        clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
+        masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
+        return Propagation(
+            masks, reasons, self._doubt_texts(doubts), consistency(self.scene, masks, self.config.vote_dilation)
+        )
+
+    def _without_points(self, reasons: list[str]) -> list[str]:
+        """The reasons, less what too few points said; clicks judge as well as points do."""
+        kept = self._accepted(self.scene, list(self.views))
+        judged = [len(self._seen_points(i, kept)) >= FEWEST_SPOTS or i in self.prompts for i in self.views]
+        masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
+        return judged_by_masks(self.scene, masks, reasons, np.array(judged))
+
+    def _finish_view(self, index: int, extent: Extent, accepted: NDArray[np.bool_]) -> None:
+        """The edge of one mask against the sky, what is stray in it, and what stands before it; in place."""
+        view, place = self.scene.views[index], extent.place(index)
+        size = (view.width, view.height)
+        core = cv2.resize(place.core.astype(np.uint8), size) > 0
+        seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
+        labels, sky = self.labels[index], self._sky(index)
+        lab = lab_of(self.scene.photo(index))
+        drawn = draw_skyline(lab, building(labels), sky)
+        through = sky_through(lab, drawn | seen, sky, view, self.shape.up, self._observed(index))
+        labels[:], sky = drawn & ~through, sky | through
+        labels[self._strays(index, core, accepted)] = BACKGROUND
+        labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
+        ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
+        labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN
+
+    def _add_openwork(self, ground: GroundSeen | None, accepted: NDArray[np.bool_]) -> Openwork | None:
+        """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""
+        leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
+        found = find_openwork(
+            self.scene, self.original, self.labels, self._sky, leafy, accepted, up, self.belief.ground
+        )
+        if found is not None:
+            for _ in self._parallel(lambda i: found.draw(i, self.scene.views[i], self.labels[i], ground), self.views):
+                self.reporter.check()
+        return found
+
+    def _cut_ground(self, ground: GroundSeen, voters: list[int]) -> bool:
+        """Cut out the ground that shows through an open building; what may be ground becomes unknown.
+
+        Returns:
+            whether the building is an open one.
+        """
+        if not ground.shows_through(voters, lambda i: building(self.labels[i]), self.threads):
+            return False
+        for index, through in self._parallel(lambda i: ground.through(i, self.labels[i] != BACKGROUND), self.views):
+            self.labels[index][through.certain] = BACKGROUND
+            self.labels[index][through.possible] = UNKNOWN
+        return True
+
+    def _strays(self, index: int, core: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Pieces of a mask apart from the rest that hold no click and no point and lie beside the building, [H, W]."""
+        mask = building(self.labels[index])
+        _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+        known = np.concatenate([self._seen_points(index, accepted), self._positive(index)])
+        covered = np.bincount(pieces[core], minlength=len(stats)) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
+        holds = np.bincount(pieces[pixel_at(mask.shape, known)], minlength=len(stats)) > 0
+        stray = ~holds & (covered < STRAY_COVER)
+        stray[0] = False
+        return np.asarray(stray[pieces] if holds[1:].any() else np.zeros_like(mask), bool)
+
+    def _observed(self, index: int) -> NDArray[np.float32]:
+        """Where a photo observed sparse points, [N, 2]."""
+        return self.scene.track_uv[self.scene.observations(index)]
+
+    def _seen_points(self, index: int, accepted: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Where a photo observed the accepted ones, [N, 2]."""
+        return self._observed(index)[accepted[self.owner[self.scene.observations(index)]]]
+
+    def _positive(self, index: int) -> NDArray[np.float64]:
+        return self.prompts.get(index, Clicks()).positive
+
+    def _sky(self, index: int) -> NDArray[np.bool_]:
+        """What is sky in a photo, [H, W]."""
+        return self._of_regions(index, self.graph.sky > 0) > 0
+
+    def _leafy(self, index: int) -> NDArray[np.bool_]:
+        """Regions of a photo that look like leaves, on the reduced photo."""
+        regions = self.regions[index]
+        return np.asarray(plants(regions.features)[regions.labels] > LEAFY, bool)
+
+    def _of_regions(self, index: int, values: NDArray[np.generic]) -> NDArray[np.float32]:
+        """What the graph's nodes say of a photo's regions, for each of its pixels, float32 [H, W]."""
+        view, graph = self.scene.views[index], self.graph
+        small = values[graph.start[index] : graph.start[index + 1]].astype(np.float32)[self.regions[index].labels]
+        wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
+        return np.asarray(wide, np.float32)
+
+    def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
+        return in_order(task, indices, self.threads)
+
+
+def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
+    """Share of the sparse points observed in three used photos or more on which those photos agree.
+
+    Photos agree when at most one in ten votes differs (one noisy keypoint in a long track is no contradiction).
+    """
+    voters = np.flatnonzero(masks.used).tolist()
+    votes = track_votes(scene, masks.labels, voters, dilation)
+    total = votes.inside + votes.outside
+    many = total >= 3
+    if not many.any():
+        return 1.0
+    return float((np.minimum(votes.inside, votes.outside) <= 0.1 * total)[many].mean())
+
+
+def make_hints(
+    scene: Scene, index: int, clicks: Clicks, regions: Regions, belief: Belief, good: NDArray[np.bool_]
+) -> Hints:
+    """What the segmenter is told about view ``index``; ``good`` says which of its observations are the building."""
+    view = scene.views[index]
+    uv = scene.track_uv[scene.observations(index)]
+    small = belief.regions[index][regions.labels]
+    wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_LINEAR).astype(np.float32)
+    return Hints(clicks.positive, clicks.negative, uv[good], uv[~good], _box(uv[good]), wide)
+
+
+def _box(points: NDArray[np.floating]) -> tuple[float, float, float, float] | None:
+    if len(points) < 3:
+        return None
+    low, high = np.percentile(points, [2, 98], axis=0)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _reason(labels: NDArray[np.uint8], score: float, disagreement: float) -> str:
+    share = float(building(labels).mean())
+    if share < MIN_BUILDING:
+        return "hardly any building in this photo"
+    if score < FLAG_BELOW:
+        return f"mask and points agree only to {score:.0%}"
+    if disagreement > 1 - FLAG_BELOW:
+        return f"other photos contradict {disagreement:.0%} of its points"
+    return ""
+
+
+def judged_by_masks(scene: Scene, masks: MaskSet, reasons: list[str], judged: NDArray[np.bool_]) -> list[str]:
+    """Why each mask is left out, where points do not tell: only because the other photos' masks contradict it.
+
+    Args:
+        masks: those used are the others.
+        judged: bool [V], views whose reason stands, since enough points lie in their masks.
+    """
+    result = list(reasons)
+    used = np.flatnonzero(masks.used).tolist()
+    for index in np.flatnonzero(~judged).tolist():
+        if float(building(masks.labels[index]).mean()) < MIN_BUILDING:
+            continue
+        share = hull_agreement(scene, masks, [i for i in used if i != index], index)
+        low = share is not None and share < HULL_BELOW
+        result[index] = f"the other photos' masks agree with it only to {share:.0%}" if low else ""
+    return result

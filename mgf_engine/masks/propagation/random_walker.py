@@ -1,0 +1,376 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What all clicks say about all photos at once.
+
+One graph spans the scene: its nodes are the regions of every photo and the sparse points. Regions are tied to
+their neighbours where no edge runs between them, points to the regions where photos observed them and to the
+points around them. The share of "building" that flows from the clicks through these ties (the harmonic function
+of a random walk with absorbing clicks) is the belief. Colour, texture and shape of what is already believed then
+pull regions and points that no tie reaches, and the two steps are repeated.
+
+Because a point is one node for all photos that see it, photos cannot disagree about it: consistency between
+views is built in, not repaired afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, cg
+from scipy.spatial import cKDTree
+
+from mgf_engine.masks.geometry.building_extent import Extent, Place, Sight, over_building
+from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
+from mgf_engine.masks.geometry.point_features import Shape, clicked_groups, measure_shape
+from mgf_engine.masks.prompts import Prompts
+from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, Mixture, fit_mixture, log_ratio, plants
+from mgf_engine.masks.propagation.sky_regions import find_sky
+from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.model.scene import Scene, View
+from mgf_engine.native.parallel import in_order
+
+Array = NDArray[np.float64]
+
+TRACK_TIE = 1.0  # point to the region it was observed in
+SPACE_TIE = 0.3  # point to a neighbouring point
+CLICK_WEIGHT = 2.0  # each click counts five times: at its place and 5 px to four sides
+EVIDENCE_WEIGHT = 1.5  # how hard everything below pulls at a region, once it is certain
+POINT_EVIDENCE_WEIGHT = 2.0  # and at a point, which has as many ties as photos saw it
+# Evidence, as natural logarithms of odds.
+LOOKS_LIMIT = 3.0  # colour, texture and shape say at most this much
+PLANT_ODDS = -2.0  # leaves and grass
+CORE_ODDS = 2.2  # the ray meets the building
+RIM_ODDS = 0.4  # or the rim around its outermost points
+FAR_ODDS = -2.0  # per spacing of the points away from it, beyond FAR_FROM
+FAR_FROM, FAR_LIMIT = 1.2, 5.0
+APART_ODDS = -4.0  # points apart from every click on the building
+HIDDEN_ODDS = -2.0  # points that should be seen here are not
+FIRST_ODDS = -6.0  # the ray meets the ground first
+SKY_ODDS = -5.0  # sky
+OTHER_ODDS = -2.0  # something else's points are nearer
+OTHER_GAP = 4.0  # spacings between the building and something else
+BUILT = 0.6  # belief above which a point is the building's
+OTHER_BELOW = 0.2  # belief below which a point is something else's
+GROUND_ODDS = -4.0  # the ground's own points
+WITHIN_ODDS = 2.5  # points seen where the building is, and not in front of it
+OVER_ODDS = 4.0  # points that stand on the building
+OVER_TIES = 0.5  # their evidence weighs this much per photo that saw them: the regions around a spire are mostly sky
+#: What the geometry already calls ground teaches little about looks: walls may be of the same stone.
+EXPLAINED = 0.2
+NEAR_CLICK = 0.06  # share of the photo's width within which the nearest point tells what a click is on
+LEAK = 0.02  # how quickly a click's influence fades in the first round
+ROUNDS = 4
+#: Features of points: those of the regions that saw them, how upright their surface is, and how flat.
+POINT_SCALE = np.concatenate([FEATURE_SCALE, [1.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Probability of "building", 0..1: per photo for its regions, and for the sparse points."""
+
+    regions: tuple[NDArray[np.float32], ...]  # V arrays [S_v]
+    points: NDArray[np.float32]  # [P]
+    looks: tuple[NDArray[np.float32], ...]  # V arrays [S_v], the part of colour and texture alone
+    ground: Ground | None  # that the building stands on; None where there is none or the clicks count it in
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """What the geometry says, where it was looked at: of all nodes [N], regions first."""
+
+    odds: Array  # log-odds of "building"
+    grounded: NDArray[np.bool_]  # what is ground
+    over: NDArray[np.bool_]  # points that stand on the building
+    ground: Ground | None
+
+
+class SceneGraph:
+    """The graph of a scene and the solver on it; built once, asked with different clicks.
+
+    Args:
+        full: the scene with points added behind its own (``bare.py``). They are no nodes: trees and clouds would spread
+            through them. Those seen in regions that are believed to be the building tell where it is.
+    """
+
+    def __init__(
+        self, scene: Scene, regions: Sequence[Regions], shape: Shape, threads: int = 1, full: Scene | None = None
+    ) -> None:
+        self.scene, self.regions, self.shape = scene, regions, shape
+        self.threads = threads
+        self.full = scene if full is None else full
+        self.full_shape = shape if full is None else measure_shape(full)
+        self.sight = Sight(self.full, self.full_shape, len(scene.points))
+        self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
+        self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
+        self.features = np.concatenate([r.features for r in regions])
+        self.area = np.concatenate([r.area for r in regions]).astype(np.float64)
+        self.observed, self.added_observed = np.split(self._observed_regions(), [len(scene.track_view)])
+        self.added_count = len(self.full.points) - self.point_count
+        self.added_owner = self.full.track_point[len(scene.track_view) :] - self.point_count
+        self.laplacian, self.degree = self._laplacian(shape)
+        rows = np.repeat(np.arange(len(self.degree)), np.diff(self.laplacian.indptr))
+        self._diagonal = np.flatnonzero(self.laplacian.indices == rows)  # of the matrix, in its data
+        self.point_features = self._point_features(shape)
+        counts = [self.region_count, self.point_count]
+        self.evidence_weight = np.repeat([EVIDENCE_WEIGHT, POINT_EVIDENCE_WEIGHT], counts)
+        self.sky = self._sky()
+        self.plants = np.concatenate([plants(self.features), plants(self.point_features)])
+
+    def solve(
+        self, prompts: Prompts, seed: int = 0, rounds: int = ROUNDS, views: Sequence[int] | None = None
+    ) -> Belief:
+        """The belief that follows from the clicks.
+
+        Args:
+            views: where the geometry is looked at; None for all. With some, the belief holds for these alone.
+        """
+        looked_at = range(len(self.regions)) if views is None else views
+        pull, target = self.click_pull(prompts)
+        sky = self._unclicked_sky(prompts)
+        # Where nobody said what is not the building, the sky says it first.
+        silent = not any(len(c.negative) for c in prompts.values())
+        weight = self.evidence_weight
+        belief, trust = self._first_guess(pull + CLICK_WEIGHT * (sky & silent), target)
+        looks, teach, ground = np.zeros(len(belief)), trust, None
+        for round_ in range(rounds):
+            looks = self._looks(belief, teach, seed)
+            odds = looks + PLANT_ODDS * self.plants + SKY_ODDS * sky
+            if round_ > 0:
+                placed = self._place(belief, prompts, seed, looked_at)
+                odds, ground = odds + placed.odds, placed.ground
+                tied = np.maximum(self.evidence_weight, OVER_TIES * self.degree)
+                weight = np.where(placed.over, tied, self.evidence_weight)
+                teach = np.where(placed.grounded, EXPLAINED, 1.0)
+            else:
+                teach = np.ones(len(belief))
+            wanted = 1.0 / (1.0 + np.exp(-odds))
+            strength = weight * np.abs(2 * wanted - 1) + 1e-4
+            belief = self._flow(pull + strength, pull * target + strength * wanted, belief)
+        return self._split(belief, looks, ground)
+
+    def _place(self, belief: Array, prompts: Prompts, seed: int, views: Sequence[int]) -> _Placed:
+        """What the geometry says in these views."""
+        points = belief[self.region_count :]
+        odds, grounded, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
+        added_ground = np.zeros(self.added_count)
+        ground = find_ground(self.scene, self.shape, 1 - points, seed)
+        if ground is not None:
+            held = ground.holds(self.scene, self.shape)
+            if self._clicks_reject(held, prompts):
+                odds[self.region_count :] = GROUND_ODDS * held
+                added_ground = ground.holds(self.full, self.full_shape)[self.point_count :]
+                odds[: self.region_count] = GROUND_ODDS * self._shows_added(added_ground)
+                grounded[self.region_count :] = held > 0.5
+                points = np.minimum(points, 1 - held)
+            else:
+                # A plinth the building stands on, as far as anybody said: no evidence against it.
+                ground = None
+        keep = points > BUILT
+        apart = keep & ~clicked_groups(self.scene.points, keep, self._clicked_points(prompts), self.shape)
+        odds[self.region_count :] += APART_ODDS * apart
+        keep &= ~apart
+        if keep.sum() < 10:
+            return _Placed(odds, grounded, over, ground)
+        over[self.region_count :] = over_building(self.scene.points, keep, self.shape)
+        odds += OVER_ODDS * over
+        keep |= over[self.region_count :] & (points > OTHER_BELOW)
+        away = (points < OTHER_BELOW) & ~grounded[self.region_count :] & ~over[self.region_count :]
+        others = apart | (away & self._far_from(keep))
+        extent = self.extent(np.concatenate([keep, self._added(belief) & (added_ground < 0.5)]), ground, others)
+        within = np.zeros(self.point_count)
+        for index, (region_odds, first, inside) in in_order(lambda i: self._geometry(extent, i), views, self.threads):
+            part = slice(self.start[index], self.start[index + 1])
+            odds[part] += region_odds
+            grounded[part] = first & (ground is not None)
+            within += inside
+        seen = np.bincount(self.scene.track_point[np.isin(self.scene.track_view, views)], minlength=self.point_count)
+        share = within / np.maximum(seen, 1)
+        odds[self.region_count :] += WITHIN_ODDS * share * ~grounded[self.region_count :]
+        return _Placed(odds, grounded, over, ground)
+
+    def _geometry(self, extent: Extent, index: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+        """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
+        place = extent.place(index)
+        odds, first = self._region_odds(place, self.regions[index], self.scene.views[index])
+        seen = self.sight.owner[self.full.observations(index)][extent.within(index, place)]
+        return odds, first, np.bincount(seen, minlength=len(self.full.points))[: self.point_count]
+
+    def extent(self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None) -> Extent:
+        """Where the building is.
+
+        Args:
+            keep: of the full scene's points, those of the building.
+            others: [P], points of other things that stand on the ground.
+        """
+        if others is not None:
+            others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
+        return Extent(self.full, self.full_shape, keep, ground, self.sight, others)
+
+    def _added(self, belief: Array) -> NDArray[np.bool_]:
+        """Which of the added points are seen in regions of the building, [A]."""
+        seen = np.bincount(self.added_owner, belief[self.added_observed], minlength=self.added_count)
+        tracks = np.bincount(self.added_owner, minlength=self.added_count)
+        return np.asarray(seen > BUILT * tracks, bool)
+
+    def _shows_added(self, values: Array) -> Array:
+        """Mean over the added points that each region shows, 0 where it shows none, [regions]."""
+        total = np.bincount(self.added_observed, values[self.added_owner], minlength=self.region_count)
+        return np.asarray(total / np.maximum(np.bincount(self.added_observed, minlength=self.region_count), 1))
+
+    def _sky(self) -> NDArray[np.int64]:
+        """Piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""
+        result = np.zeros(self.region_count + self.point_count, np.int64)
+        for index, regions in enumerate(self.regions):
+            part = slice(self.start[index], self.start[index + 1])
+            sky = find_sky(regions, self.observed[self.scene.observations(index)] - self.start[index])
+            result[part] = np.where(sky > 0, sky + result.max(), 0)
+        return result
+
+    def _unclicked_sky(self, prompts: Prompts) -> NDArray[np.bool_]:
+        """Nodes that are sky, [N]; what a click calls building is none."""
+        clicked = [self.regions[i].at(c.positive) + self.start[i] for i, c in prompts.items() if len(c.positive)]
+        taken = self.sky[np.concatenate(clicked)] if clicked else np.zeros(0, np.int64)
+        return (self.sky > 0) & ~np.isin(self.sky, taken)
+
+    def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Points farther from all kept ones than a wall is from the roof on it, [P]."""
+        gap = float(OTHER_GAP * np.median(self.shape.spacing[keep]))
+        distance, _ = cKDTree(self.scene.points[keep]).query(
+            self.scene.points, distance_upper_bound=np.nextafter(gap, np.inf), workers=self.threads
+        )
+        return np.asarray(distance > gap, bool)  # infinite beyond the bound
+
+    def _clicked_points(self, prompts: Prompts) -> NDArray[np.int64]:
+        """The sparse points nearest to the positive clicks, where any is near."""
+        return np.concatenate([np.zeros(0, np.int64), *(self._points_at(i, c.positive) for i, c in prompts.items())])
+
+    def _points_at(self, index: int, clicks: Array) -> NDArray[np.int64]:
+        """The sparse point nearest to each click [K, 2] in view ``index``, where one is near."""
+        here = self.scene.observations(index)
+        if not len(clicks) or not len(here):
+            return np.zeros(0, np.int64)
+        away = np.linalg.norm(self.scene.track_uv[here] - clicks[:, None], axis=2)  # few clicks: no tree is worth it
+        nearest = away.argmin(1)
+        near = away.min(1) < NEAR_CLICK * self.scene.views[index].width
+        return self.scene.track_point[here][nearest[near]]
+
+    def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
+        """Whether the ground is background: more negative than positive clicks lie on it, or none of either kind.
+
+        Nobody has to click beside the building: what stands on the ground is not the ground.
+        """
+        on_ground = grounded > 0.5
+        negative = sum(int(on_ground[self._points_at(i, c.negative)].sum()) for i, c in prompts.items())
+        positive = sum(int(on_ground[self._points_at(i, c.positive)].sum()) for i, c in prompts.items())
+        return negative > positive or negative == positive == 0
+
+    @staticmethod
+    def _region_odds(place: Place, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:
+        """Log-odds of each region, and whether its ray meets the ground first, [S] each."""
+        h, w = place.core.shape
+        x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
+        y = np.clip((regions.centres[:, 1] * h / view.height).astype(int), 0, h - 1)
+        clear = ~place.hidden & ~place.ground_first & ~place.behind
+        odds = CORE_ODDS * (place.core & clear)[y, x] + RIM_ODDS * (place.reach & ~place.core & clear)[y, x]
+        odds = odds + FAR_ODDS * np.clip(place.away[y, x] - FAR_FROM, 0, FAR_LIMIT)
+        first = place.ground_first[y, x]
+        odds += HIDDEN_ODDS * place.hidden[y, x] + OTHER_ODDS * (place.behind[y, x] & ~first)
+        return odds + FIRST_ODDS * first, first
+
+    def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
+        """Strength and wanted value of the clicks, [N] each."""
+        count = self.region_count + self.point_count
+        pull, wanted = np.zeros(count), np.zeros(count)
+        around = np.array([[0, 0], [5, 0], [-5, 0], [0, 5], [0, -5]])
+        for index, clicks in prompts.items():
+            for points, value in ((clicks.positive, 1.0), (clicks.negative, 0.0)):
+                for click in points:
+                    nodes = self.regions[index].at(click + around) + self.start[index]
+                    np.add.at(pull, nodes, CLICK_WEIGHT)
+                    np.add.at(wanted, nodes, CLICK_WEIGHT * value)
+        return pull, wanted / np.maximum(pull, 1e-12)
+
+    def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
+        """Which kind of click is nearer (random walks that fade), and how far that can be trusted."""
+        stiffness = pull + LEAK * np.maximum(self.degree, 0.1)
+        wanted = target, 1.0 - target
+        flows = in_order(lambda k: self._flow(stiffness, pull * wanted[k], None), range(2), self.threads)
+        near = [np.maximum(flow, 1e-9) for _, flow in flows]
+        trust = np.clip(np.log(np.maximum(near[0], near[1]) / 1e-4) / np.log(1e4), 0, 1)
+        return near[0] / (near[0] + near[1]), trust
+
+    def _flow(self, stiffness: Array, source: Array, start: Array | None) -> Array:
+        """Solve (L + diag(stiffness)) x = source."""
+        data = self.laplacian.data.copy()
+        data[self._diagonal] += stiffness
+        inverse = 1.0 / data[self._diagonal]
+        matrix = sparse.csr_matrix((data, self.laplacian.indices, self.laplacian.indptr), self.laplacian.shape)
+        scaled = LinearOperator(matrix.shape, matvec=lambda r: inverse * r, dtype=np.float64)
+        result, _ = cg(matrix, source, x0=start, rtol=1e-4, maxiter=400, M=scaled)
+        return np.clip(result, 0.0, 1.0)
+
+    def _looks(self, belief: Array, teach: Array, seed: int) -> Array:
+        """Log-odds of "building" from appearance alone, [N]."""
+        inside, outside = np.clip(2 * belief - 1.1, 0, 1) * teach, np.clip(0.9 - 2 * belief, 0, 1) * teach
+        r = self.region_count
+        kinds = (
+            (self.features, self.area, slice(0, r), FEATURE_SCALE),
+            (self.point_features, np.ones(self.point_count), slice(r, None), POINT_SCALE),
+        )
+
+        def fit(number: int) -> Mixture | None:
+            features, area, part, scale = kinds[number // 2]
+            weight, components = ((inside, 8), (outside, 10))[number % 2]
+            own = weight[part] * area
+            return fit_mixture(features, own / max(own.max(initial=0.0), 1e-12), components, seed, scale)
+
+        models = [model for _, model in in_order(fit, range(4), self.threads)]
+        ratios = [log_ratio(k[0], models[2 * n], models[2 * n + 1], k[3], self.threads) for n, k in enumerate(kinds)]
+        return np.clip(np.concatenate(ratios) / 2, -LOOKS_LIMIT, LOOKS_LIMIT)
+
+    def _observed_regions(self) -> NDArray[np.int64]:
+        """The region node of each observation of the full scene, [T]."""
+        result = np.empty(len(self.full.track_view), np.int64)
+        for index, regions in enumerate(self.regions):
+            here = self.full.observations(index)
+            result[here] = regions.at(self.full.track_uv[here]) + self.start[index]
+        return result
+
+    def _laplacian(self, shape: Shape) -> tuple[sparse.csr_matrix, Array]:
+        first, second, weight = [], [], []
+        for index, regions in enumerate(self.regions):
+            mean_square = (regions.contrast**2 * regions.border).sum() / max(regions.border.sum(), 1e-9)
+            alike = np.exp(-(regions.contrast**2) / max(mean_square, 1e-9))
+            first.append(regions.pairs[:, 0] + self.start[index])
+            second.append(regions.pairs[:, 1] + self.start[index])
+            weight.append(regions.border / 8 * alike + 0.002)
+        first += [self.observed, shape.pairs[:, 0] + self.region_count]
+        second += [self.scene.track_point + self.region_count, shape.pairs[:, 1] + self.region_count]
+        weight += [np.full(len(self.observed), TRACK_TIE), SPACE_TIE * shape.closeness]
+        count = self.region_count + self.point_count
+        ties = sparse.coo_matrix(
+            (np.concatenate(weight), (np.concatenate(first), np.concatenate(second))), shape=(count, count)
+        ).tocsr()
+        ties = ties + ties.T
+        degree = np.asarray(ties.sum(1)).ravel()
+        return (sparse.diags(degree) - ties).tocsr(), degree
+
+    def _point_features(self, shape: Shape) -> Array:
+        owner = self.scene.track_point
+        mean = np.zeros((self.point_count, self.features.shape[1]))
+        np.add.at(mean, owner, self.features[self.observed])
+        mean /= np.maximum(np.diff(self.scene.track_start), 1)[:, None]
+        upright = np.abs(shape.normals @ shape.up)
+        return np.column_stack([mean, 6 * shape.flatness * upright, 4 * shape.flatness])
+
+    def _split(self, belief: Array, looks: Array, ground: Ground | None) -> Belief:
+        cut = [slice(self.start[k], self.start[k + 1]) for k in range(len(self.regions))]
+        return Belief(
+            tuple(belief[c].astype(np.float32) for c in cut),
+            belief[self.region_count :].astype(np.float32),
+            tuple((1 / (1 + np.exp(-looks[c]))).astype(np.float32) for c in cut),
+            ground,
+        )

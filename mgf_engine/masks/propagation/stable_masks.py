@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Masks that follow clicks steadily: one more click on the building never loses the building.
+
+Each answer to a set of clicks is found by itself, and the colours learnt from one click more may tip it over. So the
+answers to the first click on the building, to the first two, and so on are looked at in their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.prompts import Clicks
+from mgf_engine.masks.propagation.superpixels import Regions
+
+Mask = NDArray[np.bool_]
+Points = NDArray[np.floating]
+
+#: A click on the building may take away this share of the mask before it: corrections, not the building.
+GIVEN_UP = 0.2
+
+
+def first_clicks(clicks: Clicks) -> list[Clicks]:
+    """The first click on the building, the first two, ... all of them; each with every click beside it."""
+    return [Clicks(clicks.positive[:n], clicks.negative, clicks.parts) for n in range(1, len(clicks.positive) + 1)]
+
+
+def join(masks: Sequence[Mask]) -> Mask:
+    """The mask for all clicks from those of :func:`first_clicks`: the last, with what a click would have lost."""
+    mask = masks[0]
+    for later in masks[1:]:
+        kept = (mask & later).sum() >= (1 - GIVEN_UP) * mask.sum()
+        mask = later if kept else mask | later
+    return mask
+
+
+def obey(mask: Mask, regions: Regions, clicks: Clicks) -> Mask:
+    """The mask with the region of every click on the building that it leaves out, less those of clicks beside it.
+
+    Where clicks of both kinds lie in one region, each pixel of it follows the nearer.
+    """
+    size = (mask.shape[1], mask.shape[0])
+    labels = cv2.resize(regions.labels, size, interpolation=cv2.INTER_NEAREST)
+    result = mask.copy()
+    for points, value in ((clicks.positive, True), (clicks.negative, False)):
+        here = labels[rows(mask.shape, points)]
+        for label in np.unique(here[result[rows(mask.shape, points)] != value]):
+            result[(labels == label) & (_nearer(mask.shape, clicks) == value)] = value
+    return touch(result, clicks)
+
+
+def touch(mask: Mask, clicks: Clicks, radius: float = 1.5) -> Mask:
+    """The mask with the pixels right around the clicks as those say; the last word, after any change of its size."""
+    result = mask.copy()
+    y, x = np.mgrid[0 : mask.shape[0], 0 : mask.shape[1]] + 0.5
+    nearer = _nearer(mask.shape, clicks)
+    kinds = ((clicks.positive, True), (clicks.negative, False))
+    for points, value in kinds:
+        for u, v in points:
+            result[(np.hypot(x - u, y - v) <= radius) & (nearer == value)] = value
+    for points, value in kinds:
+        result[rows(mask.shape, points)] = value
+    return result
+
+
+def rows(shape: tuple[int, ...], points: Points) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Index (row, column) of the pixels that points [N, 2] lie in."""
+    x = np.clip(np.floor(points[:, 0]).astype(np.int64), 0, shape[1] - 1)
+    y = np.clip(np.floor(points[:, 1]).astype(np.int64), 0, shape[0] - 1)
+    return y, x
+
+
+def _nearer(shape: tuple[int, ...], clicks: Clicks) -> Mask:
+    """Whether the nearest click is one on the building, [H, W]."""
+    if not len(clicks.negative) or not len(clicks.positive):
+        return np.full(shape, bool(len(clicks.positive)))
+    away = []
+    for points in (clicks.positive, clicks.negative):
+        free = np.full(shape, 255, np.uint8)
+        free[rows(shape, points)] = 0
+        away.append(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+    return np.asarray(away[0] <= away[1], bool)

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What lies far behind an open building: lawn up to the horizon, and the haze over it.
+
+Between the bars of a frame it is in the masks, for they are drawn around such parts as a whole. It is too far away for
+other photos to confirm it as ground, and too low to be sky. But beside the building, as high over the horizon, the same
+photo shows the same colour; where it shows none, the other photos do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.image_ops import distance, shrink
+from mgf_engine.masks.points import pixel_at
+from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.masks.refinement.sky_silhouette import elevation
+from mgf_engine.model.masks import BACKGROUND
+from mgf_engine.model.scene import Scene, View
+from mgf_engine.native.parallel import in_order
+
+#: Degrees over the horizon between which colours are compared, in steps: farther below, ground is near enough for other
+#: photos to confirm it; above is sky.
+LOWEST, HIGHEST, STEP = -25.0, 6.0, 0.5
+LEVELS = round((HIGHEST - LOWEST) / STEP)
+RIM = 3  # px between the background that is learned from and the mask
+FEWEST = 150  # px of background on a level
+#: CIELAB distance from the usual colour of a level that is still alike: so many times the median over the background
+#: there, at least and at most. Where more is needed, several things are beside the building.
+SPREAD, LEAST, MOST = 2.0, 6.0, 14.0
+#: A level's colour must be so near to the median of all photos, CIELAB, and so many photos must have one: in one photo
+#: a neighbour of the same brick may fill it.
+USUAL, PHOTOS = 15.0, 3
+#: Share of the building's sparse points that look like what is beside it: with more, colour proves nothing.
+ALIKE_POINTS, ENOUGH_POINTS = 0.05, 10
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The background by height over the horizon: CIELAB [LEVELS, 3] and how far from it is alike, [LEVELS].
+
+    A distance of 0 is one that nothing is known of.
+    """
+
+    colour: NDArray[np.float32]
+    near: NDArray[np.float32]
+
+
+def cut_distant(
+    scene: Scene,
+    labels: Sequence[NDArray[np.uint8]],
+    up: NDArray[np.float64],
+    points_in: Callable[[int], NDArray[np.floating]],
+    threads: int = 1,
+) -> None:
+    """Make background, in place, of what looks like the far background beside the building.
+
+    Args:
+        labels: per view uint8 [H, W]; only that of an open building should be given.
+        up: [3], normalised frame.
+        points_in: view -> [N, 2], pixels in which it observed sparse points of the building.
+    """
+
+    def learn(index: int) -> Levels:
+        return _beside(scene.photo(index), labels[index], scene.views[index], up)
+
+    def cut(index: int) -> None:
+        level = _level_of(scene.views[index], up)
+        alike = _alike(scene.photo(index), level, levels[index])
+        if not _holds_points(alike, level, points_in(index)):
+            labels[index][alike] = BACKGROUND
+
+    views = range(len(labels))
+    levels = _agreed([found for _, found in in_order(learn, views, threads)])
+    for _ in in_order(cut, views, threads):
+        pass
+
+
+def _beside(photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, up: NDArray[np.float64]) -> Levels:
+    """The usual colour of each level in one photo's background."""
+    level = _level_of(view, up)
+    chosen = (level >= 0) & shrink(labels == BACKGROUND, RIM)
+    order = np.argsort(level[chosen], kind="stable")
+    colours = _colour(photo)[chosen][order]
+    cuts = np.searchsorted(level[chosen][order], np.arange(LEVELS + 1))
+    result = Levels(np.zeros((LEVELS, 3), np.float32), np.zeros(LEVELS, np.float32))
+    for row, (start, end) in enumerate(pairwise(cuts)):
+        if end - start >= FEWEST:
+            here = colours[start:end]
+            usual = np.median(here, axis=0)
+            near = SPREAD * float(np.median(np.linalg.norm(here - usual, axis=1)))
+            result.colour[row], result.near[row] = usual, max(near, LEAST)
+    return result
+
+
+def _agreed(found: list[Levels]) -> list[Levels]:
+    """Each photo's levels, less those that are too uneven or unlike all photos; of all photos where it has none."""
+    colour, near = np.stack([f.colour for f in found]), np.stack([f.near for f in found])
+    good = (near > 0) & (near < MOST)
+    enough = good.sum(0) >= PHOTOS
+    usual, spread = _median(colour, good), _median(near, good)
+    good &= np.linalg.norm(colour - usual, axis=2) < USUAL
+    result = []
+    for own, known, has in zip(found, good, near > 0, strict=True):
+        width = np.where(has, own.near * known, spread) * enough
+        result.append(Levels(np.where(has[:, None], own.colour, usual), width.astype(np.float32)))
+    return result
+
+
+def _median(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Over the first axis, of the good ones, [V, K, ...] -> [K, ...]; 0 where none is."""
+    masked = np.ma.masked_array(values, ~good if values.ndim == 2 else np.repeat(~good[:, :, None], 3, 2))
+    return np.asarray(np.ma.median(masked, axis=0).filled(0), np.float32)
+
+
+def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: Levels) -> NDArray[np.bool_]:
+    """Pixels that have the colour of their level, [H, W]."""
+    away = distance(_colour(photo), levels.colour[level])
+    return np.asarray((level >= 0) & (away < levels.near[level]), bool)
+
+
+def _holds_points(alike: NDArray[np.bool_], level: NDArray[np.int16], points: NDArray[np.floating]) -> bool:
+    """Whether the building's own points lie in what looks like background."""
+    y, x = pixel_at(alike.shape, points)
+    here = shrink(alike, RIM)[y, x][level[y, x] >= 0]
+    return bool(len(here) >= ENOUGH_POINTS and here.mean() > ALIKE_POINTS)
+
+
+def _level_of(view: View, up: NDArray[np.float64]) -> NDArray[np.int16]:
+    """Row of each pixel's level, -1 below and above all, [H, W]."""
+    level = np.floor((elevation(view, up) - LOWEST) / STEP).astype(np.int16)  # sorted fast
+    level[level >= LEVELS] = -1
+    return np.maximum(level, -1)
+
+
+def _colour(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """CIELAB, means of 3 x 3 pixels: without the grain of a photo."""
+    return np.asarray(cv2.blur(lab_of(photo), (3, 3)), np.float32)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Patches of a photo compared with what other photos show there, pixel by pixel; the best of them count."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.native.library import call
+
+Map = NDArray[np.float32]
+
+PATCH = 5  # px, the side; the kernel's, too
+TEXTURE = 0.5  # variance of the lightness below which a patch cannot be compared
+
+
+class Patches:
+    """A photo's patches, ready to be compared with others: uint8 CIELAB [h, w, 3].
+
+    The comparison itself is ``csrc/stereo/patches.c``.
+    """
+
+    def __init__(self, lab: NDArray[np.uint8]) -> None:
+        self.lightness = lab[..., 0].astype(np.float32) * np.float32(100 / 255)
+        self.average = _mean(self.lightness)
+        self.variance = _mean(self.lightness**2) - self.average**2
+        self.smooth = np.stack(cv2.split(cv2.blur(lab, (3, 3))))  # [3, h, w]
+
+    def correlate(self, lights: NDArray[np.uint8], seen: NDArray[np.int32], count: int) -> Map:
+        """Normalised cross-correlation with other lightnesses [n, h, w]: mean over the ``count`` best, -1..1, [h, w].
+
+        It is 0 where there is no texture.
+
+        Args:
+            seen: [n, h, 2], the first and one past the last pixel of each row that shows anything; -1 elsewhere.
+        """
+        result = np.empty(self.lightness.shape, np.float32)
+        self._compare(lights, seen, 0, None, None, 0.0, len(lights), count, result)
+        return result
+
+    def compare(
+        self, labs: NDArray[np.uint8], seen: NDArray[np.int32], count: int, most: float, last: int, count_last: int
+    ) -> tuple[Map, Map, Map]:
+        """Compare with other pictures, CIELAB [n, h, w, 3].
+
+        Args:
+            seen: as for :meth:`correlate`.
+            count: how many of the others, the best for each pixel, count.
+            most: CIELAB distance; other colours are not alike, whatever their pattern is.
+
+        Returns:
+            [h, w] each: correlations, where the colours are alike; distances of the colours, negative, -255 where
+            nothing is seen; correlations with the ``last`` pictures whatever the colours are: ``count_last`` count.
+        """
+        fits, colours, alone = (np.empty(self.lightness.shape, np.float32) for _ in range(3))
+        self._compare(labs, seen, count, fits, colours, most, last, count_last, alone)
+        return fits, colours, alone
+
+    def _compare(
+        self, others: NDArray[np.uint8], seen: NDArray[np.int32], count: int, fits: Map | None, colours: Map | None,
+        most: float, last: int, count_last: int, alone: Map,
+    ) -> None:  # fmt: skip
+        failed = call(
+            "compare_patches", len(others), *self.lightness.shape, 1 if others.ndim == 3 else others.shape[3], others,
+            seen, self.lightness, self.average, self.variance, None if fits is None else self.smooth, TEXTURE,
+            float(most), count, fits, colours, last, count_last, alone,
+        )  # fmt: skip
+        if failed:
+            raise MemoryError("Not enough memory to compare patches of the photos; work at a lower resolution.")
+
+
+def _mean(image: Map) -> Map:
+    """Over the patch around each pixel."""
+    return np.asarray(cv2.blur(image, (PATCH, PATCH)), np.float32)

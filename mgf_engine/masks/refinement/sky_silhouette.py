@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What stands out against the sky, pixel by pixel, and where in space it can be: the hull of its silhouettes.
+
+Open steelwork, railings and masts are thinner than any region of a photo, and no sparse point lies on them. Against the
+sky they are plain to see all the same, and what several photos see against the sky has a place in space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.image_ops import distance
+from mgf_engine.model.scene import View
+
+#: CIELAB distance to the sky around below which a pixel is sky; where the sky itself is uneven, so many times what
+#: 95 % of it stay within. From twice that distance on a pixel is something else.
+SKY_STEP, SKY_SPREAD = 5.0, 1.5
+#: The sky's colour around a pixel is a mean of this width, and of the second where the first finds none; of the side.
+WIDTHS = (0.03, 0.1)
+#: The photo is reduced by so much at least, and at most to this longer side, for such means.
+SHRINK, SMALL = 4, 190
+#: Degrees over the horizon from which nothing can be ground.
+OVER_HORIZON = 1.5
+#: A cell is something when so many photos, and such a share of those that show anything against the sky, see it before
+#: the sky; it is empty when more than one sees sky all over it.
+FEWEST, FEWEST_SHARE = 3, 0.25
+#: Share of a hull's cells, the lowest, that stand on something.
+FOOT_SHARE = 0.25
+#: More cells than this are not divided further: what is left would be too coarse a question, not a wrong answer.
+MOST_CELLS = 3_000_000
+
+
+@dataclass(frozen=True)
+class Outline:
+    """One photo over the horizon, bool [H, W] each: certain sky, and what certainly is not sky."""
+
+    empty: NDArray[np.bool_]
+    solid: NDArray[np.bool_]
+
+
+def outline(
+    lab: NDArray[np.float32],
+    sky: NDArray[np.bool_],
+    view: View,
+    up: NDArray[np.float64],
+    widths: Sequence[float] = WIDTHS,
+    degrees: float = OVER_HORIZON,
+) -> Outline:
+    """Tell sky from what stands before it, over the horizon of the photo.
+
+    Args:
+        lab: CIELAB [H, W, 3], see :func:`lab_of`; sky: [H, W], regions that are sky; up: [3], normalised frame.
+        widths: how far around a pixel sky may be to know its colour, see :data:`WIDTHS`.
+        degrees: over the horizon from which anything is told.
+    """
+    over = over_horizon(view, up, degrees)
+    sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
+    if not (sure & over).any():
+        return Outline(np.zeros_like(sky), np.zeros_like(sky))
+    around, known = _sky_around(lab, sure, widths)
+    away = distance(lab, around)
+    most = max(SKY_STEP, SKY_SPREAD * float(np.percentile(away[sure], 95)))
+    return Outline(over & known & (away < most), over & known & (away > 2 * most))
+
+
+def over_horizon(view: View, up: NDArray[np.float64], degrees: float = OVER_HORIZON) -> NDArray[np.bool_]:
+    """Pixels whose rays rise by more than so much, [H, W]: no level ground is seen there."""
+    rise, length = _rays(view, up)
+    return np.asarray(rise > np.sin(np.radians(degrees)) * length, bool)
+
+
+def elevation(view: View, up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Degrees over the horizon of each pixel's ray, [H, W]."""
+    rise, length = _rays(view, up)
+    return np.asarray(np.degrees(np.arcsin(np.clip(rise / length, -1, 1))), np.float64)
+
+
+def _rays(view: View, up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How far each pixel's ray rises at depth 1, and its length there, [H, W] each."""
+    x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
+    y = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    normal = view.rotation @ up
+    rise = normal[0] * x[None, :] + normal[1] * y[:, None] + normal[2]
+    return rise, np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
+
+
+def _sky_around(
+    lab: NDArray[np.float32], sure: NDArray[np.bool_], widths: Sequence[float]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Colour of the sky around each pixel [H, W, 3], and where there is any, [H, W]."""
+    height, width = sure.shape
+    factor = max(SHRINK, max(height, width) // SMALL)
+    size = (max(1, width // factor), max(1, height // factor))
+    weight = cv2.resize(sure.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    colour = cv2.resize(lab * sure[..., None], size, interpolation=cv2.INTER_AREA)
+    mean, total = np.zeros_like(colour), np.zeros_like(weight)
+    for share in widths:
+        sigma = max(1.0, share * max(size))
+        near = cv2.GaussianBlur(weight, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        new = (total <= 1e-3) & (near > 1e-3)
+        blurred = cv2.GaussianBlur(colour, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        mean[new] = (blurred / np.maximum(near, 1e-6)[..., None])[new]
+        total[new] = near[new]
+    wide = cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR)
+    known = cv2.resize((total > 1e-3).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    return np.asarray(wide, np.float32), known
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Cells of space that may be solid: integer places [N, 3], the corner of place 0 and the cells' side."""
+
+    places: NDArray[np.int64]
+    corner: NDArray[np.float64]
+    side: float
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """Normalised frame, [N, 3]."""
+        return self.corner + (self.places + 0.5) * self.side
+
+    def parts(self) -> NDArray[np.int64]:
+        """Number of the connected part each cell belongs to (26 neighbours), [N]."""
+        count = len(self.places)
+        if not count:
+            return np.zeros(0, np.int64)
+        span = int(self.places.max()) + 3
+        keys = (self.places[:, 0] * span + self.places[:, 1]) * span + self.places[:, 2]
+        order = np.argsort(keys)
+        ranked, first, second = keys[order], [], []
+        for step in _HALF_AROUND:
+            wanted = keys + (step[0] * span + step[1]) * span + step[2]
+            at = np.minimum(np.searchsorted(ranked, wanted), count - 1)
+            hit = np.flatnonzero(ranked[at] == wanted)
+            first.append(hit)
+            second.append(order[at[hit]])
+        a, b = np.concatenate(first), np.concatenate(second)
+        links = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
+        return connected_components(links, directed=False)[1].astype(np.int64)
+
+    def where(self, keep: NDArray[np.bool_]) -> Hull:
+        """The cells that are kept, [N] bool."""
+        return Hull(self.places[keep], self.corner, self.side)
+
+    def standing(self, ground: Ground) -> Hull:
+        """With columns from its lowest cells down to the ground: what no photo shows before the sky carries them."""
+        height = ground.height(self.centres)
+        lowest = height < np.quantile(height, FOOT_SHARE)
+        feet, height = self.centres[lowest], height[lowest]
+        below = np.arange(1, np.ceil(height.max(initial=0) / self.side) + 1)
+        over = height[:, None] - below * self.side > -self.side / 2
+        spots = (feet[:, None] - (below * self.side)[:, None] * ground.normal)[over]
+        columns = np.floor((spots - self.corner) / self.side).astype(np.int64)
+        return Hull(np.unique(np.concatenate([self.places, columns]), axis=0), self.corner, self.side)
+
+    def cover(self, view: View) -> NDArray[np.bool_]:
+        """Pixels of a view behind some cell, [H, W]."""
+        result = np.zeros((view.height, view.width), np.uint8)
+        uv, depth = view.project(self.centres)
+        seen = (depth > self.side) & (uv > -0.5).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+        if not seen.any():
+            return result > 0
+        x, y = np.maximum(np.floor(uv[seen]), 0).astype(np.int64).T
+        result[y, x] = 1
+        width = int(np.ceil(view.fx * self.side / float(np.median(depth[seen]))))
+        return np.asarray(cv2.dilate(result, np.ones((width | 1, width | 1), np.uint8)) > 0, bool)
+
+
+_AROUND = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
+_HALF_AROUND = [step for step in _AROUND if step > (0, 0, 0)]
+_EIGHT = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.int64)
+
+
+def carve(
+    views: Sequence[View], outlines: Sequence[Outline], corner: NDArray[np.float64], size: float, cell: float
+) -> Hull:
+    """The cells of a cube that several photos see as something and that hardly any photo sees as sky.
+
+    Cells are divided in eight as long as they may be solid, so that the sky's emptiness is cheap.
+
+    Args:
+        outlines: one per view; photos without anything solid have no say.
+        corner: lowest corner of the cube, normalised frame, [3]; size: its side.
+        cell: the side down to which cells are divided.
+    """
+    told = [(v, _sums(o.empty), _sums(o.solid)) for v, o in zip(views, outlines, strict=True) if o.solid.any()]
+    hull = Hull(np.zeros((1, 3), np.int64), corner, size)
+    while True:
+        hull = hull.where(_may_be_solid(hull, told))
+        if hull.side <= cell or len(hull.places) * 8 > MOST_CELLS or not len(hull.places):
+            return hull
+        hull = Hull((2 * hull.places[:, None] + _EIGHT).reshape(-1, 3), corner, hull.side / 2)
+
+
+def _may_be_solid(hull: Hull, told: Sequence[tuple[View, NDArray[np.int32], NDArray[np.int32]]]) -> NDArray[np.bool_]:
+    centres, radius = hull.centres, hull.side * np.sqrt(3) / 2
+    fewest = max(FEWEST, round(FEWEST_SHARE * len(told)))
+    free, solid, seen = (np.zeros(len(centres), np.int32) for _ in range(3))
+    for view, empty_sums, solid_sums in told:
+        uv, depth = view.project(centres)
+        before = depth > 2 * radius
+        reach = max(view.fx, view.fy) * radius / np.where(before, depth, 1)
+        frame = np.array([view.width, view.height])
+        low = np.floor(np.where(before[:, None], uv - reach[:, None], 0)).clip(-1, frame + 1).astype(np.int64)
+        high = np.ceil(np.where(before[:, None], uv + reach[:, None], 0)).clip(-1, frame + 1).astype(np.int64)
+        inside = before & (low >= 0).all(1) & (high <= frame).all(1)
+        low, high = low.clip(0, frame), high.clip(0, frame)
+        area = (high - low).prod(1)
+        sky = inside & (_within(empty_sums, low, high) == area)
+        something = _within(solid_sums, low, high) > 0
+        free += sky
+        solid += (before & something) | (np.abs(depth) <= 2 * radius)
+        seen += inside & (sky | something)
+    return np.asarray((free <= 1) & (solid >= np.maximum(fewest, 0.5 * seen)), bool)
+
+
+def _sums(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    return np.asarray(cv2.integral(mask.astype(np.uint8)), np.int32)
+
+
+def _within(sums: NDArray[np.int32], low: NDArray[np.int64], high: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Marked pixels in boxes, from summed areas."""
+    (x0, y0), (x1, y1) = low.T, high.T
+    return np.asarray(sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0], np.int32)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Open steelwork that was clicked: frames, masts and railings that the masks miss and the sky shows.
+
+A click that the masks do not explain is either a slip or a sign that a part is missing. It is a sign when clicks in
+several photos meet in one thing that stands out against the sky. That part is then drawn to the pixel where a photo
+shows it before the sky, and stands on the ground below. Where the ground is behind it, what other photos confirm as
+ground is none of it, and what stands out from such ground around it is; where other things are behind it is unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.points import pixel_at
+from mgf_engine.masks.prompts import Prompts
+from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.masks.refinement.ground_homography import GroundSeen, near_ground
+from mgf_engine.masks.refinement.sky_silhouette import Hull, Outline, carve, outline
+from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN, building
+from mgf_engine.model.scene import Scene, View
+
+PHOTOS = 2  # in which a part must be clicked
+NEAR = 3  # px around a click
+LEAFY = 0.5
+#: Side of the space that is searched, in the building's largest extent, and the cells' side in pixels.
+SPACE, CELL = 4.0, 3.0
+LARGEST = 60  # photos asked where a cell is; more tell no more
+
+
+@dataclass(frozen=True)
+class Openwork:
+    """The parts found, and the clicks they explain as (view, row among the positive clicks)."""
+
+    hull: Hull
+    outlines: list[Outline]
+    explained: set[tuple[int, int]]
+
+    def draw(self, index: int, view: View, shown: NDArray[np.uint8], ground: GroundSeen | None) -> None:
+        """Add the parts to the label map of a photo, in place.
+
+        Args:
+            ground: finds what shows the ground; None where there is no plane of it.
+        """
+        covered = self.hull.cover(view) & ~building(shown)
+        shown[covered] = UNKNOWN
+        if ground is not None:
+            through = ground.through(index, covered)
+            shown[covered & near_ground(through.certain) & ~through.possible] = BUILDING
+            shown[through.certain] = BACKGROUND
+        seen = self.outlines[index]
+        shown[covered & seen.empty] = BACKGROUND
+        shown[covered & seen.solid] = BUILDING
+
+
+def find_openwork(
+    scene: Scene,
+    prompts: Prompts,
+    labels: Sequence[NDArray[np.uint8]],
+    sky: Callable[[int], NDArray[np.bool_]],
+    leafy: Callable[[int], NDArray[np.float32]],
+    accepted: NDArray[np.bool_],
+    up: NDArray[np.float64],
+    ground: Ground | None,
+) -> Openwork | None:
+    """Parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
+
+    Args:
+        prompts: all clicks, doubted ones too.
+        labels: per view uint8 [H, W], as drawn so far.
+        sky: view -> bool [H, W], regions that are sky; leafy: view -> float [H, W], how much pixels look like leaves.
+        accepted: [P], sparse points of the building.
+        up: [3], normalised frame.
+        ground: on which they stand, if known.
+    """
+    missed = _missed(prompts, labels)
+    if len({view for view, _, _ in missed}) < PHOTOS or accepted.sum() < 10:
+        return None
+    outlines = []
+    for index, view in enumerate(scene.views):
+        seen = outline(lab_of(scene.photo(index)), sky(index), view, up)
+        unexplained = seen.solid & ~building(labels[index]) & (leafy(index) < LEAFY)
+        outlines.append(Outline(seen.empty, unexplained))
+    hull = _hull(scene, outlines, accepted)
+    parts = hull.parts()
+    wanted, explained = _clicked(scene, hull, parts, missed)
+    if not wanted:
+        return None
+    hull = hull.where(np.isin(parts, list(wanted)))
+    return Openwork(hull if ground is None else hull.standing(ground), outlines, explained)
+
+
+def _missed(prompts: Prompts, labels: Sequence[NDArray[np.uint8]]) -> list[tuple[int, int, NDArray[np.float64]]]:
+    """Positive clicks with no building around them: view, row, pixel."""
+    result: list[tuple[int, int, NDArray[np.float64]]] = []
+    for index, clicks in prompts.items():
+        near = cv2.dilate(building(labels[index]).astype(np.uint8), np.ones((2 * NEAR + 1,) * 2, np.uint8))
+        outside = near[pixel_at(near.shape, clicks.positive)] == 0
+        result += [(index, int(row), clicks.positive[row]) for row in np.flatnonzero(outside)]
+    return result
+
+
+def _hull(scene: Scene, outlines: Sequence[Outline], accepted: NDArray[np.bool_]) -> Hull:
+    """Where the unexplained can be, around the building."""
+    low, high = np.percentile(scene.points[accepted], (1, 99), axis=0)
+    centre, size = (low + high) / 2, SPACE * float((high - low).max())
+    pixel = float(np.median([np.linalg.norm(v.centre - centre) / v.fx for v in scene.views]))
+    telling = np.argsort([-int(o.solid.sum()) for o in outlines], kind="stable")[:LARGEST]
+    views = [scene.views[i] for i in telling]
+    return carve(views, [outlines[i] for i in telling], centre - size / 2, size, CELL * pixel)
+
+
+def _clicked(
+    scene: Scene, hull: Hull, parts: NDArray[np.int64], missed: Sequence[tuple[int, int, NDArray[np.float64]]]
+) -> tuple[set[int], set[tuple[int, int]]]:
+    """Parts that clicks in enough photos fall on, and those clicks."""
+    on: dict[int, set[tuple[int, int]]] = {}
+    centres = hull.centres
+    for index, row, click in missed:
+        uv, depth = scene.views[index].project(centres)
+        hit = (depth > 0) & (np.abs(uv - click) <= NEAR).all(1)
+        for part in np.unique(parts[hit]).tolist():
+            on.setdefault(part, set()).add((index, row))
+    wanted = {part for part, clicks in on.items() if len({index for index, _ in clicks}) >= PHOTOS}
+    return wanted, {click for part in wanted for click in on[part]}

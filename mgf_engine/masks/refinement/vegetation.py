@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Trees in front of the building where no point tells that it goes on behind them.
+
+Called background, they would vote against the wall that other photos see past the leaves; called unknown, they have no
+say. A tree behind the building becomes unknown as well where it shows within the outline, which costs nothing: photos
+from elsewhere look past it.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.image_ops import grow, shrink
+from mgf_engine.model.masks import BACKGROUND
+
+GAPS = 0.012  # share of the longer side: twigs and gaps up to this wide belong to the leaves around them
+LEAFY = 0.5  # how much a region must look like leaves
+
+
+def leaves_before(labels: NDArray[np.uint8], leafy: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Background pixels that are leaves inside the convex hull of the building and of what is unknown, bool [H, W].
+
+    Args:
+        labels: uint8 [H, W], see :mod:`mgf_engine.model.masks`.
+        leafy: [H, W], how much each pixel looks like leaves, 0..1.
+    """
+    outside = labels == BACKGROUND
+    if outside.all():
+        return np.zeros_like(outside)
+    hull = np.zeros(labels.shape, np.uint8)
+    cv2.fillConvexPoly(hull, cv2.convexHull(_ends(~outside)), 1)
+    reach = max(1, round(GAPS * max(labels.shape)))
+    leaves = shrink(grow(leafy > LEAFY, reach), reach)
+    return np.asarray((hull > 0) & leaves & outside, bool)
+
+
+def _ends(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """The first and last pixel (x, y) of the mask in every row that has any: all that a hull needs, [N, 2]."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    first, last = mask[rows].argmax(axis=1), mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)
+    return np.stack([np.concatenate([first, last]), np.concatenate([rows, rows])], axis=1).astype(np.int32)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Given masks that contradict the others: the mask of another photo, of a neighbour, upside down.
+
+The sparse points tell: photos that see the same point must agree whether it is building. A mask that the others
+contradict is left out of training, like a weak one of our own; masks that contradict each other without a majority
+are refused.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.masks.points import LabelMaps, pixel_at
+from mgf_engine.model.masks import UNKNOWN, building
+from mgf_engine.model.scene import Scene
+
+#: Agreement below which a mask is left out, and that a quarter of all masks must reach for the others to be believed.
+#: 1 is full agreement, 0 is what a random mask would have.
+CONTRADICTED, BELIEVED = 0.35, 0.6
+FEWEST_SPOTS = 15
+
+
+def contradicted_masks(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int) -> dict[int, float]:
+    """Views whose mask the others contradict, with their agreement.
+
+    The worst third is taken out at a time: wrong masks make right ones look wrong, too.
+
+    Args:
+        used: bool [V], the views that have a mask.
+        dilation: masks grow by this before observations are tested, px.
+
+    Raises:
+        BadInput: the masks contradict each other, and there is no majority.
+    """
+    says = _says(scene, labels, used, dilation)
+    owner = scene.track_point
+    found: dict[int, float] = {}
+    while True:
+        trusted = (says != 0) & ~np.isin(scene.track_view, list(found))
+        score = np.array([_agreement(i, says, owner, scene, trusted) for i in range(len(scene.views))])
+        score[list(found)] = np.nan
+        low = np.flatnonzero(score < CONTRADICTED)
+        if not len(low):
+            return found
+        if np.nanpercentile(score, 75) < BELIEVED:
+            raise BadInput(
+                "The given masks contradict each other: points that one photo calls building, others call background; "
+                "check that each mask belongs to its photo and shows the same building."
+            )
+        worst = low[np.argsort(score[low], kind="stable")][: -(-len(low) // 3)]
+        found |= {int(i): float(score[i]) for i in worst}
+
+
+def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int) -> NDArray[np.int8]:
+    """What the mask says of each observation, [T]: 1 building, -1 background, 0 nothing."""
+    result = np.zeros(len(scene.track_view), np.int8)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * dilation + 1, 2 * dilation + 1))
+    for index in np.flatnonzero(used).tolist():
+        here = scene.observations(index)
+        y, x = pixel_at(labels[index].shape, scene.track_uv[here])
+        grown = cv2.dilate(building(labels[index]).astype(np.uint8), kernel) > 0
+        background = ~grown[y, x] & (labels[index][y, x] != UNKNOWN)
+        result[here] = grown[y, x].astype(np.int8) - background.astype(np.int8)
+    return result
+
+
+def _agreement(
+    index: int, says: NDArray[np.int8], owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_]
+) -> float:
+    """How far a view agrees with the majority of the trusted others: share right inside plus share right outside, less
+    1; where few points tell of one side, the other's share doubled, less 1. NaN where too few points tell.
+    """
+    own = scene.track_view == index
+    others = trusted & ~own
+    total = np.bincount(owner[others], says[others], len(scene.points))
+    mine = own & (says != 0) & (total[owner] != 0)
+    if mine.sum() < FEWEST_SPOTS:
+        return float("nan")
+    right, inside = np.sign(total[owner[mine]]) == says[mine], total[owner[mine]] > 0
+    shares = [right[side].mean() for side in (inside, ~inside) if side.sum() >= FEWEST_SPOTS]
+    return float(2 * np.mean(shares) - 1) if shares else float("nan")

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How well given masks fit the building: holes, rims cut off, ground and neighbours taken in.
+
+The sparse points tell here, too. A point that most photos have inside their masks is building; where another photo
+sees it outside, that mask lacks something there. Its pixels around are made unknown, so that nothing is learnt from
+them, and a sentence says how much is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.points import LabelMaps, pixel_at
+from mgf_engine.model.masks import UNKNOWN, building
+from mgf_engine.model.scene import Scene
+
+#: Pixels beside its mask that an observation must lie to count, for keypoints and outlines are inaccurate.
+BESIDE = 1.5
+#: Photos with a mask that must see a point before it tells anything.
+FEWEST_PHOTOS = 3
+#: Shares of the building's observations outside their masks, and of the surroundings' inside, that are spoken of. Sound
+#: masks have less than 0.0001 and 0.0015.
+LACKING, EXCESS = 0.002, 0.01
+_AROUND = 2.0  # pixels made unknown beyond the way to the mask
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Which observations contradict their own mask.
+
+    Attributes:
+        margin: signed distance to the outline of the mask, pixels, positive inside, [T]; NaN where no mask says.
+        on_building, beside: bool [T], observations of points that most masks have inside, or outside.
+    """
+
+    margin: NDArray[np.float64]
+    on_building: NDArray[np.bool_]
+    beside: NDArray[np.bool_]
+
+    @property
+    def lacking(self) -> NDArray[np.bool_]:
+        """Observations of the building that their mask leaves out, bool [T]."""
+        return self.on_building & (self.margin < -BESIDE)
+
+    @property
+    def excess(self) -> NDArray[np.bool_]:
+        """Observations of the surroundings that their mask takes in, bool [T]."""
+        return self.beside & (self.margin > BESIDE)
+
+
+def measure_fit(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_]) -> Fit:
+    """Compare the masks of the views ``used`` (bool [V]) at the points that they share."""
+    margin = np.full(len(scene.track_view), np.nan)
+    for index in np.flatnonzero(used).tolist():
+        here = scene.observations(index)
+        y, x = pixel_at(labels[index].shape, scene.track_uv[here])
+        margin[here] = np.where(labels[index][y, x] == UNKNOWN, np.nan, _signed(building(labels[index]))[y, x])
+    known, owner = np.isfinite(margin), scene.track_point
+    voters = np.bincount(owner[known], minlength=len(scene.points))
+    inside = np.bincount(owner[known], margin[known] > 0, len(scene.points))
+    told = known & (voters[owner] >= FEWEST_PHOTOS)
+    return Fit(margin, told & (2 * inside > voters)[owner], told & (2 * inside < voters)[owner])
+
+
+def _signed(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Distance of each pixel to the outline, positive inside."""
+    mask = inside.astype(np.uint8)
+    within, without = (cv2.distanceTransform(m, cv2.DIST_L2, 3) for m in (mask, 1 - mask))
+    return np.asarray(np.where(inside, within, -without), np.float32)
+
+
+def forgive(scene: Scene, labels: LabelMaps, fit: Fit) -> list[NDArray[np.uint8]]:
+    """The label maps with background made unknown where the photo shows the building after all.
+
+    Unknown become the pixels around each observation that its mask leaves out, as far around as the mask is away, and
+    holes as a whole that hold such observations and none of the surroundings.
+    """
+    result = list(labels)
+    for index in np.unique(scene.track_view[fit.lacking]).tolist():
+        here = scene.observations(index)
+        lacking, beside = here[fit.lacking[here]], here[fit.beside[here]]
+        background = ~building(result[index])
+        disc = _holes(background, scene.track_uv[lacking], scene.track_uv[beside])
+        for (x, y), margin in zip(np.floor(scene.track_uv[lacking]), fit.margin[lacking], strict=True):
+            cv2.circle(disc, (int(x), int(y)), round(_AROUND - margin), 1, -1)
+        result[index] = np.where((disc > 0) & background, UNKNOWN, result[index]).astype(np.uint8)
+    return result
+
+
+def _holes(
+    background: NDArray[np.bool_], lacking: NDArray[np.float32], beside: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """Pieces of background within the frame that hold observations ``lacking`` and none ``beside``, uint8 [H, W]."""
+    count, pieces = cv2.connectedComponents(background.astype(np.uint8), connectivity=4)
+    pieces = np.asarray(pieces)
+    hole = np.zeros(count, bool)
+    hole[pieces[pixel_at(pieces.shape, lacking)]] = True
+    hole[pieces[pixel_at(pieces.shape, beside)]] = False
+    for edge in (pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]):
+        hole[edge] = False
+    hole[0] = False  # the building itself
+    return hole[pieces].astype(np.uint8)
+
+
+def misfits(scene: Scene, fit: Fit) -> list[str]:
+    """One sentence with cause and cure where masks leave out much of the building or take in its surroundings; or none.
+
+    Only the greater fault is named: where much is wrong, the majority is, too, and each looks like the other.
+    """
+    lacking, excess = _share(fit.lacking, fit.on_building), _share(fit.excess, fit.beside)
+    if max(lacking / LACKING, excess / EXCESS) <= 1:
+        return []
+    if lacking / LACKING > excess / EXCESS:
+        return [
+            f"The given masks cut off parts of the building or have holes: {lacking:.1%} of its points, where photos "
+            f"show them, lie outside the masks (most in {_most(scene, fit.lacking)}); draw the masks larger and fill "
+            "their holes, or those parts will be missing from the mesh."
+        ]
+    return [
+        f"The given masks take in more than the building: {excess:.1%} of the points around it, where photos show "
+        f"them, lie inside the masks (most in {_most(scene, fit.excess)}); draw the masks closer, or ground and "
+        "neighbours will stick to the mesh."
+    ]
+
+
+def _share(part: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float:
+    return float(part.sum() / max(int(whole.sum()), 1))
+
+
+def _most(scene: Scene, wrong: NDArray[np.bool_]) -> str:
+    count = np.bincount(scene.track_view[wrong], minlength=len(scene.views))
+    worst = [i for i in np.argsort(-count, kind="stable")[:3].tolist() if count[i]]
+    return ", ".join(f"'{scene.views[i].name}'" for i in worst)

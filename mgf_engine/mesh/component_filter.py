@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Parts of the mesh that stand apart from all that was clicked: a neighbour, or a wall of it, that the masks let in.
+
+Sparse points on plain walls lie too far from each other to tell where a building ends; the mesh tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.geometry.clean import parts
+from mgf_engine.geometry.rasterize import look
+from mgf_engine.masks.points import pixel_at
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+from mgf_engine.native.library import side_by_side
+
+#: Share of the diagonal of what was clicked: what is nearer to it belongs to it; a tree may hide what joins them.
+NEAR = 0.1
+
+
+def belongs(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArray[np.floating]]) -> NDArray[np.bool_]:
+    """Faces of the parts that were clicked, and of those near to them, or near to such, bool [F].
+
+    Args:
+        mesh: normalised frame.
+        clicks: per view, where it was clicked on the building, working pixels [K, 2].
+
+    Returns:
+        All faces where no click meets the mesh.
+    """
+    part = parts(mesh)
+    if part.max(initial=0) == 0:
+        return np.ones(len(mesh.faces), bool)
+    clicked = [(view, spots) for view, spots in zip(views, clicks, strict=True) if len(spots)]
+    met = side_by_side(lambda given: _met(mesh, *given), clicked)
+    hit = np.concatenate([np.zeros(0, np.int32), *met])
+    kept = np.isin(np.arange(part.max(initial=-1) + 1), part[hit])
+    if not len(hit) or kept.all():
+        return np.ones(len(mesh.faces), bool)
+    first = mesh.vertices[mesh.faces[kept[part]].ravel()]
+    near = NEAR * float(np.linalg.norm(first.max(0) - first.min(0)))
+    corners = {p: mesh.vertices[np.unique(mesh.faces[part == p])] for p in np.flatnonzero(~kept).tolist()}
+    new = first
+    while len(new):
+        tree = cKDTree(new)
+        joined = [p for p, points in corners.items() if tree.query(points, distance_upper_bound=near)[0].min() < near]
+        new = np.concatenate([np.zeros((0, 3)), *(corners.pop(p) for p in joined)])
+        kept[joined] = True
+    return np.asarray(kept[part], bool)
+
+
+def _met(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:
+    """The faces that clicks [K, 2] in a view meet, at most [K]."""
+    face = look(mesh, view).face
+    met = face[pixel_at(face.shape, clicks)]
+    return met[met >= 0]

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""No more faces than the building needs: edges collapse as long as the surface and its colours stay what they are.
+
+The kernel (``native/csrc/mesh/collapse.c``) keeps every vertex of the full mesh as a sample and checks it against the
+reduced one, so the bound holds for every sample, and topology cannot change. How far off a vertex may be is
+measured in ground pixels: what one pixel of the nearest photo covers there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+from mgf_engine.native.library import call, parallel
+
+NEAREST = 8  # views among which one is sought that a vertex faces
+WORTH = 0.002  # share of the faces that a sweep must take away to be followed by one like it
+MOST_LOOSE = 1e6  # factor on the tolerances beyond which no more faces can go
+MOST_SLABS, SLAB = 32, 16384  # slabs that a mesh is cut into, and faces that each should have at least
+AT_ONCE = 8  # slabs between two reports of progress
+NO_MEMORY = "Not enough memory to reduce the mesh; lower max_gaussians or the resolution."
+
+
+def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
+    """Size of a pixel of the nearest view that each vertex faces, in the mesh's units, float32 [N].
+
+    What may stand between is not looked at: such a pixel is at worst smaller than the ones that show the vertex.
+    Where none of the nearest views is faced, the very nearest counts; without views all get zero.
+    """
+    if not views or not len(mesh.vertices):
+        return np.zeros(len(mesh.vertices), np.float32)
+    centres = np.array([view.centre for view in views])
+    pixels = np.array([1.0 / max(view.fx, view.fy) for view in views])
+    tree, normals = cKDTree(centres), vertex_normals(mesh)
+    distance, nearest = tree.query(mesh.vertices, workers=-1)
+    size = (distance * pixels[nearest]).astype(np.float32)
+    away = np.flatnonzero(~_faced(mesh.vertices, normals, centres[nearest]))  # more than one is sought for these only
+    vertices, normals = mesh.vertices[away], normals[away]
+    distance, nearest = tree.query(vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1)
+    missing = np.ones(len(away), bool)
+    for k in range(1, nearest.shape[1]):
+        faced = missing & _faced(vertices, normals, centres[nearest[:, k]])
+        size[away[faced]] = distance[faced, k] * pixels[nearest[faced, k]]
+        missing &= ~faced
+    return size
+
+
+def _faced(
+    vertices: NDArray[np.float64], normals: NDArray[np.float64], centres: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Vertices [N, 3] that look towards a camera, [N, 3]."""
+    towards: NDArray[np.bool_] = ((centres - vertices) * normals).sum(1) > 0
+    return towards
+
+
+def reduce_faces(
+    mesh: Mesh,
+    most: int = 0,
+    tolerance: NDArray[np.float32] | float = 0.0,
+    color_tolerance: float = -1.0,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Mesh:
+    """The mesh with fewer faces: as few as the tolerances allow, and at most ``most``.
+
+    Manifold meshes stay manifold, holes and parts stay as many as they are, rims stay where they are. Where ``most``
+    cannot be met within the tolerances they are loosened, those of colours first.
+
+    Args:
+        most: highest number of faces; 0 for no limit. Topology may not allow it; the result then has a few more.
+        tolerance: distance that each given vertex may have from the result, [N] or one for all; 0 keeps every face
+            beyond ``most``.
+        color_tolerance: root mean square difference of colours around each collapsed edge, in grey levels per
+            channel; below zero colours do not matter.
+
+    Raises:
+        MemoryError: the work needs about 350 bytes per vertex.
+    """
+    count = len(mesh.faces)
+    allowed = np.broadcast_to(np.asarray(tolerance, np.float32), len(mesh.vertices))
+    lean = bool((allowed > 0).any())
+    most = most if 0 < most < count else count
+    if count == 0 or (most == count and not lean):
+        return mesh
+    centre = mesh.vertices.mean(0)
+    at = np.ascontiguousarray(mesh.vertices - centre)
+    if not lean:
+        allowed = np.full(len(at), 1e-3 * np.linalg.norm(np.ptp(at, axis=0)), np.float32)
+    faces = np.array(mesh.faces, np.int32, order="C")
+    colors = np.empty((len(at), 3), np.uint8)
+    given = (at.astype(np.float32), np.ascontiguousarray(allowed), np.ascontiguousarray(mesh.colors))
+    handle = call("collapse_begin", len(at), count, at, faces, *given, float(color_tolerance))
+    if not handle:
+        raise MemoryError(NO_MEMORY)
+    try:
+        order = np.argsort(at[:, np.argmax(np.ptp(at, axis=0))], kind="stable").astype(np.int32)
+        left = _shrink(handle, order, count, progress) if lean else count
+        if not lean or left > most:
+            _force(handle, order, left, most, float(color_tolerance))
+    finally:
+        call("collapse_end", handle, colors)
+    used, index = np.unique(faces[faces[:, 0] >= 0], return_inverse=True)
+    vertices = at[used] + centre
+    return Mesh(vertices, index.reshape(-1, 3).astype(np.int32), colors[used], _nearest_values(mesh, vertices))
+
+
+def slabs(order: NDArray[np.int32], number: int, shifted: bool = False) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Slices of as many vertices each; shifted, their borders lie in the middle of the others'.
+
+    Args:
+        order: int32 [N], the vertices along the axis that is cut.
+
+    Returns:
+        the slab of each vertex, uint8 [N], and where each slab begins in ``order``, int64 [slabs + 1].
+    """
+    half = np.arange(len(order)) * 2 * number // len(order)
+    along = (half + (shifted and number > 1)) // 2
+    slab = np.empty(len(order), np.uint8)
+    slab[order] = along
+    return slab, np.searchsorted(along, np.arange(along[-1] + 2)).astype(np.int64)
+
+
+def _shrink(handle: int, order: NDArray[np.int32], count: int, progress: Callable[[float], None]) -> int:
+    """Collapse what the tolerances allow; returns the faces left.
+
+    The slabs grow as the faces do, up to the whole mesh: an edge that leaves a slab can be tried only in a wider one.
+    """
+    number, rounds = MOST_SLABS, 0
+    while True:
+        before, number = count, min(number, max(1, count // SLAB))
+        cut = slabs(order, number, shifted=rounds % 2 == 1)
+        count = _sweep(handle, order, cut, 0, lambda share, n=rounds: progress(1 - 0.3**n * (1 - 0.7 * share)))  # type: ignore[misc]
+        rounds += 1
+        if before - count > WORTH * before:
+            continue
+        if number == 1:
+            return count
+        number //= 2
+
+
+def _force(handle: int, order: NDArray[np.int32], count: int, most: int, color_tolerance: float) -> None:
+    """Collapse down to ``most`` faces; loosen the tolerances, those of colours first, as long as that is not met."""
+    whole, loose = slabs(order, 1), 1.0
+    while loose <= MOST_LOOSE:
+        before, count = count, _sweep(handle, order, whole, most)
+        if count <= most:
+            return
+        if before - count > WORTH * before:
+            continue
+        if color_tolerance >= 0:
+            color_tolerance = 4 * color_tolerance + 1 if color_tolerance < 64 else -1.0
+        else:
+            loose *= 2
+        call("collapse_loosen", handle, loose, color_tolerance)
+
+
+def _sweep(
+    handle: int,
+    order: NDArray[np.int32],
+    cut: tuple[NDArray[np.uint8], NDArray[np.int64]],
+    stop: int,
+    progress: Callable[[float], None] = lambda share: None,
+) -> int:
+    """Try every edge around which something changed; returns the faces left."""
+    slab, start = cut
+    last = len(start) - 1
+    for first in range(0, last, AT_ONCE):
+        progress(first / last)
+        end = min(first + AT_ONCE, last)
+        parallel("collapse_work", handle, slab, order, start, first, end, stop, pieces=end - first)
+    left = call("collapse_live", handle)
+    if left < 0:
+        raise MemoryError(NO_MEMORY)
+    return left
+
+
+def _nearest_values(mesh: Mesh, vertices: NDArray[np.float64]) -> dict[str, NDArray[np.generic]]:
+    """The values of the given mesh's vertices that lie nearest."""
+    if not mesh.values:
+        return {}
+    nearest = cKDTree(mesh.vertices).query(vertices)[1]
+    return {name: value[nearest] for name, value in mesh.values.items()}

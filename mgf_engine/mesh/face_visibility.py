@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How many pixels of all views see each face of a mesh: from which side, and what the masks say there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.geometry.rasterize import corners, seen_faces
+from mgf_engine.mesh.face_clusters import SIZE, Blocks
+from mgf_engine.model.masks import UNKNOWN
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+from mgf_engine.native.library import call, side_by_side
+
+Counts = NDArray[np.int32]
+Labels = Sequence[NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The face that each pixel of a view sees, packed: a building fills less than half of its photos.
+
+    Attributes:
+        shape: (H, W).
+        seen: as bits, the pixels that see a face.
+        faces: int32 [P], the faces they see.
+    """
+
+    shape: tuple[int, int]
+    seen: NDArray[np.uint8]
+    faces: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, face: NDArray[np.int32]) -> Picture:
+        """Of the face at each pixel, int32 [H, W], -1 for none."""
+        seen = face >= 0
+        return cls((face.shape[0], face.shape[1]), np.packbits(seen), face[seen])
+
+    def unpacked(self) -> NDArray[np.int32]:
+        """The face at each pixel, int32 [H, W], -1 for none."""
+        face = np.full(self.shape, -1, np.int32)
+        face.ravel()[np.unpackbits(self.seen, count=face.size).view(bool)] = self.faces
+        return face
+
+
+@dataclass(frozen=True)
+class PixelCounts:
+    """Pixels that see each face, [F] each.
+
+    Attributes:
+        front, back: from outside (counter-clockwise corners), and from inside.
+        inside: that the masks call building.
+        known: about which the masks say anything.
+        pictures: which face each of them sees, of each view.
+    """
+
+    front: Counts
+    back: Counts
+    inside: Counts
+    known: Counts
+    pictures: Sequence[Picture]
+
+
+def count_pixels(mesh: Mesh, views: Sequence[View], labels: Labels | None = None) -> PixelCounts:
+    """Draws the mesh into every view and counts.
+
+    Args:
+        views: normalised frame.
+        labels: label map of each view, uint8 [H, W]; None: nothing is known.
+    """
+
+    def show(number: int, at: NDArray[np.float64]) -> tuple[NDArray[np.int32], Picture]:
+        face = seen_faces(mesh.faces, views[number], at)
+        return face, Picture.of(face)
+
+    return _counted(mesh, views, labels, show)
+
+
+def count_uncovered(
+    mesh: Mesh, left: NDArray[np.bool_], counts: PixelCounts, views: Sequence[View], labels: Labels | None = None
+) -> PixelCounts:
+    """What :func:`count_pixels` finds once only some faces are left; it draws only where one of the others was seen.
+
+    Args:
+        left: bool [F], at least one face. What is counted of the others has no meaning.
+        counts: of all faces, or of more than are left.
+    """
+    blocks, number_of = Blocks.of(mesh.vertices, mesh.faces[left]), np.flatnonzero(left)
+    stays = np.append(left, True)  # the last for pixels that see none
+
+    def show(number: int, at: NDArray[np.float64]) -> tuple[NDArray[np.int32], Picture]:
+        face = counts.pictures[number].unpacked()
+        lost = ~stays[face]
+        near = blocks.touching(views[number], lost)
+        drawn = seen_faces(blocks.faces[near].reshape(-1, 3), views[number], at)
+        shown = lost & (drawn >= 0)
+        block, place = np.divmod(drawn[shown], SIZE)
+        behind = np.full_like(face, -1)
+        behind[shown] = number_of[near[block] * SIZE + place]
+        return behind, Picture.of(np.where(lost, behind, face))
+
+    more = _counted(mesh, views, labels, show)
+    return replace(
+        more,
+        front=counts.front + more.front,
+        back=counts.back + more.back,
+        inside=counts.inside + more.inside,
+        known=counts.known + more.known,
+    )
+
+
+def _counted(
+    mesh: Mesh,
+    views: Sequence[View],
+    labels: Labels | None,
+    show: Callable[[int, NDArray[np.float64]], tuple[NDArray[np.int32], Picture]],
+) -> PixelCounts:
+    """The pictures, and how many pixels see each face.
+
+    Args:
+        show: (number of a view, corners of the mesh there) -> face that each pixel to be counted sees, int32 [H, W],
+            -1 for none, and the picture.
+    """
+    counts = np.zeros((len(mesh.faces), 4), np.int32)
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
+
+    def add(number: int) -> Picture:
+        at = corners(mesh.vertices, views[number])
+        face, picture = show(number, at)
+        label = None if labels is None else np.ascontiguousarray(labels[number])
+        call("count_pixels", face.size, face, at, faces, label, UNKNOWN, counts)
+        return picture
+
+    pictures = list(side_by_side(add, range(len(views))))
+    front, back, inside, known = (np.ascontiguousarray(column) for column in counts.T)
+    return PixelCounts(front, back, inside, known, pictures)

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dents and bags that no two photos confirm are stretched over their rim: rooms behind panes that mirror, flaps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from mgf_engine.geometry.clean import edges, open_edges, with_faces
+from mgf_engine.model.mesh import Mesh
+
+#: Below what one photo alone gives (:meth:`mgf_engine.mesh.tsdf.FusedField.known`).
+UNCONFIRMED = 0.2
+#: Share of the mesh's size beyond which a patch stays as it is: too few photos there to say that it is wrong.
+LARGEST = 0.2
+FEWEST_ON_RIM = 3
+#: A patch with this many times the area that its rim spans is a bag or a flap; a cube's corner has 1.7 times.
+BAG = 2.5
+TOGETHER = 1e-5  # of the mesh's size
+
+
+def stretch_unconfirmed(mesh: Mesh, confidence: NDArray[np.floating]) -> Mesh:
+    """Move the vertices of unconfirmed patches to the surface that their rims span: each to the mean of its neighbours.
+
+    Only dents and bags are moved: what stands out may be a corner that few photos see. A bag with a narrow neck shrinks
+    to a point, and its faces go. Vertices on open edges stay, and so do patches with hardly any rim (parts of their
+    own) and those that would end with three faces at an edge.
+
+    Args:
+        confidence: [N], 0..1.
+    """
+    loose = confidence < UNCONFIRMED
+    loose[np.concatenate(open_edges(mesh))] = False
+    if not loose.any():
+        return mesh
+    neighbours = _neighbours(mesh)
+    moved, label = _of_patches(mesh, neighbours, np.flatnonzero(loose))
+    spanned = _spanned(mesh, neighbours, moved)
+    wrong = _dents_and_bags(mesh, spanned, moved, label)
+    moved, label = moved[wrong], label[wrong]
+    while len(moved):
+        vertices = mesh.vertices.astype(np.float64)
+        vertices[moved] = spanned[moved]
+        first = _first_there(vertices, moved)
+        faces, crowded = _merged(mesh.faces, first)
+        if not crowded.any():
+            return with_faces(replace(mesh, vertices=vertices.astype(mesh.vertices.dtype)), faces)
+        bad = np.isin(first[moved], np.unique(first[crowded]))
+        bad = np.isin(label, label[bad]) if bad.any() else np.ones(len(moved), bool)
+        moved, label = moved[~bad], label[~bad]
+    return mesh
+
+
+def _spanned(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64]) -> NDArray[np.float64]:
+    """All vertices, those moved where each is the mean of its neighbours, [N, 3]."""
+    vertices = mesh.vertices.astype(np.float64)
+    if len(moved):
+        rest = np.setdiff1d(np.arange(len(vertices)), moved)
+        laplacian = (sparse.diags(np.asarray(neighbours.sum(1)).ravel()) - neighbours).tocsr()[moved]
+        vertices[moved] = splu(laplacian[:, moved].tocsc()).solve(-(laplacian[:, rest] @ vertices[rest]))
+    return vertices
+
+
+def _dents_and_bags(
+    mesh: Mesh, spanned: NDArray[np.float64], moved: NDArray[np.int64], label: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Which of the moved vertices, [M], are of patches that gain volume when spanned or shrink to a fraction."""
+    patch = np.full(len(spanned), -1)
+    patch[moved] = label
+    of_face = patch[mesh.faces].max(1)  # the vertices of a face are of one patch or of none
+    faces, of_face = mesh.faces[of_face >= 0], of_face[of_face >= 0]
+    count = int(label.max(initial=-1)) + 1
+
+    def area_and_volume(vertices: NDArray[np.floating]) -> tuple[NDArray[np.float64], ...]:
+        a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
+        doubled = np.cross(b - a, c - a)
+        area, volume = np.linalg.norm(doubled, axis=1) / 2, (doubled * a).sum(1) / 6
+        return tuple(np.bincount(of_face, amount, count).astype(np.float64) for amount in (area, volume))
+
+    (area, volume), (spanned_area, spanned_volume) = area_and_volume(mesh.vertices), area_and_volume(spanned)
+    wrong: NDArray[np.bool_] = (spanned_volume > volume) | (area > BAG * spanned_area)
+    return wrong[label]
+
+
+def _first_there(vertices: NDArray[np.float64], moved: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The vertex that stands for each, [N]: for moved ones the first at the same place, for others they themselves."""
+    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    place = np.round(vertices / (TOGETHER * size)).astype(np.int64)
+    _, index, where = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    result = np.arange(len(vertices))
+    result[moved] = index[where.ravel()][moved]
+    return result
+
+
+def _merged(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Faces between the vertices that stand for theirs, once each; which vertices [N] are at an edge of three faces."""
+    merged = first[faces]
+    proper = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 2] != merged[:, 0])
+    merged = merged[proper]
+    _, once = np.unique(np.sort(merged, 1), axis=0, return_index=True)
+    merged = merged[np.sort(once)].astype(np.int32)
+    crowded = np.zeros(len(first), bool)
+    key, count = np.unique(edges(merged)[0], return_counts=True)
+    crowded[key[count > 2] >> 32] = crowded[key[count > 2] & 0xFFFFFFFF] = True
+    return merged, crowded
+
+
+def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
+    """Which vertices an edge joins: 1 or 0, [N, N]."""
+    count = len(mesh.vertices)
+    first, second = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    joined = sparse.coo_matrix((np.ones(len(first)), (first, second)), (count, count)).tocsr()
+    joined = joined + joined.T
+    joined.data[:] = 1.0
+    return joined
+
+
+def _of_patches(
+    mesh: Mesh, neighbours: sparse.csr_matrix, loose: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Those of these vertices whose patch is small and held by a rim, [M], and which patch that is, [M]."""
+    count, label = connected_components(neighbours[loose][:, loose], directed=False)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, label, mesh.vertices[loose])
+    np.maximum.at(high, label, mesh.vertices[loose])
+    small = np.linalg.norm(high - low, axis=1) <= LARGEST * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    belongs = sparse.coo_matrix((np.ones(len(loose)), (label, loose)), (count, len(mesh.vertices))).tocsr()
+    touched = (belongs @ neighbours).tocoo()
+    on_rim = ~np.isin(touched.col, loose)
+    held = np.bincount(touched.row[on_rim], minlength=count) >= FEWEST_ON_RIM
+    good = (small & held)[label]
+    return loose[good], label[good]

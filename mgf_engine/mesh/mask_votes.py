@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The vote of the masks on the finished surface: what most photos call background is cut away.
+
+Gaussians are screened with grown masks (eq. 21-22), because a mask a few pixels too tight must not cost a chimney. So a
+rim of the surroundings a few pixels wide stays around the building, most visibly a skirt of ground around its foot.
+On the surface it is known which photos really see a face, and the vote can be taken to the pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.geometry.clean import with_faces
+from mgf_engine.mesh.face_visibility import PixelCounts, count_pixels, count_uncovered
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+
+ROUNDS = 3  # what lies behind a face that went is seen, and judged, in the next round
+MAJORITY = 0.5  # least share of a face's pixels that masks call building
+SPREAD = 2  # times each vote is shared with the next faces, so that single faces do not fray the rim
+
+
+def cut_background(
+    mesh: Mesh,
+    views: Sequence[View],
+    labels: Sequence[NDArray[np.uint8]],
+    counts: PixelCounts | None = None,
+    left: NDArray[np.bool_] | None = None,
+) -> Mesh:
+    """The mesh without faces that lie on background in most of the pixels that see them.
+
+    Args:
+        views: photos that vote, normalised frame.
+        labels: label map of each view, uint8 [H, W]; unknown pixels do not vote. Faces that no view sees stay.
+        counts: those of the mesh, where they are known already.
+        left: faces of whole parts that are left from the beginning, bool [F]; None for all.
+    """
+    counts = counts or count_pixels(mesh, views, labels)
+    left = np.ones(len(mesh.faces), bool) if left is None else left.copy()
+    for number in range(ROUNDS):
+        if number > 0:
+            counts = count_uncovered(mesh, left, counts, views, labels)
+        part = replace(mesh, faces=mesh.faces[left])
+        keep = _shared(part, counts.inside[left]) >= MAJORITY * _shared(part, counts.known[left])
+        left[left] = keep
+        if keep.all() or not keep.any():
+            break
+    return with_faces(mesh, mesh.faces[left])
+
+
+def _shared(mesh: Mesh, count: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Votes [F] averaged with those of the faces around."""
+    around = np.maximum(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)), 1)
+    votes = count.astype(np.float64)
+    for _ in range(SPREAD):
+        of_vertex = np.bincount(mesh.faces.ravel(), np.repeat(votes, 3), len(mesh.vertices)) / around
+        votes = of_vertex[mesh.faces].mean(1)
+    return votes

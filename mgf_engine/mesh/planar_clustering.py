@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Flat parts of the level set with fewer vertices: everything that follows takes as long as there are faces.
+
+Tetrahedra are as fine as the Gaussians' boxes, also where a wall is plain. What lies in one plane becomes one vertex
+per cell of a grid; edges, bars and all that is thinner than a cell keep every vertex (``native/csrc/mesh/flat.c``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.geometry.clean import weld
+from mgf_engine.geometry.topology import Around
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+from mgf_engine.morton import BITS, arrange, morton
+from mgf_engine.native.library import call
+
+CELLS = 1.5, 3.0  # sides of the cells in pixels of the nearest photo, one round after the other
+OFF = 0.1  # root mean square distance from the plane, in such pixels
+EVEN = 0.98  # least length of the mean normal in and around a cell: 1 in a plane, 0.98 across an edge of 23 degrees
+TRIES = 3  # rounds in which what would pinch the surface is left as it was
+
+
+def merge_flat(mesh: Mesh, views: Sequence[View]) -> Mesh:
+    """The mesh with one vertex in place of all that lie in one plane and one cell.
+
+    Args:
+        views: at least one, in the mesh's frame; they tell how large a pixel is.
+
+    Raises:
+        MemoryError: the work needs about 100 bytes per vertex.
+    """
+    for side in CELLS:
+        pixel = nearest_pixels(mesh.vertices, views)
+        mesh = merge_cells(mesh, _cells(mesh.vertices, side * pixel), OFF * pixel)
+    return mesh
+
+
+def nearest_pixels(points: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.float64]:
+    """Size of a pixel of the nearest view at each point [N, 3], in their units, [N]."""
+    distance, nearest = cKDTree([view.centre for view in views]).query(points, workers=-1)
+    sizes: NDArray[np.float64] = distance / np.array([max(view.fx, view.fy) for view in views])[nearest]
+    return sizes
+
+
+def merge_cells(mesh: Mesh, cell: NDArray[np.integer], tolerance: NDArray[np.floating]) -> Mesh:
+    """One round of :func:`merge_flat`.
+
+    Args:
+        cell: number of each vertex's cell, [N].
+        tolerance: root mean square distance from the plane, [N]; the first vertex of a group counts.
+    """
+    at, into = np.array(mesh.vertices, np.float64, order="C"), np.empty(len(mesh.vertices), np.int32)
+    given = np.ascontiguousarray(mesh.faces), np.asarray(cell, np.int32), np.asarray(tolerance, np.float32)
+    if call("merge_flat", len(at), len(mesh.faces), at, *given, EVEN, into):
+        raise MemoryError("Not enough memory to merge flat parts of the mesh; lower max_gaussians or the resolution.")
+    for _ in range(TRIES):
+        apart = _pinched(into, mesh.faces)
+        if not apart.any():
+            break
+        into[apart], at[apart] = np.flatnonzero(apart), mesh.vertices[apart]
+    return weld(Mesh(at, into[mesh.faces], mesh.colors, mesh.values))
+
+
+def _pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Vertices [N] that were merged where the surface then meets itself: two discs that share a rim of two edges."""
+    merged = np.bincount(into, minlength=len(into)) > 1
+    faces = into[faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]
+    several = Around.of(faces, len(into)).fans()[1] > 1
+    near = np.zeros(len(into), bool)
+    near[faces[several[faces].any(1)]] = True
+    return np.asarray((near & merged)[into], bool)
+
+
+def _cells(points: NDArray[np.float64], side: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Number of the cell that each point [N, 3] lies in; sides [N] are rounded to powers of two."""
+    if not len(points):
+        return np.zeros(0, np.int32)
+    local = points - points.min(0)
+    least = max(float(local.max()) / 2 ** (BITS - 1), 1e-300)
+    level = np.rint(np.log2(np.maximum(side, least)))
+    order, new = arrange(morton(np.floor(local / np.exp2(level)[:, None]).astype(np.int64)), level)
+    cell = np.empty(len(points), np.int32)
+    cell[order] = np.cumsum(new) - 1
+    return cell

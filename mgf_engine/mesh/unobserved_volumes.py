@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Space behind bars and railings that no photo shows: to the level set it is as solid as the inside of a wall.
+
+Its surface is made up. What tells it from a wall that few photos see is how thick it is: behind a wall lies a building.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.geometry.clean import face_areas, open_edges, unconfirmed_patches, with_faces
+from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.model.mesh import Mesh
+
+#: How thick a shadow is at most: ground pixels, and share of the mesh's size. A building is thicker.
+THICK, THICK_SHARE = 45.0, 0.05
+PROBES = (1 / 3, 2 / 3, 1.0)  # where behind the surface it is asked, as shares of that
+#: Share of the mesh's area from which a patch is asked about; smaller ones close holes.
+SMALLEST = 0.0005
+#: Pixels: patches less wide than four (twice their area by their rim) close slits and stay, too.
+LEAST_WIDTH = 4.0
+MOST = 0.5  # of a patch's area, before a shadow
+
+
+def drop_shadows(
+    mesh: Mesh,
+    confirmed: NDArray[np.bool_],
+    pixel: NDArray[np.floating],
+    free: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
+) -> Mesh:
+    """The mesh without patches that are not confirmed and have free space close behind them.
+
+    Args:
+        confirmed: [N], vertices that photos show.
+        pixel: size of a pixel at each vertex, [N].
+        free: whether points [N, 3] lie in free space, [N].
+    """
+    made_up, patch, area = unconfirmed_patches(mesh, confirmed)
+    if not len(made_up):
+        return mesh
+    areas = face_areas(mesh)
+    wide = 2 * area > LEAST_WIDTH * _rims(replace(mesh, faces=mesh.faces[made_up]), patch, pixel)
+    large = (wide & (area > SMALLEST * areas.sum()))[patch]
+    made_up, patch = made_up[large], patch[large]
+    asked = np.unique(mesh.faces[made_up])
+    reach = np.minimum(THICK * pixel[asked], THICK_SHARE * np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    spots, inward = mesh.vertices[asked], -reach[:, None] * vertex_normals(mesh)[asked]
+    thin = np.zeros(len(mesh.vertices))
+    thin[asked] = np.any([free(spots + depth * inward) for depth in PROBES], axis=0)
+    before = np.bincount(patch, weights=areas[made_up] * thin[mesh.faces[made_up]].mean(1), minlength=len(area))
+    return with_faces(mesh, np.delete(mesh.faces, made_up[(before > MOST * area)[patch]], axis=0))
+
+
+def _rims(mesh: Mesh, patch: NDArray[np.integer], pixel: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Length of each patch's rim, times the size of a pixel there; ``patch``: of each face, [F]."""
+    of_vertex = np.zeros(len(mesh.vertices), np.int64)
+    of_vertex[mesh.faces] = patch[:, None]
+    start, end = open_edges(mesh)
+    length = np.linalg.norm(mesh.vertices[start] - mesh.vertices[end], axis=1) * pixel[start]
+    return np.asarray(np.bincount(of_vertex[start], length, int(patch.max(initial=-1)) + 1), np.float64)

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The triangle mesh that the mesh stage hands on, and the texture that may come with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.geometry.topology import Around
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles with outward orientation (counter-clockwise seen from outside).
+
+    Attributes:
+        vertices: float64 [N, 3].
+        faces: int32 [F, 3].
+        colors: uint8 [N, 3].
+        values: further numbers per vertex, name -> [N]; the PLY file has them as properties.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    colors: NDArray[np.uint8]
+    values: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    @cached_property
+    def around(self) -> Around:
+        """The corners around each vertex."""
+        return Around.of(self.faces, len(self.vertices))
+
+    def gather(self, index: NDArray[np.integer], faces: NDArray[np.integer]) -> Mesh:
+        """The mesh of the vertices at ``index`` [M], with all they carry, and ``faces`` [F, 3] between them."""
+        values = {name: value[index] for name, value in self.values.items()}
+        return Mesh(self.vertices[index], np.asarray(faces, np.int32), self.colors[index], values)
+
+
+@dataclass(frozen=True)
+class Texture:
+    """A picture and the place of every face in it.
+
+    Attributes:
+        uv: float32 [F, 3, 2], 0..1, u to the right, v upwards, of the corners of each face.
+        image: RGB uint8 [H, W, 3], first row at the top (v = 1).
+    """
+
+    uv: NDArray[np.float32]
+    image: NDArray[np.uint8]

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the scene stage hands on: cameras, photos, sparse points and their tracks, in one normalised frame.
+
+Frames. *Scene frame*: the coordinates of the COLMAP model the user gave. *Normalised frame*: the building
+near the origin at a scale where the median camera is 5 units away; everything after the scene stage works in
+it, and exports go back through the exact inverse. Cameras look along +z, x right, y down (COLMAP); the centre
+of the top-left pixel is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.model.photo_cache import PHOTOS, PhotoCache
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """``normalised = scale * (rotation @ scene) + translation`` for column vectors, float64."""
+
+    scale: float
+    rotation: NDArray[np.float64]  # [3, 3]
+    translation: NDArray[np.float64]  # [3]
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Scene frame -> normalised frame; points [..., 3]."""
+        return self.scale * (points @ self.rotation.T) + self.translation
+
+    def invert(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Normalised frame -> scene frame; points [..., 3]."""
+        return ((points - self.translation) / self.scale) @ self.rotation
+
+
+@dataclass(frozen=True)
+class Lens:
+    """The user's camera before undistortion: a COLMAP camera model, its size in pixels and its parameters."""
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class View:
+    """One undistorted photo at working resolution with its pinhole camera.
+
+    Attributes:
+        name: as in the COLMAP model (POSIX path, may hold folders); prompts use it.
+        file: the working photo, relative to the job's ``scene`` folder.
+        width, height: pixels of the working photo.
+        fx, fy, cx, cy: intrinsics in pixels; the top-left pixel's centre is (0.5, 0.5).
+        rotation, translation: ``camera = rotation @ normalised + translation``, float64 [3, 3], [3].
+        original_width, original_height: pixels of the user's photo as its camera saw it (after an EXIF rotation, if
+            the camera was calibrated on the rotated photo); clicks and masks from outside are given in this frame.
+        lens: the camera before undistortion; None when the working photo is the original one merely resized.
+        photo: where the user's photo lies; empty in scenes of earlier versions.
+        orientation: EXIF orientation that was applied to it, 1 for none.
+        gain: what its red, green and blue were multiplied by to bring all photos to one exposure.
+    """
+
+    name: str
+    file: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    original_width: int
+    original_height: int
+    lens: Lens | None = None
+    photo: str = ""
+    orientation: int = 1
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Camera centre in the normalised frame, [3]."""
+        return -self.rotation.T @ self.translation
+
+    def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Eq. 2 with its division by depth: points [N, 3] (normalised) -> pixels [N, 2], depth [N]."""
+        # Coordinates as rows: numpy needs half the time it takes for points as rows.
+        local = self.rotation @ points.T
+        local += self.translation[:, None]
+        depth = local[2]
+        safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
+        uv = np.empty((len(points), 2))
+        for axis, (focal, centre) in enumerate(((self.fx, self.cx), (self.fy, self.cy))):
+            uv[:, axis] = local[axis] / safe * focal + centre
+        return uv, depth
+
+    def from_original(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels [N, 2] of the user's photo -> working pixels (undistorted, resized); NaN beyond the lens."""
+        from mgf_engine.scene.cameras import from_original
+
+        return from_original(self, points)
+
+    def to_original(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Working pixels [N, 2] -> pixels of the user's photo; the inverse of :meth:`from_original`."""
+        from mgf_engine.scene.cameras import to_original
+
+        return to_original(self, points)
+
+    def warp_labels(self, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """A label map in the frame of the user's photo -> the working photo's frame [height, width], nearest pixel.
+
+        ``labels`` may have any size with the photo's aspect ratio.
+        """
+        from mgf_engine.scene.cameras import warp_labels
+
+        return warp_labels(self, labels)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Cameras, sparse points and tracks; ``P`` points, ``T`` observations, ``V`` views.
+
+    Attributes:
+        views: the registered photos, in the order of their names.
+        points: float64 [P, 3], normalised frame.
+        colors: uint8 [P, 3].
+        errors: float32 [P], mean reprojection error in pixels of the COLMAP cameras; 0 where unknown.
+        track_start: int64 [P + 1]; observations of point i are ``track_start[i]:track_start[i + 1]``.
+        track_view: int32 [T], index into ``views``.
+        track_uv: float32 [T, 2], observed keypoint in working pixels (undistorted), always inside the frame.
+        to_normalised: scene frame -> normalised frame.
+        roots: indices of the views the user is asked to click on (a fifth, spread out).
+        held_out: indices of the views kept out of training.
+        folder: the job's ``scene`` folder (working photos lie under it).
+        left_out: names of the user's photos that are not among the views; clicks on them are passed over.
+    """
+
+    views: tuple[View, ...]
+    points: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+    errors: NDArray[np.float32]
+    track_start: NDArray[np.int64]
+    track_view: NDArray[np.int32]
+    track_uv: NDArray[np.float32]
+    to_normalised: Similarity
+    roots: tuple[int, ...]
+    held_out: tuple[int, ...]
+    folder: Path
+    left_out: tuple[str, ...] = ()
+    _photos: PhotoCache = field(default=PHOTOS, repr=False, compare=False)
+
+    @cached_property
+    def track_point(self) -> NDArray[np.int64]:
+        """Index of the point of each observation, [T]."""
+        return np.repeat(np.arange(len(self.points)), np.diff(self.track_start))
+
+    def observations(self, index: int) -> NDArray[np.int64]:
+        """Rows of the observations of one view, ascending."""
+        order, start = self._by_view
+        return order[start[index] : start[index + 1]]
+
+    @cached_property
+    def _by_view(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The observations in the order of their views, [T], and where each view's begin, [V + 1]."""
+        order = np.argsort(self.track_view, kind="stable")
+        return order, np.searchsorted(self.track_view[order], np.arange(len(self.views) + 1))
+
+    def photo(self, index: int) -> NDArray[np.uint8]:
+        """The working photo of a view, RGB uint8 [height, width, 3]; it may not be written to."""
+        from mgf_engine.scene.images import read_rgb
+
+        return self._photos.get(self.folder / self.views[index].file, read_rgb)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which cards have passed ``mgf doctor --card`` here: ``--device auto`` takes no other.
+
+A pass counts for one card, one driver and one state of the kernels' sources; after a change of any it is made again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import sys
+import time
+from pathlib import Path
+
+from mgf_engine.errors import BadInput
+from mgf_engine.native.cuda.card import Found, cache_folder
+from mgf_engine.native.cuda.driver import driver
+from mgf_engine.native.cuda.sources import digest
+from mgf_engine.system import write_json
+
+
+def record_file() -> Path:
+    """Where passes are remembered, as JSON: key -> when."""
+    return cache_folder().parent / "cards.json"
+
+
+def is_approved(found: Found) -> bool:
+    """Whether this very card has passed."""
+    return _key(found) in _passes()
+
+
+def approve(found: Found) -> None:
+    """Remember that the card has passed.
+
+    Raises:
+        BadInput: the file cannot be written.
+    """
+    path = record_file()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_json(path, {**_passes(), _key(found): time.strftime("%Y-%m-%d %H:%M:%S")})
+    except OSError as error:
+        raise BadInput(f"The pass cannot be remembered in '{path}' ({error.strerror}); make room there.") from error
+
+
+def withdraw(found: Found) -> None:
+    """Forget an earlier pass of a card that fails now."""
+    passes = _passes()
+    if passes.pop(_key(found), None) is not None:
+        write_json(record_file(), passes)
+
+
+def driver_version() -> str:
+    """The driver's own version where its management library tells, else the newest CUDA it knows."""
+    try:
+        library = ctypes.CDLL("nvml.dll" if sys.platform == "win32" else "libnvidia-ml.so.1")
+        text = ctypes.create_string_buffer(96)
+        if library.nvmlInit_v2() == 0 and library.nvmlSystemGetDriverVersion(text, 96) == 0:
+            return text.value.decode(errors="replace")
+    except (OSError, AttributeError):
+        pass
+    return "CUDA {}.{}".format(*driver().version())
+
+
+def _key(found: Found) -> str:
+    return f"{found.name}, driver {driver_version()}, kernels {digest()[:16]}"
+
+
+def _passes() -> dict[str, str]:
+    """What is remembered; a file that cannot be read only costs another check."""
+    try:
+        known = json.loads(record_file().read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return known if isinstance(known, dict) else {}

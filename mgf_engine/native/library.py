@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Loads the best kernel library for this processor and runs its work loops on several threads.
+
+The kernels are plain C behind ctypes, which releases Python's global lock during a call: threads are Python
+threads that all call the same work loop and share one counter of pieces done (``csrc/common/export.h``).
+
+Environment: ``MGF_KERNEL_VARIANT`` names the variant to load instead of the best one (``x86-64-v3``).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cache
+from typing import Any, TypeVar
+
+import numpy as np
+
+from mgf_engine.errors import BadInput
+from mgf_engine.native.build import TARGETS, VARIANTS, host_target, library_path
+from mgf_engine.system import cores, release_memory
+
+#: ``alone``: work loops that this thread starts run on it only, because others of its kind keep the cores busy.
+_here = threading.local()
+_HINT = "run 'python -m mgf_engine.native.build' to compile the kernels"
+
+#: Items per piece of the work loops whose first argument counts items (``PIECE`` in their source); of others that
+#: argument is the number of pieces, or the caller says how many there are.
+ITEMS_PER_PIECE = {
+    "mgf_adam": 2048, "mgf_project": 256, "mgf_project_backward": 256, "points_locate_work": 4096,
+    "fuse_judges_work": 2048, "match_photos_work": 64, "corners_work": 8192, "open_edges_work": 4096,
+    "fans_work": 4096, "smooth_work": 4096, "vertex_normals_work": 4096,
+}  # fmt: skip
+
+S = TypeVar("S")
+T = TypeVar("T")
+_threads = 0
+_pool: ThreadPoolExecutor | None = None
+_side: ThreadPoolExecutor | None = None  # for side_by_side
+_current: ctypes.CDLL | None = None
+_current_variant = ""
+
+
+class NoKernels(BadInput, RuntimeError):
+    """The kernels cannot be used here as they are; the sentence says what to do."""
+
+
+def runnable_variants() -> list[str]:
+    """Variants of this processor's family that it can run, best last, whether built or not."""
+    family = TARGETS[host_target()].family
+    names = list(VARIANTS[family])
+    if family != "x86_64":
+        return names
+    level = _open(names[0]).mgf_cpu_level()
+    return [name for name, needed in zip(names, (1, 3, 4), strict=True) if level >= needed]
+
+
+def variant() -> str:
+    """Name of the loaded variant (loads one if none is)."""
+    library()
+    return _current_variant
+
+
+def use_variant(name: str) -> None:
+    """Load the named variant and use it from now on; "" goes back to the environment's or the best one.
+
+    Raises:
+        NoKernels: unknown name, a processor that cannot run it, or a library that is not built.
+    """
+    global _current, _current_variant
+    runnable = runnable_variants()
+    name = name or os.environ.get("MGF_KERNEL_VARIANT", "") or runnable[-1]
+    if name not in runnable:
+        raise NoKernels(f"Kernel variant '{name}' does not run on this processor; choose {', '.join(runnable)}.")
+    _current, _current_variant = _open(name), name
+
+
+def library() -> ctypes.CDLL:
+    """The loaded library; loads the best variant on first use.
+
+    Raises:
+        NoKernels: the library is not built; the message says how to build it.
+    """
+    if _current is None:
+        use_variant("")
+    assert _current is not None
+    return _current
+
+
+@cache
+def _open(name: str) -> ctypes.CDLL:
+    path = library_path(host_target(), name)
+    if not path.is_file():
+        raise NoKernels(f"The kernel library {path.name} is missing; {_HINT}.")
+    try:
+        loaded = ctypes.CDLL(str(path))
+        loaded.mgf_cpu_level.restype = ctypes.c_int64
+    except (OSError, AttributeError) as error:
+        raise NoKernels(f"The kernel library {path} cannot be loaded ({error}); {_HINT}.") from error
+    return loaded
+
+
+def set_threads(count: int) -> None:
+    """Number of threads that work loops run on; 0 takes every core this process may use."""
+    global _threads, _pool, _side
+    count = count or cores()
+    if count == _threads:
+        return
+    for pool in (_pool, _side):
+        if pool is not None:
+            pool.shutdown()
+    _threads, _pool, _side = count, None, None
+    if count > 1:
+        _pool = ThreadPoolExecutor(count - 1, "mgf-kernel")
+        _side = ThreadPoolExecutor(count, "mgf-side", initializer=_stay_alone)
+
+
+def threads() -> int:
+    """Number of threads that work loops run on."""
+    if not _threads:
+        set_threads(0)
+    return _threads
+
+
+def call(name: str, *arguments: Any) -> int:
+    """Call one kernel on this thread; returns its result (kernels return nothing or an int64).
+
+    Args:
+        name: of the C function.
+        arguments: contiguous numpy arrays or torch tensors, ints, floats or None (a null pointer).
+    """
+    function = getattr(library(), name)
+    function.restype = ctypes.c_int64
+    return function(*map(_to_c, arguments))
+
+
+def parallel(name: str, *arguments: Any, pieces: int | None = None) -> None:
+    """Run a work loop on :func:`threads` threads with a shared counter of pieces, and wait for all of them.
+
+    Waking a thread takes longer than a small piece of work, so no more threads are woken than there are pieces.
+
+    Args:
+        name: of a C function whose first parameter is ``int32_t *next``.
+        arguments: its further arguments, see :func:`call`.
+        pieces: at most as many pieces of work; None: as the first argument tells (:data:`ITEMS_PER_PIECE`).
+    """
+    function = getattr(library(), name)
+    function.restype = None
+    if pieces is None:
+        pieces = -(-arguments[0] // ITEMS_PER_PIECE.get(name, 1))
+    counter = ctypes.c_int32(0)
+    converted = [ctypes.byref(counter), *map(_to_c, arguments)]
+    workers: list[Future[None]] = []
+    if own_threads() > 1 and _pool is not None:
+        workers = [_pool.submit(function, *converted) for _ in range(min(_threads, pieces) - 1)]
+    function(*converted)
+    for worker in workers:
+        worker.result()
+
+
+def own_threads() -> int:
+    """Number of threads that a work loop started on this thread gets."""
+    return 1 if getattr(_here, "alone", False) else threads()
+
+
+def side_by_side(work: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
+    """``work`` of each item, in order, made on :func:`threads` threads, a few ahead of what is taken.
+
+    Work loops inside ``work`` run on one thread each: with many items that costs less than sharing every one. The items
+    themselves are made by the thread that asks.
+    """
+
+    if own_threads() == 1:
+        yield from map(work, items)
+        return
+    assert _side is not None
+    ahead: deque[Future[T]] = deque()
+    try:
+        for item in items:
+            ahead.append(_side.submit(work, item))
+            if len(ahead) > threads():
+                yield ahead.popleft().result()
+        while ahead:
+            yield ahead.popleft().result()
+    finally:
+        for future in ahead:
+            future.cancel()
+        wait(ahead)
+        release_memory()
+
+
+def _stay_alone() -> None:
+    _here.alone = True
+
+
+def _to_c(value: Any) -> Any:
+    """The argument as ctypes wants it; see the convention in ``csrc/common/export.h``."""
+    if value is None:
+        return ctypes.c_void_p(None)
+    if isinstance(value, np.ndarray):
+        assert value.flags.c_contiguous
+        return ctypes.c_void_p(value.ctypes.data)
+    if isinstance(value, int):
+        return ctypes.c_int64(value)
+    if isinstance(value, float):
+        return ctypes.c_float(value)
+    if hasattr(value, "data_ptr"):  # a tensor; torch takes a second to load, which arrays alone do not need
+        assert value.is_contiguous() and value.device.type == "cpu"
+        return ctypes.c_void_p(value.data_ptr())
+    return value

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How much memory tile lists get before anybody knows how long they are.
+
+The number of entries is found on the card; to wait for it in the iteration it belongs to would leave the card idle. So
+the host takes room from what earlier renderings of as many tiles needed. A rendering that needs more than its room
+draws nothing and has no gradients (``csrc/cuda/lists.cu``); the next but one has more.
+
+Which answers a rendering goes by depends on its number alone, never on what happens to have arrived: all but that of
+the rendering before it. So the same iterations are lost in every run with one seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+_SPARE = 2.0  # times what was needed most
+_KEPT = 0.999  # of that, from one rendering to the next: a photo comes again within some hundred, and half is spare
+_STEP = 1 << 14  # rooms are whole steps, so that memory of one iteration fits the next
+_AHEAD = 1  # renderings whose answers are left alone
+MOST = 2**31 - 2  # entries have 32-bit numbers
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A rendering that was started: what will tell (entries needed, entries listed), and what it was given."""
+
+    answer: Callable[[], Sequence[int]]
+    room: int
+    gaussians: int
+    tiles: int
+
+    @property
+    def needed(self) -> int:
+        """Waits for the answer."""
+        return self.answer()[0]
+
+
+class Room:
+    """Chooses the room of renderings that do not wait; others neither use nor change it."""
+
+    def __init__(self) -> None:
+        self._lost = 0
+        self._per_gaussian: dict[int, float] = {}  # entries that a Gaussian needs at most, by number of tiles
+        self._asked: list[_Asked] = []
+
+    @property
+    def lost(self) -> int:
+        """Renderings so far that drew nothing for want of room; waits for those that are on their way."""
+        return self._lost + sum(asked.needed > asked.room for asked in self._asked)
+
+    def take(self, gaussians: int, tiles: int) -> int:
+        """Room for a rendering of so many Gaussians into so many tiles; 0: not known, wait."""
+        self._hear()
+        if tiles not in self._per_gaussian:
+            return 0
+        steps = int(_SPARE * self._per_gaussian[tiles] * gaussians) // _STEP + 1
+        return min(steps * _STEP, MOST)
+
+    def learn(self, needed: int, gaussians: int, tiles: int) -> None:
+        """A rendering of so many Gaussians into so many tiles needed so many entries."""
+        before = self._per_gaussian.get(tiles, 0.0)
+        self._per_gaussian[tiles] = max(_KEPT * before, needed / max(gaussians, 1))
+
+    def learn_later(self, answer: Callable[[], Sequence[int]], room: int, gaussians: int, tiles: int) -> None:
+        """A rendering was started with ``room``; ``answer`` waits for (entries needed, entries listed)."""
+        self._asked.append(_Asked(answer, room, gaussians, tiles))
+
+    def state(self) -> dict[str, Any]:
+        """All it knows, as plain numbers for a checkpoint; waits for answers that are on their way."""
+        asked = [[a.needed, a.room, a.gaussians, a.tiles] for a in self._asked]
+        return {"per_gaussian": list(map(list, self._per_gaussian.items())), "asked": asked, "lost": self._lost}
+
+    def restore(self, state: dict[str, Any] | None = None) -> None:
+        """Go on from a state; None: from nothing, as a run does that is to be like the first one of a process.
+
+        Raises:
+            ValueError, TypeError, KeyError, OverflowError: it is no such state; nothing is changed.
+        """
+        found = state or {"per_gaussian": [], "asked": [], "lost": 0}
+        most = {int(tiles): float(entries) for tiles, entries in found["per_gaussian"]}
+        asked = [[int(number) for number in numbers] for numbers in found["asked"]]
+        if not all(0 <= entries <= MOST for entries in most.values()) or any(len(numbers) != 4 for numbers in asked):
+            raise ValueError("no state of a room")
+        self._lost, self._per_gaussian = int(found["lost"]), most
+        self._asked = [_Asked(partial(tuple, numbers[:1]), *numbers[1:]) for numbers in asked]
+
+    def _hear(self) -> None:
+        """Takes in all answers but the last.
+
+        To wait for them does not make the card run dry: the host is a whole rendering and its gradients ahead of them,
+        and the card has those to do meanwhile.
+        """
+        while len(self._asked) > _AHEAD:
+            first = self._asked.pop(0)
+            self._lost += first.needed > first.room
+            self.learn(first.needed, first.gaussians, first.tiles)

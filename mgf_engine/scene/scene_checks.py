@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is wrong with a scene before any work goes into it: photos of another place, stray points, bad cameras.
+
+Stray points and foreign photos are taken out; what cannot be mended is said in one sentence with its cure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.messages import Reporter
+from mgf_engine.model.scene import Scene
+from mgf_engine.scene.adjust import far_points
+from mgf_engine.scene.exposure import observed_colors
+from mgf_engine.scene.quality import blurred_views, photo_quality, poor_photos
+from mgf_engine.scene.roots import choose_held_out, choose_roots, standpoints
+
+Array = NDArray[np.float64]
+#: A photo is foreign below the first correlation with the other photos at its points, where a quarter of the photos
+#: reach the second (photos that all differ, by shadows for example, tell nothing).
+FOREIGN, FAMILIAR = 0.35, 0.7
+FEWEST_SPOTS = 30  # observations that can tell a foreign photo
+MOST_FOREIGN = 0.45  # of all photos; where more look foreign, or the others are not familiar, nobody can say which are
+MOST_BLURRED = 0.3  # of all photos that are left out for being less sharp than the others
+#: Median reprojection error that spoils the mesh, working pixels.
+UNSTEADY = 0.8
+FEW_PHOTOS = 5
+SPACING = 25.0  # degrees from photo to photo, seen from the building; stereo fails beyond
+FEW_POINTS = 30  # seen per photo (median); masks and stereo lean on them
+ONE_SIDED = 225.0  # degrees around the building; less leaves sides that no photo shows (docs/stability.md)
+
+
+def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter, threads: int = 1) -> Scene:
+    """The scene without stray points and foreign photos; warns about each, and about what is left that is weak.
+
+    Args:
+        folder: holds the working photos under their file names, as they were taken (before exposures are evened).
+        every: of the option ``holdout_every``.
+
+    Raises:
+        BadInput: fewer than two photos or no points are left.
+    """
+    stray = stray_points(scene)
+    if stray.any():
+        share = float(stray.mean())
+        scene = keep_points(scene, ~stray)
+        if share > 0.05:
+            reporter.warning(
+                f"{share:.0%} of the sparse points are not where the photos see them and are left out; "
+                "building the COLMAP model again would give better ones."
+            )
+    scene = _without_foreign(scene, observed_colors(scene, folder, threads).mean(1), every, reporter)
+    quality = photo_quality(scene, folder, threads)
+    scene = _without_blurred(scene, blurred_views(quality), every, reporter)
+    for text in (*poor_photos(quality), *weaknesses(scene)):
+        reporter.warning(text)
+    return scene
+
+
+def _without_foreign(scene: Scene, brightness: Array, every: int, reporter: Reporter) -> Scene:
+    foreign, others = foreign_views(brightness, scene)
+    uncertain = others < FAMILIAR or len(foreign) > MOST_FOREIGN * len(scene.views)
+    if (foreign and uncertain) or (not foreign and usual_likeness(brightness, scene) < FAMILIAR):
+        reporter.warning(
+            "The photos show the same points in very different brightness: shadows that moved, clipped exposures or "
+            "photos of another place; leave out those that differ."
+        )
+    elif foreign:
+        reporter.warning(
+            f"{len(foreign)} of {len(scene.views)} photos do not show what the COLMAP model saw in them and are left "
+            f"out ({_names(scene, foreign)}); check whether they are of another place."
+        )
+        return drop_views(scene, foreign, every)
+    return scene
+
+
+def _without_blurred(scene: Scene, blurred: list[int], every: int, reporter: Reporter) -> Scene:
+    """Blurred photos are left out where the others are close enough together without them; else they are named."""
+    if not blurred:
+        return scene
+    text = f"{len(blurred)} of {len(scene.views)} photos are much less sharp than the others "
+    if len(blurred) <= MOST_BLURRED * len(scene.views):
+        smaller = drop_views(scene, blurred, every)
+        if degrees_apart(smaller) <= SPACING:
+            reporter.warning(
+                f"{text}and are left out ({_names(scene, blurred)}); sharp ones in their place would help."
+            )
+            return smaller
+    reporter.warning(f"{text}({_names(scene, blurred)}): the mesh will lose detail; take them again.")
+    return scene
+
+
+def _names(scene: Scene, views: list[int]) -> str:
+    return ", ".join(f"'{scene.views[i].name}'" for i in views[:3]) + (", ..." if len(views) > 3 else "")
+
+
+def reprojection_errors(scene: Scene) -> Array:
+    """Distance between each observation and the projection of its point, working pixels, [T]; inf behind a camera."""
+    owner = scene.track_point
+    errors = np.empty(len(owner))
+    for index, view in enumerate(scene.views):
+        mine = scene.observations(index)
+        uv, depth = view.project(scene.points[owner[mine]])
+        errors[mine] = np.where(depth > 0, np.linalg.norm(uv - scene.track_uv[mine], axis=1), np.inf)
+    return errors
+
+
+def stray_points(scene: Scene) -> NDArray[np.bool_]:
+    """Points that most of their photos see elsewhere, bool [P]."""
+    return far_points(reprojection_errors(scene), scene.track_start)
+
+
+def foreign_views(brightness: Array, scene: Scene) -> tuple[list[int], float]:
+    """Photos whose brightness at their points has little to do with what the other photos show there.
+
+    The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
+    the photos hardly resemble each other at all. Also what three quarters of the others reach of :func:`likeness`.
+
+    Args:
+        brightness: of each observation, [T].
+    """
+    found: list[int] = []
+    while True:
+        alike = likeness(brightness, scene, ~np.isin(scene.track_view, found))
+        alike[found] = np.nan
+        low = np.flatnonzero(alike < FOREIGN)
+        if not len(low) or np.isfinite(alike).sum() < 3 or np.nanpercentile(alike, 75) < FAMILIAR:
+            known = alike[np.isfinite(alike)]
+            return sorted(found), float(np.percentile(known, 25)) if len(known) else 0.0
+        found += low[np.argsort(alike[low], kind="stable")][: -(-len(low) // 3)].tolist()
+
+
+def usual_likeness(brightness: Array, scene: Scene) -> float:
+    """What the better quarter of the photos reaches of :func:`likeness`; 1 where too few points tell."""
+    alike = likeness(brightness, scene, np.ones(len(brightness), bool))
+    known = alike[np.isfinite(alike)]
+    return float(np.percentile(known, 75)) if len(known) >= 3 else 1.0
+
+
+def likeness(brightness: Array, scene: Scene, trusted: NDArray[np.bool_]) -> Array:
+    """Correlation of each photo's brightness with the mean of the other photos' at its points, [V]; NaN: too few.
+
+    Args:
+        brightness, trusted: [T], of each observation, and whether it counts among the others.
+    """
+    owner, points = scene.track_point, len(scene.points)
+    count = np.bincount(owner[trusted], minlength=points)
+    total = np.bincount(owner[trusted], brightness[trusted], points)
+    order = np.argsort(scene.track_view, kind="stable")
+    first = np.searchsorted(scene.track_view[order], np.arange(len(scene.views) + 1))
+    result = np.full(len(scene.views), np.nan)
+    for index in range(len(scene.views)):
+        mine = order[first[index] : first[index + 1]]
+        own, weight = np.unique(owner[mine], return_inverse=True)[1], trusted[mine].astype(np.float64)
+        others = count[owner[mine]] - np.bincount(own, weight)[own]
+        usable = others > 0.5
+        if usable.sum() < FEWEST_SPOTS:
+            continue
+        rest = total[owner[mine]] - np.bincount(own, weight * brightness[mine])[own]
+        a, b = brightness[mine][usable], rest[usable] / others[usable]
+        if a.std() >= 1e-9 and b.std() >= 1e-9:
+            result[index] = np.corrcoef(a, b)[0, 1]
+    return result
+
+
+def keep_points(scene: Scene, keep: NDArray[np.bool_]) -> Scene:
+    """The scene with these points (bool [P]) and their observations.
+
+    Raises:
+        BadInput: none is left.
+    """
+    if not keep.any():
+        raise BadInput("No sparse point is left that the photos agree on; build the COLMAP model again.")
+    kept = np.repeat(keep, np.diff(scene.track_start))
+    lengths = np.diff(scene.track_start)[keep]
+    return replace(
+        scene, points=scene.points[keep], colors=scene.colors[keep], errors=scene.errors[keep],
+        track_start=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64), track_view=scene.track_view[kept],
+        track_uv=scene.track_uv[kept],
+    )  # fmt: skip
+
+
+def drop_views(scene: Scene, drop: list[int], every: int) -> Scene:
+    """The scene without these views, and without points that fewer than two of the others see.
+
+    Raises:
+        BadInput: fewer than two photos are left, or no point.
+    """
+    left = [i for i in range(len(scene.views)) if i not in drop]
+    if len(left) < 2:
+        raise BadInput("Fewer than two photos show the scene of the COLMAP model; use the photos it was made from.")
+    slot = np.full(len(scene.views), -1)
+    slot[left] = np.arange(len(left))
+    kept = slot[scene.track_view] >= 0
+    before = np.concatenate([[0], np.cumsum(kept)])
+    smaller = replace(
+        scene, views=tuple(scene.views[i] for i in left), track_start=before[scene.track_start].astype(np.int64),
+        track_view=slot[scene.track_view[kept]].astype(np.int32), track_uv=scene.track_uv[kept],
+        left_out=(*scene.left_out, *(scene.views[i].name for i in drop)),
+    )  # fmt: skip
+    smaller = keep_points(smaller, np.diff(smaller.track_start) >= 2)
+    roots = choose_roots(*standpoints(smaller.views, smaller.track_view))
+    return replace(smaller, roots=roots, held_out=choose_held_out(len(left), roots, every))
+
+
+def weaknesses(scene: Scene) -> list[str]:
+    """One sentence for everything that will make the mesh worse than it could be: cause and cure."""
+    found = []
+    errors = reprojection_errors(scene)
+    median = float(np.median(errors)) if len(errors) else 0.0
+    if median > UNSTEADY:
+        found.append(
+            f"Cameras and points of the COLMAP model disagree by {median:.1f} pixels of the working photos, so the "
+            "mesh will be inaccurate, and adjusting them did not help; build the model anew with the right lens."
+        )
+    spacing = degrees_apart(scene)
+    if spacing > SPACING or len(scene.views) < FEW_PHOTOS:
+        found.append(
+            f"There are {len(scene.views)} photos, {spacing:.0f} degrees apart as seen from the building: the mesh "
+            "will have holes and errors of depth; photos 5 to 15 degrees apart do better."
+        )
+    seen = float(np.median(np.bincount(scene.track_view, minlength=len(scene.views))))
+    if seen < FEW_POINTS:
+        found.append(
+            f"Half of the photos see fewer than {seen + 1:.0f} sparse points, which say where things stand: masks and "
+            "mesh will be poor; build the COLMAP model again with more features, or from sharper photos."
+        )
+    around = degrees_around(scene)
+    if around < ONE_SIDED:
+        found.append(
+            f"The photos stand within {around:.0f} degrees around the building; sides that no photo shows will be "
+            "missing or made up."
+        )
+    return found
+
+
+def degrees_apart(scene: Scene) -> float:
+    """Median angle between a camera and the nearest other one, seen from the middle of the points; degrees."""
+    away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
+    towards = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+    cosine = np.clip(towards @ towards.T, -1.0, 1.0)
+    np.fill_diagonal(cosine, -1.0)
+    return float(np.degrees(np.median(np.arccos(cosine.max(1)))))
+
+
+def degrees_around(scene: Scene) -> float:
+    """The smallest sector around the middle of the points that holds all cameras, seen from above; degrees.
+
+    Down is the mean of the photos' own downward axes.
+    """
+    away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
+    down = np.array([view.rotation[1] for view in scene.views]).mean(0)
+    axes = np.linalg.svd(down[None])[2]  # the first row lies along down, the others span the ground
+    angle = np.sort(np.degrees(np.arctan2(away @ axes[2], away @ axes[1])))
+    gaps = np.diff(np.concatenate([angle, [angle[0] + 360.0]]))
+    return float(360.0 - gaps.max())

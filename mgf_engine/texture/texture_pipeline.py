@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The texture of a finished mesh, from its job's scene and masks."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.geometry.clean import face_areas
+from mgf_engine.geometry.rasterize import corners
+from mgf_engine.mesh.screening import voting_views
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.model.scene import Scene, View
+from mgf_engine.scene.exposure import with_gain
+from mgf_engine.scene.photos import original_photo
+from mgf_engine.texture.bake import bake
+from mgf_engine.texture.charts import lay_out
+from mgf_engine.texture.model import NO_VIEW, Source, painting_views
+from mgf_engine.texture.seams import Corrections, level_seams
+from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
+from mgf_engine.texture.visibility import find_sights
+
+log = logging.getLogger("mgf")
+
+#: Shares of the work, for the progress bar.
+_SEEN, _LEVELLED = 0.35, 0.5
+
+
+def make_texture(
+    mesh: Mesh,
+    scene: Scene,
+    masks: MaskSet,
+    largest_side: int,
+    warn: Callable[[str], None],
+    progress: Callable[[float], None] = lambda share: None,
+) -> Texture:
+    """A texture from the photos whose masks may be trusted.
+
+    Args:
+        mesh: normalised frame, with vertex colours.
+        largest_side: of the picture, pixels.
+        warn: gets a sentence when photos of the user are gone; their working copies are taken instead.
+    """
+    painting = choose_painting(mesh, scene, masks, lambda share: progress(_LEVELLED * share))
+    views, label, neighbours = painting.views, painting.label, painting.neighbours
+    corrections, originals = painting.corrections, painting.source
+    finest = float(np.median([v.original_width / v.width for v in views]))
+    layout = lay_out(_in_views(mesh, label, views), label, patches(label, neighbours), max(1.0, finest), largest_side)
+    image = bake(
+        mesh, layout, label, views, corrections, originals,
+        lambda share: progress(_LEVELLED + (1 - _LEVELLED) * share),
+    )  # fmt: skip
+    if originals.gone:
+        warn(
+            f"{len(originals.gone)} of {len(views)} photos cannot be read any more (first: {originals.gone[0]}); "
+            "their smaller working copies paint the texture. Put them back and run again for a sharper one."
+        )
+    log.info(
+        "texture: %d x %d, %.2f pixels per working pixel, %d photos, %.1f %% of the faces without",
+        layout.width, layout.height, layout.scale, len(painting_views(label)), 100 * (label == NO_VIEW).mean(),
+    )  # fmt: skip
+    u, v = layout.at[..., 0] / layout.width, 1 - layout.at[..., 1] / layout.height
+    return Texture(np.stack([u, v], -1).astype(np.float32), image)
+
+
+@dataclass(frozen=True)
+class Painting:
+    """Which photo paints which face, and how.
+
+    Attributes:
+        chosen: the views' places in the scene; views: those that may paint.
+        label: int32 [F], place among ``views``, :data:`NO_VIEW` where none shows the face.
+        neighbours: pairs of faces that share an edge, [E, 2].
+        corrections: what makes seams vanish.
+        source: place among ``views`` -> the photo to paint with.
+    """
+
+    chosen: list[int]
+    views: list[View]
+    label: NDArray[np.int32]
+    neighbours: NDArray[np.int64]
+    corrections: Corrections
+    source: Originals
+
+
+def choose_painting(
+    mesh: Mesh, scene: Scene, masks: MaskSet, progress: Callable[[float], None] = lambda share: None
+) -> Painting:
+    """Choose the photos that paint a mesh (normalised frame) among those whose masks may be trusted."""
+    chosen = voting_views(scene, masks)
+    views = [scene.views[i] for i in chosen]
+
+    def photo(i: int) -> NDArray[np.uint8]:
+        return scene.photo(chosen[i])
+
+    seen = _SEEN / _LEVELLED
+    sights = find_sights(
+        mesh, views, photo, lambda i: building(masks.labels[chosen[i]]), lambda share: progress(seen * share)
+    )
+    neighbours = face_neighbours(mesh.faces)
+    label = choose_views(sights, neighbours, face_areas(mesh))
+    progress(seen)
+    corrections = level_seams(mesh, label, neighbours, views, photo)
+    progress(1.0)
+    return Painting(chosen, views, label, neighbours, corrections, Originals(views, photo))
+
+
+class Originals:
+    """The photos as the user took them, in the exposure of the working photos; working photos where they are gone.
+
+    Attributes:
+        gone: why each could not be read.
+    """
+
+    def __init__(self, views: list[View], working: Callable[[int], NDArray[np.uint8]]) -> None:
+        self._views, self._working = views, working
+        self.gone: list[str] = []
+
+    def __call__(self, index: int) -> Source:
+        view = self._views[index]
+        try:
+            image = original_photo(view)
+        except BadInput as error:
+            self.gone.append(str(error))
+            return Source(self._working(index), False)
+        if view.gain != (1.0, 1.0, 1.0):
+            image = with_gain(image, view.gain)
+        return Source(image, True)
+
+
+def _in_views(mesh: Mesh, label: NDArray[np.int32], views: list[View]) -> NDArray[np.float64]:
+    """Corners of each face in pixels of the view that paints it, [F, 3, 2]; zeros for faces without one."""
+    result = np.zeros((len(label), 3, 2))
+    for index in painting_views(label):
+        rows = np.flatnonzero(label == index)
+        result[rows] = corners(mesh.vertices[mesh.faces[rows].ravel()], views[index])[:, :2].reshape(-1, 3, 2)
+    return result

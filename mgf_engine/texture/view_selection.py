@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which photo paints which face: few photos, so that seams are few, each where it shows its faces nearly best."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from mgf_engine.geometry.clean import edges
+from mgf_engine.texture.model import NO_VIEW
+from mgf_engine.texture.visibility import FAIR, Sights
+
+NEARLY_BEST = 0.5  # of the largest size at which any photo shows a face; FAIR: may take it over from neighbours
+ROUNDS = 12  # of smoothing the borders
+SMALL = 40.0  # px of the working photo; smaller patches go to their neighbours where those show them
+
+
+def choose_views(sights: Sights, neighbours: NDArray[np.int64], area: NDArray[np.float64]) -> NDArray[np.int32]:
+    """The view that paints each face, :data:`NO_VIEW` where none shows it, int32 [F].
+
+    Args:
+        neighbours: pairs of faces that share an edge, [E, 2].
+        area: of each face, [F].
+    """
+    best = np.zeros(sights.faces, np.float32)
+    np.maximum.at(best, sights.face, sights.size)
+    share = sights.size / best[sights.face]
+    label = _cover(sights, share >= NEARLY_BEST, area)
+    fair = share >= FAIR
+    shows = _Pairs(sights.face[fair], sights.view[fair])
+    for step in range(ROUNDS):
+        label = _smoothed(label, neighbours, shows, step % 2)
+    return _without_small(label, neighbours, shows, best)
+
+
+def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Pairs of faces that share an edge, [E, 2]."""
+    key, owner = edges(faces)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(np.diff(key[order]) == 0)
+    return np.stack([owner[order[same]], owner[order[same + 1]]], 1)
+
+
+class _Pairs:
+    """Which views may paint which faces; asked for pairs."""
+
+    def __init__(self, face: NDArray[np.int32], view: NDArray[np.int32]) -> None:
+        self._base = int(view.max(initial=0)) + 1
+        self._keys = np.sort(face.astype(np.int64) * self._base + view)
+
+    def __call__(self, face: NDArray[np.integer], view: NDArray[np.integer]) -> NDArray[np.bool_]:
+        if not len(self._keys):
+            return np.zeros(len(face), bool)
+        key = face.astype(np.int64) * self._base + view
+        at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
+        return np.asarray((self._keys[at] == key) & (view >= 0), bool)
+
+
+def _cover(sights: Sights, good: NDArray[np.bool_], area: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Greedy cover: again and again the view that can paint the largest area that has no paint yet."""
+    label = np.full(sights.faces, NO_VIEW, np.int32)
+    face, view = sights.face[good], sights.view[good]
+    while len(face):
+        chosen = int(np.bincount(view, area[face] + 1e-30).argmax())
+        label[face[view == chosen]] = chosen
+        left = label[face] == NO_VIEW
+        face, view = face[left], view[left]
+    return label
+
+
+def _smoothed(label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _Pairs, parity: int) -> NDArray[np.int32]:
+    """Every other face takes the view of two of its neighbours where that shows it."""
+    first, second = np.concatenate([neighbours, neighbours[:, ::-1]]).T
+    asked = (first % 2 == parity) & (label[second] != label[first]) & (label[second] >= 0)
+    first, wanted = first[asked], label[second[asked]]
+    key = first * (int(label.max(initial=0)) + 1) + wanted
+    twice, count = np.unique(key, return_counts=True)
+    twice = twice[count >= 2]
+    face, view = np.divmod(twice, int(label.max(initial=0)) + 1)
+    fits = shows(face, view)
+    result = label.copy()
+    result[face[fits]] = view[fits]
+    return result
+
+
+def patches(label: NDArray[np.int32], neighbours: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Which patch each face belongs to: faces of one view that hang together by edges, int32 [F]."""
+    same = neighbours[label[neighbours[:, 0]] == label[neighbours[:, 1]]]
+    links = sparse.coo_matrix((np.ones(len(same), np.int8), (same[:, 0], same[:, 1])), (len(label), len(label)))
+    return np.asarray(connected_components(links, directed=False)[1], np.int32)
+
+
+def _without_small(
+    label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _Pairs, size: NDArray[np.float32]
+) -> NDArray[np.int32]:
+    """Faces of small patches go to a neighbouring view that shows them, from the rim inwards."""
+    both = np.concatenate([neighbours, neighbours[:, ::-1]])
+    for _ in range(ROUNDS):
+        patch = patches(label, neighbours)
+        small = np.bincount(patch, size)[patch] < SMALL
+        first, second = both[small[both[:, 0]] & ~small[both[:, 1]]].T
+        fits = shows(first, label[second])
+        if not fits.any():
+            break
+        label = label.copy()
+        label[first[fits]] = label[second[fits]]
+    return label

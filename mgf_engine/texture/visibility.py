@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which photos show which faces of the mesh, and how large."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.geometry.rasterize import corners, face_normals, look
+from mgf_engine.mesh.colors import SLACK, sample
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+from mgf_engine.native.library import side_by_side
+
+MARGIN = 1.5  # px to the edge of the photo
+STEEP = 0.15  # cosine between the face's normal and the ray below which a photo is no use
+LARGE = 12.0  # px; faces of this area and more must show this share of it in the mask, smaller ones their corners
+SHOWN = 0.75
+OTHER_COLOR = 25.0  # grey levels from the blended colours of the vertices: leaves before the wall, reflections
+FAIR = 0.25  # of the largest size at which any photo shows a face: a photo that may paint it
+ODD = 0.01  # what the size of a face counts where a photo shows it in such a colour
+
+
+@dataclass(frozen=True)
+class Sights:
+    """Pairs of a view and a face that it shows fairly large (:data:`FAIR`), ordered by view.
+
+    Attributes:
+        view: int32 [K], position among the views; face: int32 [K].
+        size: float32 [K], pixels of the working photo that the face takes.
+        faces: number of faces of the mesh.
+    """
+
+    view: NDArray[np.int32]
+    face: NDArray[np.int32]
+    size: NDArray[np.float32]
+    faces: int
+
+
+def find_sights(
+    mesh: Mesh,
+    views: Sequence[View],
+    photo: Callable[[int], NDArray[np.uint8]],
+    inside: Callable[[int], NDArray[np.bool_]],
+    progress: Callable[[float], None] = lambda share: None,
+) -> Sights:
+    """What every view shows.
+
+    Args:
+        mesh: normalised frame.
+        photo: position in ``views`` -> working photo, RGB uint8 [H, W, 3].
+        inside: position in ``views`` -> bool [H, W], pixels that show the building.
+    """
+    normals = face_normals(mesh)
+
+    def seen(i: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        return _shown(mesh, normals, views[i], photo(i), inside(i))
+
+    found = _Found(len(mesh.faces))
+    for i, (faces, sizes) in enumerate(side_by_side(seen, range(len(views)))):
+        progress(i / len(views))
+        found.add(i, faces, sizes)
+    return found.sights()
+
+
+class _Found:
+    """Collects sights. Each photo shows a tenth of the faces, so that hundreds would fill the memory: what is small
+    beside what another photo shows is dropped underway, which changes nothing."""
+
+    def __init__(self, faces: int) -> None:
+        self._best = np.zeros(faces, np.float32)
+        self._parts: list[tuple[int, NDArray[np.int32], NDArray[np.float32]]] = []
+        self._count, self._limit = 0, 2 * faces
+
+    def add(self, view: int, faces: NDArray[np.int32], sizes: NDArray[np.float32]) -> None:
+        """What one view shows; views come in their order."""
+        self._best[faces] = np.maximum(self._best[faces], sizes)
+        self._parts.append((view, faces, sizes))
+        self._count += len(faces)
+        if self._count > self._limit:
+            self._drop_small()
+            self._limit = 2 * max(self._count, len(self._best))
+
+    def sights(self) -> Sights:
+        """All that are fairly large."""
+        self._drop_small()
+        view = np.repeat(np.array([v for v, *_ in self._parts], np.int32), [len(f) for _, f, _ in self._parts])
+        face = np.concatenate([np.zeros(0, np.int32), *(f for _, f, _ in self._parts)])
+        size = np.concatenate([np.zeros(0, np.float32), *(s for *_, s in self._parts)])
+        return Sights(view, face, size, len(self._best))
+
+    def _drop_small(self) -> None:
+        for number, (view, faces, sizes) in enumerate(self._parts):
+            kept = sizes >= FAIR * self._best[faces]
+            self._parts[number] = view, faces[kept], sizes[kept]
+        self._count = sum(len(faces) for _, faces, _ in self._parts)
+
+
+def _shown(
+    mesh: Mesh, normals: NDArray[np.float64], view: View, photo: NDArray[np.uint8], inside: NDArray[np.bool_]
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """The faces that a view shows, and how large they are in it."""
+    at = corners(mesh.vertices, view)
+    sight = look(mesh, view, at)
+    u, v, inverse = at.T
+    high, wide = view.height - MARGIN, view.width - MARGIN
+    framed = (inverse > 0) & (u > MARGIN) & (v > MARGIN) & (u < wide) & (v < high)
+    visible, off = _at_vertices(mesh, np.flatnonzero(framed), at, sight.depth, photo, inside)
+    drawn = np.bincount(sight.face[(sight.face >= 0) & inside], minlength=len(mesh.faces))
+    at_corners = np.asarray(visible[mesh.faces].all(1))
+    face = np.flatnonzero(at_corners | ((drawn > 0) & framed[mesh.faces].all(1)))
+    area = _area(at[mesh.faces[face], :2])
+    kept = np.where(area < LARGE, at_corners[face], drawn[face] >= SHOWN * area)
+    kept &= (area > 0) & (_facing(mesh, normals, face, view) > STEEP)
+    face, area = face[kept], area[kept]
+    odd = off[mesh.faces[face]].mean(1) > OTHER_COLOR
+    return face.astype(np.int32), np.where(odd, ODD * area, area).astype(np.float32)
+
+
+def _at_vertices(
+    mesh: Mesh,
+    framed: NDArray[np.int64],
+    at: NDArray[np.float64],
+    depth: NDArray[np.float32],
+    photo: NDArray[np.uint8],
+    inside: NDArray[np.bool_],
+) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    """Which vertices a view shows, and how far the photo's colour is from theirs (largest channel); [N] both."""
+    around = np.ones((3, 3), np.uint8)  # vertices on a rim lie half beside it
+    x, y = at[framed, :2].astype(np.int64).T
+    near = cv2.dilate(depth, around)[y, x] * (1 + SLACK) * at[framed, 2] >= 1
+    visible, off = np.zeros(len(at), bool), np.zeros(len(at), np.float32)
+    visible[framed] = near & (cv2.dilate(inside.astype(np.uint8), around)[y, x] > 0)
+    off[framed] = np.abs(sample(photo, at[framed, :2]).astype(np.float32) - mesh.colors[framed]).max(1)
+    return visible, off
+
+
+def _area(at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Area of triangles [N, 3, 2] in pixels; positive where their front is seen (rows run downwards)."""
+    a, b, c = at[:, 0], at[:, 1], at[:, 2]
+    return -0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
+
+
+def _facing(mesh: Mesh, normals: NDArray[np.float64], face: NDArray[np.int64], view: View) -> NDArray[np.float64]:
+    """Cosine between the outward normals of faces and the way to the camera."""
+    toward = view.centre - mesh.vertices[mesh.faces[face, 0]]
+    cosine: NDArray[np.float64] = (normals[face] * toward).sum(1) / np.linalg.norm(toward, axis=1)
+    return cosine

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Up, ground, reach and occlusion on a wall of points that stands on a plane of points."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.masks.geometry.building_extent import Extent, Sight, ground_depth, map_size, over_building
+from mgf_engine.masks.geometry.ground_plane import _draws, find_ground
+from mgf_engine.masks.geometry.point_features import clicked_groups, measure_shape, up_direction
+from mgf_engine.model.scene import Scene, Similarity, View
+
+WALL, GROUND = 600, 600
+
+
+def camera(x: float) -> View:
+    """At (x, -6, 1.5), looking along +y, z up."""
+    rotation = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    return View(f"{x}", "", 300, 200, 250.0, 250.0, 150.0, 100.0, rotation, -rotation @ [x, -6, 1.5], 300, 200)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    rng = np.random.default_rng(0)
+    wall = np.stack([rng.uniform(-2, 2, WALL), np.zeros(WALL), rng.uniform(0.8, 3, WALL)], 1)
+    ground = np.stack([rng.uniform(-4, 4, GROUND), rng.uniform(-5, 0, GROUND), rng.normal(0, 0.005, GROUND)], 1)
+    points = np.concatenate([wall, ground])
+    views = tuple(camera(x) for x in (-0.6, 0.0, 0.6))
+    track_view, track_uv, start = [], [], [0]
+    for point in points:
+        for k, view in enumerate(views):
+            uv, _ = view.project(point[None])
+            # The last view does not see the wall's right part: something stands before it.
+            hidden = k == 2 and point[0] > 0.8 and point[1] == 0
+            if (uv >= 0).all() and (uv < (300, 200)).all() and not hidden:
+                track_view.append(k)
+                track_uv.append(uv[0])
+        start.append(len(track_view))
+    count = len(points)
+    return Scene(
+        views, points, np.zeros((count, 3), np.uint8), np.zeros(count, np.float32), np.array(start),
+        np.array(track_view, np.int32), np.array(track_uv, np.float32), Similarity(1.0, np.eye(3), np.zeros(3)), (0,),
+        (), Path("."),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def extent(scene: Scene) -> Extent:
+    shape = measure_shape(scene)
+    ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
+    return Extent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, Sight(scene, shape))
+
+
+def at(plane: np.ndarray, view: View, point: list[float]) -> object:
+    (u, v), _ = view.project(np.array([point]))[0][0], None
+    h, w = plane.shape
+    return plane[int(v * h / view.height), int(u * w / view.width)]
+
+
+def test_up_and_normals(scene: Scene):
+    assert up_direction(scene) @ [0, 0, 1] > 0.999
+    shape = measure_shape(scene)
+    upright = np.abs(shape.normals @ shape.up)
+    assert np.median(upright[:WALL]) < 0.05 and np.median(upright[WALL:]) > 0.95
+
+
+def test_ground_is_found_and_holds_its_own_points(scene: Scene):
+    shape = measure_shape(scene)
+    ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
+    assert ground is not None
+    assert ground.normal @ [0, 0, 1] > 0.999 and abs(ground.level) < 0.02
+    held = ground.holds(scene, shape) > 0.5
+    assert held[WALL:].mean() > 0.95 and not held[:WALL].any()
+
+
+def test_no_ground_without_points_outside(scene: Scene):
+    assert find_ground(scene, measure_shape(scene), np.zeros(WALL + GROUND), 0) is None
+
+
+@pytest.mark.parametrize("count", [4, 30, 2000])
+def test_rows_are_drawn_as_numpy_draws_them(count: int):
+    share = np.random.default_rng(count).random(count) ** 3
+    share /= share.sum()
+    rng, drawn = np.random.default_rng(1), list(_draws(np.random.default_rng(1), share, 200))
+    assert len({tuple(three.tolist()) for three in drawn}) > 3
+    for three in drawn:
+        np.testing.assert_array_equal(three, rng.choice(count, 3, replace=False, p=share))
+
+
+def test_core_reaches_down_to_the_ground_and_not_beyond_the_wall(scene: Scene, extent: Extent):
+    place, view = extent.place(1), scene.views[1]
+    assert place.core.shape == map_size(view)
+    assert at(place.core, view, [0, 0, 2]) and at(place.core, view, [0, 0, 0.3])  # no points below 0.8
+    assert not at(place.core, view, [0, 0, 3.3]) and not at(place.core, view, [2.3, 0, 2])
+    assert at(place.away, view, [0, 0, 2]) == 0 and at(place.away, view, [3.2, 0, 2]) > 3
+
+
+def test_a_point_astray_adds_nothing(scene: Scene):
+    """One point of the wall's top slid a few spacings along its line, into the air."""
+    astray = replace(scene, points=scene.points.copy())
+    first = int(np.argmax(scene.points[:WALL, 2] - np.abs(scene.points[:WALL, 0] - 1.8)))
+    astray.points[first] = [2.4, 0, 2.8]
+    shape = measure_shape(astray)
+    keep = np.repeat([True, False], [WALL, GROUND])
+    place = Extent(astray, shape, keep, None, Sight(astray, shape)).place(1)
+    assert not at(place.reach, scene.views[1], [2.4, 0, 2.8]) and at(place.reach, scene.views[1], [1.8, 0, 2.8])
+
+
+def test_ground_first(scene: Scene, extent: Extent):
+    place, view = extent.place(1), scene.views[1]
+    assert at(place.ground_first, view, [0, -1.5, 0]) and at(place.ground_first, view, [2.5, -1, 0])
+    assert not at(place.ground_first, view, [0, 0, 0.4]) and not at(place.ground_first, view, [2.5, 0, 2.5])
+
+
+def test_within_is_what_is_seen_on_the_wall_or_through_it(scene: Scene, extent: Extent):
+    within = extent.within(1, extent.place(1))
+    owner = extent.sight.owner[scene.track_view == 1]
+    assert within[owner < WALL].mean() > 0.95
+    before = (owner >= WALL) & (scene.points[owner, 1] < -0.5)
+    assert before.sum() > 50 and not within[before].any()
+
+
+def test_a_spire_stands_on_the_building_and_a_tree_beside_it_does_not():
+    rng = np.random.default_rng(1)
+    side, along, height = rng.integers(0, 4, 2000), rng.uniform(-2, 2, 2000), rng.uniform(0, 3, 2000)
+    edge = np.where(side % 2, 2.0, -2.0)
+    walls = np.stack([np.where(side < 2, along, edge), np.where(side < 2, edge, along), height], 1)
+    spire = np.stack([rng.normal(0, 0.1, 40), rng.normal(0, 0.1, 40), rng.uniform(3.2, 5, 40)], 1)
+    tree = spire + np.array([5.0, 0, -1])
+    yard = np.stack([rng.uniform(-1, 1, 40), rng.uniform(-1, 1, 40), rng.uniform(0, 1, 40)], 1)
+    points = np.concatenate([walls, spire, tree, yard])
+    blank = Scene(
+        (camera(0),), points, np.zeros((len(points), 3), np.uint8), np.zeros(len(points), np.float32),
+        np.zeros(len(points) + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32),
+        Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), Path("."),
+    )  # fmt: skip
+    over = over_building(points, np.arange(len(points)) < 2000, measure_shape(blank))
+    assert over[2000:2040].all() and not over[2040:2080].any() and not over[2080:].any()
+    assert not over_building(points, np.zeros(len(points), bool), measure_shape(blank)).any()
+
+
+def test_hidden_where_expected_points_are_missing(scene: Scene, extent: Extent):
+    right, left = [1.4, 0, 2.0], [-1.0, 0, 2.0]
+    assert at(extent.place(2).hidden, scene.views[2], right)
+    assert not at(extent.place(2).hidden, scene.views[2], left)
+    assert not at(extent.place(1).hidden, scene.views[1], right)
+
+
+def test_ground_depth_is_exact(scene: Scene, extent: Extent):
+    assert extent.floor is not None
+    view = scene.views[1]
+    depth = ground_depth(view, extent.floor, 100, 150)
+    uv, true = view.project(np.array([[0.5, -2.0, extent.floor.level]]))
+    assert depth[int(uv[0, 1] / 2), int(uv[0, 0] / 2)] == pytest.approx(true[0], rel=0.03)
+    assert np.isinf(depth[0]).all()  # above the horizon
+
+
+def test_nothing_kept(scene: Scene):
+    shape = measure_shape(scene)
+    empty = Extent(scene, shape, np.zeros(WALL + GROUND, bool), None, Sight(scene, shape)).place(0)
+    assert not empty.core.any() and not empty.ground_first.any() and not empty.hidden.any()
+
+
+def test_a_second_building_without_clicks_is_another_group(scene: Scene):
+    twice = np.concatenate([scene.points[:WALL], scene.points[:WALL] + np.array([9.0, 0, 0])])
+    shape = measure_shape(scene)
+    shape = type(shape)(**{**shape.__dict__, "spacing": np.repeat(shape.spacing[:WALL], 2)})
+    keep = np.ones(2 * WALL, bool)
+    groups = clicked_groups(twice, keep, np.array([5]), shape)
+    assert groups[:WALL].all() and not groups[WALL:].any()
+    assert clicked_groups(twice, keep, np.array([5, WALL + 5]), shape).all()
+    assert clicked_groups(twice, keep, np.zeros(0, np.int64), shape).all()

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Ground between bars is cut out of a mask; a wall that stands on it keeps its foot, and closed buildings stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from mast import UP, make_scene
+from numpy.typing import NDArray
+
+from mgf_engine.masks.geometry.building_extent import ground_depth
+from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.refinement.ground_homography import GroundSeen, homography, spans_inside
+from mgf_engine.model.scene import View
+
+WIDTH, HEIGHT, FOCAL = 300, 240, 500.0
+GROUND = Ground(UP, 0.0, 0.01)
+#: A wall or a lattice in the plane x = 0, half as wide and as high as this; bars and what is from one to the next.
+HALF, TOP, BAR, STEP = 1.0, 1.6, 0.06, 0.4
+
+
+def look_down(angle: float, height: float) -> View:
+    """A camera on an arc before the plane x = 0 that looks at its middle from above."""
+    centre = np.array([7 * np.cos(angle), 7 * np.sin(angle), height])
+    forward = np.array([0.0, 0.0, TOP / 2]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, UP)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    name = f"{angle:.2f}-{height:.1f}.png"
+    return View(name, name, WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, rotation, -rotation @ centre,
+                WIDTH, HEIGHT)  # fmt: skip
+
+
+VIEWS = [look_down(angle, 3.0 + 1.5 * (k % 3)) for k, angle in enumerate(np.linspace(-0.7, 0.7, 13))]
+MIDDLE = 6
+TEXTURES = [
+    cv2.GaussianBlur(np.random.default_rng(seed).uniform(0, 255, (512, 512)).astype(np.float32), (0, 0), 1.5)
+    for seed in range(2)
+]
+
+
+def texture(number: int, place: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Mottled grey at places [..., 2] of a surface, [..., 3]; coarse (0) or fine (1)."""
+    uv = (place / (0.03, 0.012)[number] + 256).astype(np.float32)
+    grey = cv2.remap(TEXTURES[number], uv[..., 0], uv[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return np.clip(100 + 60 * number + (grey - 128), 0, 255).astype(np.uint8)[..., None].repeat(3, 2)
+
+
+def photograph(view: View, lattice: bool) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """The photo, and the pixels of the wall or of its bars."""
+    x, y = np.meshgrid(np.arange(WIDTH) + 0.5 - view.cx, np.arange(HEIGHT) + 0.5 - view.cy)
+    rays = np.stack([x / view.fx, y / view.fy, np.ones_like(x)], -1) @ view.rotation
+    wall = view.centre + rays * (-view.centre[0] / rays[..., 0])[..., None]
+    solid = (np.abs(wall[..., 1]) < HALF) & (wall[..., 2] > 0) & (wall[..., 2] < TOP)
+    if lattice:
+        solid &= (np.mod(wall[..., 1:] + BAR / 2, STEP) < BAR).any(-1)
+    ground = view.centre + rays * ground_depth(view, GROUND, HEIGHT, WIDTH)[..., None]
+    return np.where(solid[..., None], texture(1, wall[..., 1:]), texture(0, ground[..., :2])), solid
+
+
+def seen_in(folder: Path, lattice: bool) -> GroundSeen:
+    scene = make_scene(folder, VIEWS)
+    for view in VIEWS:
+        cv2.imwrite(str(folder / view.file), photograph(view, lattice)[0])
+    return GroundSeen(replace(scene, folder=folder), GROUND)
+
+
+@pytest.fixture(scope="module")
+def frame(tmp_path_factory: pytest.TempPathFactory) -> GroundSeen:
+    return seen_in(tmp_path_factory.mktemp("frame"), True)
+
+
+@pytest.fixture(scope="module")
+def wall(tmp_path_factory: pytest.TempPathFactory) -> GroundSeen:
+    return seen_in(tmp_path_factory.mktemp("wall"), False)
+
+
+def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    kernel = np.ones((2 * abs(pixels) + 1,) * 2, np.uint8)
+    return (cv2.dilate if pixels > 0 else cv2.erode)(mask.astype(np.uint8), kernel) > 0
+
+
+def test_the_plane_leads_from_one_photo_to_the_other() -> None:
+    matrix = homography(VIEWS[3], VIEWS[9], GROUND)
+    spots = np.array([[0.3, -0.4, 0.0], [-1.0, 0.7, 0.0]])
+    first, second = (view.project(spots)[0] - 0.5 for view in (VIEWS[3], VIEWS[9]))
+    found = np.c_[first, np.ones(2)] @ matrix.T
+    assert (found[:, 2] > 0).all()
+    np.testing.assert_allclose(found[:, :2] / found[:, 2:], second, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 5])
+def test_what_lies_in_another_frame_is_one_span_of_each_row(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    matrix = np.eye(3) + rng.normal(0, (0.3, 0.3, 40), (3, 3)) * ((1, 1, 1), (1, 1, 1), (0.01, 0.01, 0.01))
+    if seed == 0:
+        matrix = np.array([[1.0, 0, 0], [0, 1, 30], [0, 0, 1]])  # nothing changes along a row but u
+    if seed == 1:
+        matrix[2, 2] = -1.0  # all but a corner lies behind the camera
+    view = replace(VIEWS[0], width=70, height=50)
+    y, x = np.mgrid[:60, :90]
+    u, v, w = np.einsum("ij,jhw->ihw", matrix, np.stack([x, y, np.ones_like(x)]).astype(float))
+    expected = (w > 1e-9) & (u >= 0) & (v >= 0) & (u <= 69 * w) & (v <= 49 * w)
+    assert 0 < expected.sum() < expected.size or seed == 1
+    first, end = spans_inside(matrix, view, (90, 60)).T[:, :, None]
+    np.testing.assert_array_equal((np.arange(90) >= first) & (np.arange(90) < end), expected)
+
+
+def test_depth_of_the_ground_is_that_of_its_points() -> None:
+    uv, wanted = VIEWS[0].project(np.array([[0.2, 0.5, 0.0]]))
+    column, row = np.floor(uv[0]).astype(int)
+    assert abs(ground_depth(VIEWS[0], GROUND, HEIGHT, WIDTH)[row, column] / wanted[0] - 1) < 0.01
+    level = replace(VIEWS[0], rotation=np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]]))
+    assert np.isinf(ground_depth(level, GROUND, HEIGHT, WIDTH)[: HEIGHT // 2]).all()  # over the horizon
+    assert np.isfinite(ground_depth(level, GROUND, HEIGHT, WIDTH)[HEIGHT // 2 :]).all()
+
+
+def test_ground_between_bars_is_found_and_bars_are_not(frame: GroundSeen) -> None:
+    _, bars = photograph(VIEWS[MIDDLE], True)
+    _, mask = photograph(VIEWS[MIDDLE], False)
+    found = frame.through(MIDDLE, mask)
+    between = mask & ~bars
+    assert (found.certain & between).sum() > 0.6 * between.sum()
+    assert (found.certain & bars).sum() < 0.1 * bars.sum()  # one bar lies on the ground
+    assert not (found.possible & found.certain).any()
+    assert not ((found.possible | found.certain) & ~mask).any()
+
+
+def test_the_foot_of_a_wall_is_not_taken_for_ground(wall: GroundSeen) -> None:
+    """Near its foot the ground fits nearly as well as the wall does."""
+    _, mask = photograph(VIEWS[MIDDLE], False)
+    found = wall.within(MIDDLE, grown(mask, 12))
+    assert (found & grown(mask, -2)).sum() < 0.005 * mask.sum()
+    assert (found & ~mask).sum() > 0.6 * (grown(mask, 12) & ~mask).sum()
+
+
+def test_only_what_is_open_is_cut(frame: GroundSeen, wall: GroundSeen) -> None:
+    def mask_of(index: int) -> NDArray[np.bool_]:
+        return photograph(VIEWS[index], False)[1]
+
+    assert frame.shows_through(range(len(VIEWS)), mask_of)
+    assert not wall.shows_through(range(len(VIEWS)), mask_of)
+    assert not frame.shows_through([], mask_of)
+
+
+def test_too_few_photos_tell_nothing(frame: GroundSeen) -> None:
+    few = GroundSeen(replace(frame.scene, views=frame.scene.views[:3]), GROUND)
+    assert not few.within(1, np.ones((HEIGHT, WIDTH), bool)).any()
+    assert not frame.within(MIDDLE, np.zeros((HEIGHT, WIDTH), bool)).any()

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Given masks with holes, cut off or too wide are found by the points; what they wrongly leave out becomes unknown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.perturb import perturb
+from benchmarks.synthetic.colmap_scene import Messages
+from benchmarks.synthetic.house_scene import house_scene
+from mgf_engine.config import make_config
+from mgf_engine.masks.build import build_masks
+from mgf_engine.masks.user_masks import read_supplied
+from mgf_engine.masks.validation.mask_coverage import forgive, measure_fit, misfits
+from mgf_engine.model.masks import UNKNOWN, building
+from mgf_engine.model.scene import Scene
+from mgf_engine.scene.load import load_scene
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return house_scene(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def scene(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    plain = perturb(source, tmp_path_factory.mktemp("plain") / "copy", "masks_holes", 0)
+    return load_scene(plain, tmp_path_factory.mktemp("job") / "scene", make_config({}), Messages().reporter)
+
+
+def masks_of(source: Path, tmp_path: Path, scene: Scene, name: str, level: float) -> list[np.ndarray]:
+    folder = perturb(source, tmp_path / name, name, level)
+    labels = read_supplied(folder / "masks", scene)
+    assert all(mask is not None for mask in labels)
+    return labels
+
+
+def test_sound_masks_are_left_as_they_are(source: Path, tmp_path: Path, scene: Scene) -> None:
+    labels = masks_of(source, tmp_path, scene, "masks_holes", 0)
+    fit = measure_fit(scene, labels, np.ones(len(labels), bool))
+    assert fit.on_building.sum() > 500 and fit.beside.sum() > 500
+    assert misfits(scene, fit) == []
+    assert all((a == b).all() for a, b in zip(forgive(scene, labels, fit), labels, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "level", "words"),
+    [
+        ("masks_eroded", 25, "cut off parts of the building"),
+        ("masks_holes", 0.2, "fill their holes"),
+        ("masks_dilated", 25, "take in more than the building"),
+    ],
+)
+def test_masks_that_do_not_fit_are_spoken_of(
+    source: Path, tmp_path: Path, scene: Scene, name: str, level: float, words: str
+) -> None:
+    folder = perturb(source, tmp_path / "copy", name, level)
+    messages = Messages()
+    build_masks(scene, None, folder / "masks", tmp_path / "masks", make_config({}), messages.reporter)
+    (text,) = (w for w in messages.warnings if w.startswith("The given masks"))
+    assert words in text
+    assert scene.views[0].name[-4:] in text  # photos are named
+
+
+def test_holes_become_unknown_and_nothing_else(source: Path, tmp_path: Path, scene: Scene) -> None:
+    true = masks_of(source, tmp_path, scene, "masks_holes", 0)
+    holed = masks_of(source, tmp_path / "holed", scene, "masks_holes", 0.2)
+    mended = forgive(scene, holed, measure_fit(scene, holed, np.ones(len(holed), bool)))
+    inside = [building(mask) for mask in true]
+    before = sum(int((mask[on] == 0).sum()) for mask, on in zip(holed, inside, strict=True))
+    after = sum(int((mask[on] == 0).sum()) for mask, on in zip(mended, inside, strict=True))
+    beside = sum(int((mask[~on] == UNKNOWN).sum()) for mask, on in zip(mended, inside, strict=True))
+    assert after < 0.4 * before
+    assert beside < 0.1 * before
+    for now, was in zip(mended, holed, strict=True):
+        assert ((now == was) | ((now == UNKNOWN) & (was == 0))).all()
+
+
+def test_an_opening_that_shows_the_surroundings_stays(source: Path, tmp_path: Path, scene: Scene) -> None:
+    """One photo's mask has a hole; where a point of the ground is seen in it, it stays background."""
+    labels = masks_of(source, tmp_path, scene, "masks_holes", 0)
+    fit = measure_fit(scene, labels, np.ones(len(labels), bool))
+    row = int(np.flatnonzero(fit.beside & (fit.margin < -12))[0])
+    view, (x, y) = int(scene.track_view[row]), np.floor(scene.track_uv[row]).astype(int).tolist()
+    ring = np.zeros_like(labels[view])
+    cv2.circle(ring, (x, y), 11, 1, -1)
+    cv2.circle(ring, (x, y), 8, 0, -1)
+    changed = list(labels)
+    changed[view] = np.maximum(labels[view], ring)
+    again = measure_fit(scene, changed, np.ones(len(labels), bool))
+    assert forgive(scene, changed, again)[view][y, x] == 0

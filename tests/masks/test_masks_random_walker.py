@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""When clicks let the ground be background."""
+
+import numpy as np
+import pytest
+
+from benchmarks.synthetic.house import OFFSET
+from mgf_engine.masks.geometry.point_features import measure_shape
+from mgf_engine.masks.prompts import Clicks
+from mgf_engine.masks.propagation.random_walker import SceneGraph
+from mgf_engine.masks.propagation.superpixels import cut_regions
+from mgf_engine.model.scene import Scene
+
+VIEW = 3
+
+
+@pytest.fixture(scope="module")
+def graph(scene: Scene) -> SceneGraph:
+    return SceneGraph(scene, [cut_regions(scene.photo(i)) for i in range(len(scene.views))], measure_shape(scene))
+
+
+@pytest.mark.parametrize(
+    "positive, negative, rejected",
+    [("wall", "sky", True), ("wall", "", True), ("wall", "lawn", True), ("lawn", "", False), ("lawn", "lawn", False)],
+)
+def test_the_ground_is_background_unless_clicked_otherwise(
+    graph: SceneGraph, scene: Scene, positive: str, negative: str, rejected: bool
+):
+    height = scene.to_normalised.invert(scene.points)[:, 2] - OFFSET[2]
+    grounded = (height < 0.01).astype(float)
+    here = scene.track_view == VIEW
+    of = height[graph.sight.owner[here]]
+    uv = scene.track_uv[here]
+    spots = {"wall": uv[of.argmax()], "lawn": uv[np.flatnonzero(of < 0.01)[0]], "sky": np.array([3.0, 3.0])}
+
+    def clicks(where: str) -> np.ndarray:
+        return np.array([spots[where]]) if where else np.zeros((0, 2))
+
+    prompts = {VIEW: Clicks(clicks(positive), clicks(negative))}
+    assert graph._clicks_reject(grounded, prompts) is rejected

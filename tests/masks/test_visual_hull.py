@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Masks that no sparse point judges are judged by the other photos' masks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
+from mgf_engine.masks.geometry.visual_hull import hull_agreement
+from mgf_engine.masks.propagation.propagate import judged_by_masks
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> PlainHouse:
+    return make_plain_house(tmp_path_factory.mktemp("plain") / "scene")
+
+
+def test_true_masks_agree_with_the_hull_of_the_others_and_wrong_ones_do_not(plain: PlainHouse) -> None:
+    labels = [label.copy() for label in plain.masks.labels]
+    labels[3] = np.zeros_like(labels[3])
+    labels[3][:60, :60] = 1  # sky
+    masks = replace(plain.masks, labels=tuple(labels))
+    others = [i for i in range(16) if i != 3]
+    assert hull_agreement(plain.scene, masks, others[1:], 0) > 0.75
+    assert hull_agreement(plain.scene, masks, others, 3) < 0.1
+    assert hull_agreement(plain.scene, masks, [], 0) is None
+
+
+def test_without_points_only_a_contradiction_leaves_a_mask_out(plain: PlainHouse) -> None:
+    labels = [label.copy() for label in plain.masks.labels]
+    labels[3] = np.zeros_like(labels[3])
+    labels[3][:60, :60] = 1
+    weak = "mask and points agree only to 0%"
+    reasons = ["", weak, weak, ""] + [""] * 12
+    judged = np.ones(16, bool)
+    judged[[1, 3]] = False  # points judge the third photo's mask
+    used = np.array([not r for r in reasons])
+    found = judged_by_masks(plain.scene, replace(plain.masks, labels=tuple(labels), used=used), reasons, judged)
+    assert found[1] == "" and found[2] == weak
+    assert found[3].startswith("the other photos' masks agree with it only to")
+    assert not any(found[4:])

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mesh.analytic import camera, cuboid
+from mgf_engine.mesh.component_filter import NEAR, belongs
+from mgf_engine.model.mesh import Mesh
+
+SIDE = 1.0
+VIEWS = [camera((0.0, -12.0, 4.0), (2.0, 0.0, 0.0)), camera((12.0, -9.0, 4.0), (2.0, 0.0, 0.0))]
+
+
+def row(*places: float) -> Mesh:
+    """Cubes along the x axis, as many parts."""
+    cubes = [cuboid((SIDE / 2,) * 3) for _ in places]
+    starts = np.cumsum([0, *(len(c.vertices) for c in cubes)])
+    return Mesh(
+        np.concatenate([c.vertices + np.array([x, 0, 0]) for c, x in zip(cubes, places, strict=True)]),
+        np.concatenate([c.faces + s for c, s in zip(cubes, starts, strict=False)]).astype(np.int32),
+        np.concatenate([c.colors for c in cubes]),
+    )
+
+
+def clicked(*places: float) -> list[np.ndarray]:
+    """Clicks of the first view on cubes; the second view has none."""
+    return [VIEWS[0].project(np.array([(x, 0.0, 0.0) for x in places]).reshape(-1, 3))[0], np.zeros((0, 2))]
+
+
+GAP = 0.9 * NEAR * SIDE * 3**0.5  # just near to a cube
+
+
+@pytest.mark.parametrize(
+    ("places", "clicks", "expected"),
+    [
+        ((0.0, 3.0), (0.0,), 1),
+        ((0.0, 3.0), (3.0,), 1),
+        ((0.0, 3.0), (0.0, 3.0), 2),
+        ((0.0, 1 + GAP), (0.0,), 2),  # near: a tree may hide what joins them
+        ((0.0, 1 + GAP, 2 + 2 * GAP, 5.0), (0.0,), 3),  # near to what is near
+    ],
+)
+def test_parts_belong_that_were_clicked_or_are_near(
+    places: tuple[float, ...], clicks: tuple[float, ...], expected: int
+) -> None:
+    mesh = row(*places)
+    assert belongs(mesh, VIEWS, clicked(*clicks)).sum() == expected * len(mesh.faces) / len(places)
+
+
+def test_the_clicked_part_is_the_one_that_stays() -> None:
+    mesh = row(0.0, 3.0)
+    stays = belongs(mesh, VIEWS, clicked(3.0))
+    assert mesh.vertices[mesh.faces[stays]][..., 0].min() > 2
+
+
+def test_everything_belongs_where_no_click_meets_the_mesh() -> None:
+    mesh = row(0.0, 3.0)
+    assert belongs(mesh, VIEWS, [np.array([[0.5, 0.5]]), np.zeros((0, 2))]).all()
+    assert belongs(mesh, VIEWS, [np.zeros((0, 2))] * 2).all()

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The masks' vote on faces cuts what they call background, and nothing of the building."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from mesh.analytic import ball, ring, scene_of
+from mgf_engine.geometry.clean import drop_small_parts
+from mgf_engine.mesh.mask_votes import cut_background
+from mgf_engine.model.masks import BACKGROUND, UNKNOWN
+from mgf_engine.model.mesh import Mesh
+
+
+def ball_with_skirt() -> Mesh:
+    """A ball of radius 1 and a flat ring around its waist that reaches out to 1.3."""
+    truth = ball()
+    skirt = trimesh.creation.annulus(0.95, 1.3, 0.02, sections=96).subdivide().subdivide()
+    vertices = np.concatenate([truth.vertices, skirt.vertices])
+    faces = np.concatenate([truth.faces, skirt.faces + len(truth.vertices)]).astype(np.int32)
+    return Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8))
+
+
+def test_a_skirt_of_ground_goes_and_the_building_stays() -> None:
+    scene, masks = scene_of(ring(16), ball())
+    cut = drop_small_parts(cut_background(ball_with_skirt(), scene.views, masks.labels), 0.01)
+    radius = np.linalg.norm(cut.vertices, axis=1)
+    assert radius.max() < 1.06
+    away = np.abs(cut.vertices[:, 2]) > 0.1  # where the skirt is not, the whole ball is left
+    whole = ball()
+    assert away.sum() == (np.abs(whole.vertices[:, 2]) > 0.1).sum()
+
+
+def test_a_mask_that_is_wrong_is_outvoted() -> None:
+    scene, masks = scene_of(ring(16), ball())
+    labels = list(masks.labels)
+    labels[3] = np.full_like(labels[3], BACKGROUND)
+    mesh = ball()
+    assert len(cut_background(mesh, scene.views, labels).faces) == len(mesh.faces)
+
+
+def test_what_nobody_knows_stays() -> None:
+    scene, masks = scene_of(ring(16), ball())
+    mesh = ball_with_skirt()
+    labels = [np.full_like(label, UNKNOWN) for label in masks.labels]
+    assert len(cut_background(mesh, scene.views, labels).faces) == len(mesh.faces)
