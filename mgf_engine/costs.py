@@ -29,42 +29,43 @@ from typing import Any
 Terms = dict[str, float]
 
 #: Per stage ``cpu`` (seconds on one core of the machine that was measured), ``serial`` (the share of them that one
-#: core works on alone) and ``bytes``. ``building``: share of the pixels before the masks tell. ``gaussians``: what a
-#: field reaches of those that it may have, and no more than that share of all photos' pixels. ``pairs``: of each photo
-#: where not all are matched. ``speed``: limits of what is learned of a machine. ``threads``: more bring nothing.
+#: core works on alone) and ``bytes``. ``building``: share of the pixels before clicks or masks tell. ``gaussians``:
+#: what a field reaches of those that it may have, trained or not, and no more than so many per pixel of the building.
+#: ``pairs``: of each photo where not all are matched. ``speed``: limits of what is learned of a machine. ``threads``:
+#: more bring nothing.
 COSTS: dict[str, Any] = {
     "stages": {
         "scene": {
-            "cpu": {"": 1.0, "photos taken": 0.025, "photos pixels": 0.03, "unplaced": 1.0, "pairs": 0.05},
+            "cpu": {"": 0.6, "photos taken": 0.035, "photos pixels": 0.03, "unplaced": 1.0, "pairs": 0.05},
             "serial": 0.3,
-            "bytes": {"": 0.40e9, "photos pixels": 3e6},
+            "bytes": {"": 0.40e9, "photos pixels": 3e6, "taken": 15e6},
         },
         "masks": {
-            "cpu": {"photos": 0.15, "photos pixels": 1.3},
+            "cpu": {"photos": 0.22, "photos pixels": 1.1},
             "serial": 0.15,
-            "bytes": {"": 0.45e9, "photos pixels": 14e6},
+            "bytes": {"": 0.55e9, "photos pixels": 11e6},
         },
         "field": {
             "cpu": {
-                "": 1.0, "surface": 10.0, "photos pixels": 0.1,
+                "": 1.0, "surface": 10.5, "photos pixels": 0.1,
                 "passes": 0.004, "passes gaussians": 0.028, "passes pixels": 0.13,
             },
             "serial": 0.15,
-            "bytes": {"": 0.45e9, "surface": 0.25e9, "photos pixels": 12e6, "gaussians": 0.15e9},
+            "bytes": {"": 0.45e9, "surface": 0.26e9, "photos pixels": 4e6, "gaussians": 0.1e9},
         },
         "mesh": {
-            "cpu": {"": 1.5, "building": 9.0, "gaussians": 13.0},
+            "cpu": {"": 1.5, "building": 11.5, "gaussians": 15.0},
             "serial": 0.15,
-            "bytes": {"": 0.45e9, "building": 0.15e9, "gaussians": 0.3e9},
+            "bytes": {"": 0.45e9, "building": 0.24e9, "gaussians": 0.35e9},
         },
         "deliver": {
-            "cpu": {"": 2.5, "photos": 0.1, "photos pixels": 0.2},
+            "cpu": {"": 2.0, "photos": 0.06, "photos pixels": 0.3, "photos taken": 0.008},
             "serial": 0.3,
-            "bytes": {"": 0.6e9, "photos pixels": 12e6, "gaussians": 0.3e9},
+            "bytes": {"": 0.40e9, "building": 0.15e9, "texture": 25e6, "taken": 25e6},
         },
     },
     "building": 0.4,
-    "gaussians": {"grown": 0.9, "per_pixel": 0.015},
+    "gaussians": {"grown": 0.9, "untrained": 0.5, "per_pixel": 0.012},
     "pairs": 25,
     "speed": [0.05, 20.0],
     "threads": 16,

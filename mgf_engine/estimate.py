@@ -19,6 +19,8 @@ import numpy as np
 from mgf_engine.config import Config
 from mgf_engine.costs import COSTS, bytes_of, seconds_of
 from mgf_engine.errors import BadInput
+from mgf_engine.masks.filled import filled_share
+from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
 from mgf_engine.messages import STAGES
 from mgf_engine.scene.colmap import FEWEST, find_model, find_photos, list_photos, photo_names
@@ -91,6 +93,12 @@ def survey(source: Path, exclude: Path | None = None) -> Photos:
     return Photos(len(paths), (int(long), int(short)), model is not None)
 
 
+def with_clicks(photos: Photos, clicks: PromptsFile | None) -> Photos:
+    """The same with the share of the building that the clicks speak of."""
+    found = None if clicks is None else filled_share(clicks, photos.size)
+    return photos if found is None else replace(photos, building=found)
+
+
 def quantities(config: Config, photos: Photos) -> dict[str, float]:
     """What the costs of a job depend on, see :mod:`mgf_engine.costs`."""
     count = min(photos.count, config.max_photos or photos.count)
@@ -98,15 +106,17 @@ def quantities(config: Config, photos: Photos) -> dict[str, float]:
     pixels = min(config.resolution, long) ** 2 * short / long / 1e6
     held_out = count // config.holdout_every if config.holdout_every else 0
     all_pairs = photos.count * (photos.count - 1) / 2
-    grown, per_pixel = COSTS["gaussians"]["grown"], COSTS["gaussians"]["per_pixel"]
+    passes = config.run_length(max(1, count - held_out))
+    usual = COSTS["gaussians"]
     building = count * pixels * (photos.building if config.use_masks else 1.0)
+    most = usual["grown" if passes else "untrained"] * config.max_gaussians
     return {
         "photos": count, "pixels": pixels, "taken": long * short / 1e6, "building": building,
         "surface": building if config.start == "surface" and config.use_masks else 0,
         "unplaced": 0 if photos.placed else photos.count,
         "pairs": 0 if photos.placed else min(all_pairs, COSTS["pairs"] * photos.count),
-        "passes": config.run_length(max(1, count - held_out)),
-        "gaussians": min(grown * config.max_gaussians, per_pixel * count * pixels * 1e6) / 1e5,
+        "passes": passes,
+        "gaussians": min(most, usual["per_pixel"] * building * 1e6) / 1e5,
         "threads": config.threads or cores(),
         "texture": config.texture_size**2 / 1e6 if config.texture else 0,
     }  # fmt: skip
@@ -191,6 +201,7 @@ def as_data(found: Estimate, config: Config, photos: Photos, budget: float) -> d
     asked = quantities(config, photos)
     return {
         "photos": photos.count, "used": asked["photos"], "size": list(photos.size), "cameras_known": photos.placed,
+        "building": round(photos.building, 3),
         "iterations": asked["passes"], "threads": asked["threads"],
         "stages": {s: {"seconds": round(found.seconds[s], 1), "bytes": round(found.memory[s])} for s in found.seconds},
         "seconds": round(sum(found.seconds.values()), 1), "bytes": round(max(found.memory.values())),
@@ -202,8 +213,8 @@ def as_table(data: dict[str, Any]) -> str:
     """:func:`as_data` for people."""
     known = "" if data["cameras_known"] else ", cameras to be found"
     used = "" if data["used"] == data["photos"] else f", {data['used']} of them used"
-    lines = [f"{data['photos']} photos of {data['size'][0]} x {data['size'][1]} px{used}{known}; "
-             f"{data['threads']} threads, {data['iterations']} iterations", "",
+    lines = [f"{data['photos']} photos of {data['size'][0]} x {data['size'][1]} px{used}{known}; the building fills "
+             f"{data['building']:.0%} of them; {data['threads']} threads, {data['iterations']} iterations", "",
              f"{'stage':<10}{'time':>14}{'memory':>12}"]  # fmt: skip
     for name, stage in data["stages"].items():
         lines.append(f"{name:<10}{duration(stage['seconds']):>14}{stage['bytes'] / GB:>9.1f} GB")

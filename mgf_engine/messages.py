@@ -70,6 +70,7 @@ class Reporter:
         self._last = 0.0
         self._stage_started = time.monotonic()
         self._pace = 1.0  # time taken over time expected, of the stage before
+        self._reached = self._begun_at = 0.0  # of the overall bar: so far, and when the expectation was set
         self._cancel = threading.Event()
 
     def send(self, type: str, **fields: Any) -> None:
@@ -79,8 +80,8 @@ class Reporter:
             sink(message)
 
     def expect(self, seconds: dict[str, float]) -> None:
-        """Set what the stages to come will take, for the time left and the overall bar."""
-        self.expected, self._pace = dict(seconds), 1.0
+        """Set what the stages to come will take, for the time left and the overall bar, which goes on from where it is."""
+        self.expected, self._pace, self._begun_at = dict(seconds), 1.0, self._reached
 
     def stage(self, name: str, cached: bool = False) -> None:
         """Announce that a stage begins (or that its earlier result is used)."""
@@ -108,7 +109,7 @@ class Reporter:
             "progress",
             stage=self.stage_name,
             fraction=round(fraction, 4),
-            overall=round(self._overall(fraction), 4),
+            overall=round(self._whole(fraction), 4),
             seconds_left=_rounded(seconds_left),
             job_seconds_left=_rounded(self._job_left(fraction, seconds_left)),
             figures=figures,
@@ -153,6 +154,11 @@ class Reporter:
         if expected >= _TELLING:
             taken = time.monotonic() - self._stage_started
             self._pace = min(_PACES[1], max(_PACES[0], taken / expected))
+
+    def _whole(self, fraction: float) -> float:
+        """Share of the whole job that is done."""
+        self._reached = self._begun_at + (1.0 - self._begun_at) * self._overall(fraction)
+        return self._reached
 
     def _overall(self, fraction: float) -> float:
         shares = self.expected or STAGE_SHARE

@@ -15,7 +15,7 @@ import numpy as np
 
 from mgf_engine import __version__
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import Photos, estimate, learn, shortage, survey
+from mgf_engine.estimate import Photos, estimate, learn, shortage, survey, with_clicks
 from mgf_engine.job import Job
 from mgf_engine.memory import GB, Watch, allow, allowed, budget_of, share
 from mgf_engine.messages import STAGES, Reporter
@@ -163,7 +163,7 @@ def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos:
     """
     from mgf_engine.model.photo_cache import PHOTOS, ROOM
 
-    photos = survey(job.source, job.folder)
+    photos = with_clicks(survey(job.source, job.folder), job.inputs.clicks)
     if "masks" not in stages:
         photos = _with_masks(job, photos)
     allow(budget_of(job.config.memory))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,9 +17,22 @@ from mgf_engine import memory
 from mgf_engine.cli import main
 from mgf_engine.config import make_config
 from mgf_engine.costs import COSTS, amount
-from mgf_engine.estimate import Photos, estimate, known_speed, learn, quantities, remedy, shortage, survey
+from mgf_engine.estimate import Photos, estimate, known_speed, learn, quantities, remedy, shortage, survey, with_clicks
+from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
 from mgf_engine.messages import STAGES, Reporter
+
+SOUTH, HERZJESU, WHITE = Photos(64, (1000, 747)), Photos(25, (1000, 667)), Photos(40, (750, 500))
+#: Jobs that were measured (docs/scale.md): photos, share of the building by clicks and by masks, options, stages,
+#: CPU seconds and peak GB of these.
+MEASURED = [
+    (SOUTH, (0.43, 0.47), {}, ("scene", "masks", "field"), 437, 4.52),
+    (SOUTH, (0.43, 0.48), {"preset": "draft"}, ("scene", "masks", "field", "mesh"), 459, 4.94),
+    (SOUTH, (0.43, 0.48), {"preset": "quick"}, STAGES, 384, 4.93),
+    (HERZJESU, (0.68, 0.81), {"preset": "draft", "resolution": 480}, STAGES, 119, 1.39),
+    (HERZJESU, (0.68, 0.81), {"preset": "quick"}, ("scene", "masks", "field", "mesh"), 164, 1.93),
+    (WHITE, (0.27, 0.17), {"preset": "quick"}, ("scene", "masks", "field", "mesh"), 92, 0.93),
+]
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +51,32 @@ def test_the_photos_of_a_scene_are_counted_without_reading_them(house: House, tm
     assert survey(house.folder) == Photos(14, (240, 180))
     shutil.copytree(house.folder / "images", tmp_path / "photos")
     assert survey(tmp_path / "photos") == Photos(14, (240, 180), placed=False)
+
+
+@pytest.mark.parametrize(("photos", "shares", "given", "stages", "cpu", "gigabytes"), MEASURED)
+def test_measured_jobs(photos: Photos, shares: tuple[float, float], given: dict, stages: tuple, cpu: float, gigabytes):
+    config = make_config(given)
+    for share, times, most in ((shares[0], 1.5, 1.8), (shares[1], 1.5, 1.5)):
+        known = quantities(config, replace(photos, building=share))
+        seconds = sum(amount(COSTS["stages"][s]["cpu"], known) for s in stages)
+        memory = max(amount(COSTS["stages"][s]["bytes"], known) for s in stages) / GB
+        assert 1 / times < seconds / cpu < times and 1 / 1.5 < memory / gigabytes < most
+
+
+def test_the_clicks_tell_how_much_the_building_fills(house: House, tmp_path: Path) -> None:
+    def clicks(text: str) -> PromptsFile:
+        return PromptsFile(tmp_path / "prompts.json", text.encode())
+
+    photos = Photos(14, (1000, 800))
+    spread = '{"a": {"positive": [[100, 100], [900, 120], [500, 700], [480, 400]], "negative": [[30, 780]]}}'
+    close = '{"a": {"positive": [[450, 390], [550, 400], [500, 450]], "negative": [[30, 780]]}}'
+    large, small = with_clicks(photos, clicks(spread)).building, with_clicks(photos, clicks(close)).building
+    assert 0.5 < large <= 1 and 0 < small < 0.1
+    upright = '{"a": {"positive": [[100, 100], [700, 120], [300, 950], [480, 400]]}}'
+    assert 0.5 < with_clicks(photos, clicks(upright)).building <= 1
+    for text in ("{", "[]", '{"a": 3}', '{"a": {"positive": [["x", 1]]}}', '{"a": {"positive": [[1, 2]]}}', "{}"):
+        assert with_clicks(photos, clicks(text)) == photos
+    assert with_clicks(photos, None) == photos
 
 
 def test_every_term_names_quantities_that_are_known() -> None:
@@ -154,3 +194,14 @@ def test_time_left_counts_the_stages_to_come_at_the_pace_so_far(monkeypatch) -> 
     reporter.progress(0.5, 10.0)
     assert seen[-1]["job_seconds_left"] == 10.0 + 2 * 90.0
     assert seen[-1]["overall"] == pytest.approx(20 / 120, abs=1e-4)
+    reporter.progress(1.0)
+    reached = seen[-1]["overall"]
+    reporter.expect({"field": 600.0, "mesh": 20.0, "deliver": 10.0})  # the building is larger than was thought
+    reporter.stage("field")
+    reporter.progress(0.0)
+    assert seen[-1]["overall"] == pytest.approx(reached, abs=1e-3)
+    reporter.progress(0.5)
+    assert reached < seen[-1]["overall"] < 1
+    reporter.stage("deliver")
+    reporter.progress(1.0)
+    assert seen[-1]["overall"] == 1

@@ -73,14 +73,15 @@ def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, fl
     count, pixels = photos.at_work(options)
     held_out = count // options.holdout_every if options.holdout_every else 0
     trained = min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], count - held_out))
-    grown, per_pixel = COSTS["gaussians"]["grown"], COSTS["gaussians"]["per_pixel"]
+    passes, usual = options.iterations or options.passes * trained, COSTS["gaussians"]
+    most = usual["grown" if passes else "untrained"] * options.max_gaussians
     building = count * pixels * (COSTS["building"] if options.use_masks else 1.0)
     return {
         "photos": count, "pixels": pixels, "taken": photos.size[0] * photos.size[1] / 1e6, "building": building,
         "surface": building if options.start == "surface" and options.use_masks else 0,
         "unplaced": 0, "pairs": 0,
-        "passes": options.iterations or options.passes * trained,
-        "gaussians": min(grown * options.max_gaussians, per_pixel * count * pixels * 1e6) / 1e5,
+        "passes": passes,
+        "gaussians": min(most, usual["per_pixel"] * building * 1e6) / 1e5,
         "threads": options.threads or os.cpu_count() or 1,
         "texture": options.texture_size**2 / 1e6 if options.texture else 0,
     }  # fmt: skip
