@@ -80,7 +80,7 @@ class Reporter:
             sink(message)
 
     def expect(self, seconds: dict[str, float]) -> None:
-        """Set what the stages to come will take, for the time left and the overall bar, which goes on from where it is."""
+        """Set what the stages to come will take, for the time left and the overall bar, which goes on from there."""
         self.expected, self._pace, self._begun_at = dict(seconds), 1.0, self._reached
 
     def stage(self, name: str, cached: bool = False) -> None:
