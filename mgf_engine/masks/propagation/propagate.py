@@ -23,6 +23,7 @@ from mgf_engine.masks.geometry.visual_hull import hull_agreement
 from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of, plants
+from mgf_engine.masks.propagation.prompt_agreement import without_seconded
 from mgf_engine.masks.propagation.prompt_outliers import (
     Doubt,
     clicked_elsewhere,
@@ -120,7 +121,9 @@ class _Work:
 
     def _drop_doubtful(self) -> list[Doubt]:
         """Leave out clicks that the other photos contradict; returns all doubted ones, also those that count."""
-        doubts = doubtful_clicks(self.graph, self.prompts, self.config.seed)
+        found = doubtful_clicks(self.graph, self.prompts, self.config.seed)
+        doubts = without_seconded(found, self.scene, self.prompts)
+        self.seconded = [d for d in found if d not in doubts]
         kept = without(self.prompts, left_out(doubts, self.prompts))
         self.original = self.prompts
         if any(len(c.positive) for c in kept.values()):
@@ -133,10 +136,11 @@ class _Work:
         if out and self.prompts is self.original:
             names = ", ".join(self.scene.views[i].name for i in sorted({d.view for d in doubts}))
             return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
-        counting = [d for d in doubts if d not in out]
+        counting, missed = [d for d in doubts if d not in out], [d for d in self.seconded if self._misses(d)]
+        texts = (out, self._left_out_text), (counting, self._counting_text), (missed, self._missed_text)
         return [
             sentence(index, [d for d in chosen if d.view == index])
-            for chosen, sentence in ((out, self._left_out_text), (counting, self._counting_text))
+            for chosen, sentence in texts
             for index in sorted({d.view for d in chosen})
         ]
 
@@ -155,6 +159,19 @@ class _Work:
         return (
             f"The clicks {spots} in '{name}' are beside the building for you and on it for the other photos; they "
             "count all the same, so take them away if they are slips."
+        )
+
+    def _misses(self, doubt: Doubt) -> bool:
+        """Whether a click on the building lies outside of its photo's mask."""
+        labels, uv = self.labels[doubt.view], self.original[doubt.view].positive[doubt.row]
+        column, row = np.clip(np.floor(uv).astype(int), 0, (labels.shape[1] - 1, labels.shape[0] - 1))
+        return bool(labels[row, column] == BACKGROUND)
+
+    def _missed_text(self, index: int, doubts: list[Doubt]) -> str:
+        name, spots = self.scene.views[index].name, self._spots(index, doubts)
+        return (
+            f"The clicks {spots} in '{name}' are on what was clicked in other photos, too, and the mask does not reach "
+            "it; click more of it, there and in other photos."
         )
 
     def _spots(self, index: int, doubts: list[Doubt]) -> str:

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Doubted clicks that other photos second: the same thing was clicked there, so it was meant.
+
+Two clicks are on the same thing when their rays meet in front of both cameras. Rays meet by chance, too: two doubted
+clicks rarely do, but of all those on the building some always lie on the ray of a slip. With one that is not doubted
+the rays must meet where the sparse points beside both clicks are.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.masks.prompts import Prompts
+from mgf_engine.masks.propagation.prompt_outliers import Doubt, clicked_elsewhere
+from mgf_engine.model.scene import Scene, View
+
+NEAR = 0.06  # share of the photo's width within which points tell the distance of a click
+FEWEST = 3  # such points
+REACH = 0.05  # share of the distance that two clicks on the same thing lie apart at most,
+GAP = 0.02  # and their rays, where both are doubted
+
+_Click = tuple[int, int]  # view, row among its clicks on the building
+_Range = tuple[float, float]
+
+
+def without_seconded(doubts: list[Doubt], scene: Scene, prompts: Prompts) -> list[Doubt]:
+    """The doubts less those on clicks on the building that other photos second.
+
+    One other photo is enough; two where all clicks on the building in a photo are doubted, as if it were clicked on
+    another one.
+    """
+    doubted = {(d.view, d.row) for d in doubts if d.positive}
+    if not doubted:
+        return doubts
+    places = {
+        (i, row): _distance(scene, i, uv) for i, clicks in prompts.items() for row, uv in enumerate(clicks.positive)
+    }
+    seconds: dict[_Click, set[int]] = {click: set() for click in doubted}
+    for first, second in combinations(places, 2):
+        if first[0] == second[0] or not {first, second} & doubted:
+            continue
+        both = {first, second} <= doubted
+        if _same_thing(scene, prompts, first, second, None if both else places):
+            for click, other in ((first, second), (second, first)):
+                seconds.get(click, set()).add(other[0])
+    kept = []
+    for doubt in doubts:
+        needed = 2 if clicked_elsewhere(doubt.view, doubts, prompts) else 1
+        if not doubt.positive or len(seconds[doubt.view, doubt.row]) < needed:
+            kept.append(doubt)
+    return kept
+
+
+def _distance(scene: Scene, index: int, uv: NDArray[np.float64]) -> _Range | None:
+    """How far along its ray a click may lie, by the sparse points seen beside it; None where there are too few."""
+    rows, view = scene.observations(index), scene.views[index]
+    beside = np.linalg.norm(scene.track_uv[rows] - uv, axis=1) < NEAR * view.width
+    if beside.sum() < FEWEST:
+        return None
+    depth = view.project(scene.points[scene.track_point[rows[beside]]])[1]
+    return float(depth.min()), float(depth.max())
+
+
+def _same_thing(
+    scene: Scene, prompts: Prompts, first: _Click, second: _Click, distances: dict[_Click, _Range | None] | None
+) -> bool:
+    """Whether the rays of two clicks meet, and, with ``distances``, where the points beside both say."""
+    (a, along_a), (b, along_b) = (_ray(scene.views[i], prompts[i].positive[row]) for i, row in (first, second))
+    meeting = np.linalg.lstsq(np.stack([along_a, -along_b], 1), b - a, rcond=None)[0]
+    if meeting.min() <= 0:
+        return False
+    gap = np.linalg.norm(a + meeting[0] * along_a - b - meeting[1] * along_b)
+    if distances is None:
+        return bool(gap <= GAP * meeting.min())
+    for along, known in zip(meeting, (distances[first], distances[second]), strict=True):
+        if known is None or not known[0] - REACH * along <= along <= known[1] + REACH * along:
+            return False
+    return bool(gap <= REACH * meeting.min())
+
+
+def _ray(view: View, uv: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Camera centre and direction [3] of a pixel; the direction's length is 1 along the optical axis."""
+    local = np.array([(uv[0] - view.cx) / view.fx, (uv[1] - view.cy) / view.fy, 1.0])
+    return view.centre, view.rotation.T @ local
