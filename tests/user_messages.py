@@ -14,8 +14,8 @@ GAP = "…"  # where a value goes
 _SAYING, _SENTENCES = {"BadInput", "UserError", "warning", "warn", "_warn", "Choice"}, {"tr", "N_"}
 #: Functions that make sentences for somebody else to say.
 _MAKING = {"misfits", "plain_text", "missing_text", "_doubt_texts", "_left_out_text", "_counting_text",
-           "_missed_text", "weak_surface", "renamed_values", "choose_device", "poor_photos", "shortage", "weaknesses", "check_card",
-           "_misfit_text", "_outside_text", "_far_text", "_wrong_mark_text"}  # fmt: skip
+           "_missed_text", "weak_surface", "renamed_values", "choose_device", "poor_photos", "shortage", "weaknesses",
+           "check_card", "_misfit_text", "_outside_text", "_far_text", "_wrong_mark_text"}  # fmt: skip
 #: A file whose every sentence is said.
 _ALL_SAID = "failures.py"
 
