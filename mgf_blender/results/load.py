@@ -25,6 +25,7 @@ from ..scene_import.cameras import (
     clear_view,
     find_camera,
     load_image,
+    shrink_cameras,
 )
 from ..scene_import.frame import Frame, make_frame
 from ..scene_import.tree import Tree, hide
@@ -35,6 +36,7 @@ from .switch import forget_results
 from .texture import check_picture, load_texture, read_uv, remove_unused_textures
 
 SHARP_ANGLE = 40.0  # degrees
+_BESIDE_MESH = 1 / 3  # size of the drawn cameras once there is a mesh: in full size they stand before it
 _UNNAMED = re.compile(r"mgf_job(_\d+)?")  # default folders, which lie in one that people gave a name
 
 
@@ -119,6 +121,8 @@ def import_result(
         tree = _tree_of_job(scene, content)
     tree.clear("Renders")
     forget_results(tree)
+    if content.mesh is not None and not tree.objects("Mesh"):
+        shrink_cameras(tree, _BESIDE_MESH)
     for view in delivery.views:
         _add_view(tree, view)
     if scene.camera is None and tree.objects("Cameras"):

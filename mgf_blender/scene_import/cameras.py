@@ -153,6 +153,12 @@ def find_camera(tree: Tree, photo: str) -> bpy.types.Object | None:
     return next((o for o in tree.objects("Cameras") if o.get(PHOTO_KEY) == photo), None)
 
 
+def shrink_cameras(tree: Tree, factor: float) -> None:
+    """Draw the cameras of a scene smaller."""
+    for camera in tree.objects("Cameras"):
+        camera.data.display_size *= factor
+
+
 def _display_size(specs: list[CameraSpec], radius: float) -> float:
     """Frustums that do not overlap much: half the median distance to the next camera."""
     if len(specs) < 2:

@@ -37,6 +37,15 @@ def test_mesh_lies_in_the_scene(scene, house):
     assert result.mesh.data.materials[0].name == "MGF Vertex Colors"
 
 
+def test_cameras_do_not_stand_before_the_mesh(scene, house):
+    tree = import_scene(scene, house.folder).tree
+    alone = {c.name: c.data.display_size for c in tree.objects("Cameras")}
+    for _ in range(2):  # once, not again with each result
+        import_result(scene, house.job, tree)
+        for camera in tree.objects("Cameras"):
+            assert camera.data.display_size == pytest.approx(alone[camera.name] / 3)
+
+
 def test_values_per_vertex_become_attributes(scene, house):
     xyz, faces, rgb = synthetic.house_mesh()
     confidence = np.linspace(0, 1, len(xyz))
