@@ -72,7 +72,8 @@ def _origin(suite: str, done: list[Row]) -> str:
     same = {n: done[0]["options"].get(n) for n in sorted(shared) if len({str(r["options"].get(n)) for r in done}) == 1}
     given = " ".join(f"--set {name}={value}" for name, value in same.items() if name != "preset")
     scenes = " ".join(dict.fromkeys(Path(row["scene"]).name for row in done))
-    command = f"mgf bench {suite} --scenes {scenes} {given}".rstrip()
+    seeds = len({row["seed"] for row in done})
+    command = " ".join(f"mgf bench {suite} --scenes {scenes} {f'--seeds {seeds}' if seeds > 1 else ''} {given}".split())
     return f"`{command} --write docs/results.md`: {measured}. Means over the seeds, ± half their spread."
 
 

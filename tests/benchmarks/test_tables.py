@@ -33,7 +33,7 @@ def test_a_table_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
     assert "| start | 2 | 62.0 ±2.0 / 63.0 ±2.0 / 64.0 ±2.0 | 62.0 / 62.0 | 21.50 | – |" in text
     assert "40.0" not in text and "GOF-like" in text and "Failed: x on `s`: no" in text
     assert "commit abc1234, 2026-01-01, CPU, 2 cores" in text
-    assert "mgf bench training --scenes house --set iterations=9 --set surface=opacity --write" in text
+    assert "mgf bench training --scenes house --seeds 2 --set iterations=9 --set surface=opacity --write" in text
 
 
 def test_without_results_the_document_stays(tmp_path: Path) -> None:
