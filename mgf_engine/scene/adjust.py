@@ -69,7 +69,7 @@ def _adjusted(model: SparseModel, resolution: int, reporter: Reporter) -> tuple[
     errors = projection_errors(model, resolution)
     sound = ~far_points(errors, model.points.start)[owners(model)] & np.isfinite(errors)
     before = float(np.median(errors[sound])) if sound.any() else 0.0
-    chosen = _taking_part(model, sound)
+    chosen = take_part(model, sound)
     if before <= DISAGREEING or not 3 <= len(model.images) <= MOST_VIEWS or not len(chosen):
         return before, before, model
     frame = _frame(model)
@@ -96,7 +96,7 @@ def far_points(distances: NDArray[np.float64], start: NDArray[np.int64]) -> NDAr
     return np.asarray(far[start[1:]] - far[start[:-1]] > 0.5 * np.diff(start))
 
 
-def _taking_part(model: SparseModel, sound: NDArray[np.bool_]) -> Indices:
+def take_part(model: SparseModel, sound: NDArray[np.bool_]) -> Indices:
     """Observations of points enough to settle the cameras: those that most photos see, and some for every photo."""
     owner = owners(model)
     seen = np.bincount(owner[sound], minlength=len(model.points.ids))

@@ -7,6 +7,7 @@ Everything is measured in pixels of the working photos, whose longest side is th
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -100,12 +101,16 @@ class Bundle:
 
     def solve(self, config: pycolmap.BundleAdjustmentConfig, scale: float) -> None:
         """COLMAP's bundle adjustment of what ``config`` names, with Cauchy's loss of ``scale`` working pixels."""
+        self.adjuster(config, scale).solve()
+
+    def adjuster(self, config: pycolmap.BundleAdjustmentConfig, scale: float) -> Any:
+        """COLMAP's bundle adjuster for that, with Ceres' problem in its ``problem``, not solved yet."""
         options = pycolmap.BundleAdjustmentOptions()
         options.refine_extra_params, options.print_summary = False, False
         options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
         options.ceres.loss_function_scale = scale
         options.ceres.solver_options.num_threads = 1
-        pycolmap.create_default_bundle_adjuster(options, config, self.reconstruction).solve()
+        return pycolmap.create_default_ceres_bundle_adjuster(options, config, self.reconstruction)
 
     def points(self) -> Array:
         """The points used, [len(used), 3]."""

@@ -96,6 +96,12 @@ def _load(
     photos = plan_photos(model, paths, config.resolution, reporter)
 
     scene = build_scene(model, photos, folder, config)
+    if config.control and config.control_adjust:
+        from mgf_engine.georef.adjust import fit_to_control
+
+        model = fit_to_control(model, scene, config)
+        photos = plan_photos(model, paths, config.resolution, Reporter())  # what it has to say was said
+        scene = build_scene(model, photos, folder, config)
     used = _used(scene, config.max_photos, clicked)
 
     def progress(fraction: float) -> None:

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bundle adjustment with control points: cameras and sparse points of a COLMAP model move so that the points fit, too.
+
+COLMAP's own adjustment (Ceres) of its tracks, with the marks as further observations and the known coordinates of the
+control points as observations weighted by their accuracy; pyceres adds the latter to COLMAP's problem. Check points
+take no part. The model stays in its own frame, only its shape changes.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.control import CONTROL, Control
+from mgf_engine.georef.crs import SURVEY
+from mgf_engine.georef.fit_control import ControlFit
+from mgf_engine.georef.triangulate import Placed
+from mgf_engine.scene.adjust import STRAY, take_part
+from mgf_engine.scene.adjust_worker import replaced_points
+from mgf_engine.scene.colmap_bundle import Bundle, moved, projection_errors
+from mgf_engine.scene.model import Scene
+from mgf_engine.scene.sparse import SparseModel
+
+Array = NDArray[np.float64]
+log = logging.getLogger("mgf")
+_LEAST_SIGMA, _LEAST_LOSS = 0.1, 0.5  # working pixels
+
+
+@dataclass(frozen=True)
+class Known:
+    """A control point in the adjustment.
+
+    Attributes:
+        target: its place in the world less the offset of the fit, [3].
+        sd: of each coordinate, [3].
+        position: where it is now, in the same frame.
+        marks: index of the image in the model, and keypoint in pixels of its COLMAP camera.
+    """
+
+    target: Array
+    sd: Array
+    position: Array
+    marks: tuple[tuple[int, Array], ...]
+
+
+def adjusted_to_control(
+    model: SparseModel,
+    scene: Scene,
+    control: Control,
+    placed: dict[str, Placed],
+    fit: ControlFit,
+    resolution: int,
+) -> SparseModel:
+    """The model with its shape changed by the control points that fit, in its own frame.
+
+    Args:
+        scene: made of the model; its views are the model's images, in the same order.
+        placed, fit: its points and the similarity, from before.
+        resolution: longest side of the working photos, in whose pixels errors are counted.
+
+    Raises:
+        BadInput: the package for it is missing.
+    """
+    pyceres = _pyceres()
+    to_world = _similarity(fit, scene)
+    known = _known(model, scene, control, placed, fit)
+    with np.errstate(all="ignore"):
+        here = moved(model, to_world)
+        errors = projection_errors(here, resolution)
+    sound = np.isfinite(errors) & (errors < STRAY)
+    chosen = take_part(here, sound)
+    if not len(chosen) or len(known) < 3:
+        return model
+    sigma = max(_LEAST_SIGMA, 1.4826 * float(np.median(errors[chosen])))
+    larger, first = _with_points(here, known)
+    observations = np.concatenate([chosen, np.arange(first, len(larger.points.image_ids))])
+    bundle = Bundle(larger, resolution, observations)
+    _solve(bundle, known, sigma, pyceres)
+    found = _without_points(bundle.adjusted(), here)
+    result = moved(replaced_points(found, resolution), to_world.inverse())
+    after = projection_errors(result, resolution)[chosen]
+    log.info(
+        "georeference: bundle adjustment with %d control points and %d observations; median error %.2f, then %.2f px",
+        len(known), len(chosen), float(np.median(errors[chosen])), float(np.median(after)),
+    )  # fmt: skip
+    return result
+
+
+def _pyceres() -> Any:
+    try:
+        import pyceres
+    except ImportError as error:
+        raise BadInput(
+            f"Moving the cameras to control points needs the package pyceres, which is not installed; get it by "
+            f"{SURVEY}, or give --no-control-adjust."
+        ) from error
+    return pyceres
+
+
+def _similarity(fit: ControlFit, scene: Scene) -> pycolmap.Sim3d:
+    """Scene frame -> world less the offset of the fit."""
+    frame, scale = scene.to_normalised, float(np.cbrt(np.linalg.det(fit.matrix[:3, :3])))
+    turn = fit.matrix[:3, :3] / scale @ frame.rotation
+    place = fit.matrix[:3, :3] @ frame.translation + fit.matrix[:3, 3]
+    return pycolmap.Sim3d(scale * frame.scale, pycolmap.Rotation3d(turn), place)
+
+
+def _known(
+    model: SparseModel, scene: Scene, control: Control, placed: dict[str, Placed], fit: ControlFit
+) -> list[Known]:
+    """The control points that took part in the fit."""
+    used = {row.point.name for row in fit.rows if row.used}
+    found = []
+    for point in (p for p in control.points if p.role == CONTROL and p.name in used):
+        own, marks = placed[point.name], []
+        for mark, good in zip(own.marks, own.good, strict=True):
+            view, camera = scene.views[mark.view], model.cameras[model.images[mark.view].camera_id]
+            factor = np.array([camera.width / view.original_width, camera.height / view.original_height])
+            if good:
+                marks.append((mark.view, np.array(mark.pixel) * factor))
+        position = fit.matrix[:3, :3] @ own.position + fit.matrix[:3, 3]
+        target = np.array(point.position) - fit.offset
+        found.append(Known(target, point.accuracy, position, tuple(marks)))
+    return found
+
+
+def _with_points(model: SparseModel, known: Sequence[Known]) -> tuple[SparseModel, int]:
+    """The model with the control points as its last points, and where their observations begin."""
+    points, extra = model.points, {index: [] for index in range(len(model.images))}  # type: ignore[var-annotated]
+    image_ids, keypoint, counts = [], [], []
+    for item in known:
+        for index, pixel in item.marks:
+            image_ids.append(model.images[index].id)
+            keypoint.append(len(model.images[index].keypoints) + len(extra[index]))
+            extra[index].append(pixel)
+        counts.append(len(item.marks))
+    images = tuple(
+        replace(
+            image, keypoints=np.concatenate([image.keypoints, np.array(extra[i]).reshape(-1, 2)]),
+            point_ids=np.concatenate([image.point_ids, np.full(len(extra[i]), -1)]),
+        )
+        for i, image in enumerate(model.images)
+    )  # fmt: skip
+    count, begin = len(known), len(points.image_ids)
+    larger = replace(
+        points, ids=np.concatenate([points.ids, points.ids.max(initial=0) + 1 + np.arange(count)]),
+        xyz=np.concatenate([points.xyz, [item.position for item in known]]),
+        rgb=np.concatenate([points.rgb, np.zeros((count, 3), points.rgb.dtype)]),
+        errors=np.concatenate([points.errors, np.zeros(count)]),
+        start=np.concatenate([points.start, begin + np.cumsum(counts)]),
+        image_ids=np.concatenate([points.image_ids, np.array(image_ids, np.int64)]),
+        keypoint=np.concatenate([points.keypoint, np.array(keypoint, np.int64)]),
+    )  # fmt: skip
+    return replace(model, images=images, points=larger), begin
+
+
+def _without_points(model: SparseModel, before: SparseModel) -> SparseModel:
+    """Cameras, poses and points of an enlarged model on the one it was made of."""
+    images = tuple(
+        replace(image, quaternion=now.quaternion, translation=now.translation)
+        for image, now in zip(before.images, model.images, strict=True)
+    )
+    points = replace(before.points, xyz=model.points.xyz[: len(before.points.xyz)])
+    return replace(before, cameras=model.cameras, images=images, points=points)
+
+
+def _solve(bundle: Bundle, known: Sequence[Known], sigma: float, pyceres: Any) -> None:
+    """Adjust all images, focal lengths and points, the last points held near their known places.
+
+    Residuals are working pixels whose standard deviation is ``sigma``; those of coordinates are brought to the same.
+    """
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in bundle.reconstruction.images:
+        config.add_image(number)
+    adjuster = bundle.adjuster(config, max(_LEAST_LOSS, 2 * sigma))
+    problem, kept = adjuster.problem, []  # what is added is not Ceres' to keep
+    for number, item in zip(bundle.numbers[len(bundle.numbers) - len(known) :].tolist(), known, strict=True):
+        cost, loss = pyceres.factors.NormalPrior(item.target, np.diag((item.sd / sigma) ** 2)), pyceres.TrivialLoss()
+        place = bundle.reconstruction.point3D(number).xyz
+        problem.add_residual_block(cost, loss, [place])
+        kept.append((cost, loss, place))
+    adjuster.solve()
