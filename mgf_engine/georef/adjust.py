@@ -12,8 +12,8 @@ from mgf_engine.georef.control import read_control
 from mgf_engine.georef.doubts import check_points
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.triangulate import place_points
-from mgf_engine.masks.shape import up_direction
-from mgf_engine.scene.model import Scene
+from mgf_engine.masks.geometry.point_features import up_direction
+from mgf_engine.model.scene import Scene
 from mgf_engine.scene.sparse import SparseModel
 
 log = logging.getLogger("mgf")

@@ -22,10 +22,10 @@ from mgf_engine.georef.control import CONTROL, Control
 from mgf_engine.georef.crs import SURVEY
 from mgf_engine.georef.fit_control import ControlFit
 from mgf_engine.georef.triangulate import Placed
+from mgf_engine.model.scene import Scene
 from mgf_engine.scene.adjust import STRAY, take_part
 from mgf_engine.scene.adjust_worker import replaced_points
 from mgf_engine.scene.colmap_bundle import Bundle, moved, projection_errors
-from mgf_engine.scene.model import Scene
 from mgf_engine.scene.sparse import SparseModel
 
 Array = NDArray[np.float64]
