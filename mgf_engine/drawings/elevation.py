@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from mgf_engine.drawings.model import CREASE, DETAIL, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
-from mgf_engine.drawings.regions import NOTHING, Regions, find_regions
+from mgf_engine.drawings.regions import LOOSE, NOTHING, Regions, find_regions
 from mgf_engine.drawings.straighten import Stroke, join_ends, merge, straighten
 from mgf_engine.drawings.trace import Chain, trace
 from mgf_engine.mesh.planar import Planes
@@ -40,7 +40,7 @@ def classify(chain: Chain, regions: Regions, pixel: float) -> str | None:
     if chain.low == NOTHING:
         return OUTLINE
     length = float(np.linalg.norm(np.diff(chain.corners, axis=0), axis=1).sum()) * regions.grid.resolution
-    if chain.high == regions.loose:
+    if chain.high == LOOSE:
         return DETAIL if length > LEAST_LOOSE * pixel else None
     at = regions.grid.places(chain.corners)
     step = np.median(np.abs(regions.before(chain.low, at) - regions.before(chain.high, at)))

@@ -19,15 +19,16 @@ from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.drawings.project import Grid, Seen, plan_grid, see
 from mgf_engine.mesh.planar import Planes, planes_of
 
-FINE = 0.5  # of a photo's pixel: a pixel of the regions
-LONGEST = 4000  # pixels of a region map
+FINE = 0.5  # of a working pixel: a pixel of the regions
+LONGEST = 3000  # pixels of a region map
 NEAR = 2.5  # working pixels from a plane, within which what hangs together with it belongs to it
 PLANE = 500.0  # square working pixels of loose pixels that a further plane is put through
 STEEP = 4.0  # slope from which a plane is seen too much edge on
 TRIES, SAMPLE = 150, 3000
 LEAST, LEAST_HOLE = 120.0, 1600.0  # square working pixels; smaller regions and holes go to what is around
 SMOOTH = 2.0  # working pixels around a pixel that vote on its label
-NOTHING = 0
+REACH = 0.3  # of a plane's own box around it, in which it grows
+NOTHING, LOOSE = 0, 1 << 20
 
 
 @dataclass(frozen=True)
@@ -36,17 +37,13 @@ class Regions:
 
     Attributes:
         grid: where its pixels lie.
-        label: int32 [H, W]: 0 nothing, k + 1 the k-th plane, ``loose`` everything else.
+        label: int32 [H, W]: 0 nothing, k + 1 the k-th plane, :data:`LOOSE` everything else.
         slope: float64 [P, 3]: the k-th plane lies ``a x + b y + c`` before the drawing's plane.
     """
 
     grid: Grid
     label: NDArray[np.int32]
     slope: Array
-
-    @property
-    def loose(self) -> int:
-        return len(self.slope) + 1
 
     def before(self, label: int, at: Array) -> Array:
         """Distances of a plane's points at drawing coordinates [n, 2] before the drawing's plane, [n]."""
@@ -67,11 +64,11 @@ def survey_planes(survey: Survey) -> Planes:
 def find_regions(survey: Survey, planes: Planes, frame: Frame) -> Regions:
     """The regions that a frame shows."""
     pixel = survey.working_pixel
-    resolution = max(FINE * survey.pixel, float(frame.size.max()) / LONGEST)
+    resolution = max(FINE * pixel, float(frame.size.max()) / LONGEST)
     seen = see(survey, plan_grid(frame, resolution, survey.unit))
     slope = _slopes(planes, frame)
     plane = planes.label[np.maximum(seen.face, 0)]
-    label = np.where(seen.face < 0, NOTHING, np.where(plane >= 0, plane + 1, len(slope) + 1)).astype(np.int32)
+    label = np.where(seen.face < 0, NOTHING, np.where(plane >= 0, plane + 1, LOOSE)).astype(np.int32)
     regions = Regions(seen.grid, label, slope)
     square = (pixel / resolution) ** 2
     _grow(regions, seen, NEAR * pixel)
@@ -103,27 +100,35 @@ def _offsets(regions: Regions, seen: Seen, label: int, box: tuple[slice, slice])
 def _grow(regions: Regions, seen: Seen, near: float) -> None:
     """Planes take the loose pixels near them that hang together with them; the nearest plane wins."""
     label = regions.label
-    best = np.full(label.shape, near, np.float32)
-    taken = np.where(label == regions.loose, 0, label)
-    whole = slice(0, label.shape[0]), slice(0, label.shape[1])
-    for value in np.unique(taken[taken > 0]).tolist():
-        own = label == value
-        off = _offsets(regions, seen, value, whole)
-        fits = own | ((label == regions.loose) & (off < near))
+    best, taken = np.full(label.shape, near, np.float32), np.zeros(label.shape, np.int32)
+    loose = label == LOOSE
+    for index, own_box in enumerate(find_objects(np.where(loose, 0, label))):
+        if own_box is None:
+            continue
+        box = _wider(own_box, label.shape, REACH)
+        value, own = index + 1, label[box] == index + 1
+        off = _offsets(regions, seen, value, box)
+        fits = own | (loose[box] & (off < best[box]))
         _, part = cv2.connectedComponents(fits.astype(np.uint8), connectivity=4)
         touched = np.zeros(int(part.max()) + 1, bool)
         touched[part[own]] = True
         touched[0] = False
-        better = touched[part] & ~own & (off < best)
-        best[better], taken[better] = off[better], value
-    loose = label == regions.loose
-    label[loose & (taken > 0)] = taken[loose & (taken > 0)]
+        better = touched[part] & ~own
+        best[box][better], taken[box][better] = off[better], value
+    label[taken > 0] = taken[taken > 0]
+
+
+def _wider(box: tuple[slice, ...], shape: tuple[int, ...], share: float) -> tuple[slice, slice]:
+    """A box with so much of itself added on every side, as far as the image reaches."""
+    add = [int(share * (s.stop - s.start)) + 1 for s in box]
+    rows, columns = (slice(max(0, s.start - a), min(n, s.stop + a)) for s, n, a in zip(box, shape, add, strict=True))
+    return rows, columns
 
 
 def _further_planes(regions: Regions, seen: Seen, near: float, least: float) -> Regions:
     """Planes through large loose parts, one after the other."""
     rng, tried = np.random.default_rng(0), 0
-    for box, own in list(_parts(regions.label, regions.loose)):
+    for box, own in list(_parts(regions.label, LOOSE)):
         left = own.copy()
         while left.sum() >= least and tried < TRIES:
             tried += 1
@@ -131,13 +136,12 @@ def _further_planes(regions: Regions, seen: Seen, near: float, least: float) -> 
             if slope is None:
                 break
             grown = replace(regions, slope=np.concatenate([regions.slope, slope[None]]))
-            label = grown.loose - 1
+            label = len(grown.slope)
             fits = left & (_offsets(grown, seen, label, box) < near)
             _, part, stats, _ = cv2.connectedComponentsWithStats(fits.astype(np.uint8), connectivity=4)
             if len(stats) < 2 or stats[1:, cv2.CC_STAT_AREA].max() < least:
                 break
             largest = part == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-            regions.label[regions.label == regions.loose] = grown.loose
             regions.label[box][largest] = label
             regions, left = grown, left & ~largest
     return regions
@@ -179,13 +183,18 @@ def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, 
             yield box, part[box] == k
 
 
+def _boxes(label: NDArray[np.int32]) -> Iterator[tuple[int, tuple[slice, slice]]]:
+    """Each label of a map and the box around its pixels."""
+    values, dense = np.unique(label, return_inverse=True)
+    for value, box in zip(values.tolist(), find_objects(dense.reshape(label.shape) + 1), strict=True):
+        yield value, box
+
+
 def _merge_small(regions: Regions, least: float, hole: float) -> None:
     """Connected regions and holes of fewer pixels take the label of the nearest larger region."""
     label = regions.label
     small = np.zeros(label.shape, bool)
-    for value, box in enumerate(find_objects(label + 1)):
-        if box is None:
-            continue
+    for value, box in _boxes(label):
         own = (label[box] == value).astype(np.uint8)
         _, part, stats, _ = cv2.connectedComponentsWithStats(own, connectivity=4)
         drop = stats[:, cv2.CC_STAT_AREA] < (hole if value == NOTHING else least)
@@ -205,9 +214,7 @@ def _smooth(label: NDArray[np.int32], radius: int) -> None:
     """Each pixel takes the label that most pixels of the square around it have."""
     most, winner = np.zeros(label.shape, np.float32), label.copy()
     size = (2 * radius + 1, 2 * radius + 1)
-    for value, box in enumerate(find_objects(label + 1)):
-        if box is None:
-            continue
+    for value, box in _boxes(label):
         wide = tuple(
             slice(max(0, s.start - radius), min(n, s.stop + radius)) for s, n in zip(box, label.shape, strict=True)
         )
