@@ -186,8 +186,7 @@ def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, 
 def _boxes(label: NDArray[np.int32]) -> Iterator[tuple[int, tuple[slice, slice]]]:
     """Each label of a map and the box around its pixels."""
     values, dense = np.unique(label, return_inverse=True)
-    for value, box in zip(values.tolist(), find_objects(dense.reshape(label.shape) + 1), strict=True):
-        yield value, box
+    yield from zip(values.tolist(), find_objects(dense.reshape(label.shape) + 1), strict=True)
 
 
 def _merge_small(regions: Regions, least: float, hole: float) -> None:
