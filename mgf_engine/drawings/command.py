@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="cut at this height above the ground (z=1.2), or across a facade at this distance from its left end "
         "(A=3.5), in place of three sections through the middle; repeatable",
     )  # fmt: skip
+    parser.add_argument("--paper", choices=("A3", "A1"), default="A3", help="of the sheets (default A3)")
     styles = ("auto", "bar", "plain", "json", "none")
     parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
 
@@ -50,7 +51,7 @@ def drawings_command(args: argparse.Namespace) -> int:
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
     reporter = Reporter(make_sink(args.progress))
-    make_drawings(args.job, args.out, Wanted(points, resolution, args.section), reporter)
+    make_drawings(args.job, args.out, Wanted(points, resolution, args.section, args.paper), reporter)
     return EXIT_DONE
 
 

@@ -23,8 +23,17 @@ from mgf_engine.drawings.model import Facade, Frame, LineDrawing, Survey
 from mgf_engine.drawings.orthophoto import Visibility, paint
 from mgf_engine.drawings.parts import part_lines, part_shares
 from mgf_engine.drawings.project import Grid, Seen, plan_grid, round_resolution, see
+from mgf_engine.drawings.quantities import (
+    Row,
+    building_rows,
+    deviation_picture,
+    wall_deviation,
+    wall_rows,
+    write_csv,
+)
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.section import cut, section_frames
+from mgf_engine.drawings.sheets import write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.errors import BadInput
 from mgf_engine.job import locked
@@ -47,11 +56,13 @@ class Wanted:
         facades: three points of the scene frame for each facade; empty finds them.
         resolution: of rasters in the local unit per pixel; None takes the photos' own.
         sections: planes to cut at, as :func:`section_frames` reads them; empty takes three through the middle.
+        paper: of the sheets, A3 or A1.
     """
 
     facades: Sequence[Sequence[Sequence[float]]] = ()
     resolution: float | None = None
     sections: Sequence[str] = ()
+    paper: str = "A3"
 
 
 @dataclass
@@ -75,7 +86,7 @@ class Work:
     """What the parts of a run share.
 
     Attributes:
-        folder: where files go; files: name -> what is known about it, for ``drawings.json``.
+        folder: where files go; files: name -> what is known about it, for ``drawings.json``; rows: quantities.
     """
 
     survey: Survey
@@ -85,6 +96,7 @@ class Work:
     reporter: Reporter
     cost: Cost = field(default_factory=Cost)
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
+    rows: list[Row] = field(default_factory=list)
 
     def add(self, name: str, **facts: Any) -> Path:
         """The path of a file to write, on record with what is known about it."""
@@ -155,7 +167,51 @@ def _draw(work: Work) -> None:
             parts = part_lines(part_shares(survey, painting, visibility, seen), seen.grid)
             drawing = with_parts(draw_elevation(survey, planes, frame), parts)
             _write_lines(work, "roof" if frame.name == "plan" else f"elevation-{frame.name}", drawing, "elevation")
+        with work.cost.of("sheets"):
+            _write_sheets(work, drawing, image, seen.grid)
+        if k < len(work.facades):
+            with work.cost.of("quantities"):
+                deviation = wall_deviation(survey, work.facades[k], seen)
+                _write_deviation(work, deviation, seen.grid)
+                work.rows += wall_rows(survey, work.facades[k], deviation, parts)
+    with work.cost.of("quantities"):
+        work.rows += building_rows(survey, planes)
+        write_csv(work.add("quantities.csv", kind="quantities"), work.rows)
     _sections(work)
+    _write_page(work)
+
+
+def _write_sheets(work: Work, drawing: LineDrawing, image: NDArray[np.uint8], grid: Grid) -> None:
+    name = drawing.frame.name
+    for kind, photo in (("orthophoto", image), ("lines", None)):
+        shown = drawing if photo is None else LineDrawing(drawing.frame, [], [])
+        for ending in ("pdf", "svg"):
+            path = work.add(f"sheet-{kind}-{name}.{ending}", kind="sheet", frame=name, paper=work.wanted.paper)
+            title = f"{name.capitalize()}: {kind}"
+            scale = write_sheet(path, shown, photo, grid if photo is not None else None, title, work.wanted.paper)
+            work.files[path.name]["scale"] = scale
+
+
+def _write_deviation(work: Work, deviation: NDArray[np.float32], grid: Grid) -> None:
+    facts = {"kind": "deviation", "frame": grid.frame.name, "resolution": grid.resolution}
+    name = f"deviation-{grid.frame.name}"
+    write_geotiff(work.add(f"{name}.tif", **facts), deviation, grid, work.survey, {"KIND": "deviation"})
+    picture = cv2.cvtColor(deviation_picture(deviation), cv2.COLOR_RGBA2BGRA)
+    write_png(work.add(f"{name}.png", **facts), np.asarray(picture, np.uint8))
+
+
+def _write_page(work: Work) -> None:
+    """``drawings.html``: every picture on one page, with the quantities."""
+    from jinja2 import Environment, FileSystemLoader
+
+    groups: dict[str, list[str]] = {}
+    for name, facts in work.files.items():
+        groups.setdefault(str(facts.get("frame", "all")), []).append(name)
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True)
+    text = environment.get_template("page.html.j2").render(
+        groups=groups.items(), rows=work.rows, unit=work.survey.georeference.unit, crs=work.survey.georeference.crs
+    )
+    work.add("drawings.html", kind="page").write_text(text, encoding="utf-8")
 
 
 def _sections(work: Work) -> None:

@@ -25,6 +25,11 @@ def file_shift(frame: Frame, survey: Survey) -> Array:
     return np.array([0.0, height]) if abs(frame.normal[2]) < 1e-6 else np.zeros(2)
 
 
+def layer_name(layer: str) -> str:
+    """A layer as people read it."""
+    return layer.removeprefix(PART).replace("_", " ").lower()
+
+
 def write_dxf(path: Path, drawing: LineDrawing, survey: Survey) -> None:
     """DXF (R2010): polylines on layers by kind, areas hatched; the unit is the metre where it is known."""
     import ezdxf

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Quantities of a building: areas, window shares, heights, volume, and how plumb and even its walls are."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.model import Array, Facade, Line, Survey
+from mgf_engine.drawings.project import Seen
+from mgf_engine.drawings.vector_files import layer_name
+from mgf_engine.mesh.planar import Planes
+from mgf_engine.system import atomic_path
+
+BAND = 6.0  # working pixels from its plane within which a surface belongs to a wall
+FACING = 0.8  # cosine between the normals of a surface and of the wall that it may be part of
+ROOF = 10.0, 75.0  # degrees: tilts of roof planes
+Row = tuple[str, str, str, str]  # of what, quantity, value, unit
+
+
+def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], parts: Sequence[Line]) -> list[Row]:
+    """What is known about a facade.
+
+    Args:
+        deviation: of the wall from its plane in the local unit, NaN beside it, [H, W].
+    """
+    small = "mm" if survey.georeference.metric else "1/1000 units"
+    unit, wall = survey.unit, survey.areas[facade.wall].sum()
+    facing = (survey.normals @ facade.frame.normal > 0.7) & (np.abs(survey.normals[:, 2]) < 0.5)
+    all_walls = float(survey.areas[facing].sum())
+    known = deviation[np.isfinite(deviation)]
+    rows = [
+        (facade.name, "width", f"{facade.frame.size[0]:.3f}", unit),
+        (facade.name, "height", f"{facade.frame.size[1]:.3f}", unit),
+        (facade.name, "area of all walls facing it", f"{all_walls:.2f}", f"{unit}2"),
+        (facade.name, "area of its largest plane", f"{wall:.2f}", f"{unit}2"),
+        (facade.name, "tilt outwards", f"{1000 * np.tan(np.radians(facade.tilt)):.1f}", f"{small} per {unit}"),
+    ]
+    if len(known):
+        rows.append((facade.name, "deviation from the plane, RMS", f"{1000 * np.sqrt((known**2).mean()):.1f}", small))
+        low, high = (1000 * float(np.percentile(known, p)) for p in (1, 99))
+        rows.append((facade.name, "deviation, 1st percentile", f"{low:.1f}", small))
+        rows.append((facade.name, "deviation, 99th percentile", f"{high:.1f}", small))
+    for layer in sorted({line.layer for line in parts}):
+        area = sum(_ring_area(line.points) for line in parts if line.layer == layer)
+        name = layer_name(layer)
+        rows.append((facade.name, f"area of {name}", f"{area:.2f}", f"{unit}2"))
+        if all_walls > 0:
+            rows.append((facade.name, f"share of {name}", f"{100 * area / all_walls:.1f}", "%"))
+    return rows
+
+
+def building_rows(survey: Survey, planes: Planes) -> list[Row]:
+    """Heights over the lowest point, roof planes, and the volume where the mesh is closed."""
+    import trimesh
+
+    unit, z = survey.unit, survey.mesh.vertices[:, 2]
+    rows: list[Row] = [("building", "height of the highest point", f"{float(np.ptp(z)):.3f}", unit)]
+    eaves, ridges = [], []
+    for k, normal in enumerate(planes.normals):
+        tilt = float(np.degrees(np.arccos(np.clip(normal[2], -1, 1))))
+        faces = planes.label == k
+        if ROOF[0] < tilt < ROOF[1] and faces.any():
+            heights = z[survey.mesh.faces[faces]].ravel() - z.min()
+            low, high = float(np.percentile(heights, 2)), float(np.percentile(heights, 98))
+            area = float(survey.areas[faces].sum())
+            eaves.append((low, area))
+            ridges.append(high)
+            name = f"roof {len(ridges)}"
+            rows.append((name, "area", f"{area:.2f}", f"{unit}2"))
+            rows.append((name, "tilt", f"{tilt:.2f}", "degrees"))
+            rows.append((name, "lower edge", f"{low:.3f}", unit))
+            rows.append((name, "upper edge", f"{high:.3f}", unit))
+    if ridges:
+        largest = max(eaves, key=lambda pair: pair[1])[0]
+        rows.append(("building", "eaves of the largest roof plane over the ground", f"{largest:.3f}", unit))
+        rows.append(("building", "ridge over the ground", f"{max(ridges):.3f}", unit))
+    body = trimesh.Trimesh(survey.mesh.vertices - survey.mesh.vertices.mean(0), survey.mesh.faces, process=False)
+    if body.is_watertight:
+        rows.append(("building", "volume", f"{abs(float(body.volume)):.2f}", f"{unit}3"))
+    else:
+        rows.append(("building", "volume", "", "the mesh is open; mesh it with --close-bottom"))
+    return rows
+
+
+def wall_deviation(survey: Survey, facade: Facade, seen: Seen) -> NDArray[np.float32]:
+    """How far the wall stands before its own plane of least squares at each pixel, NaN beside the wall, [H, W]."""
+    weight, at = survey.areas[facade.wall], facade.frame.to_drawing(survey.centres[facade.wall])
+    terms = np.column_stack([at[:, :2], np.ones(len(at))]) * np.sqrt(weight)[:, None]
+    a, b, c = np.linalg.lstsq(terms, at[:, 2] * np.sqrt(weight), rcond=1e-9)[0]
+    grid = seen.grid
+    x = grid.left + (np.arange(grid.width) + 0.5) * grid.resolution
+    y = grid.top - (np.arange(grid.height) + 0.5) * grid.resolution
+    off = (seen.before - (a * x + c)[None] - (b * y)[:, None]) / np.sqrt(a * a + b * b + 1)
+    facing = (survey.normals @ facade.frame.normal > FACING)[seen.face] & (seen.face >= 0)
+    return np.where(facing & (np.abs(off) < BAND * survey.working_pixel), off, np.nan).astype(np.float32)
+
+
+def deviation_picture(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Blue behind the plane, white on it, red before it, RGBA [H, W, 4]; full colour at the 98th percentile."""
+    known = np.isfinite(deviation)
+    limit = max(float(np.percentile(np.abs(deviation[known]), 98)) if known.any() else 1.0, 1e-9)
+    share = np.clip(np.nan_to_num(deviation) / limit, -1, 1)[..., None]
+    white, red, blue = np.full(3, 245.0), np.array([190.0, 20, 40]), np.array([30.0, 70, 190])
+    color = np.where(share > 0, white + share * (red - white), white - share * (blue - white))
+    picture = np.zeros((*deviation.shape, 4), np.uint8)
+    picture[..., :3], picture[..., 3] = color.round(), 255 * known
+    picture[~known] = 0
+    for k, text in enumerate((f"red: {1000 * limit:.0f} mm before", f"blue: {1000 * limit:.0f} mm behind")):
+        cv2.putText(picture, text, (6, 16 + 16 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0, 255), 1, cv2.LINE_AA)
+    return picture
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> None:
+    """The rows with a heading."""
+    text = io.StringIO()
+    csv.writer(text).writerows([("of", "quantity", "value", "unit"), *rows])
+    with atomic_path(path) as temporary:
+        temporary.write_text(text.getvalue(), encoding="utf-8", newline="")
+
+
+def _ring_area(ring: Array) -> float:
+    x, y = (ring - ring[0]).T
+    return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Quantities, sheets and the page of a house of known size."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+
+from mgf_engine.drawings.sheets import choose_scale
+from mgf_engine.errors import BadInput
+
+
+@pytest.fixture
+def rows(drawings: Path) -> dict[tuple[str, str], str]:
+    """(of, quantity) -> value."""
+    with open(drawings / "quantities.csv", encoding="utf-8", newline="") as file:
+        return {(row["of"], row["quantity"]): row["value"] for row in csv.DictReader(file)}
+
+
+def test_sizes_areas_and_heights_are_those_of_the_house(rows: dict[tuple[str, str], str]) -> None:
+    assert float(rows["A", "width"]) == pytest.approx(4.0, abs=1e-3)
+    assert float(rows["A", "area of all walls facing it"]) == pytest.approx(8.0, rel=1e-3)
+    assert float(rows["B", "area of all walls facing it"]) == pytest.approx(3 * 2 + 1.8, rel=1e-3)
+    assert float(rows["building", "eaves of the largest roof plane over the ground"]) == pytest.approx(2.0, abs=0.01)
+    assert float(rows["building", "ridge over the ground"]) == pytest.approx(3.2, abs=0.01)
+    assert float(rows["roof 1", "tilt"]) == pytest.approx(np.degrees(np.arctan(1.2 / 1.5)), abs=0.05)
+    assert rows["building", "volume"] == ""  # the house has no floor
+
+
+def test_the_windows_share_is_right(rows: dict[tuple[str, str], str]) -> None:
+    assert float(rows["A", "share of window"]) == pytest.approx(100 * (0.7 * 0.8 + 0.9 * 0.8) / 8.0, abs=1.0)
+
+
+def test_an_even_wall_deviates_nowhere(drawings: Path, rows: dict[tuple[str, str], str]) -> None:
+    with rasterio.open(drawings / "deviation-A.tif") as file:
+        deviation = file.read(1)
+    assert np.isfinite(deviation).mean() > 0.5 and np.nanmax(np.abs(deviation)) < 1e-4
+    assert float(rows["A", "deviation from the plane, RMS"]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_sheets_and_page_are_there(drawings: Path, index: dict[str, Any]) -> None:
+    assert (drawings / "sheet-lines-A.pdf").read_bytes().startswith(b"%PDF")
+    assert index["files"]["sheet-lines-A.pdf"]["scale"] == choose_scale(np.array([4.0, 3.2]), "A3") == 20
+    page = (drawings / "drawings.html").read_text(encoding="utf-8")
+    assert all(name in page for name in index["files"] if name != "drawings.html")
+
+
+def test_what_fits_on_no_sheet_is_refused() -> None:
+    assert choose_scale(np.array([30.0, 12.0]), "A1") == 50
+    with pytest.raises(BadInput):
+        choose_scale(np.array([1e6, 1e6]), "A3")
