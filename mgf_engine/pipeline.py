@@ -155,19 +155,25 @@ def _prepare(job: Job, reporter: Reporter) -> None:
     cv2.setRNGSeed(job.config.seed)
 
 
-def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos:
+def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos | None:
     """Say what the stages to come will take, and set how much memory they may use.
+
+    Returns:
+        The photos; None where they cannot be looked at: whichever stage needs them says why.
 
     Raises:
         BadInput: they need more memory than the user allows.
     """
     from mgf_engine.model.photo_cache import PHOTOS, ROOM
 
-    photos = with_clicks(survey(job.source, job.folder), job.inputs.clicks)
-    if "masks" not in stages:
-        photos = _with_masks(job, photos)
     allow(budget_of(job.config.memory))
     PHOTOS.room = share(0.1, ROOM)
+    try:
+        photos = with_clicks(survey(job.source, job.folder), job.inputs.clicks)
+    except BadInput:
+        return None
+    if "masks" not in stages:
+        photos = _with_masks(job, photos)
     found = estimate(job.config, photos, stages)
     reporter.expect(found.seconds)
     seconds, memory = sum(found.seconds.values()), max(found.memory.values())
