@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tables that other programs write, places in photos, and the mesh in true coordinates read back to a millimetre."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+
+from georef.site import CRS, ORIGIN, write_photo
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.control import CHECK, CONTROL, read_control
+from mgf_engine.georef.export import write_georeferenced
+from mgf_engine.georef.gps import read_place
+from mgf_engine.georef.model import METRE, Georeference, read_georeference
+from mgf_engine.model.mesh import Mesh
+
+PHOTOS = ["DJI_0001.JPG", "DJI_0002.JPG"]
+
+
+def test_the_list_of_opendronemap_holds_points_marks_and_system(tmp_path):
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(
+        "WGS84 UTM 32N\n691230.5 5334870.25 519.1 100.5 200.5 DJI_0001.JPG north\n"
+        "691230.5 5334870.25 519.1 110 210 dji_0002.jpg north\n1 2 3 4 5 other.jpg\n"
+    )
+    control = read_control(path, None, PHOTOS)
+    assert control.crs == "WGS84 UTM 32N" and control.strangers == ("other.jpg",)
+    assert control.points[0].name == "north" and control.points[0].position == (691230.5, 5334870.25, 519.1)
+    assert [(m.view, m.pixel) for m in control.marks] == [(0, (100.5, 200.5)), (1, (110.0, 210.0))]
+
+
+def test_points_of_metashape_are_read(tmp_path):
+    points, marks = tmp_path / "points.csv", tmp_path / "marks.csv"
+    points.write_text(
+        "#CoordinateSystem: EPSG:25832\n#Label,X/Easting,Y/Northing,Z/Altitude,Accuracy_(m),Enabled\n"
+        "P1,1.5,2.5,3.5,0.02,1\nP2,4,5,6,0.02,0\n"
+    )
+    marks.write_text("DJI_0001.JPG P1 10 20\nDJI_0002.JPG P1 11 21\n")
+    control = read_control(points, marks, PHOTOS)
+    assert control.crs == "EPSG:25832"
+    assert [(p.name, p.role, p.sd[0]) for p in control.points] == [("P1", CONTROL, 0.02), ("P2", CHECK, 0.02)]
+    assert [(m.point, m.view, m.pixel) for m in control.marks] == [("P1", 0, (10, 20)), ("P1", 1, (11, 21))]
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [("", "no rows"), ("P1,1,2\n", "where a number belongs"), ("P1,1,2,3\nP1,1,2,3\n", "twice"), ("a\0b", "no text")],
+)
+def test_damaged_tables_are_refused(tmp_path, text, match):
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=match):
+        read_control(path, None, PHOTOS)
+
+
+def test_a_drone_tells_its_place_and_accuracy(tmp_path):
+    names = {
+        "RtkFlag": 50, "RtkStdLat": 0.012, "RtkStdLon": 0.014, "RtkStdHgt": 0.03, "AbsoluteAltitude": "+567.25",
+        "GimbalPitchDegree": -90, "GimbalRollDegree": 0,
+    }  # fmt: skip
+    inside = " ".join(f'drone-dji:{name}="{value}"' for name, value in names.items())
+    xmp = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        f'<rdf:Description xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {inside}/></rdf:RDF></x:xmpmeta>'
+    )
+    write_photo(tmp_path / "a.jpg", -33.85, -70.5, 12.0, xmp)
+    place = read_place(tmp_path / "a.jpg")
+    assert (place.latitude, place.longitude) == pytest.approx((-33.85, -70.5), abs=1e-7)
+    assert place.rtk and place.ellipsoidal and place.height == 567.25 and place.sd == (0.014, 0.03)
+    assert np.allclose(place.up, (0, 0, -1))
+    assert read_place(tmp_path / "none.jpg") is None
+
+
+def test_every_file_leads_back_to_utm_within_a_millimetre(tmp_path):
+    shape = trimesh.creation.box((8.0, 6.0, 5.0)).subdivide()
+    mesh = Mesh(np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int32), np.full((len(shape.vertices), 3), 99, np.uint8))  # noqa: E501  # fmt: skip
+    turn = trimesh.transformations.euler_matrix(1.2, 0.4, 0.7)
+    turn[:3, :3] *= 1.7
+    turn[:3, 3] = 3.0, -5.0, 519.0
+    offset = (ORIGIN[0], ORIGIN[1], 0.0)
+    placed = Georeference(turn, offset, CRS, METRE, True, True, "control")
+    folder = write_georeferenced(mesh, placed, tmp_path, None, obj=True, glb=True)
+    true = placed.world(mesh.vertices)
+    read = read_georeference(folder)
+    for name in ("mesh.ply", "mesh.obj", "mesh.glb"):
+        found = trimesh.load(folder / name, process=False, force="mesh").vertices
+        local = np.c_[found[:, 0], -found[:, 2], found[:, 1]] if name.endswith("glb") else found
+        assert np.abs(local + np.array(read.offset) - true).max() < 1e-3, name
+    assert "UTM" in (folder / "mesh.prj").read_text()
+    data = (folder / "mesh.glb").read_bytes()
+    head = json.loads(data[20 : 20 + struct.unpack("<I", data[12:16])[0]])
+    assert head["asset"]["extras"]["crs"] == CRS and head["asset"]["extras"]["offset"] == list(offset)
