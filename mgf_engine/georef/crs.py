@@ -33,8 +33,8 @@ def proj() -> Any:
         import pyproj
     except ImportError as error:
         raise BadInput(
-            f"Projected coordinates need the package pyproj, which is not installed; get it by {SURVEY}, or tick "
-            "Survey in Blender's Install Engine."
+            f"Projected coordinates need the package pyproj, which is not installed; get it by {SURVEY}, in "
+            "the engine's environment."
         ) from error
     return pyproj
 
