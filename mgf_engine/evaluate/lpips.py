@@ -10,9 +10,9 @@ torch for the CPU where its wheel is made for CUDA.
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass
 from pathlib import Path
+from pickle import UnpicklingError
 
 import numpy as np
 import torch
@@ -126,7 +126,7 @@ def read_lpips(network: str, trunk: Path, linear: Path) -> Lpips:
     try:
         loaded = [torch.load(path, map_location="cpu", weights_only=True) for path in (trunk, linear)]
         return Lpips(network, *loaded)
-    except (OSError, RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
+    except (OSError, RuntimeError, KeyError, TypeError, EOFError, UnpicklingError) as error:
         raise BadInput(
             f"'{trunk.name}' and '{linear.name}' do not work as the weights of {network} ({error}); fetch them again "
             f"with 'mgf weights --model {network}'."

@@ -83,7 +83,7 @@ def test_ctrl_c_reaches_the_job_and_not_its_process() -> None:
     """The signal goes to the whole group, as from a terminal; the process would end by it at once."""
     job = """
 import os, signal, sys, numpy as np
-from mgf_engine.mesh import delaunay
+from mgf_engine.geometry import delaunay
 
 asked, polls_left = [], [5]
 signal.signal(signal.SIGINT, lambda *_: asked.append(True))

@@ -16,7 +16,7 @@ from mgf_engine.native.buffers import Frame, lasting_array
 
 COLLECTED_INSIDE = """
 import gc
-from mgf_engine.raster import buffers
+from mgf_engine.native import buffers
 
 class Collecting:
     # Stands for the lock, and lets the garbage go while it is held, as any allocation there may
