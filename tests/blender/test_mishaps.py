@@ -68,6 +68,7 @@ def test_full_disk_for_what_only_helps(state, monkeypatch, tmp_path, house):
     assert Task([Step("x", [sys.executable, "-c", "print(5)"])], FULL, install.explain).run() == DONE
     monkeypatch.setattr(estimate, "_path", lambda: FULL)
     estimate.remember(2.0)
+    monkeypatch.setattr(estimate, "_path", lambda: tmp_path / "none.json")  # the full disk gives zeros without end
     assert estimate.speed() == 1.0
 
 
