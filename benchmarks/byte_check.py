@@ -21,7 +21,14 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Results compared, relative to the job folder: what a stage hands on and what the user gets.
-COMPARED = ("masks/labels/*.png", "masks/*.npz", "checkpoints/field.npz", "checkpoints/start.npz", "field.ply", "mesh.ply")
+COMPARED = (
+    "masks/labels/*.png",
+    "masks/*.npz",
+    "checkpoints/field.npz",
+    "checkpoints/start.npz",
+    "field.ply",
+    "mesh.ply",
+)
 PHOTOS = 14
 SMALL = ("seed=0", "threads=2", "device=cpu", "passes=6", "resolution=240")
 
