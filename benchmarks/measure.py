@@ -32,6 +32,7 @@ from mgf_engine.system import cores, cpu_name
 
 #: Thresholds in metres always reported; one ground pixel and its double are added.
 THRESHOLDS = (0.05, 0.10, 0.20)
+SAMPLES = 300_000  # points sampled on each mesh
 #: Whole-picture reconstructions are cut to the true mesh's box, grown by this much, metres.
 CROP_MARGIN = 0.5
 #: Nobody can see below the ground: what lies lower is left out of every mesh (``outside_crop`` says how much).
@@ -146,7 +147,8 @@ def measure(
         shelves: folder where runs leave first stages for each other; what a run takes from there is added to its cost.
     """
     row: dict[str, Any] = {"variant": run.variant, "scene": run.scene, "seed": run.seed, "group": run.group,
-                           "options": run.options, "masks": run.masks, "poses": run.poses, **origin()}  # fmt: skip
+                           "options": run.options, "masks": run.masks, "poses": run.poses, "samples": samples,
+                           **origin()}  # fmt: skip
     shutil.rmtree(job, ignore_errors=True)
     job.mkdir(parents=True)
     mesh, lent = job / "mesh.ply", Stages()

@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks.arguments import count, engine_options, results_folder
 from benchmarks.catalogue import with_present_names
-from benchmarks.measure import SCORED, Prepared, measure, prepare_scene
+from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
 from benchmarks.suites import SUITES, half_of, suite_runs
 from mgf_engine import __version__
 from mgf_engine.config import named_values
@@ -74,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
         "--external", action="append", default=[], metavar="NAME=COMMAND",
         help="another tool for suites peers, surfaces and pareto; {images}, {scene}, {work} and {mesh} are filled in",
     )  # fmt: skip
-    parser.add_argument("--samples", type=count, default=300_000, help="points sampled on each mesh")
+    parser.add_argument("--samples", type=count, default=SAMPLES, help="points sampled on each mesh")
     parser.add_argument("--label", default="", help="part of every run's key: measure the same again under a new label")
     parser.add_argument("--keep-jobs", action="store_true", help="keep the whole job folders, not only mesh and report")
     parser.add_argument("--before", type=Path, metavar="JSON",

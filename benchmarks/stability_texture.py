@@ -21,7 +21,7 @@ import numpy as np
 import trimesh
 
 from benchmarks.synthetic.house import house_mesh, ring_view
-from mgf_engine.memory import Watch
+from mgf_engine.memory import MemoryMonitor
 from mgf_engine.model.masks import BUILDING, MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, Similarity, View
@@ -90,7 +90,7 @@ def measure(photos: int, rounds: int, side: int, threads: int) -> dict[str, floa
         scene, masks, mesh = many_photos(Path(name), photos), striped_masks(photos), fine_house(rounds)
         before = cpu_seconds()
         opening = mock.patch.object(texture_pipeline, "original_photo", wraps=texture_pipeline.original_photo)
-        with opening as opened, Watch() as memory:
+        with opening as opened, MemoryMonitor() as memory:
             texture = make_texture(mesh, scene, masks, side, print)
     assert texture.image.shape[2] == 3 and texture.image.std() > 0
     return {

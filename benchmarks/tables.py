@@ -12,11 +12,11 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from benchmarks.measure import SAMPLES, THRESHOLDS
 from mgf_engine.errors import BadInput
 from mgf_engine.system import atomic_path
 
 Row = dict[str, Any]
-THRESHOLDS = (0.05, 0.1, 0.2)  # metres
 COLUMNS = (
     "setting", "seeds", "F1 at 5 / 10 / 20 cm", "accuracy / completeness at 5 cm", "PSNR", "SSIM", "LPIPS", "Gaussians",
     "CPU s", "MB",
@@ -73,7 +73,9 @@ def _origin(suite: str, done: list[Row]) -> str:
     given = " ".join(f"--set {name}={value}" for name, value in same.items() if name != "preset")
     scenes = " ".join(dict.fromkeys(Path(row["scene"]).name for row in done))
     seeds = len({row["seed"] for row in done})
-    command = " ".join(f"mgf bench {suite} --scenes {scenes} {f'--seeds {seeds}' if seeds > 1 else ''} {given}".split())
+    repeated = f"--seeds {seeds}" if seeds > 1 else ""
+    sampled = " ".join(f"--samples {n}" for n in sorted({row.get("samples", SAMPLES) for row in done} - {SAMPLES}))
+    command = " ".join(f"mgf bench {suite} --scenes {scenes} {repeated} {given} {sampled}".split())
     return f"`{command} --write docs/results.md`: {measured}. Means over the seeds, ± half their spread."
 
 

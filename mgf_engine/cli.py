@@ -316,11 +316,11 @@ def _options_command(args: argparse.Namespace) -> int:
 
 def _estimate_command(args: argparse.Namespace) -> int:
     from mgf_engine.config import make_config
-    from mgf_engine.estimate import as_data, as_table, estimate, survey, with_clicks
+    from mgf_engine.estimate import as_data, as_table, estimate, inspect_photos, with_clicks
     from mgf_engine.masks.prompts import PromptsFile
     from mgf_engine.memory import budget_of
 
-    config, photos = make_config(_given_options(args)), survey(args.scene, args.out)
+    config, photos = make_config(_given_options(args)), inspect_photos(args.scene, args.out)
     photos = with_clicks(photos, PromptsFile.read(args.prompts) if args.prompts else None)
     found, budget = estimate(config, photos), budget_of(config.memory)
     data = as_data(found, config, photos, budget)

@@ -65,7 +65,7 @@ class Estimate:
         return max(self.memory, key=lambda stage: self.memory[stage])
 
 
-def survey(source: Path, exclude: Path | None = None) -> Photos:
+def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
     """Look at a scene's folder without reading a photo.
 
     Args:

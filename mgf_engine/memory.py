@@ -75,7 +75,7 @@ def share(part: float, most: int) -> int:
     return int(min(most, part * allowed()))
 
 
-class Watch:
+class MemoryMonitor:
     """The most memory that this process and its workers take together inside a ``with`` block; bytes in ``peak``.
 
     On Linux the system's own figure for this process counts, too, so that no short peak is missed.
@@ -86,7 +86,7 @@ class Watch:
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._follow, name="mgf-memory", daemon=True)
 
-    def __enter__(self) -> Watch:
+    def __enter__(self) -> MemoryMonitor:
         self._exact = _forget_peak()
         self._thread.start()
         return self

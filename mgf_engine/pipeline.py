@@ -15,9 +15,9 @@ import numpy as np
 
 from mgf_engine import __version__
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import Photos, estimate, learn, shortage, survey, with_clicks
+from mgf_engine.estimate import Photos, estimate, inspect_photos, learn, shortage, with_clicks
 from mgf_engine.job import Job
-from mgf_engine.memory import GB, Watch, allow, allowed, budget_of, share
+from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
 from mgf_engine.messages import STAGES, Reporter
 from mgf_engine.system import cores, cpu_seconds
 from mgf_engine.terminal import duration
@@ -169,7 +169,7 @@ def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos | Non
     allow(budget_of(job.config.memory))
     PHOTOS.room = share(0.1, ROOM)
     try:
-        photos = with_clicks(survey(job.source, job.folder), job.inputs.clicks)
+        photos = with_clicks(inspect_photos(job.source, job.folder), job.inputs.clicks)
     except BadInput:
         return None
     if "masks" not in stages:
@@ -226,7 +226,7 @@ def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
     log.info("stage %s begins", name)
     started, cpu_before = time.perf_counter(), cpu_seconds()
     reporter.warnings.clear()
-    with Watch() as memory:
+    with MemoryMonitor() as memory:
         figures = _RUNNERS[name](job, reporter)
     seconds, cpu = time.perf_counter() - started, cpu_seconds() - cpu_before
     if job.config.memory and memory.peak > allowed():

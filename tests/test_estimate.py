@@ -17,7 +17,17 @@ from mgf_engine import memory
 from mgf_engine.cli import main
 from mgf_engine.config import make_config
 from mgf_engine.costs import COSTS, amount
-from mgf_engine.estimate import Photos, estimate, known_speed, learn, quantities, remedy, shortage, survey, with_clicks
+from mgf_engine.estimate import (
+    Photos,
+    estimate,
+    inspect_photos,
+    known_speed,
+    learn,
+    quantities,
+    remedy,
+    shortage,
+    with_clicks,
+)
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
 from mgf_engine.messages import STAGES, Reporter
@@ -48,9 +58,9 @@ def _nothing_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_photos_of_a_scene_are_counted_without_reading_them(house: House, tmp_path: Path) -> None:
-    assert survey(house.folder) == Photos(14, (240, 180))
+    assert inspect_photos(house.folder) == Photos(14, (240, 180))
     shutil.copytree(house.folder / "images", tmp_path / "photos")
-    assert survey(tmp_path / "photos") == Photos(14, (240, 180), placed=False)
+    assert inspect_photos(tmp_path / "photos") == Photos(14, (240, 180), placed=False)
 
 
 @pytest.mark.parametrize(("photos", "shares", "given", "stages", "cpu", "gigabytes"), MEASURED)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mgf_engine import memory
-from mgf_engine.memory import GB, Watch, allow, allowed, budget_of, free_memory, share
+from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, free_memory, share
 from mgf_engine.subprocesses import worker
 from mgf_engine.system import total_memory
 
@@ -44,12 +44,12 @@ def test_the_limit_of_a_container_counts(tmp_path: Path, limit: str, left: list[
 
 
 def test_the_watch_sees_a_short_peak_and_starts_anew() -> None:
-    with Watch() as before:
+    with MemoryMonitor() as before:
         pass
-    with Watch() as large:
+    with MemoryMonitor() as large:
         np.ones(200 << 20, np.uint8)
         time.sleep(0 if sys.platform.startswith("linux") else 1.2)
-    with Watch() as after:
+    with MemoryMonitor() as after:
         pass
     assert large.peak > before.peak + (150 << 20)
     assert after.peak < large.peak - (100 << 20) or not sys.platform.startswith("linux")
@@ -58,9 +58,9 @@ def test_the_watch_sees_a_short_peak_and_starts_anew() -> None:
 def test_the_watch_counts_the_workers() -> None:
     hold = "import sys; big = b'x' * (300 << 20); sys.stdout.write('.'); sys.stdout.flush(); sys.stdin.read()"
     pipe = subprocess.PIPE
-    with Watch() as alone:
+    with MemoryMonitor() as alone:
         pass
-    with Watch() as together, worker([sys.executable, "-c", hold], stdin=pipe, stdout=pipe) as process:
+    with MemoryMonitor() as together, worker([sys.executable, "-c", hold], stdin=pipe, stdout=pipe) as process:
         assert process.stdout and process.stdin
         process.stdout.read(1)
         time.sleep(3 * memory._SAMPLE_SECONDS)

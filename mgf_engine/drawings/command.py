@@ -47,11 +47,11 @@ def drawings_command(args: argparse.Namespace) -> int:
     require_packages()
     points = [read_points(text) for text in args.facade]
     resolution = None if args.resolution is None else read_length("--resolution", args.resolution, "MM") / 1000
-    from mgf_engine.drawings.make import Wanted, make_drawings
+    from mgf_engine.drawings.make import DrawingOptions, make_drawings
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
     reporter = Reporter(make_sink(args.progress))
-    make_drawings(args.job, args.out, Wanted(points, resolution, args.section, args.paper), reporter)
+    make_drawings(args.job, args.out, DrawingOptions(points, resolution, args.section, args.paper), reporter)
     return EXIT_DONE
 
 

@@ -49,7 +49,7 @@ _CHOSEN, _PAINTED = 0.3, 0.8  # shares of the work
 
 
 @dataclass(frozen=True)
-class Wanted:
+class DrawingOptions:
     """What ``mgf drawings`` was asked for.
 
     Attributes:
@@ -91,7 +91,7 @@ class Work:
 
     survey: Survey
     facades: list[Facade]
-    wanted: Wanted
+    wanted: DrawingOptions
     folder: Path
     reporter: Reporter
     cost: Cost = field(default_factory=Cost)
@@ -104,7 +104,7 @@ class Work:
         return self.folder / name
 
 
-def make_drawings(job: Path, out: Path | None, wanted: Wanted, reporter: Reporter) -> Path:
+def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter: Reporter) -> Path:
     """Draw everything; returns the folder.
 
     Raises:
@@ -129,7 +129,7 @@ def make_drawings(job: Path, out: Path | None, wanted: Wanted, reporter: Reporte
     return folder
 
 
-def _facades(survey: Survey, wanted: Wanted) -> list[Facade]:
+def _facades(survey: Survey, wanted: DrawingOptions) -> list[Facade]:
     if not wanted.facades:
         return find_facades(survey)
     points = [np.array(three, np.float64) for three in wanted.facades]

@@ -25,7 +25,7 @@ from mgf_engine.evaluate.story import placing
 from mgf_engine.evaluate.surfaces import Surface
 from mgf_engine.export.stage import render_view
 from mgf_engine.geometry.rasterize import shaded
-from mgf_engine.georef.find import Survey
+from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.report import survey_figures, survey_html
 from mgf_engine.job import Job
 from mgf_engine.masks.segmenters.notice import used
@@ -51,7 +51,7 @@ def report_job(
     field: Gaussians,
     mesh: Mesh,
     texture: Callable[[], Texture | None],
-    survey: Survey,
+    survey: GeoreferenceFit,
     reporter: Reporter,
 ) -> dict[str, Any]:
     """Measure and write ``report.html`` and ``report.json``; returns the headline figures.

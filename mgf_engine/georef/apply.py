@@ -9,7 +9,7 @@ from typing import Any
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.mesh_files import IMAGE, read_texture
 from mgf_engine.georef.export import write_georeferenced
-from mgf_engine.georef.find import Survey, find_georeference
+from mgf_engine.georef.find import GeoreferenceFit, find_georeference
 from mgf_engine.georef.model import write_georeference
 from mgf_engine.georef.report import replace_section, survey_figures, survey_html
 from mgf_engine.job import Job
@@ -20,20 +20,20 @@ from mgf_engine.runs import MANIFEST, current_run
 from mgf_engine.system import write_json
 
 
-def survey_job(job: Job, scene: Scene, reporter: Reporter) -> Survey:
+def survey_job(job: Job, scene: Scene, reporter: Reporter) -> GeoreferenceFit:
     """Find a job's georeference and write its ``georef.json``."""
     survey = find_georeference(scene, job.config, reporter.warning)
     write_georeference(survey.georeference, job.folder)
     return survey
 
 
-def write_models(job: Job, mesh: Mesh, survey: Survey, texture: Texture | None) -> None:
+def write_models(job: Job, mesh: Mesh, survey: GeoreferenceFit, texture: Texture | None) -> None:
     """Write the job's mesh (scene frame) in true coordinates."""
     config = job.config
     write_georeferenced(mesh, survey.georeference, job.folder, texture, config.export_obj, config.export_glb)
 
 
-def apply_to_finished(job: Job, reporter: Reporter) -> Survey:
+def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     """Find the georeference of a finished job anew, by its present options; nothing else of it changes.
 
     Raises:
@@ -65,7 +65,7 @@ def apply_to_finished(job: Job, reporter: Reporter) -> Survey:
     return survey
 
 
-def plain(survey: Survey) -> dict[str, Any]:
+def plain(survey: GeoreferenceFit) -> dict[str, Any]:
     """The figures of a survey with null for what is not finite, as JSON has no such numbers."""
     from mgf_engine.evaluate.report import plain_data
 

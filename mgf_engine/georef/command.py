@@ -13,7 +13,7 @@ from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.georef.apply import apply_to_finished
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
-from mgf_engine.georef.find import Survey
+from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.model import FILE
 from mgf_engine.georef.report import facts
 from mgf_engine.job import Job
@@ -54,7 +54,7 @@ def _open(folder: Path, given: dict[str, Any]) -> tuple[Job, bool]:
     return Job.start(folder, given={**given, "control_adjust": False}, resume=True), True
 
 
-def _print(survey: Survey) -> None:
+def _print(survey: GeoreferenceFit) -> None:
     for label, text in facts(survey):
         print(f"{label}: {text}")
     for role in (CONTROL, CHECK):

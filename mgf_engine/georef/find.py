@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
@@ -33,7 +34,7 @@ _UPRIGHT = np.radians(0.5)
 
 
 @dataclass(frozen=True)
-class Survey:
+class GeoreferenceFit:
     """A georeference and what it was found from.
 
     Attributes:
@@ -55,7 +56,7 @@ class Survey:
     notes: tuple[str, ...] = ()
 
 
-def find_georeference(scene: Scene, config: Config, warn: Callable[[str], None]) -> Survey:
+def find_georeference(scene: Scene, config: Config, warn: Callable[[str], None]) -> GeoreferenceFit:
     """Find out where a scene is.
 
     Args:
@@ -123,7 +124,7 @@ def _by_control(
     failed: dict[str, str],
     projection: Projection | None,
     up: Upward,
-) -> Survey:
+) -> GeoreferenceFit:
     fit = fit_control(scene, control.points, placed, failed, up.direction.source)
     accuracy = {}
     for role in (CONTROL, CHECK):
@@ -135,7 +136,7 @@ def _by_control(
         _to_local(fit.matrix, scene.to_normalised), _three(fit.offset), None if projection is None else projection.name,
         METRE, True, True, "control", heights, _origin(projection, fit.offset), accuracy,
     )  # fmt: skip
-    return Survey(found, up, fit, placed)
+    return GeoreferenceFit(found, up, fit, placed)
 
 
 def _without_control(
@@ -145,12 +146,12 @@ def _without_control(
     projection: Projection | None,
     up: Upward,
     warn: Callable[[str], None],
-) -> Survey:
+) -> GeoreferenceFit:
     reason = ""
     if len(known):
         fit, offset = _by_gps(scene, places, known, projection, up)
         if isinstance(fit, GpsFit):
-            return _gps_survey(scene, places, fit, offset, projection, up)
+            return _gps_fit(scene, places, fit, offset, projection, up)
         reason = fit
         if len(known) >= FEWEST:
             warn(
@@ -160,7 +161,7 @@ def _without_control(
     if projection is not None:
         why = reason or "the photos have no GPS"
         raise BadInput(f"Nothing tells where the building is ({why}); {projection.name} needs GPS or control points.")
-    return Survey(_upright(scene, up), up)
+    return GeoreferenceFit(_upright(scene, up), up)
 
 
 def _by_gps(
@@ -184,9 +185,9 @@ def _by_gps(
     return fit_gps(centres, targets, [p for p in places if p is not None], up.direction), offset
 
 
-def _gps_survey(
+def _gps_fit(
     scene: Scene, places: list[Place | None], fit: GpsFit, offset: Array, projection: Projection | None, up: Upward
-) -> Survey:
+) -> GeoreferenceFit:
     views = tuple(i for i, p in enumerate(places) if p is not None)
     mostly = np.mean([p.ellipsoidal for p in places if p is not None]) > 0.5
     told = "ellipsoidal (WGS 84)" if mostly else "as the photos' GPS has them, mostly above sea level"
@@ -203,14 +204,14 @@ def _gps_survey(
     found = Georeference(
         _to_local(fit.matrix, scene.to_normalised), shift, crs, METRE, True, True, "gps", told, origin, accuracy
     )
-    return Survey(found, up, gps=fit, gps_views=views, notes=notes)
+    return GeoreferenceFit(found, up, gps=fit, gps_views=views, notes=notes)
 
 
 def _upright(scene: Scene, up: Upward, scale: float | None = None) -> Georeference:
     """Only up is known, and the scale where it is given (metres per unit of the normalised frame)."""
     frame = scene.to_normalised
     direction = frame.rotation.T @ up.direction.source  # in the scene frame
-    turn = rotation_to_z(direction)
+    turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], direction[None])[0].as_matrix()  # the smallest such rotation
     if direction[2] > np.cos(_UPRIGHT):
         turn = np.eye(3)
     unit, factor = (SCENE_UNITS, 1.0) if scale is None else (METRE, scale * frame.scale)
@@ -221,7 +222,7 @@ def _upright(scene: Scene, up: Upward, scale: float | None = None) -> Georeferen
     )
 
 
-def _with_bars(scene: Scene, survey: Survey, path: Path, placed: dict[str, Placed]) -> Survey:
+def _with_bars(scene: Scene, survey: GeoreferenceFit, path: Path, placed: dict[str, Placed]) -> GeoreferenceFit:
     """With scale bars: they give the scale where only GPS or nothing does, and check it where control points do."""
     bars, now = read_bars(path), survey.georeference
     if survey.control is not None:
@@ -246,15 +247,6 @@ def _to_local(matrix: Array, to_normalised: Similarity) -> Array:
     found = matrix @ frame
     found[3] = (0, 0, 0, 1)
     return np.asarray(found)
-
-
-def rotation_to_z(up: Array) -> Array:
-    """The smallest rotation [3, 3] that takes the unit vector ``up`` to +z (Rodrigues)."""
-    axis, cosine = np.cross(up, (0.0, 0.0, 1.0)), float(up[2])
-    if cosine < -1 + 1e-9:
-        return np.diag([1.0, -1.0, -1.0])
-    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.asarray(np.eye(3) + k + k @ k / (1 + cosine))
 
 
 def _origin(projection: Projection | None, offset: Array) -> tuple[float, float, float] | None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.georef.control import CHECK, CONTROL
-from mgf_engine.georef.find import Survey
+from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.fit_control import ControlRow
 from mgf_engine.model.scene import Scene
 from mgf_engine.system import atomic_path
@@ -25,7 +25,7 @@ _HOW = {
 _UP = {"walls": "vertical edges of the building", "tags": "the photos' gravity tags", "cameras": "level cameras"}
 
 
-def survey_html(survey: Survey, scene: Scene) -> str:
+def survey_html(survey: GeoreferenceFit, scene: Scene) -> str:
     """The section of the report, between two marks by which a later one finds and replaces it."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -40,7 +40,7 @@ def survey_html(survey: Survey, scene: Scene) -> str:
     return f"{BEGIN}\n{text}\n{END}"
 
 
-def survey_figures(survey: Survey) -> dict[str, Any]:
+def survey_figures(survey: GeoreferenceFit) -> dict[str, Any]:
     """The same for ``report.json``: plain data, metres and pixels."""
     now = survey.georeference
     points = [] if survey.control is None else [_figures_of(row) for row in survey.control.rows]
@@ -65,7 +65,7 @@ def replace_section(page: Path, html: str) -> None:
         temporary.write_text(text[:first] + html + text[last + len(END) :], encoding="utf-8")
 
 
-def facts(survey: Survey) -> list[tuple[str, str]]:
+def facts(survey: GeoreferenceFit) -> list[tuple[str, str]]:
     """Label and text of what is known."""
     now = survey.georeference
     rows = [("found by", _HOW[now.method]), ("coordinates", now.crs or f"local frame, {now.unit}")]
@@ -92,7 +92,7 @@ def facts(survey: Survey) -> list[tuple[str, str]]:
     return rows
 
 
-def _point_rows(survey: Survey) -> list[dict[str, Any]]:
+def _point_rows(survey: GeoreferenceFit) -> list[dict[str, Any]]:
     if survey.control is None:
         return []
     rows = []
@@ -126,7 +126,7 @@ def _figures_of(row: ControlRow) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _picture(survey: Survey, scene: Scene) -> str:
+def _picture(survey: GeoreferenceFit, scene: Scene) -> str:
     """Plan with cameras, points and residuals as arrows, and the residuals in height; empty where there are none."""
     if survey.control is None and survey.gps is None:
         return ""

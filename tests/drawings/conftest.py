@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from mgf_engine.drawings.make import Wanted, make_drawings
+from mgf_engine.drawings.make import DrawingOptions, make_drawings
 from mgf_engine.messages import Reporter
 from tests.drawings.job_of_house import FinishedJob, finish_job
 
@@ -23,7 +23,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> FinishedJob:
 @pytest.fixture(scope="session")
 def drawings(finished: FinishedJob) -> Path:
     """The folder that ``mgf drawings`` made of it."""
-    return make_drawings(finished.folder, None, Wanted(), Reporter())
+    return make_drawings(finished.folder, None, DrawingOptions(), Reporter())
 
 
 @pytest.fixture(scope="session")

@@ -164,8 +164,7 @@ class _Work:
     def _misses(self, doubt: Doubt) -> bool:
         """Whether a click on the building lies outside of its photo's mask."""
         labels, uv = self.labels[doubt.view], self.original[doubt.view].positive[doubt.row]
-        column, row = np.clip(np.floor(uv).astype(int), 0, (labels.shape[1] - 1, labels.shape[0] - 1))
-        return bool(labels[row, column] == BACKGROUND)
+        return bool((labels[pixel_at(labels.shape, uv[None])] == BACKGROUND).all())
 
     def _missed_text(self, index: int, doubts: list[Doubt]) -> str:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
