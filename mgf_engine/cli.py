@@ -8,6 +8,7 @@ import contextlib
 import json
 import logging
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -22,6 +23,7 @@ from mgf_engine.config import SECTIONS, Config, option_pairs, options_schema, re
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.failures import explain
 from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.option_list import default_text, options_text
 from mgf_engine.terminal import drop_output, make_sink, prepare_streams
 
 _STAGE_HELP = {
@@ -87,55 +89,51 @@ def _bench_command(args: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="mgf", description="Photos of a building in, a mesh of the building out.")
+    parser = argparse.ArgumentParser(prog="mgf", description="Reconstruct a clean mesh of a building from photos.")
     parser.add_argument("--version", action="version", version=f"mgf {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_job_command(commands, "reconstruct", "run every stage: photos in, mesh and report out")
+    _add_job_command(commands, "reconstruct", "run all stages: from photos to mesh and report")
     for stage, help in _STAGE_HELP.items():
         _add_job_command(commands, stage, f"run the stages up to this one: {help}")
     guess = commands.add_parser(
-        "estimate", help="say what a job will take: time and memory per stage", argument_default=argparse.SUPPRESS
+        "estimate", help="estimate time and memory of a job, per stage", argument_default=argparse.SUPPRESS
     )
     _add_inputs(guess)
-    guess.add_argument(
-        "--out", type=_path, default=None, metavar="JOB", help="passed over: its stages count as not done"
-    )
-    guess.add_argument("--json", action="store_true", default=False, help="as data for other programs")
+    guess.add_argument("--out", type=_path, default=None, metavar="JOB", help="ignored; all stages count as not done")
+    guess.add_argument("--json", action="store_true", default=False, help="print JSON")
     _add_options(guess)
     doctor = commands.add_parser("doctor", help="show versions, kernel variant, device and memory")
     doctor.add_argument(
-        "--card", action="store_true", help="check this machine's card against the CPU, in a minute; auto takes it then"
+        "--card", action="store_true", help="compare the card with the CPU, in a minute; auto then uses it"
     )
-    doctor.add_argument("--weights", type=_path, metavar="FOLDER", help="folder with the EfficientSAM weights")
-    options = commands.add_parser("options", help="list every option with its default and meaning")
-    options.add_argument("--json", action="store_true", help="as data for other programs")
-    weights = commands.add_parser("weights", help="download the weights of EfficientSAM or LPIPS and check them")
+    doctor.add_argument("--weights", type=_path, metavar="FOLDER", help="folder of the EfficientSAM weights")
+    options = commands.add_parser("options", help="list all options with default and meaning")
+    options.add_argument("--json", action="store_true", help="print JSON")
+    weights = commands.add_parser("weights", help="download and verify the weights of EfficientSAM or LPIPS")
     weights.add_argument("--model", choices=("vitt", "vits", "lpips-alex", "lpips-vgg"),
-                         help="EfficientSAM by its size (default vitt), or the network of LPIPS")  # fmt: skip
-    weights.add_argument("--folder", type=_path, help="where to put them (default: the user's cache folder)")
-    weights.add_argument(
-        "--from", dest="source", type=_path, metavar="FOLDER", help="take the files from this folder, without network"
-    )
+                         help="EfficientSAM by size (default vitt), or the LPIPS network")  # fmt: skip
+    weights.add_argument("--folder", type=_path, help="target folder (default: the user's cache folder)")
+    weights.add_argument("--from", dest="source", type=_path, metavar="FOLDER", help="copy the files from this folder")
     evaluate = commands.add_parser(
-        "evaluate", help="compare a mesh with a true mesh, or measure how even its walls are"
+        "evaluate", help="compare a mesh with a true mesh, or measure the evenness of its walls"
     )
     _add_evaluate_arguments(evaluate)
     drawings = commands.add_parser(
-        "drawings", help="draw a finished job: facade orthophotos, plans, elevations, sections, quantities"
+        "drawings", help="make drawings of a finished job: facade orthophotos, plans, elevations, sections, quantities"
     )
     _add_drawings_arguments(drawings)
-    preview = commands.add_parser("preview", help="the mask of one photo from its own clicks, within seconds")
+    preview = commands.add_parser("preview", help="make the mask of one photo from its own clicks")
     _add_preview_arguments(preview)
-    clean = commands.add_parser("clean", help="list the results of a job's earlier runs, or remove them")
+    clean = commands.add_parser("clean", help="list or remove the results of earlier runs of a job")
     clean.add_argument("job", type=_path, metavar="JOB", help="job folder")
-    clean.add_argument("runs", nargs="*", type=int, metavar="RUN", help="remove these")
-    clean.add_argument("--old", action="store_true", help="remove all but the present result")
+    clean.add_argument("runs", nargs="*", type=int, metavar="RUN", help="numbers of the runs to remove")
+    clean.add_argument("--old", action="store_true", help="remove all runs except the current one")
     georef = commands.add_parser(
-        "georef", help="true coordinates for a finished job: GPS, control points, scale bars",
+        "georef", help="georeference a finished job by GPS, control points or scale bars",
         argument_default=argparse.SUPPRESS,
     )  # fmt: skip
     _add_georef_arguments(georef)
-    commands.add_parser("bench", help="run a suite of measurements; 'mgf bench --help' tells more", add_help=False)
+    commands.add_parser("bench", help="run a benchmark suite; see 'mgf bench --help'", add_help=False)
     return parser
 
 
@@ -164,34 +162,35 @@ def _add_georef_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=_path, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("scene", type=_path, help="COLMAP project, or folder of photos")
     parser.add_argument("--prompts", type=_path, required=True, metavar="FILE", help="clicks on the building (JSON)")
-    parser.add_argument("--image", required=True, metavar="NAME", help="the photo, named as in the prompts")
-    parser.add_argument("--out", type=_path, required=True, metavar="MASK.png", help="255 building, 0 anything else")
+    parser.add_argument("--image", required=True, metavar="NAME", help="name of the photo, as in the prompts file")
+    parser.add_argument("--out", type=_path, required=True, metavar="MASK.png", help="255 building, 0 everything else")
     parser.add_argument("--resolution", default=1000, metavar="PX", help="longest side of the mask (default 1000)")
     parser.add_argument("--segmenter", default="auto", help="auto, random_walker or efficientsam (default auto)")
-    parser.add_argument("--weights", default="", metavar="FOLDER", help="folder with the EfficientSAM weights")
+    parser.add_argument("--weights", default="", metavar="FOLDER", help="folder of the EfficientSAM weights")
 
 
 def _add_job_command(commands: Any, name: str, help: str) -> None:
-    parser = commands.add_parser(name, help=help, description=help, argument_default=argparse.SUPPRESS)
+    parser = commands.add_parser(
+        name, help=help, description=help[:1].upper() + help[1:] + ".", argument_default=argparse.SUPPRESS,
+        usage=f"mgf {name} [SCENE] --out JOB [--prompts FILE | --masks FOLDER] [OPTION ...]",
+    )  # fmt: skip
     _add_inputs(parser, "?")
     parser.add_argument("--out", type=_path, required=True, metavar="JOB", help="job folder")
     parser.add_argument("--resume", action="store_true", default=False, help="continue the job in the folder")
     styles = ("auto", "bar", "plain", "json", "none")
-    parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
-    parser.add_argument(
-        "--cancel-on-eof", action="store_true", default=False, help="stop (resumable) when standard input closes"
-    )
+    parser.add_argument("--progress", choices=styles, default="auto", help="style of messages (default auto)")
+    parser.add_argument("--cancel-on-eof", action="store_true", default=False, help="cancel when standard input closes")
     _add_options(parser)
 
 
 def _add_inputs(parser: argparse.ArgumentParser, scenes: str | None = None) -> None:
-    parser.add_argument("scene", nargs=scenes, type=_path, default=None, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("scene", nargs=scenes, type=_path, default=None, help="COLMAP project, or folder of photos")
     parser.add_argument("--prompts", type=_path, default=None, metavar="FILE", help="clicks on the building (JSON)")
-    parser.add_argument("--masks", type=_path, default=None, metavar="FOLDER", help="use these masks (PNG per photo)")
-    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set any option by name")
+    parser.add_argument("--masks", type=_path, default=None, metavar="FOLDER", help="masks instead of clicks (PNGs)")
+    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="read options from a JSON file")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set an option; repeatable")
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
@@ -203,7 +202,8 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_option(group: Any, spec: Any) -> None:
     flag, meta = "--" + spec.name.replace("_", "-"), spec.metadata
-    help = f"{meta['help']} (default {spec.default}{' ' + meta['unit'] if meta['unit'] else ''})".replace("%", "%%")
+    default = "" if spec.default == "" else f" (default {default_text(spec.default, meta['unit'])})"
+    help = f"{meta['help']}{default}".replace("%", "%%")
     if isinstance(spec.default, bool):
         group.add_argument(flag, action=argparse.BooleanOptionalAction, help=help)
     else:
@@ -307,10 +307,7 @@ def _options_command(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(schema, indent=1, ensure_ascii=False))
         return EXIT_DONE
-    for section in schema["sections"]:
-        print(f"\n{section}")
-        for entry in (o for o in schema["options"] if o["section"] == section):
-            print(f"  {entry['name']:<20} {entry['default']!s:<10} {entry['help']}")
+    print(options_text(schema, shutil.get_terminal_size((100, 24)).columns))
     return EXIT_DONE
 
 

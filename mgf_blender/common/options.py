@@ -131,7 +131,7 @@ def _choice_help(name: str, choice: str) -> str:
 
 def _annotation(option: dict[str, Any]) -> Any:
     """The ``bpy.props`` definition of one option."""
-    unit = f", in {option['unit']}" if option["unit"] else ""
+    unit = f" ({option['unit']})" if option["unit"] else ""
     default = default_of(option["name"], OPTIONS["preset"]["default"])
     common = {"name": title(option["name"]), "description": _in_titles(option["help"]) + unit, "default": default}
     limits = {k: option[v] for k, v in (("min", "low"), ("max", "high")) if option[v] is not None}
@@ -145,8 +145,7 @@ def _annotation(option: dict[str, Any]) -> Any:
         return bpy.props.IntProperty(**common, **{k: int(v) for k, v in limits.items()})
     if option["type"] == "float":
         return bpy.props.FloatProperty(**common, **limits, precision=3)
-    subtype = "DIR_PATH" if "folder" in option["help"].lower() else "NONE"
-    subtype = "FILE_PATH" if option["help"].startswith("File ") else subtype
+    subtype = {"file": "FILE_PATH", "folder": "DIR_PATH"}.get(option["path"], "NONE")
     return bpy.props.StringProperty(**common, subtype=subtype)
 
 

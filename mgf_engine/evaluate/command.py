@@ -17,28 +17,30 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of ``mgf evaluate``."""
-    parser.add_argument("mesh", type=Path, help="the mesh to judge (PLY, OBJ, GLB)")
+    """Add the arguments of ``mgf evaluate``."""
+    parser.add_argument("mesh", type=Path, help="mesh to evaluate (PLY, OBJ or GLB)")
     parser.add_argument(
         "--truth", type=Path,
-        help="the true mesh, in the same coordinates; with NAME_materials.json and .npy beside it, scores by material",
+        help="true mesh in the same coordinates; NAME_materials.json and .npy beside it add scores by material",
     )  # fmt: skip
-    parser.add_argument("--thresholds", type=float, nargs="+", default=[0.05], help="distances that count as right")
-    parser.add_argument("--samples", type=int, default=1_000_000, help="points sampled on each mesh")
+    parser.add_argument(
+        "--thresholds", type=float, nargs="+", default=[0.05], help="distance thresholds (default 0.05)"
+    )
+    parser.add_argument("--samples", type=int, default=1_000_000, help="points sampled on each mesh (default 1000000)")
     parser.add_argument(
         "--scene", type=Path,
-        help="COLMAP scene: true points that no camera saw are left out, and evenness is measured in its pixels",
+        help="COLMAP project: excludes true points that no camera sees, and gives evenness in pixels",
     )  # fmt: skip
     parser.add_argument(
         "--photo-size",
         type=int,
         default=750,
-        help="longest side of the photos that evenness is measured in the pixels of",
+        help="longest side of the photos whose pixels are the unit of evenness (default 750)",
     )
-    parser.add_argument("--leave-out", type=Path, help="mesh of a part of the truth that is not judged, on either side")
-    parser.add_argument("--align", choices=("none", "rigid", "similarity"), default="none", help="register first (ICP)")
-    parser.add_argument("--picture", type=Path, help="draw both meshes coloured by distance into this file (z is up)")
-    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    parser.add_argument("--leave-out", type=Path, help="mesh of a part of the truth to exclude from the scores")
+    parser.add_argument("--align", choices=("none", "rigid", "similarity"), default="none", help="align first (ICP)")
+    parser.add_argument("--picture", type=Path, help="write a picture of both meshes coloured by distance (z is up)")
+    parser.add_argument("--json", type=Path, help="also write the scores to this JSON file")
 
 
 def evaluate_command(args: argparse.Namespace) -> int:
