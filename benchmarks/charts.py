@@ -20,9 +20,11 @@ from matplotlib.ticker import LogFormatter, ScalarFormatter
 from benchmarks.measure import SCORED
 from benchmarks.page import write_html
 from benchmarks.surface_charts import surface_figures, surface_tables
+from mgf_engine.stages import STAGE_NAMES
 
 Row = dict[str, Any]
-STAGE_COLORS = {"scene": "#4c78a8", "masks": "#f58518", "field": "#54a24b", "mesh": "#b279a2", "deliver": "#9d9da1"}
+_COLORS = ("#4c78a8", "#f58518", "#54a24b", "#b279a2", "#9d9da1", "#e45756", "#72b7b2", "#eeca3b")
+STAGE_COLORS = dict(zip(STAGE_NAMES, itertools.cycle(_COLORS), strict=False))
 #: Where a group's names stand beside its points (points right and up, alignment), in turn: groups often meet.
 _SIDES = ((4, -11, "left"), (4, 4, "left"), (-5, 4, "right"))
 

@@ -14,16 +14,19 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from dataclasses import fields
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 from mgf_engine.config import Config, as_dict, make_config
-from mgf_engine.job import OUTPUTS
+from mgf_engine.stages import STAGES
 from mgf_engine.system import write_json
 
 Stages = dict[str, dict[str, Any]]
 #: Stages that are kept; the mesh and the report are what a suite measures.
-KEPT = ("scene", "masks", "field")
+_FIRST = tuple(takewhile(lambda stage: stage.name != "mesh", STAGES))
+KEPT = tuple(stage.name for stage in _FIRST)
+_LATE = {section for stage in STAGES if stage not in _FIRST for section in stage.sections}
 
 
 def lend(shelf: Path, job: Path) -> Stages:
@@ -43,7 +46,7 @@ def shelf_of(
 ) -> Path:
     """Where runs leave their stages that agree in these and in all ``options`` but those of the mesh and later."""
     config = as_dict(make_config(dict(options or {})))
-    late = {f.name for f in fields(Config) if f.metadata["section"] in ("mesh", "deliver")} | {"preset"}
+    late = {f.name for f in fields(Config) if f.metadata["section"] in _LATE} | {"preset"}
     kept = {name: value for name, value in sorted(config.items()) if name not in late}
     key = hashlib.sha256(json.dumps(kept).encode()).hexdigest()[:10]
     return shelves / f"{scene.name}-{poses}-{masks}" / f"seed{seed}-{key}"
@@ -57,7 +60,7 @@ def keep(job: Path, shelf: Path) -> None:
     with tempfile.TemporaryDirectory(dir=shelf.parent, prefix=".part-") as name:
         part = Path(name) / "job"
         part.mkdir()
-        for output in (output for stage in KEPT for output in OUTPUTS[stage]):
+        for output in (output for stage in _FIRST for output in stage.written):
             source = job / output
             if source.is_dir():
                 shutil.copytree(source, part / output)

@@ -19,21 +19,13 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine import __version__
-from mgf_engine.config import SECTIONS, Config, option_pairs, options_schema, read_config, renamed_values
+from mgf_engine.config import Config, option_pairs, options_schema, read_config, renamed_values
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.failures import explain
-from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.messages import Reporter
 from mgf_engine.option_list import default_text, options_text
+from mgf_engine.stages import SECTIONS, STAGE_NAMES, STAGES
 from mgf_engine.terminal import drop_output, make_sink, prepare_streams
-
-_STAGE_HELP = {
-    "scene": "read cameras and photos, undistort and resize them",
-    "masks": "find the building in every photo",
-    "field": "train the masked Gaussian field",
-    "mesh": "extract the mesh from the field",
-    "deliver": "render novel views and write the report",
-}
-
 
 #: For numpy and torch, which read it when they are loaded: the engine's own threads take every core, and threads of
 #: libraries that wait for work by spinning take them away again (half of the time of the masks).
@@ -65,7 +57,7 @@ def _run(args: list[str]) -> int:
     if args[:1] == ["bench"]:
         return _bench_command(args[1:])
     parsed = _parser().parse_args(args)
-    if parsed.command in ("reconstruct", *STAGES):
+    if parsed.command in ("reconstruct", *STAGE_NAMES):
         return _job_command(parsed)
     return int(_OTHER_COMMANDS[parsed.command](parsed))
 
@@ -93,8 +85,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"mgf {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_job_command(commands, "reconstruct", "run all stages: from photos to mesh and report")
-    for stage, help in _STAGE_HELP.items():
-        _add_job_command(commands, stage, f"run the stages up to this one: {help}")
+    for stage in STAGES:
+        _add_job_command(commands, stage.name, f"run the stages up to this one: {stage.help}")
     guess = commands.add_parser(
         "estimate", help="estimate time and memory of a job, per stage", argument_default=argparse.SUPPRESS
     )
@@ -236,7 +228,7 @@ def _job_command(args: argparse.Namespace) -> int:
                 reporter.warning(text)
             from mgf_engine.pipeline import run_job
 
-            run_job(job, reporter, until="deliver" if args.command == "reconstruct" else args.command)
+            run_job(job, reporter, until=STAGE_NAMES[-1] if args.command == "reconstruct" else args.command)
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
         return _fail(reporter, error, log_path)
@@ -245,7 +237,7 @@ def _job_command(args: argparse.Namespace) -> int:
 def _open_job(args: argparse.Namespace) -> Any:
     from mgf_engine.job import Job
 
-    resume = args.resume or args.command in STAGES
+    resume = args.resume or args.command in STAGE_NAMES
     return Job.start(args.out, args.scene, args.prompts, args.masks, _given_options(args), resume)
 
 

@@ -16,8 +16,8 @@ from typing import Any
 
 from mgf_engine.costs import COSTS
 from mgf_engine.errors import BadInput
+from mgf_engine.stages import SECTIONS, STAGES
 
-SECTIONS = ("run", "scene", "masks", "field", "mesh", "deliver", "georef")
 #: Fewer photos are trained on for as long as so many, and more are too. The surface is best after some tens of passes
 #: over the photos; then the field goes on to explain what mirrors, and digs dents behind panes.
 RUN_LENGTH = {"fewest": 20, "most": 60}
@@ -285,7 +285,8 @@ def options_schema() -> dict[str, Any]:
         {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in fields(Config)
     ]
     return {
-        "sections": list(SECTIONS), "presets": PRESETS, "preset_help": PRESET_HELP, "run_length": RUN_LENGTH, "costs": COSTS,
+        "sections": SECTIONS, "stages": {stage.name: stage.progress for stage in STAGES},
+        "presets": PRESETS, "preset_help": PRESET_HELP, "run_length": RUN_LENGTH, "costs": COSTS,
         "options": entries,
     }  # fmt: skip
 

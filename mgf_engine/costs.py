@@ -2,7 +2,8 @@
 """What the stages of a job cost, as data: CPU seconds and bytes, from photos, pixels, iterations and Gaussians.
 
 ``mgf estimate`` and the start of a job read the table here, the panel in Blender reads the same from ``mgf options``.
-It was fitted to finished jobs (docs/scale.md has measured and estimated figures side by side).
+The numbers of each stage stand with the stage (:mod:`mgf_engine.stages`). They were fitted
+to finished jobs (docs/scale.md has measured and estimated figures side by side).
 
 A term is the product of the quantities in its name ("" for none) times its number:
 
@@ -26,6 +27,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from mgf_engine.stages import STAGES
+
 Terms = dict[str, float]
 
 #: Per stage ``cpu`` (seconds on one core of the machine that was measured), ``serial`` (the share of them that one
@@ -34,42 +37,13 @@ Terms = dict[str, float]
 #: ``pairs``: of each photo where not all are matched. ``speed``: limits of what is learned of a machine. ``threads``:
 #: more bring nothing.
 COSTS: dict[str, Any] = {
-    "stages": {
-        "scene": {
-            "cpu": {"": 0.6, "photos taken": 0.035, "photos pixels": 0.03, "unplaced": 1.0, "pairs": 0.05},
-            "serial": 0.3,
-            "bytes": {"": 0.40e9, "photos pixels": 3e6, "taken": 15e6},
-        },
-        "masks": {
-            "cpu": {"photos": 0.22, "photos pixels": 1.1},
-            "serial": 0.15,
-            "bytes": {"": 0.55e9, "photos pixels": 11e6},
-        },
-        "field": {
-            "cpu": {
-                "": 1.0, "surface": 10.5, "photos pixels": 0.1,
-                "passes": 0.004, "passes gaussians": 0.028, "passes pixels": 0.13,
-            },
-            "serial": 0.15,
-            "bytes": {"": 0.45e9, "surface": 0.26e9, "photos pixels": 4e6, "gaussians": 0.1e9},
-        },
-        "mesh": {
-            "cpu": {"": 1.5, "building": 11.5, "gaussians": 15.0},
-            "serial": 0.15,
-            "bytes": {"": 0.45e9, "building": 0.24e9, "gaussians": 0.35e9},
-        },
-        "deliver": {
-            "cpu": {"": 2.0, "photos": 0.06, "photos pixels": 0.3, "photos taken": 0.008},
-            "serial": 0.3,
-            "bytes": {"": 0.40e9, "building": 0.15e9, "texture": 25e6, "taken": 25e6},
-        },
-    },
+    "stages": {stage.name: stage.cost for stage in STAGES},
     "building": 0.4,
     "gaussians": {"grown": 0.9, "untrained": 0.5, "per_pixel": 0.012},
     "pairs": 25,
     "speed": [0.05, 20.0],
     "threads": 16,
-}  # fmt: skip
+}
 
 
 def amount(terms: Terms, quantities: dict[str, float]) -> float:

@@ -22,9 +22,9 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks.filled import filled_share
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
-from mgf_engine.messages import STAGES
 from mgf_engine.scene.colmap import FEWEST, find_model, find_photos, list_photos, photo_names
 from mgf_engine.scene.images import read_info
+from mgf_engine.stages import STAGE_NAMES
 from mgf_engine.system import cores, user_cache, write_json
 from mgf_engine.terminal import duration
 
@@ -122,7 +122,9 @@ def quantities(config: Config, photos: Photos) -> dict[str, float]:
     }  # fmt: skip
 
 
-def estimate(config: Config, photos: Photos, stages: Sequence[str] = STAGES, speed: float | None = None) -> Estimate:
+def estimate(
+    config: Config, photos: Photos, stages: Sequence[str] = STAGE_NAMES, speed: float | None = None
+) -> Estimate:
     """What the stages of a job with these options take.
 
     Args:
@@ -132,7 +134,7 @@ def estimate(config: Config, photos: Photos, stages: Sequence[str] = STAGES, spe
     return Estimate({s: factor * seconds_of(s, asked) for s in stages}, {s: bytes_of(s, asked) for s in stages})
 
 
-def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGES) -> str:
+def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
     """The least change of options with which a job stays below a budget, as flags; empty where none of those does."""
     for changes in _changes(config, photos):
         if max(estimate(replace(config, **changes), photos, stages, 1.0).memory.values()) <= budget:
@@ -152,7 +154,7 @@ def _changes(config: Config, photos: Photos) -> Iterator[dict[str, Any]]:
     yield from ({"max_photos": number, "resolution": side} for side in sides for number in fewer)
 
 
-def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGES) -> str:
+def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
     """One sentence where a job needs more than a budget; empty where it fits."""
     found = estimate(config, photos, stages, 1.0)
     needed = found.memory[found.largest]

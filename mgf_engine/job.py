@@ -12,12 +12,12 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from filelock import FileLock, Timeout
 
@@ -26,50 +26,17 @@ from mgf_engine.config import Config, as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.inputs import Inputs, read_inputs
 from mgf_engine.masks.prompts import clicked_names
-from mgf_engine.messages import STAGES
 from mgf_engine.runs import delivered
+from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, Stage, stage_named
 from mgf_engine.system import atomic_path, sweep, write_json
 
 FORMAT = 1
 #: The clicks that the masks in the folder are made from.
 CLICKS = "prompts.json"
-#: What the last stage writes where an option asks for it.
-ON_REQUEST: dict[str, tuple[str, ...]] = {
-    "texture": ("texture.jpg", "mesh_texture.npz"),
-    "export_obj": ("mesh.obj",),
-    "export_glb": ("mesh.glb",),
-}
-#: Files and folders each stage writes; removed before the stage runs anew.
-OUTPUTS: dict[str, tuple[str, ...]] = {
-    "scene": ("scene",),
-    "masks": ("masks",),
-    "field": ("checkpoints", "field.ply"),
-    "mesh": ("mesh.ply", "mesh_parts.npz"),
-    "deliver": (
-        *("renders", "report", "deliver.json", "report.json", "report.html", "mesh.mtl", "georef.json"),
-        "georeferenced",
-        *(name for names in ON_REQUEST.values() for name in names),
-    ),
-}
-#: What shows that a stage's results are there: the file it writes last, or what people take from it.
-RESULTS: dict[str, tuple[str, ...]] = {
-    "scene": ("scene/scene.npz",),
-    "masks": ("masks/scores.json",),
-    "field": ("checkpoints/field.npz",),
-    "mesh": ("mesh.ply",),
-    "deliver": ("deliver.json", "report.json", "report.html"),
-}
 #: Options that name a small file, which counts by its content.
 TABLES = ("control", "marks", "scale_bars")
-_GEOREF = tuple(f.name for f in fields(Config) if f.metadata["section"] == "georef")
-_TAKEN = ("mesh", "deliver")  # the others' results are for later stages
-#: Options outside a stage's own section that decide its result.
-_EXTRA_OPTIONS = {
-    "masks": ("multilevel_loss", "boundary_loss"),
-    "field": ("seed", "device"),
-    "mesh": ("device",),
-    "deliver": ("device", *(name for name in _GEOREF if name not in TABLES)),
-}
+#: Options that name files: their content decides, not their place.
+_BY_CONTENT = ("weights", *TABLES)
 
 
 class Job:
@@ -187,7 +154,7 @@ class Job:
         result: dict[str, str] = {}
         before = f"format {FORMAT}"
         for stage in STAGES:
-            before = result[stage] = _hash([before, self._options_of(stage), self._inputs_of(stage)])
+            before = result[stage.name] = _hash([before, self._options_of(stage), self._inputs_of(stage)])
         return result
 
     def done(self, stage: str) -> bool:
@@ -200,20 +167,20 @@ class Job:
         Needed is what was asked for, what people take from the folder, and what a stage that has to run reads; the
         rest may be deleted.
         """
-        keys, lost, runs = self.keys, set[str](), False
-        for stage in reversed(STAGES[: STAGES.index(until) + 1]):
-            done = self.stages.get(stage, {}).get("key") == keys[stage]
-            needed = runs or stage == until or stage in _TAKEN
-            there = all(self.path(name).exists() for name in self._results(stage))
-            if done and needed and not (there and (stage != "deliver" or delivered(self.folder))):
-                lost.add(stage)
-            runs = runs or stage in lost or not done
+        lost, read = set[str](), {until}
+        for stage in reversed(STAGES[: STAGE_NAMES.index(until) + 1]):
+            done, name = self.done(stage.name), stage.name
+            if done and (stage.taken or name in read) and not self._complete(stage):
+                lost.add(name)
+            if name in lost or not done:
+                read.update(stage.reads)
         return lost
 
-    def _results(self, stage: str) -> list[str]:
-        """Files that show that the stage's results are there, those among them that an option asked for."""
-        wanted = [files for option, files in ON_REQUEST.items() if getattr(self.config, option)]
-        return [*RESULTS[stage], *(name for files in wanted if stage == "deliver" for name in files)]
+    def _complete(self, stage: Stage) -> bool:
+        """Whether the stage's results are there, with those that an option asked for."""
+        wanted = [files for option, files in stage.on_request.items() if getattr(self.config, option)]
+        files = [*stage.proofs, *(name for names in wanted for name in names)]
+        return all(self.path(name).exists() for name in files) and (MANIFEST not in files or delivered(self.folder))
 
     def forget(self, stage: str) -> None:
         """Have the stage run again at the next occasion."""
@@ -231,7 +198,7 @@ class Job:
         key, started = keys[stage], self.path(".started-" + stage)
         same = started.exists() and started.read_bytes() == key.encode()
         if not same:
-            for name in OUTPUTS[stage]:
+            for name in stage_named(stage).written:
                 _remove(self.path(name))
             started.write_text(key)
         return key
@@ -270,28 +237,37 @@ class Job:
             },
         )
 
-    def _options_of(self, stage: str) -> dict[str, Any]:
-        names = [f.name for f in fields(Config) if f.metadata["section"] == stage and f.name != "weights"]
-        options = {name: getattr(self.config, name) for name in [*names, *_EXTRA_OPTIONS.get(stage, ())]}
-        if stage == "scene" and not self._leaves_photos_out():
+    def _options_of(self, stage: Stage) -> dict[str, Any]:
+        names = [f.name for f in fields(Config) if f.metadata["section"] in stage.sections]
+        options = {n: getattr(self.config, n) for n in (*names, *stage.options) if n not in _BY_CONTENT}
+        if stage.inputs == "photos" and not self._leaves_photos_out():
             options["max_photos"] = 0
         return options
 
     def _leaves_photos_out(self) -> bool:
         return 0 < self.config.max_photos < self.inputs.photos
 
-    def _inputs_of(self, stage: str) -> Any:
-        if stage == "scene":
-            # Photos with clicks are used also where others are left out.
-            found = [self.inputs.scene, clicked_names(self.inputs.clicks) if self._leaves_photos_out() else None]
-            return [*found, self.inputs.tables] if self.adjusts_to_control else found
-        if stage == "masks":
-            if not self.config.use_masks:
-                return None
-            if self.inputs.masks is not None:  # they win over clicks
-                return self.inputs.masks
-            return self.inputs.clicks and self.inputs.clicks.digest()
-        return self.inputs.tables or None if stage == "deliver" else None
+    def _inputs_of(self, stage: Stage) -> Any:
+        return self._READERS[stage.inputs](self) if stage.inputs else None
+
+    def _photos(self) -> list[Any]:
+        # Photos with clicks are used also where others are left out.
+        found = [self.inputs.scene, clicked_names(self.inputs.clicks) if self._leaves_photos_out() else None]
+        return [*found, self.inputs.tables] if self.adjusts_to_control else found
+
+    def _outlines(self) -> Any:
+        if not self.config.use_masks:
+            return None
+        if self.inputs.masks is not None:  # they win over clicks
+            return self.inputs.masks
+        return self.inputs.clicks and self.inputs.clicks.digest()
+
+    def _survey(self) -> dict[str, str] | None:
+        return self.inputs.tables or None
+
+    _READERS: ClassVar[dict[str, Callable[[Job], Any]]] = {
+        "photos": _photos, "outlines": _outlines, "survey": _survey,
+    }  # fmt: skip
 
     @property
     def adjusts_to_control(self) -> bool:
@@ -328,7 +304,7 @@ def _check_stages(stages: dict[str, Any]) -> None:
     """Every stage's record as :meth:`Job.finish` writes it; TypeError or KeyError where it is not."""
     for name, entry in stages.items():
         kinds = {"key": str, "seconds": int | float, "peak_memory": int, "figures": dict, "warnings": list}
-        if name not in STAGES or not all(isinstance(entry[key], kind) for key, kind in kinds.items()):
+        if name not in STAGE_NAMES or not all(isinstance(entry[key], kind) for key, kind in kinds.items()):
             raise TypeError(f"stage {name}")
 
 

@@ -31,12 +31,12 @@ from collections.abc import Callable
 from typing import Any
 
 from mgf_engine.errors import Cancelled
+from mgf_engine.stages import STAGE_NAMES, STAGES
 from mgf_engine.system import json_text
 
 SCHEMA_VERSION = 1
-STAGES = ("scene", "masks", "field", "mesh", "deliver")
 #: Rough share of a whole job each stage takes, to draw one overall bar where there is no estimate.
-STAGE_SHARE = {"scene": 0.03, "masks": 0.07, "field": 0.75, "mesh": 0.12, "deliver": 0.03}
+STAGE_SHARE = {stage.name: stage.share for stage in STAGES}
 
 _TELLING = 5.0  # seconds: shorter stages say nothing of the machine
 _PACES = (0.3, 3.0)
@@ -63,7 +63,7 @@ class Reporter:
     def __init__(self, *sinks: Sink, min_interval: float = 0.2) -> None:
         self.sinks = list(sinks)
         self.stage_name = ""
-        self.stages: tuple[str, ...] = STAGES
+        self.stages: tuple[str, ...] = STAGE_NAMES
         self.warnings: list[str] = []
         self.expected: dict[str, float] = {}
         self._min_interval = min_interval

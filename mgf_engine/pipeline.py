@@ -6,10 +6,7 @@ from __future__ import annotations
 import logging
 import random
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,25 +15,17 @@ from mgf_engine.errors import BadInput
 from mgf_engine.estimate import Photos, estimate, inspect_photos, learn, shortage, with_clicks
 from mgf_engine.job import Job
 from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
-from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.messages import Reporter
+from mgf_engine.stages import STAGE_NAMES, outputs, stage_named
 from mgf_engine.system import cores, cpu_seconds
 from mgf_engine.terminal import duration
 
-if TYPE_CHECKING:
-    from mgf_engine.model.gaussians import Gaussians
-    from mgf_engine.model.masks import MaskSet
-    from mgf_engine.model.mesh import Mesh
-    from mgf_engine.model.scene import Scene
-
 log = logging.getLogger("mgf")
-#: Mean confidence of a mesh below which its F1 is about half of what the scene allows (docs/stability.md).
-DOUBTFUL = 0.5
 #: Seconds: what shorter jobs took is mostly their start.
 TELLING = 30.0
-Figures = dict[str, Any]
 
 
-def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
+def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     """Run the stages up to and including ``until``, using those that are done already.
 
     Raises:
@@ -44,7 +33,7 @@ def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
     """
     import os
 
-    stages = STAGES[: STAGES.index(until) + 1]
+    stages = STAGE_NAMES[: STAGE_NAMES.index(until) + 1]
     reporter.stages = stages
     reporter.send("started", job=str(job.folder), pid=os.getpid(), version=__version__, stages=list(stages))
     _prepare(job, reporter)
@@ -58,7 +47,7 @@ def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
             _run_stage(job, name, reporter)
             if name == "masks" and photos is not None:
                 photos = _look_again(job, photos, list(stages[place + 1 :]), reporter)
-    speed = learn_from(job, photos) if photos is not None and to_run == list(STAGES) else None
+    speed = learn_from(job, photos) if photos is not None and to_run == list(STAGE_NAMES) else None
     reporter.send(
         "result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"], speed=speed
     )
@@ -66,62 +55,7 @@ def run_job(job: Job, reporter: Reporter, until: str = "deliver") -> None:
 
 def result_files(job: Job) -> dict[str, str]:
     """What a finished job offers, name -> path, for the files that exist."""
-    names = {
-        "mesh": "mesh.ply", "obj": "mesh.obj", "glb": "mesh.glb", "texture": "texture.jpg", "field": "field.ply",
-        "report": "report.html", "figures": "report.json", "renders": "renders", "masks": "masks/contact_sheet.jpg",
-    }  # fmt: skip
-    return {name: str(job.path(file)) for name, file in names.items() if job.path(file).exists()}
-
-
-def load_scene_of(job: Job) -> Scene:
-    """The scene of a job; as every ``load_`` here, BadInput where its stage left nothing that can be used.
-
-    Which views are kept out of training is the field's matter: the scene may have been made under another choice.
-    """
-    from mgf_engine.scene.roots import choose_held_out
-    from mgf_engine.scene.store import read_scene
-
-    with _made_by(job, "scene"):
-        scene = read_scene(job.path("scene"))
-    return replace(scene, held_out=choose_held_out(len(scene.views), scene.roots, job.config.holdout_every))
-
-
-def load_inputs(job: Job) -> tuple[Scene, MaskSet]:
-    """The scene and masks of a job whose first two stages are done."""
-    from mgf_engine.masks.store import read_masks
-
-    scene = load_scene_of(job)
-    with _made_by(job, "masks"):
-        return scene, read_masks(job.path("masks"), scene)
-
-
-def load_field(job: Job) -> Gaussians:
-    """The trained field, normalised frame."""
-    from mgf_engine.field.checkpoint import read_field
-
-    with _made_by(job, "field"):
-        return read_field(job.path("checkpoints", "field.npz"))
-
-
-def load_mesh(job: Job) -> Mesh:
-    """The mesh, scene frame."""
-    from mgf_engine.geometry.mesh_files import read_ply
-
-    with _made_by(job, "mesh"):
-        try:
-            return read_ply(job.path("mesh.ply"))
-        except BadInput as error:
-            raise BadInput(f"The mesh in '{job.folder}' is missing or damaged; run 'mgf mesh' again.") from error
-
-
-@contextmanager
-def _made_by(job: Job, stage: str) -> Iterator[None]:
-    """Results of a stage are read here; when they cannot be used, the stage runs again at the next occasion."""
-    try:
-        yield
-    except BadInput:
-        job.forget(stage)
-        raise
+    return {o.name: str(job.path(o.path)) for o in outputs() if o.name and job.path(o.path).exists()}
 
 
 def _prepare(job: Job, reporter: Reporter) -> None:
@@ -227,7 +161,7 @@ def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
     started, cpu_before = time.perf_counter(), cpu_seconds()
     reporter.warnings.clear()
     with MemoryMonitor() as memory:
-        figures = _RUNNERS[name](job, reporter)
+        figures = stage_named(name).runner()(job, reporter)
     seconds, cpu = time.perf_counter() - started, cpu_seconds() - cpu_before
     if job.config.memory and memory.peak > allowed():
         reporter.warning(
@@ -237,91 +171,3 @@ def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
     reporter.progress(1.0, 0.0, **{k: v for k, v in figures.items() if isinstance(v, int | float | str)})
     job.finish(name, key, seconds, cpu, memory.peak, figures, list(reporter.warnings))
     log.info("stage %s took %.1f s and %.2f GB: %s", name, seconds, memory.peak / GB, figures)
-
-
-def _run_scene(job: Job, reporter: Reporter) -> Figures:
-    from mgf_engine.masks.prompts import clicked_names
-    from mgf_engine.scene.load import load_scene
-
-    scene = load_scene(job.source, job.path("scene"), job.config, reporter, clicked_names(job.inputs.clicks))
-    if job.inputs.tables or job.config.crs:  # what cannot be used should end the job now, not after long work
-        from mgf_engine.georef.find import find_georeference
-
-        find_georeference(scene, job.config, log.info)
-    return {"photos": len(scene.views), "points": len(scene.points)}
-
-
-def _run_masks(job: Job, reporter: Reporter) -> Figures:
-    from mgf_engine.masks.build import build_masks
-    from mgf_engine.model.masks import building
-
-    scene = load_scene_of(job)
-    job.keep_clicks()
-    masks = build_masks(scene, job.inputs.clicks, job.masks, job.path("masks"), job.config, reporter)
-    return {
-        "used": int(masks.used.sum()), "masked_points": int(masks.point_mask.sum()),
-        "building": round(float(np.mean([building(labels).mean() for labels in masks.labels])), 4),
-    }  # fmt: skip
-
-
-def _run_field(job: Job, reporter: Reporter) -> Figures:
-    from mgf_engine.field.export import write_splats
-    from mgf_engine.field.trainer import CHECKPOINT, train
-
-    scene, masks = load_inputs(job)
-    field, figures = train(scene, masks, job.config, job.path("checkpoints"), reporter)
-    write_splats(field, scene.to_normalised, job.path("field.ply"))
-    job.path("checkpoints", CHECKPOINT).unlink(missing_ok=True)
-    return figures
-
-
-def _run_mesh(job: Job, reporter: Reporter) -> Figures:
-    from mgf_engine.geometry.clean import vertex_areas
-    from mgf_engine.geometry.mesh_files import in_scene, write_ply
-    from mgf_engine.mesh.extract import extract_mesh
-    from mgf_engine.mesh.parts import FILE as PARTS_FILE
-    from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
-    from mgf_engine.start.store import FILE as START
-    from mgf_engine.start.store import read_start
-    from mgf_engine.timing import PartTimes
-
-    scene, masks = load_inputs(job)
-    times = PartTimes()
-    start = read_start(job.path("checkpoints", START)) if job.config.start == "surface" else None
-    mesh = extract_mesh(load_field(job), scene, masks, job.config, reporter, times, start)
-    write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
-    named = named_parts(job.path("masks"), scene)
-    if named:
-        write_parts(list(named), face_parts(mesh, scene, masks, list(named.values())), job.path(PARTS_FILE))
-    figures: Figures = {"vertices": len(mesh.vertices), "faces": len(mesh.faces), **times.figures()}
-    if "confidence" in mesh.values:
-        # By area: vertices are many where the surface is rough, and there it is least certain.
-        areas = vertex_areas(mesh)
-        figures["confidence"] = round(float(np.average(mesh.values["confidence"], weights=areas)), 3)
-        figures["unseen_share"] = round(float(np.average(mesh.values["views"] == 0, weights=areas)), 4)
-        if figures["confidence"] < DOUBTFUL:
-            reporter.warning(weak_surface(figures["confidence"], figures["unseen_share"]))
-    return figures
-
-
-def weak_surface(confidence: float, unseen: float) -> str:
-    """What to say of a mesh that the photos hardly confirm."""
-    return (
-        f"The photos confirm the mesh only weakly (mean confidence {confidence:.2f} of 1, {unseen:.0%} of it seen by "
-        "no photo): do not measure on it; more and sharper photos closer together, or better cameras, would help."
-    )
-
-
-def _run_deliver(job: Job, reporter: Reporter) -> Figures:
-    from mgf_engine.export.stage import deliver
-
-    return deliver(job, reporter)
-
-
-_RUNNERS: dict[str, Callable[[Job, Reporter], Figures]] = {
-    "scene": _run_scene,
-    "masks": _run_masks,
-    "field": _run_field,
-    "mesh": _run_mesh,
-    "deliver": _run_deliver,
-}

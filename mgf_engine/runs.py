@@ -22,12 +22,12 @@ from typing import Any
 
 from mgf_engine import __version__
 from mgf_engine.errors import BadInput
+from mgf_engine.stages import MANIFEST, outputs
 from mgf_engine.system import write_json
 
 FOLDER = "runs"
 RECORD = "run.json"  # written last: a folder without it holds half of a run
-MANIFEST = "deliver.json"
-_FILES = ("mesh", "field", "report", "parts", "texture", "texture_uv")  # entries of the manifest that name files
+_FILES = [output.manifest for output in outputs() if output.manifest]  # entries of the manifest that name files
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,8 @@ from mgf_engine.estimate import (
 )
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
-from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.messages import Reporter
+from mgf_engine.stages import STAGE_NAMES
 
 SOUTH, HERZJESU, WHITE = Photos(64, (1000, 747)), Photos(25, (1000, 667)), Photos(40, (750, 500))
 #: Jobs that were measured (docs/scale.md): photos, share of the building by clicks and by masks, options, stages,
@@ -38,8 +39,8 @@ SOUTH, HERZJESU, WHITE = Photos(64, (1000, 747)), Photos(25, (1000, 667)), Photo
 MEASURED = [
     (SOUTH, (0.43, 0.47), {}, ("scene", "masks", "field"), 437, 4.52),
     (SOUTH, (0.43, 0.48), {"preset": "draft"}, ("scene", "masks", "field", "mesh"), 459, 4.94),
-    (SOUTH, (0.43, 0.48), {"preset": "quick"}, STAGES, 384, 4.93),
-    (HERZJESU, (0.68, 0.81), {"preset": "draft", "resolution": 480}, STAGES, 119, 1.39),
+    (SOUTH, (0.43, 0.48), {"preset": "quick"}, STAGE_NAMES, 384, 4.93),
+    (HERZJESU, (0.68, 0.81), {"preset": "draft", "resolution": 480}, STAGE_NAMES, 119, 1.39),
     (HERZJESU, (0.68, 0.81), {"preset": "quick"}, ("scene", "masks", "field", "mesh"), 164, 1.93),
     (WHITE, (0.27, 0.17), {"preset": "quick"}, ("scene", "masks", "field", "mesh"), 92, 0.93),
 ]
@@ -91,7 +92,7 @@ def test_the_clicks_tell_how_much_the_building_fills(house: House, tmp_path: Pat
 
 def test_every_term_names_quantities_that_are_known() -> None:
     known = quantities(make_config(), Photos(50, (4000, 3000)))
-    for stage in STAGES:
+    for stage in STAGE_NAMES:
         for kind in ("cpu", "bytes"):
             assert amount(COSTS["stages"][stage][kind], known) > 0
             assert all(number > 0 for number in COSTS["stages"][stage][kind].values())
@@ -167,11 +168,11 @@ def test_little_memory_that_is_free_is_warned_of(house: House, tmp_path: Path, c
 def test_the_command_prints_a_table_or_data(house: House, capsys) -> None:
     assert main(["estimate", str(house.folder), "--preset", "draft", "--memory", "0.3"]) == 0
     text = capsys.readouterr().out
-    assert [line.split()[0] for line in text.splitlines()[2:9]] == ["stage", *STAGES, "together"]
+    assert [line.split()[0] for line in text.splitlines()[2:9]] == ["stage", *STAGE_NAMES, "together"]
     assert "0.3 GB may be used." in text and "--memory" in text.splitlines()[-1]
     assert main(["estimate", str(house.folder), "--set", "preset=draft", "--memory", "8", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
-    assert list(data["stages"]) == list(STAGES) and data["photos"] == 14 and data["shortage"] == ""
+    assert list(data["stages"]) == list(STAGE_NAMES) and data["photos"] == 14 and data["shortage"] == ""
     assert data["bytes"] == max(s["bytes"] for s in data["stages"].values())
     assert main(["estimate", "/nowhere"]) == 2
 

@@ -10,8 +10,9 @@ import pytest
 
 from mgf_engine import pipeline
 from mgf_engine.errors import BadInput
-from mgf_engine.job import CLICKS, RESULTS, Job
-from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.job import CLICKS, Job
+from mgf_engine.messages import Reporter
+from mgf_engine.stages import STAGE_NAMES, Stage, stage_named
 
 CAMERAS = "1 PINHOLE 4 4 1 1 2 2\n"
 CLICK = '{"a.jpg": {"positive": [[1, 2]]}}'
@@ -38,18 +39,18 @@ def run(source: Path, monkeypatch):
             def work(job: Job, reporter: Reporter) -> dict:
                 if name == "masks":
                     job.keep_clicks()
-                for file in RESULTS[name]:
+                for file in stage_named(name).proofs:
                     job.path(file).parent.mkdir(parents=True, exist_ok=True)
                     job.path(file).write_text("{}")
                 if middle and name in middle:
                     middle[name]()
                 if name == "deliver":
-                    assert set(job.stages) == set(STAGES[:-1])  # what the report shows
+                    assert set(job.stages) == set(STAGE_NAMES[:-1])  # what the report shows
                 return {}
 
             return work
 
-        monkeypatch.setattr(pipeline, "_RUNNERS", {name: stage(name) for name in STAGES})
+        monkeypatch.setattr(Stage, "runner", lambda self: stage(self.name))
         sent: list[dict] = []
         with Job.start(folder, source, source / "clicks.json", given={"texture": False}, resume=True) as job:
             pipeline.run_job(job, Reporter(sent.append))
@@ -59,7 +60,7 @@ def run(source: Path, monkeypatch):
 
 
 @pytest.mark.parametrize("place", ["inside", "outside"])
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", STAGE_NAMES)
 def test_a_file_saved_beside_the_photos_costs_nothing(
     source: Path, tmp_path: Path, run, stage: str, place: str
 ) -> None:
@@ -69,34 +70,35 @@ def test_a_file_saved_beside_the_photos_costs_nothing(
         for name in ("notes.txt", "more.json", "images/another.jpg"):
             (source / name).write_text(stage)
 
-    assert run(folder, {stage: save}) == list(STAGES)
+    assert run(folder, {stage: save}) == list(STAGE_NAMES)
     assert run(folder) == []
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", STAGE_NAMES)
 def test_a_photo_changed_in_the_middle_is_for_the_next_run(source: Path, tmp_path: Path, run, stage: str) -> None:
-    assert run(tmp_path / "job", {stage: lambda: (source / "images" / "a.jpg").write_bytes(b"other")}) == list(STAGES)
-    assert run(tmp_path / "job") == list(STAGES)
+    photo = source / "images" / "a.jpg"
+    assert run(tmp_path / "job", {stage: lambda: photo.write_bytes(b"other")}) == list(STAGE_NAMES)
+    assert run(tmp_path / "job") == list(STAGE_NAMES)
     assert run(tmp_path / "job") == []
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", STAGE_NAMES)
 def test_a_click_added_in_the_middle_is_for_the_next_run(source: Path, tmp_path: Path, run, stage: str) -> None:
     more = '{"a.jpg": {"positive": [[1, 2], [2, 2]]}}'
-    assert run(tmp_path / "job", {stage: lambda: (source / "clicks.json").write_text(more)}) == list(STAGES)
+    assert run(tmp_path / "job", {stage: lambda: (source / "clicks.json").write_text(more)}) == list(STAGE_NAMES)
     assert (tmp_path / "job" / CLICKS).read_text() == CLICK
-    assert run(tmp_path / "job") == list(STAGES[1:])
+    assert run(tmp_path / "job") == list(STAGE_NAMES[1:])
     assert (tmp_path / "job" / CLICKS).read_text() == more
 
 
 def test_clicks_that_are_gone_are_taken_from_the_job(source: Path, tmp_path: Path, run) -> None:
-    assert run(tmp_path / "job") == list(STAGES)
+    assert run(tmp_path / "job") == list(STAGE_NAMES)
     (source / "clicks.json").unlink()
     with pytest.raises(BadInput, match=r"--prompts '.*job.prompts\.json'"):
         run(tmp_path / "job")
     kept = tmp_path / "job" / CLICKS
     with Job.start(tmp_path / "job", source, kept, resume=True) as job:
-        assert all(job.done(stage) for stage in STAGES)
+        assert all(job.done(stage) for stage in STAGE_NAMES)
         job.begin("masks")
         assert kept.read_text() == CLICK
     with Job.start(tmp_path / "job", source, kept, given={"vote_dilation": 1}, resume=True) as job:
@@ -148,6 +150,6 @@ def test_a_second_job_of_the_same_photos_does_not_disturb_the_first(source: Path
                 job.path("scene", "sparse", f"{name}.txt").write_text(CAMERAS)
             job.path("texture.jpg").write_bytes(b"no photo")
 
-    assert run(source / "job", {"field": second}) == list(STAGES)
+    assert run(source / "job", {"field": second}) == list(STAGE_NAMES)
     assert run(source / "job") == []
     assert set(json.loads((source / "second" / "job.json").read_text())["stages"]) == set()

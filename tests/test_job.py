@@ -12,11 +12,11 @@ import pytest
 from filelock import FileLock
 
 from mgf_engine.errors import BadInput
-from mgf_engine.job import ON_REQUEST, RESULTS, Job, read_job
-from mgf_engine.messages import STAGES
-from mgf_engine.pipeline import load_field, load_mesh, load_scene_of
+from mgf_engine.job import Job, read_job
+from mgf_engine.results import load_field, load_mesh, load_scene_of
 from mgf_engine.runs import keep_run
 from mgf_engine.scene.colmap import PHOTO_KINDS
+from mgf_engine.stages import STAGE_NAMES, stage_named
 
 
 @pytest.fixture
@@ -37,16 +37,16 @@ def model(source: Path) -> Path:
 
 
 def finish_all(job: Job) -> None:
-    for stage in STAGES:
+    for stage in STAGE_NAMES:
         job.finish(stage, job.keys[stage], 1.0, 2.0, 1, {}, [])
 
 
 def test_a_finished_job_is_done_after_reopening(tmp_path: Path, source: Path) -> None:
     with Job.start(tmp_path / "job", source) as job:
-        assert not any(job.done(stage) for stage in STAGES)
+        assert not any(job.done(stage) for stage in STAGE_NAMES)
         finish_all(job)
     with Job.start(tmp_path / "job", resume=True) as job:
-        assert all(job.done(stage) for stage in STAGES)
+        assert all(job.done(stage) for stage in STAGE_NAMES)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_a_changed_option_redoes_its_stage_and_the_later_ones(tmp_path, source, 
     with Job.start(tmp_path / "job", source) as job:
         finish_all(job)
     with Job.start(tmp_path / "job", source, given=options, resume=True) as job:
-        assert [s for s in STAGES if not job.done(s)] == list(STAGES[STAGES.index(first_redone) :])
+        assert [s for s in STAGE_NAMES if not job.done(s)] == list(STAGE_NAMES[STAGE_NAMES.index(first_redone) :])
 
 
 def test_options_given_once_stay_for_the_resumed_job(tmp_path: Path, source: Path) -> None:
@@ -89,26 +89,26 @@ def redone(folder: Path, change: Callable[[], object], *inputs: Path | None) -> 
     with Job.start(folder, *inputs, resume=True) as job:
         finish_all(job)
         change()
-        assert all(job.done(stage) for stage in STAGES)  # the run that is open ends as it began
+        assert all(job.done(stage) for stage in STAGE_NAMES)  # the run that is open ends as it began
     with Job.start(folder, resume=True) as job:
-        return [stage for stage in STAGES if not job.done(stage)]
+        return [stage for stage in STAGE_NAMES if not job.done(stage)]
 
 
 def test_a_limit_that_leaves_no_photo_out_changes_nothing(tmp_path: Path, source: Path) -> None:
     with Job.start(tmp_path / "job", source, given={"preset": "standard"}) as job:
         keys = job.keys
     with Job.start(tmp_path / "job", given={"preset": "draft"}, resume=True) as job:
-        assert [stage for stage in STAGES if job.keys[stage] == keys[stage]] == ["scene", "masks"]
+        assert [stage for stage in STAGE_NAMES if job.keys[stage] == keys[stage]] == ["scene", "masks"]
 
 
 @pytest.mark.parametrize("name", [*(f"images/b{kind}" for kind in sorted(PHOTO_KINDS)), "images/a.jpg"])
 def test_changed_photos_redo_everything(tmp_path: Path, source: Path, name: str) -> None:
-    assert redone(tmp_path / "job", lambda: (source / name).write_bytes(b"zz"), source) == list(STAGES)
+    assert redone(tmp_path / "job", lambda: (source / name).write_bytes(b"zz"), source) == list(STAGE_NAMES)
 
 
 @pytest.mark.parametrize("name", ["cameras.txt", "points3D.txt", "rigs.txt", "images/a.jpg"])
 def test_changed_models_redo_everything(tmp_path: Path, model: Path, name: str) -> None:
-    assert redone(tmp_path / "job", lambda: (model / name).write_text("# of today\n"), model) == list(STAGES)
+    assert redone(tmp_path / "job", lambda: (model / name).write_text("# of today\n"), model) == list(STAGE_NAMES)
 
 
 NOT_READ = ["notes.txt", "images/notes.json", "images/b.jpg", "mgf_job.prompts.json", "database.db", "old/cameras.txt"]
@@ -141,10 +141,10 @@ def test_changed_clicks_redo_the_masks_and_all_after(tmp_path: Path, model: Path
     clicks = model / "clicks.json"
     clicks.write_text('{"a.jpg": {"positive": [[1, 2]]}}')
     text = '{"a.jpg": {"positive": [[1, 2], [2, 3]]}}' if change == "more" else "{}"
-    assert redone(tmp_path / "job", lambda: clicks.write_text(text), model, clicks) == list(STAGES[1:])
+    assert redone(tmp_path / "job", lambda: clicks.write_text(text), model, clicks) == list(STAGE_NAMES[1:])
 
 
-@pytest.mark.parametrize(("name", "again"), [("a.png", list(STAGES[1:])), ("notes.txt", []), ("b.png", [])])
+@pytest.mark.parametrize(("name", "again"), [("a.png", list(STAGE_NAMES[1:])), ("notes.txt", []), ("b.png", [])])
 def test_only_masks_of_photos_are_watched(tmp_path: Path, model: Path, name: str, again: list[str]) -> None:
     folder = tmp_path / "own masks"
     folder.mkdir()
@@ -159,10 +159,10 @@ def test_links_lead_to_the_same_inputs(tmp_path: Path, model: Path) -> None:
         finish_all(job)
         job.path("picture.png").write_bytes(b"1")
     with Job.start(model / "job", model, resume=True) as job:
-        assert all(job.done(stage) for stage in STAGES)
+        assert all(job.done(stage) for stage in STAGE_NAMES)
     photo = (model / "images" / "a.jpg").rename(tmp_path / "a.jpg")
     (model / "images" / "a.jpg").symlink_to(photo)
-    assert redone(model / "job", lambda: photo.write_bytes(b"other"), model) == list(STAGES)
+    assert redone(model / "job", lambda: photo.write_bytes(b"other"), model) == list(STAGE_NAMES)
 
 
 @pytest.fixture
@@ -181,7 +181,7 @@ def test_another_path_of_the_same_scene_is_the_same_job(tmp_path: Path, model: P
     with Job.start(model / "job", model) as job:
         finish_all(job)
     with Job.start(second_name / "job", second_name, resume=True) as job:
-        assert all(job.done(stage) for stage in STAGES)
+        assert all(job.done(stage) for stage in STAGE_NAMES)
     with pytest.raises(BadInput, match="scene itself"):
         Job.start(second_name, model)
     (tmp_path / "other").mkdir()
@@ -197,7 +197,7 @@ def test_a_photo_that_is_gone_is_named_and_nothing_is_lost(tmp_path: Path, model
         Job.start(tmp_path / "job", resume=True)
     photo.rename(model / "images" / "a.jpg")
     with Job.start(tmp_path / "job", resume=True) as job:
-        assert all(job.done(stage) for stage in STAGES)
+        assert all(job.done(stage) for stage in STAGE_NAMES)
 
 
 def test_a_job_folder_inside_the_scene_does_not_change_the_scene(source: Path) -> None:
@@ -231,8 +231,8 @@ def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path,
 
 
 def leave_results(job: Job) -> None:
-    for stage in STAGES:
-        for name in (*RESULTS[stage], *(ON_REQUEST["texture"] if stage == "deliver" else ())):
+    for stage in STAGE_NAMES:
+        for name in (*stage_named(stage).proofs, *stage_named(stage).on_request.get("texture", ())):
             job.path(name).parent.mkdir(parents=True, exist_ok=True)
             job.path(name).write_bytes(b"{}")
 
@@ -270,12 +270,12 @@ def test_a_result_whose_run_was_deleted_by_hand_is_made_again(tmp_path: Path, so
         assert job.lost("deliver") == {"deliver"}
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", STAGE_NAMES)
 def test_the_stage_that_is_asked_for_is_missed_in_any_case(tmp_path: Path, source: Path, stage: str) -> None:
     with Job.start(tmp_path / "job", source) as job:
         finish_all(job)
         leave_results(job)
-        job.path(RESULTS[stage][0]).unlink()
+        job.path(stage_named(stage).proofs[0]).unlink()
         assert job.lost(stage) == {stage}
 
 
@@ -286,16 +286,16 @@ def test_a_result_that_cannot_be_read_is_made_again_alone(tmp_path: Path, source
         leave_results(job)
         with pytest.raises(BadInput, match="again"):
             load(job)
-        assert [name for name in STAGES if not job.done(name)] == [stage]
+        assert [name for name in STAGE_NAMES if not job.done(name)] == [stage]
 
 
 def test_a_stage_done_again_with_the_same_options_keeps_the_later_ones(tmp_path: Path, source: Path) -> None:
     with Job.start(tmp_path / "job", source) as job:
         finish_all(job)
         job.finish("masks", job.begin("masks"), 1.0, 2.0, 1, {}, [])
-        assert all(job.done(stage) for stage in STAGES)
+        assert all(job.done(stage) for stage in STAGE_NAMES)
         job.forget("masks")
-        assert [stage for stage in STAGES if not job.done(stage)] == ["masks"]
+        assert [stage for stage in STAGE_NAMES if not job.done(stage)] == ["masks"]
 
 
 def test_marks_of_begun_stages_may_hold_anything(tmp_path: Path, source: Path) -> None:

@@ -4,7 +4,8 @@ import json
 import pytest
 
 from mgf_engine.errors import Cancelled
-from mgf_engine.messages import STAGE_SHARE, STAGES, Reporter, encode
+from mgf_engine.messages import STAGE_SHARE, Reporter, encode
+from mgf_engine.stages import STAGE_NAMES
 from mgf_engine.terminal import duration, make_sink
 
 
@@ -25,7 +26,7 @@ def test_every_message_is_one_line_of_json_with_its_schema() -> None:
 def test_overall_grows_over_the_stages() -> None:
     seen: list[dict] = []
     reporter = Reporter(seen.append, min_interval=0)
-    for name in STAGES:
+    for name in STAGE_NAMES:
         reporter.stage(name)
         reporter.progress(0.0)
         reporter.progress(1.0)
@@ -59,8 +60,8 @@ def test_cancel_raises_at_the_next_report() -> None:
 @pytest.mark.parametrize("style", ["plain", "bar", "json", "none"])
 def test_every_style_shows_every_message(style: str, capsys) -> None:
     reporter = Reporter(make_sink(style), min_interval=0)
-    reporter.stages = STAGES
-    reporter.send("started", job="j", pid=1, version="0", stages=list(STAGES))
+    reporter.stages = STAGE_NAMES
+    reporter.send("started", job="j", pid=1, version="0", stages=list(STAGE_NAMES))
     reporter.stage("scene", cached=True)
     reporter.stage("masks")
     reporter.progress(0.5, None, photos=1)

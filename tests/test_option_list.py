@@ -8,8 +8,9 @@ from dataclasses import fields
 
 import pytest
 
-from mgf_engine.config import SECTIONS, Config, options_schema
+from mgf_engine.config import Config, options_schema
 from mgf_engine.option_list import default_text, option_meaning, options_text
+from mgf_engine.stages import SECTIONS
 
 OPTIONS = options_schema()["options"]
 
@@ -17,7 +18,7 @@ OPTIONS = options_schema()["options"]
 def test_every_option_stands_in_its_section_with_its_default() -> None:
     sections = re.split(r"\n\n(\w+)\n", options_text(options_schema(), 100))
     lists = dict(zip(sections[1::2], sections[2::2], strict=True))
-    assert tuple(lists) == SECTIONS
+    assert list(lists) == list(SECTIONS)
     for entry in OPTIONS:
         line = f"  {entry['name']:<19} {default_text(entry['default'], entry['unit'])} "
         assert line in lists[entry["section"]], entry["name"]

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mgf_engine import pipeline
 from mgf_engine.config import make_config
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Similarity
+from mgf_engine.runners import mesh as mesh_runner
 
 
 @pytest.mark.parametrize(("confidence", "said"), [(0.2, True), (0.49, True), (0.7, False)])
@@ -23,13 +23,13 @@ def test_a_weak_mesh_is_spoken_of(
     mesh = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
     mesh.values.update(confidence=np.full(3, confidence, np.float32), views=np.array([0, 3, 4], np.int32))
     scene = SimpleNamespace(to_normalised=Similarity(1.0, np.eye(3), np.zeros(3)))
-    monkeypatch.setattr(pipeline, "load_inputs", lambda job: (scene, None))
-    monkeypatch.setattr(pipeline, "load_field", lambda job: None)
-    monkeypatch.setattr("mgf_engine.mesh.extract.extract_mesh", lambda *args: mesh)
-    monkeypatch.setattr("mgf_engine.mesh.parts.named_parts", lambda *args: {})
+    monkeypatch.setattr(mesh_runner, "load_inputs", lambda job: (scene, None))
+    monkeypatch.setattr(mesh_runner, "load_field", lambda job: None)
+    monkeypatch.setattr(mesh_runner, "extract_mesh", lambda *args: mesh)
+    monkeypatch.setattr(mesh_runner, "named_parts", lambda *args: {})
     job = SimpleNamespace(path=lambda *parts: tmp_path.joinpath(*parts), config=make_config({}))
     reporter = Reporter()
-    pipeline._run_mesh(job, reporter)  # type: ignore[arg-type]
+    mesh_runner.run_mesh(job, reporter)  # type: ignore[arg-type]
     assert bool(reporter.warnings) == said
     if said:
         assert "33% of it seen by no photo" in reporter.warnings[0]

@@ -36,6 +36,12 @@ def source_texts() -> dict[str, str]:
     return found
 
 
+def schema_texts() -> dict[str, str]:
+    """Text -> where it stands, from what the engine says of its stages and options."""
+    schema = json.loads((ADDON / "options.json").read_text(encoding="utf-8"))
+    return {text: f"options.json: {kind}" for kind in ("sections", "stages") for text in schema[kind].values()}
+
+
 def untranslatable() -> list[str]:
     """Places where a text with values in it is shown without ``tr``: no dictionary could hold it."""
     wrong = []
@@ -91,7 +97,7 @@ def main() -> int:
     mgf_blender.register()
     path = ADDON / "languages" / f"{sys.argv[1]}.json"
     known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    texts = sorted({**registered_texts(), **source_texts()})
+    texts = sorted({**registered_texts(), **source_texts(), **schema_texts()})
     path.parent.mkdir(exist_ok=True)
     content = {text: known.get(text, "") for text in texts}
     path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

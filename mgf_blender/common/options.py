@@ -18,7 +18,8 @@ import bpy
 
 SCHEMA: dict[str, Any] = json.loads((Path(__file__).parents[1] / "options.json").read_text(encoding="utf-8"))
 OPTIONS: dict[str, dict[str, Any]] = {o["name"]: o for o in SCHEMA["options"]}
-SECTIONS: list[str] = SCHEMA["sections"]
+SECTIONS: dict[str, str] = SCHEMA["sections"]  # name -> heading
+STAGES: dict[str, str] = SCHEMA["stages"]  # name -> what is shown while it runs
 PRESETS: dict[str, dict[str, Any]] = SCHEMA["presets"]
 COSTS: dict[str, Any] = SCHEMA["costs"]
 PRESET_HELP: dict[str, str] = SCHEMA["preset_help"]

@@ -15,25 +15,10 @@ from .estimate import duration, estimate, photos_of
 from .operators import interrupted, last_job
 from .start import has_job_file
 
-_STAGES = {
-    "scene": N_("Reading photos"),
-    "masks": N_("Finding the building"),
-    "field": N_("Training"),
-    "mesh": N_("Making the mesh"),
-    "deliver": N_("Rendering and reporting"),
-}
 _DONE = {
     "reconstruct": N_("Mesh finished in {time}"),
     "masks": N_("Masks found in {time}"),
     "scene": N_("Cameras found in {time}"),
-}
-_SECTION_TITLES = {
-    "run": N_("Run"),
-    "scene": N_("Scene"),
-    "masks": N_("Masks"),
-    "field": N_("Field"),
-    "mesh": N_("Mesh"),
-    "deliver": N_("Output"),
 }
 
 
@@ -128,12 +113,12 @@ class MGF_PT_options(bpy.types.Panel):
         layout, state = self.layout, context.scene.mgf
         layout.use_property_split = True
         layout.use_property_decorate = False
-        for section in options.SECTIONS:
+        for section, heading in options.SECTIONS.items():
             names = [n for n, o in options.OPTIONS.items() if o["section"] == section and o["advanced"]]
             if not names:
                 continue
             header, body = layout.panel(f"MGF_options_{section}", default_closed=True)
-            header.label(text=_SECTION_TITLES.get(section, options.title(section)))
+            header.label(text=heading)
             if body is not None:
                 column = body.column()
                 for name in names:
@@ -183,7 +168,7 @@ def _headline(job: Job) -> str:
         return tr("Stopping")
     if not job.stage:
         return tr("Starting the engine")
-    stage, left = tr(_STAGES.get(job.stage, options.title(job.stage))), duration(job.seconds_left)
+    stage, left = tr(options.STAGES.get(job.stage, options.title(job.stage))), duration(job.seconds_left)
     if not left:
         return tr("{stage}, {share:.0%}", stage=stage, share=job.overall)
     return tr("{stage}, {share:.0%}, {time} left", stage=stage, share=job.overall, time=left)

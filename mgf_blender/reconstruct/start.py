@@ -117,7 +117,7 @@ def given_options(folder: Path) -> dict[str, object]:
 
 def is_finished(folder: Path) -> bool:
     """Whether the last run in this folder came to its end; results of a run before it may be there nevertheless."""
-    return "deliver" in _job_record(folder, "stages")
+    return [*options.STAGES][-1] in _job_record(folder, "stages")
 
 
 def _job_record(folder: Path, name: str) -> dict[str, object]:

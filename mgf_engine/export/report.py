@@ -37,6 +37,7 @@ from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.library import side_by_side, variant
 from mgf_engine.raster.device import choose_device, each_view
+from mgf_engine.stages import outputs
 from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
 from mgf_engine.texture.draw import draw_textured
 
@@ -205,18 +206,9 @@ def _trust(job: Job) -> dict[str, float]:
 
 
 def _files(job: Job) -> dict[str, str]:
-    names = (
-        "georeferenced",
-        "mesh.ply",
-        "mesh.obj",
-        "mesh.glb",
-        "texture.jpg",
-        "field.ply",
-        "renders",
-        "report.json",
-        "log.txt",
-    )
-    return {Path(name).stem if name != "mesh.ply" else "mesh": name for name in names if job.path(name).exists()}
+    """What the report links to: all that the job offers but itself."""
+    named = {o.name: o.path for o in outputs() if o.name and o.name != "report"}
+    return {name: path for name, path in {**named, "log": "log.txt"}.items() if job.path(path).exists()}
 
 
 def _command(job: Job) -> str:

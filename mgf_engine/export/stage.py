@@ -16,10 +16,9 @@ import torch
 from numpy.typing import NDArray
 
 from mgf_engine.field.export import offset_of
-from mgf_engine.geometry.mesh_files import COORDINATES, IMAGE, write_glb, write_obj, write_texture
+from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_texture
 from mgf_engine.georef.apply import survey_job, write_models
-from mgf_engine.job import CLICKS, OUTPUTS, Job
-from mgf_engine.mesh.parts import FILE as PARTS_FILE
+from mgf_engine.job import CLICKS, Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
@@ -27,12 +26,14 @@ from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.raster.api import Camera, Rendering, render
 from mgf_engine.raster.device import choose_device, each_view
-from mgf_engine.runs import MANIFEST, keep_run
+from mgf_engine.results import load_field, load_inputs, load_mesh
+from mgf_engine.runs import keep_run
+from mgf_engine.stages import outputs
 from mgf_engine.system import atomic_path
 from mgf_engine.texture.texture_pipeline import make_texture
 
 #: What people take from a job, and the clicks it was made with.
-_RESULT = [name for name in (*OUTPUTS["mesh"], *OUTPUTS["deliver"], "field.ply", CLICKS) if name != MANIFEST]
+_RESULT = [*(output.path for output in outputs() if output.kept), CLICKS]
 _RENDERED = 0.3  # share of the stage, for the progress bar
 
 
@@ -42,7 +43,6 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     The texture is made beside all that does not show it: both have long stretches that one core works on alone.
     """
     from mgf_engine.export.report import report_job
-    from mgf_engine.pipeline import load_field, load_inputs, load_mesh
 
     scene, masks = load_inputs(job)
     mesh = load_mesh(job)
@@ -76,7 +76,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
             return made
 
         figures = report_job(job, scene, masks, field, normalised, texture, survey, reporter)
-    manifest = {**_manifest(scene, renders, figures), **_parts(job), **_painting(job), **_offset(field, scene)}
+    manifest = {**_manifest(job, scene, renders, figures), **_offset(field, scene)}
     keep_run(job.folder, _RESULT, manifest, job.given)
     return figures
 
@@ -93,15 +93,6 @@ def _offset(field: Gaussians, scene: Scene) -> dict[str, list[float]]:
     """What is to be added to the positions of ``field.ply``, where that is anything."""
     offset = offset_of(field, scene.to_normalised)
     return {"field_offset": list(offset)} if any(offset) else {}
-
-
-def _painting(job: Job) -> dict[str, str]:
-    return {"texture": IMAGE, "texture_uv": COORDINATES} if job.config.texture else {}
-
-
-def _parts(job: Job) -> dict[str, str]:
-    """The named parts of the mesh, where the user named any."""
-    return {"parts": PARTS_FILE} if job.path(PARTS_FILE).exists() else {}
 
 
 def _write_other_formats(mesh: Mesh, texture: Texture | None, job: Job) -> None:
@@ -141,7 +132,7 @@ def _write_render(rendering: Rendering, path: Path) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def _manifest(scene: Scene, renders: dict[int, str], figures: dict[str, Any]) -> dict[str, Any]:
+def _manifest(job: Job, scene: Scene, renders: dict[int, str], figures: dict[str, Any]) -> dict[str, Any]:
     held_out = set(scene.held_out)
     views = [
         {
@@ -152,4 +143,5 @@ def _manifest(scene: Scene, renders: dict[int, str], figures: dict[str, Any]) ->
         }
         for index, view in enumerate(scene.views)
     ]  # fmt: skip
-    return {"views": views, "mesh": "mesh.ply", "field": "field.ply", "report": "report.html", "figures": figures}
+    files = {o.manifest: o.path for o in outputs() if o.manifest and job.path(o.path).exists()}
+    return {"views": views, **files, "figures": figures}

@@ -13,10 +13,12 @@ from mgf_engine.georef.find import GeoreferenceFit, find_georeference
 from mgf_engine.georef.model import write_georeference
 from mgf_engine.georef.report import replace_section, survey_figures, survey_html
 from mgf_engine.job import Job
-from mgf_engine.messages import STAGES, Reporter
+from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene
-from mgf_engine.runs import MANIFEST, current_run
+from mgf_engine.results import load_mesh, load_scene_of
+from mgf_engine.runs import current_run
+from mgf_engine.stages import MANIFEST, STAGE_NAMES, stage_of_section
 from mgf_engine.system import write_json
 
 
@@ -39,9 +41,8 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     Raises:
         BadInput: the job is not finished, or what the user gave cannot be used; the job is then as it was.
     """
-    from mgf_engine.pipeline import load_mesh, load_scene_of
-
-    unfinished = next((s for s in STAGES if s not in job.stages or (s != "deliver" and not job.done(s))), None)
+    last = stage_of_section("georef").name  # its options are what may have changed
+    unfinished = next((s for s in STAGE_NAMES if s not in job.stages or (s != last and not job.done(s))), None)
     if unfinished is not None or not (job.folder / MANIFEST).exists():
         raise BadInput(
             f"The job in '{job.folder}' is not finished with these options; run 'mgf reconstruct --resume' with them."
@@ -58,7 +59,7 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     run = current_run(job.folder)
     if run is not None:
         write_georeference(survey.georeference, run)
-    job.stages["deliver"]["key"] = job.keys["deliver"]
+    job.stages[last]["key"] = job.keys[last]
     job.save()
     for text in warnings:
         reporter.warning(text)

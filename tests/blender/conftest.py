@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -77,6 +78,7 @@ def engine(tmp_path, monkeypatch):
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("")
     (package / "__main__.py").write_text((Path(__file__).parent / "fake_engine.py").read_text())
+    shutil.copy(REPO / "mgf_blender" / "options.json", package / "options.json")
     python = home / "python"
     python.write_text(f'#!/bin/sh\nPYTHONPATH="{home}" PYTHONSAFEPATH=1 exec "{sys.executable}" "$@"\n')
     python.chmod(0o755)

@@ -15,7 +15,7 @@ import time
 import zlib
 from pathlib import Path
 
-STAGES = ["scene", "masks", "field", "mesh", "deliver"]
+STAGES = [*json.loads((Path(__file__).parent / "options.json").read_text(encoding="utf-8"))["stages"]]
 stop = threading.Event()
 
 

@@ -64,7 +64,7 @@ def test_the_check_finds_a_bypass(tool, tmp_path, monkeypatch):
 
 
 def test_texts_are_complete_and_languages_fit(addon, tool):
-    texts = {**tool.registered_texts(), **tool.source_texts()}
+    texts = {**tool.registered_texts(), **tool.source_texts(), **tool.schema_texts()}
     assert len(texts) > 350 and {"Preset", "Reconstruct Building", "{count} cameras"} <= set(texts)
     for path in sorted(translations.FOLDER.glob("*.json")):
         known = json.loads(path.read_text(encoding="utf-8"))

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The stages of a job as one table: job folder, pipeline, command line, messages, report and panel are made from it.
+
+To add a stage, add its entry here and write the function that ``run`` names; ``docs/architecture.md`` has the table.
+This module imports nothing of the engine, so that everything may import it; functions are named as ``module:function``
+and imported when they are called, so that ``mgf --help`` loads no torch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+#: Of the job folder: what scripts and Blender read first. Written when everything it names is there.
+MANIFEST = "deliver.json"
+
+
+@dataclass(frozen=True)
+class Output:
+    """A file or folder that a stage writes.
+
+    Attributes:
+        path: relative to the job folder. Removed before the stage runs with other inputs or options.
+        name: under which the message ``result`` and the report offer it; empty for files that nobody asks for.
+        proof: whether the stage counts as undone when this is missing.
+        option: the switch that asks for it; empty where it is always written.
+        kept: whether a copy stays with each finished run (``runs/NUMBER``).
+        manifest: under which ``deliver.json`` names it; empty for files that Blender does not ask for.
+    """
+
+    path: str
+    name: str = ""
+    proof: bool = False
+    option: str = ""
+    kept: bool = False
+    manifest: str = ""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of a job.
+
+    Attributes:
+        name: as commands, messages, options and the job file call it.
+        help: what it does, for ``mgf --help``.
+        progress: what the panel shows while it runs.
+        share: of the time of a usual job (0..1), for the progress bar where there is no estimate.
+        run: ``module:function`` of ``(job, reporter) -> figures``.
+        sections: section of options -> its heading in the panel; these options decide the stage's result.
+        options: further options that decide its result, of other sections.
+        inputs: the user's files that it reads: ``photos``, ``outlines`` (clicks or masks), ``survey`` (control points,
+            marks, scale bars); empty for none.
+        reads: stages whose results it reads.
+        outputs: what it writes.
+        taken: whether people take its results from the job folder: they must be there though no stage reads them.
+        cost: ``cpu`` (seconds on one core), ``serial`` (share of them on one core alone) and ``bytes``, with terms as
+            :mod:`mgf_engine.costs` explains.
+    """
+
+    name: str
+    help: str
+    progress: str
+    share: float
+    run: str
+    sections: dict[str, str]
+    outputs: tuple[Output, ...]
+    cost: dict[str, Any]
+    options: tuple[str, ...] = ()
+    inputs: str = ""
+    reads: tuple[str, ...] = ()
+    taken: bool = False
+
+    @property
+    def written(self) -> tuple[str, ...]:
+        """Files and folders that it writes, without what lies in one of these folders."""
+        paths = [output.path for output in self.outputs]
+        return tuple(p for p in paths if not any(p.startswith(other + "/") for other in paths))
+
+    @property
+    def proofs(self) -> tuple[str, ...]:
+        """What shows that its results are there, whatever the options."""
+        return tuple(output.path for output in self.outputs if output.proof and not output.option)
+
+    @property
+    def on_request(self) -> dict[str, tuple[str, ...]]:
+        """Switch -> what the stage writes where it is on."""
+        options = dict.fromkeys(o.option for o in self.outputs if o.option)
+        return {name: tuple(o.path for o in self.outputs if o.option == name) for name in options}
+
+    def runner(self) -> Callable[..., dict[str, Any]]:
+        """Import the function that does the work."""
+        module, _, function = self.run.partition(":")
+        found: Callable[..., dict[str, Any]] = getattr(import_module(module), function)
+        return found
+
+
+STAGES: tuple[Stage, ...] = (
+    Stage(
+        name="scene",
+        help="read cameras and photos, undistort and resize them",
+        progress="Reading photos",
+        share=0.03,
+        run="mgf_engine.runners.scene:run_scene",
+        sections={"scene": "Scene"},
+        inputs="photos",
+        outputs=(Output("scene"), Output("scene/scene.npz", proof=True)),
+        cost={
+            "cpu": {"": 0.6, "photos taken": 0.035, "photos pixels": 0.03, "unplaced": 1.0, "pairs": 0.05},
+            "serial": 0.3,
+            "bytes": {"": 0.40e9, "photos pixels": 3e6, "taken": 15e6},
+        },
+    ),
+    Stage(
+        name="masks",
+        help="find the building in every photo",
+        progress="Finding the building",
+        share=0.07,
+        run="mgf_engine.runners.masks:run_masks",
+        sections={"masks": "Masks"},
+        options=("multilevel_loss", "boundary_loss"),
+        inputs="outlines",
+        reads=("scene",),
+        outputs=(
+            Output("masks"),
+            Output("masks/scores.json", proof=True),
+            Output("masks/contact_sheet.jpg", "masks"),
+        ),
+        cost={
+            "cpu": {"photos": 0.22, "photos pixels": 1.1},
+            "serial": 0.15,
+            "bytes": {"": 0.55e9, "photos pixels": 11e6},
+        },
+    ),
+    Stage(
+        name="field",
+        help="train the masked Gaussian field",
+        progress="Training",
+        share=0.75,
+        run="mgf_engine.runners.field:run_field",
+        sections={"field": "Field"},
+        options=("seed", "device"),
+        reads=("scene", "masks"),
+        outputs=(
+            Output("checkpoints"),
+            Output("checkpoints/field.npz", proof=True),
+            Output("field.ply", "field", kept=True, manifest="field"),
+        ),
+        cost={
+            "cpu": {
+                "": 1.0, "surface": 10.5, "photos pixels": 0.1,
+                "passes": 0.004, "passes gaussians": 0.028, "passes pixels": 0.13,
+            },
+            "serial": 0.15,
+            "bytes": {"": 0.45e9, "surface": 0.26e9, "photos pixels": 4e6, "gaussians": 0.1e9},
+        },
+    ),
+    Stage(
+        name="mesh",
+        help="extract the mesh from the field",
+        progress="Making the mesh",
+        share=0.12,
+        run="mgf_engine.runners.mesh:run_mesh",
+        sections={"mesh": "Mesh"},
+        options=("device",),
+        reads=("scene", "masks", "field"),
+        taken=True,
+        outputs=(
+            Output("mesh.ply", "mesh", proof=True, kept=True, manifest="mesh"),
+            Output("mesh_parts.npz", kept=True, manifest="parts"),
+        ),
+        cost={
+            "cpu": {"": 1.5, "building": 11.5, "gaussians": 15.0},
+            "serial": 0.15,
+            "bytes": {"": 0.45e9, "building": 0.24e9, "gaussians": 0.35e9},
+        },
+    ),
+    Stage(
+        name="deliver",
+        help="render novel views and write the report",
+        progress="Rendering and reporting",
+        share=0.03,
+        run="mgf_engine.export.stage:deliver",
+        sections={"deliver": "Output", "georef": "Georeference"},
+        options=("device",),
+        inputs="survey",
+        reads=("scene", "masks", "field", "mesh"),
+        taken=True,
+        outputs=(
+            Output("mesh.obj", "obj", option="export_obj", kept=True),
+            Output("mesh.glb", "glb", option="export_glb", kept=True),
+            Output("texture.jpg", "texture", option="texture", kept=True, manifest="texture"),
+            Output("mesh_texture.npz", option="texture", kept=True, manifest="texture_uv"),
+            Output("mesh.mtl", kept=True),
+            Output("report.html", "report", proof=True, kept=True, manifest="report"),
+            Output("report.json", "figures", proof=True, kept=True),
+            Output("report", kept=True),
+            Output("renders", "renders", kept=True),
+            Output("georef.json", kept=True),
+            Output("georeferenced", "georeferenced", kept=True),
+            Output(MANIFEST, proof=True),
+        ),
+        cost={
+            "cpu": {"": 2.0, "photos": 0.06, "photos pixels": 0.3, "photos taken": 0.008},
+            "serial": 0.3,
+            "bytes": {"": 0.40e9, "building": 0.15e9, "texture": 25e6, "taken": 25e6},
+        },
+    ),
+)  # fmt: skip
+STAGE_NAMES = tuple(stage.name for stage in STAGES)
+#: Options that belong to no stage: how a job runs.
+RUN_SECTION = {"run": "Run"}
+#: Section of options -> its heading, in order.
+SECTIONS: dict[str, str] = {**RUN_SECTION, **{k: v for stage in STAGES for k, v in stage.sections.items()}}
+_BY_NAME = {stage.name: stage for stage in STAGES}
+
+
+def stage_named(name: str) -> Stage:
+    """The stage of that name.
+
+    Raises:
+        KeyError: there is none.
+    """
+    return _BY_NAME[name]
+
+
+def stage_of_section(section: str) -> Stage:
+    """The first stage whose result the options of a section decide.
+
+    Raises:
+        StopIteration: no stage's.
+    """
+    return next(stage for stage in STAGES if section in stage.sections)
+
+
+def outputs() -> list[Output]:
+    """What all stages write, in order."""
+    return [output for stage in STAGES for output in stage.outputs]
