@@ -14,6 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.mesh.photometric import Matched
+from mgf_engine.native.library import call
+
+MARGIN = 2, 16  # rows and columns around each plane, and
+LANES = 16  # what rows are rounded up to, as csrc/stereo/smooth_depth.c wants them
 
 Array = NDArray[np.float32]
 
@@ -45,81 +49,54 @@ def smooth_depth(start: Array, matched: Matched, options: SmoothingOptions = Smo
         return matched.depth
     box = _box(shown)
     inside, scale = shown[box], float(np.median(matched.parallax[shown] / start[shown]))
-    depth = np.where(inside, matched.depth[box], 1)
-    target = np.where(inside, 1 / (scale * depth.astype(np.float64)), 0)
-    first = np.where(inside, 1 / (scale * np.where(inside, start[box], 1)), 0)
+    target = _inverse(np.where(inside, scale * matched.depth[box], 0))
+    first = _inverse(np.where(inside, scale * start[box], 0))
     least = options.unmatched * float(np.median(told))
     weight = np.where(inside, np.maximum(matched.precision[box], least), 0)
-    joined = [_inside_triples(inside, axis) & (np.abs(_second(first, axis)) < options.jump) for axis in (0, 1)]
-    found = target
-    for _ in range(options.rounds):
-        bends = [
-            np.where(j, options.strength / np.sqrt(1 + (_second(found, axis) / options.crease) ** 2), 0)
-            for axis, j in enumerate(joined)
-        ]
-        found = _solve(weight, bends, target, found, options.steps)
-    result = matched.depth.copy()
+    joined = _joined(inside, first, options.jump, 0), _joined(inside, first, options.jump, 1)
+    found = smooth_map(weight, target, joined, options.strength, options.crease, options.rounds, options.steps)
     # What conjugate gradients have not reached yet stays within the jump that joins pixels.
     found = np.clip(found, target - options.jump, target + options.jump)
-    result[box] = np.where(inside & (found > 0), 1 / (scale * np.where(found > 0, found, 1)), result[box])
+    result = matched.depth.copy()
+    result[box] = np.where(inside & (found > 0), _inverse(scale * found), result[box])
     return result
+
+
+def smooth_map(
+    weight: Array,
+    target: Array,
+    joined: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    strength: float,
+    crease: float,
+    rounds: int,
+    steps: int,
+) -> Array:
+    """Smooth a map in float32, as :func:`mgf_engine.mesh.reference_depth_smoothing.smooth_map` does in float64."""
+    height, width = target.shape
+    stride = 2 * MARGIN[1] + -(-width // LANES) * LANES
+    planes = np.zeros((11, height + 2 * MARGIN[0], stride), np.float32)
+    inner = planes[:, MARGIN[0] : MARGIN[0] + height, MARGIN[1] : MARGIN[1] + width]
+    inner[0], inner[1], inner[4] = weight, target, target
+    inner[2, 1:-1], inner[3, :, 1:-1] = joined
+    call(
+        "mgf_smooth_depth", height, width, stride, *planes[:4], float(strength), float(crease), rounds, steps,
+        planes[4], planes[5:],
+    )  # fmt: skip
+    return inner[4]
+
+
+def _inverse(values: Array) -> Array:
+    """1 / x where x > 0, else 0, float32."""
+    return np.divide(1, values, out=np.zeros(values.shape, np.float32), where=values > 0)
+
+
+def _joined(inside: NDArray[np.bool_], inverse: Array, jump: float, axis: int) -> NDArray[np.bool_]:
+    """Whether three pixels in a column (axis 0) or a row (1) show one surface; shorter by two along that axis."""
+    i, v = (inside, inverse) if axis == 0 else (inside.T, inverse.T)
+    joined = i[:-2] & i[1:-1] & i[2:] & (np.abs(v[:-2] - 2 * v[1:-1] + v[2:]) < jump)
+    return joined if axis == 0 else joined.T
 
 
 def _box(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
     rows, columns = np.flatnonzero(shown.any(1)), np.flatnonzero(shown.any(0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-
-
-def _second(values: Array, axis: int) -> Array:
-    """Second differences along an axis, which is shorter by two."""
-    v = values if axis == 0 else values.T
-    d = v[:-2] - 2 * v[1:-1] + v[2:]
-    return d if axis == 0 else d.T
-
-
-def _inside_triples(inside: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
-    v = inside if axis == 0 else inside.T
-    t = v[:-2] & v[1:-1] & v[2:]
-    return t if axis == 0 else t.T
-
-
-def _normal_equations(weight: Array, bends: list[Array], x: Array) -> Array:
-    """The matrix of the least squares applied to x: weights, and second differences times their transpose."""
-    y = weight * x
-    for axis, bend in enumerate(bends):
-        b = bend * _second(x, axis)
-        b, rows = (b, y) if axis == 0 else (b.T, y.T)
-        rows[:-2] += b
-        rows[1:-1] -= 2 * b
-        rows[2:] += b
-    return y
-
-
-def _diagonal(weight: Array, bends: list[Array]) -> Array:
-    result = weight.copy()
-    for axis, bend in enumerate(bends):
-        b, rows = (bend, result) if axis == 0 else (bend.T, result.T)
-        rows[:-2] += b
-        rows[1:-1] += 4 * b
-        rows[2:] += b
-    return result
-
-
-def _solve(weight: Array, bends: list[Array], target: Array, x: Array, steps: int) -> Array:
-    """Some steps of conjugate gradients from x, with the diagonal as preconditioner."""
-    diagonal = _diagonal(weight, bends)
-    inverse = np.where(diagonal > 0, 1 / np.where(diagonal > 0, diagonal, 1), 0)
-    residual = weight * target - _normal_equations(weight, bends, x)
-    direction = inverse * residual
-    product = np.vdot(residual, direction)
-    for _ in range(steps):
-        moved = _normal_equations(weight, bends, direction)
-        curvature = np.vdot(direction, moved)
-        if not (product > 0 and curvature > 0):
-            break
-        x = x + (product / curvature) * direction
-        residual = residual - (product / curvature) * moved
-        conditioned = inverse * residual
-        before, product = product, np.vdot(residual, conditioned)
-        direction = conditioned + (product / before) * direction
-    return x

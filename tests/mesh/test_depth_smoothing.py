@@ -6,8 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.depth_smoothing import SmoothingOptions, smooth_depth
+from mgf_engine.mesh import reference_depth_smoothing as reference
+from mgf_engine.mesh.depth_smoothing import SmoothingOptions, smooth_depth, smooth_map
 from mgf_engine.mesh.photometric import Matched
+from mgf_engine.native.library import runnable_variants, use_variant
 
 SIZE, PARALLAX = 60, 0.01  # pixels; relative change of the inverse depth that is one of parallax
 ROWS, COLUMNS = np.mgrid[:SIZE, :SIZE].astype(np.float64)
@@ -85,3 +87,19 @@ def test_it_minimises_what_it_says() -> None:
             target.append(np.zeros(1))
     expected = np.linalg.lstsq(np.concatenate(system), np.concatenate(target), rcond=None)[0]
     np.testing.assert_allclose(found.ravel() / scale, expected, atol=3e-3)
+
+
+@pytest.mark.parametrize("variant", runnable_variants())
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3), (33, 47), (20, 64)])
+def test_the_kernel_agrees_with_its_reference(variant: str, shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(1)
+    target = 300 + rng.normal(size=shape) + np.where(np.arange(shape[1]) > shape[1] // 2, 4.0, 0.0)
+    weight = np.where(rng.random(shape) < 0.1, 0.0, rng.uniform(0.1, 5, shape))
+    joined = rng.random((max(shape[0] - 2, 0), shape[1])) < 0.9, rng.random((shape[0], max(shape[1] - 2, 0))) < 0.9
+    use_variant(variant)
+    try:
+        found = smooth_map(weight.astype(np.float32), target.astype(np.float32), joined, 20.0, 0.15, 3, 12)
+    finally:
+        use_variant("")
+    expected = reference.smooth_map(weight, target, joined, 20.0, 0.15, 3, 12)
+    np.testing.assert_allclose(found, expected, atol=1e-3)
