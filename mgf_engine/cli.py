@@ -114,6 +114,10 @@ def _parser() -> argparse.ArgumentParser:
         "drawings", help="make drawings of a finished job: facade orthophotos, plans, elevations, sections, quantities"
     )
     _add_drawings_arguments(drawings)
+    models = commands.add_parser(
+        "models", help="models of a finished job: levels of detail, 3D Tiles, solid, USD, points"
+    )
+    _add_models_arguments(models)
     preview = commands.add_parser("preview", help="make the mask of one photo from its own clicks")
     _add_preview_arguments(preview)
     clean = commands.add_parser("clean", help="list or remove the results of earlier runs of a job")
@@ -143,6 +147,12 @@ def _add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_drawings_arguments(parser: argparse.ArgumentParser) -> None:
     from mgf_engine.drawings.command import add_arguments
+
+    add_arguments(parser)
+
+
+def _add_models_arguments(parser: argparse.ArgumentParser) -> None:
+    from mgf_engine.models.command import add_arguments
 
     add_arguments(parser)
 
@@ -354,6 +364,12 @@ def _drawings_command(args: argparse.Namespace) -> int:
     return drawings_command(args)
 
 
+def _models_command(args: argparse.Namespace) -> int:
+    from mgf_engine.models.command import models_command
+
+    return models_command(args)
+
+
 def _preview_command(args: argparse.Namespace) -> int:
     from mgf_engine.masks.preview import preview_command
 
@@ -377,6 +393,7 @@ _OTHER_COMMANDS = {
     "clean": _clean_command,
     "doctor": _doctor_command,
     "drawings": _drawings_command,
+    "models": _models_command,
     "estimate": _estimate_command,
     "options": _options_command,
     "weights": _weights_command,

@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,11 +32,11 @@ from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.section import cut, section_frames
 from mgf_engine.drawings.sheets import write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
-from mgf_engine.errors import BadInput
 from mgf_engine.job import locked
 from mgf_engine.masks.store import write_png
 from mgf_engine.messages import Reporter
-from mgf_engine.system import cpu_seconds, peak_memory, write_json
+from mgf_engine.output_folder import Cost, check_place, new_folder
+from mgf_engine.system import write_json
 from mgf_engine.texture.texture_pipeline import choose_painting
 
 STAGE = "drawings"
@@ -63,22 +60,6 @@ class DrawingOptions:
     resolution: float | None = None
     sections: Sequence[str] = ()
     paper: str = "A3"
-
-
-@dataclass
-class Cost:
-    """CPU seconds of each deliverable, and the process's largest memory in bytes after it."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    memory: dict[str, int] = field(default_factory=dict)
-
-    @contextmanager
-    def of(self, name: str) -> Iterator[None]:
-        """Count what happens meanwhile."""
-        begun = cpu_seconds()
-        yield
-        self.seconds[name] = round(self.seconds.get(name, 0.0) + cpu_seconds() - begun, 2)
-        self.memory[name] = peak_memory()
 
 
 @dataclass
@@ -113,9 +94,9 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
     reporter.stages = (STAGE,)
     reporter.stage(STAGE)
     folder = (out or job / "drawings").resolve()
-    _check_place(folder)
+    check_place(folder, INDEX, "drawings")
     cost = Cost()
-    with locked(job), _new_folder(folder) as beside:
+    with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
             survey = read_survey(job)
             facades = _facades(survey, wanted)
@@ -268,29 +249,3 @@ def _index(work: Work) -> dict[str, Any]:
         "format": FORMAT, "unit": survey.georeference.unit, "crs": survey.georeference.crs, "pixel": survey.pixel,
         "facades": facades, "files": work.files, "cpu_seconds": work.cost.seconds, "peak_memory": work.cost.memory,
     }  # fmt: skip
-
-
-def _check_place(folder: Path) -> None:
-    if folder.is_file():
-        raise BadInput(f"The output '{folder}' is a file; give a folder.")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / INDEX).is_file():
-        raise BadInput(f"The folder '{folder}' is not empty and holds no drawings; give an empty or new folder.")
-
-
-@contextmanager
-def _new_folder(folder: Path) -> Iterator[Path]:
-    """A folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise."""
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        beside = Path(tempfile.mkdtemp(prefix=".part-drawings-", dir=folder.parent))
-    except OSError as error:
-        raise BadInput(f"Cannot write to '{folder.parent}' ({error.strerror}); give --out another folder.") from error
-    try:
-        yield beside
-        if folder.exists():
-            shutil.rmtree(folder)
-        beside.chmod(0o755)
-        beside.rename(folder)
-    except BaseException:
-        shutil.rmtree(beside, ignore_errors=True)
-        raise

@@ -90,7 +90,7 @@ def read_ply(path: Path) -> Mesh:
 def write_texture(texture: Texture, folder: Path) -> None:
     """Write ``texture.jpg``, and ``mesh_texture.npz`` with the array ``uv`` in the order of ``mesh.ply``'s faces."""
     with atomic_path(folder / IMAGE) as temporary:
-        temporary.write_bytes(_jpeg(texture))
+        temporary.write_bytes(encode_jpeg(texture))
     with atomic_path(folder / COORDINATES) as temporary, open(temporary, "wb") as file:
         np.savez(file, uv=texture.uv)
 
@@ -111,7 +111,8 @@ def read_texture(folder: Path) -> Texture:
     return Texture(uv, image)
 
 
-def _jpeg(texture: Texture) -> bytes:
+def encode_jpeg(texture: Texture) -> bytes:
+    """The texture's picture as a JPEG file."""
     ok, data = cv2.imencode(".jpg", cv2.cvtColor(texture.image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     if not ok:
         raise RuntimeError(f"could not encode a texture of {texture.image.shape}")
@@ -149,15 +150,17 @@ def write_glb(
     texture: Texture | None = None,
     turn: NDArray[np.float64] | None = None,
     extras: dict[str, Any] | None = None,
+    picture: Path | None = None,
 ) -> None:
     """Binary glTF; vertices around the mesh's centre, the centre as the translation of the node.
 
     Args:
         turn: rotation [3, 3] that the node adds, such as from z up to glTF's y up; None keeps the axes.
         extras: kept in ``asset.extras``.
+        picture: the texture's picture as JPEG (default: the one in the same folder).
 
-    With a texture the file holds its picture, the one written to the same folder; vertices are doubled where faces
-    find them in several places of it, and have no colours of their own.
+    With a texture the file holds its picture; vertices are doubled where faces find them in several places of it, and
+    have no colours of their own.
     """
     import trimesh
 
@@ -166,7 +169,7 @@ def write_glb(
         rgba = np.column_stack([mesh.colors, np.full(len(mesh.colors), 255, np.uint8)])
         local = trimesh.Trimesh(mesh.vertices - centre, mesh.faces, vertex_colors=rgba, process=False)
     else:
-        local = _textured(replace(mesh, vertices=mesh.vertices - centre), texture, path.parent / IMAGE)
+        local = _textured(replace(mesh, vertices=mesh.vertices - centre), texture, picture or path.parent / IMAGE)
     scene = trimesh.Scene()
     place = _translation(centre)
     if turn is not None:

@@ -21,7 +21,7 @@ from mgf_engine.model.mesh import Mesh, Texture
 
 FOLDER = "georeferenced"
 #: x east, y north, z up -> glTF's axes: x east, y up, z south.
-_GLTF_AXES = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+GLTF_AXES = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
 def write_georeferenced(
@@ -46,7 +46,7 @@ def write_georeferenced(
     if obj:
         write_obj(local, folder / "mesh.obj", texture, says)
     if glb:
-        write_glb(local, folder / "mesh.glb", texture, _GLTF_AXES, extras(georeference))
+        write_glb(local, folder / "mesh.glb", texture, GLTF_AXES, extras(georeference))
     write_georeference(georeference, folder)
     if georeference.crs is not None:
         (folder / "mesh.prj").write_text(Projection(georeference.crs).wkt(), encoding="ascii", errors="replace")

@@ -61,7 +61,7 @@ def bake(
     for k, found in enumerate(side_by_side(colors, range(len(kinds)))):
         progress(k / len(kinds))
         image[parts[k]] = found
-    return _fill_gutters(image.reshape(layout.height, layout.width, 3), face >= 0)
+    return fill_gutters(image.reshape(layout.height, layout.width, 3), face >= 0)
 
 
 def barycentric(triangle: NDArray[np.float64], at: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -90,7 +90,7 @@ def look_up(view: View, source: Source, points: NDArray[np.float64], scale: floa
     return sample(photo, at, cv2.INTER_CUBIC)
 
 
-def _fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Pixels beside the patches take the nearest patch's colour: smaller copies of the picture mix them in."""
     if not painted.any():
         return image

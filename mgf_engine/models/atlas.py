@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The texture of a level of detail: charts of its own by xatlas, each pixel looked up on the full mesh.
+
+A coarse face lies over many patches of the full texture, so texture coordinates cannot be carried over. The picture
+is painted anew instead: each of its pixels is a point of the coarse mesh and takes the colour of the nearest point of
+the full one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.geometry.rasterize import draw_triangles
+from mgf_engine.mesh.colors import sample
+from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.texture.bake import barycentric, fill_gutters
+from mgf_engine.texture.charts import BLOCK
+
+LEAST_SIDE = 256
+PADDING = 3  # pixels between charts
+SHRINK = 4.0  # what the gutters between the patches of the full texture allow
+AT_ONCE = 500_000  # pixels looked up together
+
+Array = NDArray[np.float64]
+
+
+def transfer_texture(
+    coarse: Mesh, full: Mesh, texture: Texture, side: int, progress: Callable[[float], None] = lambda share: None
+) -> Texture:
+    """The texture of a coarse mesh, from that of the full mesh in the same frame.
+
+    Args:
+        side: of the picture, pixels; at least :data:`LEAST_SIDE` is taken.
+    """
+    side = max(LEAST_SIDE, side)
+    uv, height = _charts(coarse, side)
+    at = uv * (side, height)
+    face = draw_triangles(at, height, side)
+    rows, columns = np.nonzero(face >= 0)
+    image = np.zeros((height, side, 3), np.uint8)
+    texture = _shrunk(texture, len(rows))
+    surface = Surface(full.vertices, full.faces.astype(np.int64))
+    for first in range(0, len(rows), AT_ONCE):
+        progress(first / len(rows))
+        row, column = rows[first : first + AT_ONCE], columns[first : first + AT_ONCE]
+        owner = face[row, column]
+        weight = barycentric(at[owner], np.stack([column, row], 1) + 0.5)
+        points = (coarse.vertices[coarse.faces[owner]] * weight[..., None]).sum(1)
+        image[row, column] = _colors(points, surface, texture)
+    image = fill_gutters(image, face >= 0)
+    return Texture(np.stack([uv[..., 0], 1 - uv[..., 1]], -1).astype(np.float32), image)
+
+
+def _charts(mesh: Mesh, side: int) -> tuple[Array, int]:
+    """Places of the faces' corners in a picture of this width, 0..1 from the top left, [F, 3, 2], and its height."""
+    import xatlas
+
+    atlas = xatlas.Atlas()
+    local = (mesh.vertices - mesh.vertices.mean(0)).astype(np.float32)
+    atlas.add_mesh(local, mesh.faces.astype(np.uint32))
+    charts, packing = xatlas.ChartOptions(), xatlas.PackOptions()
+    charts.max_iterations = 1
+    packing.padding, packing.resolution, packing.bilinear = PADDING, side, True
+    atlas.generate(charts, packing)
+    _, corners, uv = atlas.get_mesh(0)
+    height = max(BLOCK, BLOCK * round(side * atlas.height / max(atlas.width, 1) / BLOCK))
+    return np.asarray(uv[corners], np.float64), int(height)
+
+
+def _shrunk(texture: Texture, pixels: int) -> Texture:
+    """The texture with about as many painted pixels as asked for, at most :data:`SHRINK` times smaller each way.
+
+    Else a coarse picture would pick single pixels of the fine one, which flickers.
+    """
+    height, width = texture.image.shape[:2]
+    first, second = texture.uv[:, 1] - texture.uv[:, 0], texture.uv[:, 2] - texture.uv[:, 0]
+    painted = 0.5 * float(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).sum()) * width * height
+    shrink = min(SHRINK, float(np.sqrt(painted / max(pixels, 1))))
+    if shrink <= 1:
+        return texture
+    size = max(1, round(width / shrink)), max(1, round(height / shrink))
+    return Texture(texture.uv, np.asarray(cv2.resize(texture.image, size, interpolation=cv2.INTER_AREA), np.uint8))
+
+
+def _colors(points: Array, surface: Surface, texture: Texture) -> NDArray[np.uint8]:
+    """What the texture of a surface shows at the places nearest to points [n, 3], RGB uint8 [n, 3]."""
+    _, face, spot = surface.closest(points)
+    a, b, c = (surface.vertices[surface.faces[face, k]] for k in range(3))
+    first, second, off = b - a, c - a, spot - a
+    normal = np.cross(first, second)
+    double = np.maximum((normal**2).sum(1), 1e-300)
+    v = (np.cross(off, second) * normal).sum(1) / double
+    w = (np.cross(first, off) * normal).sum(1) / double
+    weight = np.clip(np.stack([1 - v - w, v, w], 1), 0, 1)
+    at = (texture.uv[face] * weight[..., None]).sum(1)
+    height, width = texture.image.shape[:2]
+    return sample(texture.image, np.stack([at[:, 0] * width, (1 - at[:, 1]) * height], 1), cv2.INTER_LINEAR)

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf models``: levels of detail, 3D Tiles, a solid, USD and points of a finished job."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import logging
+import math
+from pathlib import Path
+
+from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.messages import Reporter
+from mgf_engine.terminal import make_sink
+
+_LEVELS = {"xatlas": "xatlas", "fast_simplification": "fast-simplification"}
+#: What can be made -> the packages it needs beyond the engine's own, module -> name.
+NEEDED: dict[str, dict[str, str]] = {
+    "lod": _LEVELS,
+    "tiles": _LEVELS,
+}
+MOST_ERRORS = 9
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of ``mgf models``."""
+    parser.add_argument("job", type=Path, metavar="JOB", help="job folder with a finished mesh")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where models go (default: JOB/models)")
+    parser.add_argument(
+        "--only", default=",".join(NEEDED), metavar="KINDS",
+        help=f"what to make, with commas between (default: all of {','.join(NEEDED)})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--error", default=None, metavar="CM",
+        help="make the coarser levels of detail by how far they may lie from the mesh in centimetres, such as 1,5,20, "
+        "in place of 25, 6 and 1.5 %% of its faces",
+    )  # fmt: skip
+    styles = ("auto", "bar", "plain", "json", "none")
+    parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
+
+
+def models_command(args: argparse.Namespace) -> int:
+    """Make everything that was asked for; returns the exit code.
+
+    Raises:
+        BadInput: the job has no mesh, an argument cannot be used, or a package is missing.
+    """
+    kinds = read_kinds(args.only)
+    errors = [] if args.error is None else [error / 100 for error in read_errors(args.error)]
+    require_packages(kinds)
+    from mgf_engine.models.make import ModelOptions, make_models
+
+    logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
+    make_models(args.job, args.out, ModelOptions(kinds, errors), Reporter(make_sink(args.progress)))
+    return EXIT_DONE
+
+
+def read_kinds(text: str) -> tuple[str, ...]:
+    """What to make.
+
+    Raises:
+        BadInput: it names something else.
+    """
+    kinds = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
+    unknown = [kind for kind in kinds if kind not in NEEDED]
+    if unknown:
+        raise BadInput(f"--only takes some of {', '.join(NEEDED)}, not '{unknown[0]}'.")
+    return kinds
+
+
+def read_errors(text: str) -> list[float]:
+    """Distances in centimetres, each larger than the one before.
+
+    Raises:
+        BadInput: they are not.
+    """
+    refusal = BadInput(
+        f"--error takes one to {MOST_ERRORS} growing distances in centimetres, such as 1,5,20, not '{text}'."
+    )
+    try:
+        errors = [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise refusal from error
+    growing = all(a < b for a, b in zip([0.0, *errors], [*errors, math.inf], strict=True))
+    if not growing or len(errors) > MOST_ERRORS:
+        raise refusal
+    return errors
+
+
+def require_packages(kinds: tuple[str, ...]) -> None:
+    """Refuse to begin where a package is missing.
+
+    Raises:
+        BadInput: one is, and how to install it.
+    """
+    needed = {module: name for kind in kinds for module, name in NEEDED[kind].items()}
+    missing = [name for module, name in needed.items() if importlib.util.find_spec(module) is None]
+    if missing:
+        raise BadInput(
+            f"These models need {', '.join(missing)}; install with: pip install 'mgf-engine[models]', in the engine's "
+            "environment, or leave them out with --only."
+        )
