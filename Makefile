@@ -14,7 +14,7 @@ $(VENV)/.ready: constraints.txt pyproject.toml
 	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is needed; install it and try again."; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 	$(RUN) -m pip install -q -c constraints.txt torch==2.13.0 setuptools wheel ziglang
-	$(RUN) -m pip install -q -c constraints.txt --no-build-isolation -e ".[dev,survey,models]"
+	$(RUN) -m pip install -q -c constraints.txt --no-build-isolation -e ".[dev,survey,models,town]"
 	@touch $@
 
 $(BPY)/.ready: constraints-blender.txt

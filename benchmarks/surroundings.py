@@ -60,7 +60,7 @@ def surroundings(
         spot = np.array(
             [low[0] + (i + 0.5) * (high - low)[0] / max(cars, 1) + rng.uniform(-1, 1), low[1] - rng.uniform(9.2, 10.0)]
         )
-        parts += _car(f"car{i}.", spot, rng)
+        parts += car(f"car{i}.", spot, rng)
     return parts
 
 
@@ -170,7 +170,8 @@ def tree(name: str, spot: NDArray[np.float64], height: float, rng: Generator) ->
     return b.parts()
 
 
-def _car(name: str, spot: NDArray[np.float64], rng: Generator) -> list[Part]:
+def car(name: str, spot: NDArray[np.float64], rng: Generator) -> list[Part]:
+    """A parked car of a random colour."""
     b = Builder(building=False, prefix=name)
     paint = str(rng.choice(["car_red", "car_white", "car_blue", "car_grey"]))
     side = [(-2.1, 0.35), (2.1, 0.35), (2.15, 0.75), (1.3, 0.9), (0.8, 1.42), (-1.1, 1.45), (-1.9, 0.95), (-2.15, 0.85)]

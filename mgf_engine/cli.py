@@ -129,6 +129,11 @@ def _parser() -> argparse.ArgumentParser:
         argument_default=argparse.SUPPRESS,
     )  # fmt: skip
     _add_georef_arguments(georef)
+    buildings = commands.add_parser(
+        "buildings", help="choose photos and clicks of every building of a scene, from a map of footprints",
+        argument_default=argparse.SUPPRESS,
+    )  # fmt: skip
+    _add_buildings_arguments(buildings)
     commands.add_parser("bench", help="run a benchmark suite; see 'mgf bench --help'", add_help=False)
     return parser
 
@@ -155,6 +160,15 @@ def _add_models_arguments(parser: argparse.ArgumentParser) -> None:
     from mgf_engine.models.command import add_arguments
 
     add_arguments(parser)
+
+
+def _add_buildings_arguments(parser: argparse.ArgumentParser) -> None:
+    from mgf_engine.town.command import add_arguments
+
+    add_arguments(parser)
+    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set any option by name")
+    _add_options(parser)
 
 
 def _add_georef_arguments(parser: argparse.ArgumentParser) -> None:
@@ -388,7 +402,14 @@ def _georef_command(args: argparse.Namespace) -> int:
     return georef_command(args)
 
 
+def _buildings_command(args: argparse.Namespace) -> int:
+    from mgf_engine.town.command import buildings_command
+
+    return buildings_command(args, _given_options(args))
+
+
 _OTHER_COMMANDS = {
+    "buildings": _buildings_command,
     "georef": _georef_command,
     "clean": _clean_command,
     "doctor": _doctor_command,

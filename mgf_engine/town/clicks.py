@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clicks without a hand: what sparse points and hulls say lies on a building and beside it, in the photos that see it.
+
+A sparse point is where photos agree, so its track names the very pixels that show it: points on walls and roof are
+clicks on the building, points on the ground, on trees and on neighbours are clicks beside it. Where a building has few
+points, the inmost part of its hull stands in for them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.geometry.rasterize import look
+from mgf_engine.georef.model import Georeference
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import Scene
+from mgf_engine.scene.roots import spread_out, standpoints
+from mgf_engine.town.hulls import ABOVE, SLACK, Hull, prism
+from mgf_engine.town.place import to_normalised
+from mgf_engine.town.sights import Choice, Drawn
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+POSITIVES, NEGATIVES = 5, 5
+_SHARE, _FEWEST = 3, 5  # clicks are put on a third of the photos, and on so many at least
+_EDGE, _AWAY = 3.0, 4.0  # px of the drawn pictures: from the hull's edge to clicks inside it, and beside it
+_NEAR = 0.25  # of a picture's longest side: clicks beside a building lie so near
+_APART = 1.0  # metre from a neighbour: nearer points may be on either
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Which sparse points lie on a building and which do not, bool [P] each; others may be either."""
+
+    on: Bools
+    neighbours: Bools
+    beside: Bools
+
+
+def sides_of(hull: Hull, hulls: Sequence[Hull], points: Array, metre: float) -> Sides:
+    """Sort the sparse points (local frame) by one building."""
+    import shapely
+
+    slack, above = SLACK * metre, hull.low + ABOVE * metre
+    around = hull.polygon.buffer(40 * metre)
+    near = shapely.contains_xy(around.envelope, points[:, :2])
+    on, next_to, beside = (np.zeros(len(points), bool) for _ in range(3))
+    rows = np.flatnonzero(near)
+    places, heights = points[rows, :2], points[rows, 2]
+    others = [h.polygon for h in hulls if h is not hull and h.polygon.intersects(around)]
+    neighbours = shapely.union_all(others) if others else shapely.Polygon()
+    inside = shapely.contains_xy(hull.polygon.buffer(0.5 * slack), places)
+    to_neighbour = shapely.distance(shapely.points(places), neighbours) if others else np.full(len(rows), np.inf)
+    on[rows] = inside & (heights > above) & (heights < hull.high + 0.5 * metre) & (to_neighbour > _APART * metre)
+    clear = ~shapely.contains_xy(hull.polygon.buffer(2 * slack), places)
+    next_to[rows] = shapely.contains_xy(neighbours, places) & clear & (heights > above)
+    # What overhangs a footprint is near it; the ground right at the wall is left to the mask.
+    beside[rows] = clear & ~shapely.contains_xy(neighbours.buffer(slack), places)
+    return Sides(on, next_to, beside)
+
+
+def suggest_clicks(
+    scene: Scene,
+    georeference: Georeference,
+    hull: Hull,
+    number: int,
+    hulls: Sequence[Hull],
+    points: Array,
+    drawn: Drawn,
+    choice: Choice,
+    metre: float,
+) -> dict[str, dict[str, list[list[float]]]]:
+    """Clicks on one building in the form of ``prompts.json``, pixels of the user's photos.
+
+    Args:
+        number: of the hull in ``drawn``.
+        points: [P, 3] sparse points, local frame.
+        choice: its photos.
+    """
+    sides = sides_of(hull, hulls, points, metre)
+    alone = _mesh(scene, georeference, hull.polygon, hull.low - 0.3 * metre, hull.high)
+    middle = hull.polygon.buffer(-0.15 * math.sqrt(hull.polygon.area))
+    middle = middle if not middle.is_empty else hull.polygon
+    core = _mesh(scene, georeference, middle, hull.low, hull.low + 0.6 * (hull.high - hull.low))
+    result: dict[str, dict[str, list[list[float]]]] = {}
+    for index in _clicked(scene, choice):
+        rows = scene.observations(index)
+        pixels = np.asarray(scene.track_uv[rows], np.float64)
+        owner = scene.track_point[rows]
+        factor, view = drawn.factor[index], drawn.views[index]
+        visible = drawn.owner[index] == number
+        inward = _depth(visible)
+        outward = _depth(look(alone, view).face < 0)
+        positive = _spread(
+            *_kept(pixels, sides.on[owner], inward, factor, _EDGE), _inmost(look(core, view).face >= 0, visible), factor
+        )
+        limit = _NEAR * max(view.width, view.height)
+        negative = [
+            *_nearest(*_kept(pixels, sides.neighbours[owner], outward, factor, _AWAY, limit), NEGATIVES // 2),
+            *_nearest(*_kept(pixels, sides.beside[owner], outward, factor, _AWAY, limit), NEGATIVES - NEGATIVES // 2),
+        ]
+        if len(positive):
+            result[scene.views[index].name] = {
+                "positive": _original(scene, index, positive), "negative": _original(scene, index, np.array(negative)),
+            }  # fmt: skip
+    return result
+
+
+def _clicked(scene: Scene, choice: Choice) -> list[int]:
+    """The photos that get clicks: a third of those chosen, spread out."""
+    count = min(len(choice.photos), max(_FEWEST, -(-len(choice.photos) // _SHARE)))
+    views = [scene.views[k] for k in choice.photos]
+    centres, directions, _ = standpoints(views, np.zeros(0, np.int32))
+    order = np.arange(len(views))[::-1]  # the most telling one first
+    return [choice.photos[k] for k in spread_out(centres, directions, order, count)]
+
+
+def _mesh(scene: Scene, georeference: Georeference, polygon: object, low: float, high: float) -> Mesh:
+    vertices, faces = prism(polygon, low, high)
+    vertices = to_normalised(scene, georeference, vertices)
+    return Mesh(vertices, faces, np.zeros(vertices.shape, np.uint8))
+
+
+def _depth(region: Bools) -> NDArray[np.float32]:
+    """How far each pixel lies inside a region, 0 outside; the frame's rim counts as outside."""
+    padded = np.pad(region, 1).astype(np.uint8)
+    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1], np.float32)
+
+
+def _kept(
+    pixels: Array, wanted: Bools, depth: NDArray[np.float32], factor: float, least: float, most: float = math.inf
+) -> tuple[Array, Array]:
+    """The wanted observations [N, 2] (working pixels) that lie deep enough in a region, and how deep [N]."""
+    chosen = pixels[wanted]
+    u, v = (chosen * factor).astype(int).T if len(chosen) else np.zeros((2, 0), int)
+    found = depth[np.minimum(v, depth.shape[0] - 1), np.minimum(u, depth.shape[1] - 1)]
+    kept = (found >= least) & (found <= most)
+    return chosen[kept], np.asarray(found[kept], np.float64)
+
+
+def _inmost(core: Bools, visible: Bools) -> tuple[Array, Array]:
+    """The middle of what is surely the building and not hidden, pixels [N, 2] of the drawn picture, and depths [N]."""
+    depth = _depth(core & visible)
+    if depth.max() < _EDGE:
+        return np.zeros((0, 2)), np.zeros(0)
+    v, u = np.nonzero(depth >= max(_EDGE, 0.5 * float(depth.max())))
+    return np.stack([u, v], 1).astype(np.float64) + 0.5, np.asarray(depth[v, u], np.float64)
+
+
+def _spread(pixels: Array, depth: Array, spare: tuple[Array, Array], factor: float) -> Array:
+    """Clicks on the building: the deepest, then what lies farthest from those; from the core where points are few."""
+    if len(pixels) < POSITIVES and len(spare[0]):
+        pixels = np.concatenate([pixels, spare[0] / factor])
+        depth = np.concatenate([depth, spare[1]])
+    if not len(pixels):
+        return pixels
+    chosen = [int(np.argmax(depth))]
+    gap = np.linalg.norm(pixels - pixels[chosen[0]], axis=1)
+    while len(chosen) < POSITIVES and gap.max() > 6 / factor:
+        chosen.append(int(np.argmax(gap * np.minimum(1.0, depth / (4 * _EDGE)))))
+        gap = np.minimum(gap, np.linalg.norm(pixels - pixels[chosen[-1]], axis=1))
+    return pixels[chosen]
+
+
+def _nearest(pixels: Array, depth: Array, count: int) -> list[Array]:
+    """Clicks beside the building: the nearest, then those that are near and far from each other."""
+    if not len(pixels) or count < 1:
+        return []
+    chosen = [int(np.argmin(depth))]
+    gap = np.linalg.norm(pixels - pixels[chosen[0]], axis=1)
+    while len(chosen) < count and gap.max() > 0:
+        chosen.append(int(np.argmax(gap / (depth + 10.0))))
+        gap = np.minimum(gap, np.linalg.norm(pixels - pixels[chosen[-1]], axis=1))
+    return list(pixels[chosen])
+
+
+def _original(scene: Scene, index: int, pixels: Array) -> list[list[float]]:
+    if not len(pixels):
+        return []
+    view = scene.views[index]
+    found = np.clip(view.to_original(pixels), 0, (view.original_width, view.original_height))
+    return [[round(float(u), 1), round(float(v), 1)] for u, v in found]

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf buildings``: a folder per building, with photos and clicks, from a scene and a map of footprints."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.config import make_config
+from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.memory import GB
+from mgf_engine.messages import Reporter
+from mgf_engine.terminal import duration, make_sink
+from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, ONE, Plan, read_plan
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``mgf buildings`` and ``mgf town`` take beside the options of jobs."""
+    parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
+    parser.add_argument(
+        "--footprints", type=Path, required=True, metavar="FILE",
+        help="outlines of the buildings: GeoJSON, GeoPackage, Shapefile or CityJSON",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the folders of buildings go")
+    parser.add_argument("--layer", default="", help="of a GeoPackage; the first one with areas by default")
+    parser.add_argument(
+        "--footprints-crs", default="", metavar="CRS",
+        help="coordinate reference system of the footprints, where the file names none or a wrong one; 'scene' for "
+        "coordinates of the scene itself",
+    )  # fmt: skip
+    parser.add_argument(
+        "--pairs", type=Path, default=None, metavar="FILE",
+        help="three points or more known in map and scene (CSV: east, north, height, x, y, z)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--photos-per-building", type=int, default=MOST_PHOTOS, metavar="N", help=f"at most (default {MOST_PHOTOS})"
+    )
+    parser.add_argument(
+        "--clicks", type=Path, default=None, metavar="FOLDER",
+        help="clicks by hand, ID.json for each building that has some; they win over automatic ones",
+    )  # fmt: skip
+
+
+def buildings_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
+    """Make the plan, write it, and say what was found."""
+    plan = plan_town(args, given, Reporter(make_sink("auto")))
+    print(table(plan))
+    rows = [row for row in read_plan(args.out)["buildings"] if (args.out / BUILDINGS / row["id"] / ONE).is_file()]
+    if rows:
+        print(time_and_memory(rows))
+    print(f"Written to {args.out / BUILDINGS}; look at {args.out / 'map.png'} before the jobs.")
+    return EXIT_DONE
+
+
+def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter) -> Plan:
+    """From arguments to the plan on disk.
+
+    Raises:
+        BadInput: what :mod:`mgf_engine.town.plan` and its parts raise, or impossible arguments.
+    """
+    from mgf_engine.town.footprints import read_footprints
+    from mgf_engine.town.map import draw_map
+    from mgf_engine.town.place import place_footprints
+    from mgf_engine.town.plan import make_plan, shared_scene, write_plan
+    from mgf_engine.town.sights import FEWEST
+
+    if args.photos_per_building < FEWEST:
+        raise BadInput(f"--photos-per-building must be {FEWEST} or more; a building needs that many.")
+    if args.clicks is not None and not args.clicks.is_dir():
+        raise BadInput(f"The clicks '{args.clicks}' are no folder; give one that holds ID.json for each building.")
+    footprints = read_footprints(args.footprints, args.layer)
+    reporter.stages = ("scene",)
+    job, scene = shared_scene(args.scene, args.out, given, reporter)
+    placed = place_footprints(footprints, scene, make_config(given), args.footprints_crs, args.pairs, reporter.warning)
+    plan = make_plan(scene, placed, footprints, args.photos_per_building, _say)
+    plan = write_plan(plan, job, args.out, given, footprints, args.photos_per_building, args.clicks)
+    outlines = [(b.hull.id, b.hull.state, b.hull.polygon) for b in plan.buildings]
+    draw_map(args.out / "map.png", scene, placed, outlines)
+    return plan
+
+
+def _say(text: str) -> None:
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def table(plan: Plan) -> str:
+    """The plan as people read it, what is doubtful below."""
+    metre = plan.placed.metre
+    head = f"{'building':<20}{'state':<18}{'height':>8}{'area':>9}{'photos':>8}{'clicked':>9}{'pixel':>9}"
+    lines = [plan.placed.note, "", head]
+    for building in plan.buildings:
+        hull, choice = building.hull, building.choice
+        height, area = (hull.high - hull.low) / metre, hull.polygon.area / metre**2
+        lines.append(
+            f"{hull.id:<20}{hull.state:<18}{height:>6.1f} m{area:>6.0f} m2"
+            f"{len(choice.photos):>8}{len(building.clicks):>9}{100 * choice.pixel:>6.1f} cm"
+        )
+    lines += [""] + [f"{b.hull.id}: {b.hull.reason}" for b in plan.buildings if b.hull.reason]
+    if plan.outside:
+        lines.append(f"{plan.outside} footprints lie outside of what the photos show.")
+    if plan.passed_over:
+        lines.append(f"{plan.passed_over} entries of the map are no areas and were passed over.")
+    return "\n".join(lines)
+
+
+def time_and_memory(rows: list[dict[str, Any]]) -> str:
+    """One sentence: what the jobs of these buildings will take together, and the largest of them."""
+    seconds = sum(row["estimate"]["seconds"] for row in rows)
+    memory = max(row["estimate"]["bytes"] for row in rows)
+    return f"{len(rows)} jobs: about {duration(seconds)} one after the other, {memory / GB:.1f} GB for the largest."

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Hulls of buildings: a footprint and the range of heights that the sparse points show above and around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+#: Metres: how far a footprint may be off, the ring around a building where the ground is looked for, the lowest thing
+#: that is taken for a building, and how far above the ground that begins.
+SLACK, _RING, LOWEST, ABOVE = 0.6, (1.0, 7.0), 2.0, 1.2
+_FEWEST = 8  # points: fewer say nothing
+
+#: What can be said of a building before its job. ``doubtful`` ones get no clicks; clicks by hand settle them.
+READY, BY_HAND, DOUBTFUL, GONE, UNSEEN = "ready", "by hand", "doubtful", "nothing there", "not photographed"
+
+
+@dataclass(frozen=True)
+class Hull:
+    """A building as a prism in the local frame.
+
+    Attributes:
+        id: of the footprint.
+        polygon: shapely, local frame.
+        low, high: heights of ground and top.
+        points: number of sparse points on it.
+        state: one of :data:`READY`, :data:`DOUBTFUL`, :data:`GONE`.
+        reason: one sentence where it is not ready.
+    """
+
+    id: str
+    polygon: Any
+    low: float
+    high: float
+    points: int
+    state: str = READY
+    reason: str = ""
+
+
+def make_hulls(ids: Sequence[str], polygons: NDArray[np.object_], points: Array, metre: float) -> list[Hull]:
+    """A hull for each footprint.
+
+    Args:
+        polygons: shapely [N], local frame.
+        points: [P, 3] sparse points, local frame, z up.
+        metre: length of a metre there.
+    """
+    import shapely
+
+    flat = shapely.points(points[:, :2])
+    tree = shapely.STRtree(flat)
+    built = shapely.STRtree(polygons)
+    usual = float(np.percentile(points[:, 2], 10))
+    hulls = []
+    for name, polygon in zip(ids, polygons, strict=True):
+        around = polygon.buffer(_RING[1] * metre).difference(polygon.buffer(_RING[0] * metre))
+        others = [polygons[k].buffer(SLACK * metre) for k in built.query(around) if polygons[k] is not polygon]
+        ring = points[tree.query(around.difference(shapely.union_all(others)), predicate="intersects")]
+        inside = points[tree.query(polygon.buffer(0.5 * SLACK * metre), predicate="intersects")]
+        hulls.append(_hull(name, polygon, ring[:, 2], inside[:, 2], usual, metre))
+    return hulls
+
+
+def _hull(name: str, polygon: Any, ring: Array, inside: Array, usual: float, metre: float) -> Hull:
+    ground = ground_of(ring) if len(ring) >= _FEWEST else usual
+    raised = inside[inside > ground + ABOVE * metre]
+    if len(raised) >= _FEWEST:
+        top = float(np.percentile(raised, 98))
+        if top - ground >= LOWEST * metre:
+            return Hull(name, polygon, ground, top + 0.2 * metre, len(raised))
+    if len(inside) - len(raised) >= _FEWEST:
+        reason = f"The points show ground where the map has a building ({len(inside)} points, {len(raised)} above it)."
+        return Hull(name, polygon, ground, ground + LOWEST * metre, len(raised), GONE, reason)
+    reason = f"Only {len(raised)} points lie on it, too few to tell its height; click it by hand if it is there."
+    return Hull(name, polygon, ground, ground + LOWEST * metre, len(raised), DOUBTFUL, reason)
+
+
+def ground_of(heights: Array) -> float:
+    """The height of the ground among points on it and on what stands about: the densest height of the lower half."""
+    low = np.sort(heights[heights <= np.median(heights)])
+    if len(low) < 4:
+        return float(low[0])
+    width = (
+        len(low) // 2
+    )  # the shortest interval with half of them (Rousseeuw's least median of squares in one dimension)
+    spans = low[width:] - low[: len(low) - width]
+    start = int(np.argmin(spans))
+    return float(np.median(low[start : start + width + 1]))
+
+
+def prism(polygon: Any, low: float, high: float) -> tuple[Array, NDArray[np.int32]]:
+    """Walls and roof of a polygon between two heights: vertices [N, 3], faces [F, 3]; no floor."""
+    import shapely
+
+    corners, faces, count = [], [], 0
+    for part in getattr(polygon, "geoms", [polygon]):
+        for ring in (part.exterior, *part.interiors):
+            line = shapely.get_coordinates(ring)[:-1]
+            n = len(line)
+            corners += [np.c_[line, np.full(n, low)], np.c_[line, np.full(n, high)]]
+            k = np.arange(n)
+            a, b = count + k, count + (k + 1) % n
+            faces += [np.stack([a, b, b + n], 1), np.stack([a, b + n, a + n], 1)]
+            count += 2 * n
+        for triangle in shapely.constrained_delaunay_triangles(part).geoms:
+            corners.append(np.c_[shapely.get_coordinates(triangle)[:3], np.full(3, high)])
+            faces.append(np.array([[count, count + 1, count + 2]]))
+            count += 3
+    return np.concatenate(corners), np.concatenate(faces).astype(np.int32)
+
+
+def samples(polygon: Any, low: float, high: float, spacing: float) -> tuple[Array, Array]:
+    """Points spread over walls and roof of a prism, [S, 3], and their outward normals [S, 3]."""
+    import shapely
+
+    places, normals = [], []
+    levels = max(1, round((high - low) / spacing))
+    heights = low + (high - low) * (np.arange(levels) + 0.5) / levels
+    for part in getattr(polygon, "geoms", [polygon]):
+        for ring in shapely.normalize(part).boundary.geoms if part.interiors else [shapely.normalize(part).exterior]:
+            line = shapely.get_coordinates(ring)
+            for a, b in pairwise(line):
+                length = float(np.linalg.norm(b - a))
+                steps = max(1, round(length / spacing))
+                out = np.array([b[1] - a[1], a[0] - b[0]]) / max(length, 1e-12)
+                middle = (a + b) / 2 + 1e-3 * length * out
+                out = -out if part.contains(shapely.Point(*middle)) else out
+                for share in (np.arange(steps) + 0.5) / steps:
+                    places += [(*(a + share * (b - a)), z) for z in heights]
+                    normals += [(*out, 0.0)] * levels
+        x0, y0, x1, y1 = part.bounds
+        grid = np.stack(np.meshgrid(np.arange(x0 + spacing / 2, x1, spacing), np.arange(y0 + spacing / 2, y1, spacing)))
+        spots = grid.reshape(2, -1).T
+        spots = spots[shapely.contains_xy(part, spots)] if len(spots) else spots
+        spots = spots if len(spots) else shapely.get_coordinates(part.representative_point())
+        places += [(*spot, high) for spot in spots]
+        normals += [(0.0, 0.0, 1.0)] * len(spots)
+    return np.array(places), np.array(normals)

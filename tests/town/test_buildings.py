@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf buildings`` on two houses and the footprint of a third that is gone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.synthetic.house import OFFSET
+from benchmarks.synthetic.street import PLACES, Street, build_street, write_footprints
+from mgf_engine.cli import main
+from mgf_engine.scene.colmap import find_model, read_model
+from mgf_engine.scene.crop import parse_crop_box
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Street:
+    return build_street(tmp_path_factory.mktemp("street"))
+
+
+@pytest.fixture(scope="module")
+def out(street: Street) -> Path:
+    place = street.folder.parent / "town"
+    assert buildings(street, place) == 0
+    return place
+
+
+def buildings(street: Street, place: Path, *more: object) -> int:
+    map_ = ["--footprints", str(street.folder / "footprints.geojson")] if "--footprints" not in more else []
+    options = [*map_, "--footprints-crs", "scene", "--preset", "quick"]
+    return main(["buildings", str(street.folder), "--out", str(place), *options, *map(str, more)])
+
+
+def rows(place: Path) -> dict[str, dict]:
+    return {row["id"]: row for row in json.loads((place / "buildings.json").read_text())["buildings"]}
+
+
+def test_houses_are_found_and_what_is_gone_is_not(out: Path) -> None:
+    found = rows(out)
+    assert {name: row["state"] for name, row in found.items()} == {
+        "left": "ready", "right": "ready", "gone": "nothing there",
+    }  # fmt: skip
+    metre = json.loads((out / "buildings.json").read_text())["metre"]
+    for name in PLACES:
+        assert found[name]["height"] * metre == pytest.approx(3.2, abs=0.25)
+        assert len(found[name]["photos"]) >= 12 and found[name]["seen"] > 0.9
+        assert found[name]["estimate"]["seconds"] > 1 and found[name]["estimate"]["bytes"] > 1e8
+    assert not (out / "buildings" / "gone").exists()
+    features = json.loads((out / "buildings.geojson").read_text())["features"]
+    assert [f["properties"]["state"] for f in features] == ["ready", "ready", "nothing there"]
+    picture = cv2.imread(str(out / "map.png"))
+    assert picture is not None and picture.std() > 10
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_clicks_lie_where_they_say(name: str, street: Street, out: Path) -> None:
+    clicks = json.loads((out / "buildings" / name / "prompts.json").read_text())
+    other = next(n for n in PLACES if n != name)
+    assert len(clicks) >= 5
+    on_other = 0
+    for photo, entry in clicks.items():
+        mask, neighbour = street.masks[name][photo], street.masks[other][photo]
+        spots = {kind: np.array(entry[kind], int).reshape(-1, 2) for kind in ("positive", "negative")}
+        assert len(spots["positive"]) >= 3 and len(spots["negative"]) >= 3
+        grown = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0  # clicks are whole pixels
+        assert grown[spots["positive"][:, 1], spots["positive"][:, 0]].all(), photo
+        assert not mask[spots["negative"][:, 1], spots["negative"][:, 0]].any(), photo
+        on_other += int(neighbour[spots["negative"][:, 1], spots["negative"][:, 0]].sum())
+    assert on_other >= 3  # the neighbour is background
+
+
+def test_a_building_gets_a_scene_of_its_own(street: Street, out: Path) -> None:
+    folder = out / "buildings" / "left" / "scene"
+    model = read_model(find_model(folder) or folder)
+    row = rows(out)["left"]
+    assert sorted(image.name for image in model.images) == sorted(row["photos"])
+    assert len(model.points.ids) > 500
+    assert {p.name for p in (folder / "images").iterdir()} == set(row["photos"])
+    assert (folder / "images" / row["photos"][0]).read_bytes() == (
+        street.folder / "images" / row["photos"][0]
+    ).read_bytes()
+    box = parse_crop_box(row["options"]["crop_box"])
+    assert box is not None and box.contains(street.meshes["left"].vertices).all()
+    assert not box.contains(street.meshes["right"].vertices).any()
+
+
+def test_the_same_again_writes_nothing_and_clicks_by_hand_win(street: Street, out: Path, tmp_path: Path) -> None:
+    written = [p for p in sorted((out / "buildings").rglob("*")) if p.is_file()]
+    before = {p: p.lstat().st_mtime_ns for p in written}
+    assert buildings(street, out) == 0
+    assert {p: p.lstat().st_mtime_ns for p in written} == before
+    clicks = out / "buildings" / "left" / "prompts.json"
+    automatic = clicks.read_text()
+    by_hand = {"photo_00.png": {"positive": [[100, 90]], "negative": []}}
+    clicks.write_text(json.dumps(by_hand))
+    assert buildings(street, out) == 0
+    assert json.loads(clicks.read_text()) == by_hand and rows(out)["left"]["state"] == "by hand"
+    assert buildings(street, out) == 0  # and again
+    assert json.loads(clicks.read_text()) == by_hand
+    clicks.unlink()
+    (tmp_path / "right.json").write_text(json.dumps(by_hand))
+    assert buildings(street, out, "--clicks", tmp_path) == 0
+    assert clicks.read_text() == automatic
+    assert json.loads((out / "buildings/right/prompts.json").read_text()) == by_hand
+
+
+def test_ten_thousand_footprints_elsewhere_cost_little(street: Street, out: Path, tmp_path: Path) -> None:
+    places = {"left": PLACES["left"], **{f"far{k}": (500.0 + 8 * (k % 100), 8.0 * (k // 100)) for k in range(10_000)}}
+    write_footprints(tmp_path / "large.geojson", places)
+    assert buildings(street, out, "--footprints", tmp_path / "large.geojson") == 0
+    data = json.loads((out / "buildings.json").read_text())
+    assert data["outside"] == 10_000 and [row["id"] for row in data["buildings"]] == ["left"]
+
+
+def test_footprints_elsewhere_alone_are_refused(street: Street, out: Path, tmp_path: Path, capsys: object) -> None:
+    write_footprints(tmp_path / "far.geojson", {"far": tuple(OFFSET[:2] + 9000)})
+    assert buildings(street, out, "--footprints", tmp_path / "far.geojson") == 2
+    assert "None of the 1 footprints lies near the photos" in capsys.readouterr().err  # type: ignore[attr-defined]
