@@ -87,7 +87,8 @@ def shared_scene(source: Path, out: Path, given: dict[str, Any], reporter: Repor
     Raises:
         BadInput: as the scene stage.
     """
-    from mgf_engine.pipeline import load_scene_of, run_job
+    from mgf_engine.pipeline import run_job
+    from mgf_engine.results import load_scene_of
 
     folder = out / SCENE
     with Job.start(folder, source, given={**given, "max_photos": 0}, resume=(folder / "job.json").exists()) as job:
