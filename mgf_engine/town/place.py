@@ -203,12 +203,15 @@ def _degrees(polygons: NDArray[np.object_]) -> bool:
 
 
 def _in_metres(crs: str) -> bool:
+    """Whether lengths in a CRS are metres on the ground."""
     pyproj = proj()
     try:
         found = pyproj.CRS.from_user_input(crs)
     except pyproj.exceptions.CRSError as error:
         raise BadInput(f"There is no coordinate reference system '{crs}'; give --footprints-crs.") from error
-    return bool(found.is_projected and {axis.unit_name for axis in found.axis_info[:2]} == {"metre"})
+    method = found.coordinate_operation.method_name if found.coordinate_operation is not None else ""
+    stretched = "Mercator" in method and "Transverse" not in method  # web maps: twice as long at 60 degrees north
+    return bool(found.is_projected and {axis.unit_name for axis in found.axis_info[:2]} == {"metre"} and not stretched)
 
 
 def near_scene(polygons: NDArray[np.object_], points: Array, metre: float) -> NDArray[np.bool_]:

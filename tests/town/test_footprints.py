@@ -109,7 +109,7 @@ def test_footprints_lie_on_the_house_whatever_their_system(crs: str, site: Site,
         assert np.abs(corner - there)[:2].max() < 0.05
 
 
-@pytest.mark.parametrize(("said", "match"), [("EPSG:25833", "read as EPSG:25832"), ("EPSG:4326", "read as EPSG:25832")])
+@pytest.mark.parametrize(("said", "match"), [("EPSG:25833", "read as EPSG:25832"), ("EPSG:4326", "read as EPSG:32632")])
 def test_a_wrong_system_is_refused_with_the_right_one(said: str, match: str, site: Site, tmp_path: Path) -> None:
     found = read_footprints(write(tmp_path / "map.gpkg", PAIR[:1], ["house"], said))
     with pytest.raises(BadInput, match=match):
