@@ -9,9 +9,7 @@ import json
 import logging
 import os
 import shutil
-import signal
 import sys
-import threading
 import traceback
 from collections.abc import Sequence
 from dataclasses import fields
@@ -24,6 +22,7 @@ from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.failures import explain
 from mgf_engine.messages import Reporter
 from mgf_engine.option_list import default_text, options_text
+from mgf_engine.reported import watch_for_cancel
 from mgf_engine.stages import SECTIONS, STAGE_NAMES, STAGES
 from mgf_engine.terminal import drop_output, make_sink, prepare_streams
 
@@ -247,7 +246,7 @@ def _job_command(args: argparse.Namespace) -> int:
         job = _open_job(args)
         with job:
             log_path = _log_to(job.path("log.txt"))
-            _watch_for_cancel(reporter, args.cancel_on_eof)
+            watch_for_cancel(reporter, args.cancel_on_eof)
             for text in renamed_values(_given_options(args)):
                 reporter.warning(text)
             from mgf_engine.pipeline import run_job
@@ -295,27 +294,6 @@ def _log_to(path: Path) -> Path:
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     log.addHandler(handler)
     return path
-
-
-def _watch_for_cancel(reporter: Reporter, on_eof: bool) -> None:
-    """Ctrl-C and SIGTERM ask the job to stop at its next step; a second Ctrl-C stops it at once."""
-
-    def ask(number: int, frame: object) -> None:
-        reporter.cancel()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, ask)
-        signal.signal(signal.SIGTERM, ask)
-    if on_eof:
-        threading.Thread(target=_cancel_on_eof, args=(reporter,), daemon=True).start()
-
-
-def _cancel_on_eof(reporter: Reporter) -> None:
-    with contextlib.suppress(OSError, ValueError):
-        while sys.stdin.readline():
-            pass
-    reporter.cancel()
 
 
 def _options_command(args: argparse.Namespace) -> int:

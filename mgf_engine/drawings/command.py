@@ -10,10 +10,12 @@ import math
 import re
 from pathlib import Path
 
-from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.terminal import make_sink
+from mgf_engine.reported import add_reporting_arguments, run_reported
 
+#: What ``--draw`` takes.
+KINDS = ("orthophotos", "elevations", "sections", "sheets", "quantities")
 NEEDED = {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely"}
 
 
@@ -29,30 +31,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--resolution", default=None, metavar="MM", help="millimetres per pixel (default: the photos' own)"
     )
     parser.add_argument(
-        "--section", action="append", default=[], metavar="NAME=DISTANCE",
-        help="cut at this height above the ground (z=1.2), or across a facade at this distance from its left end "
-        "(A=3.5), in place of three sections through the middle; repeatable",
+        "--section", action="append", default=[], metavar="NAME=WHERE",
+        help="cut at this height above the ground (z=1.2), across a facade at this distance from its left end (A=3.5), "
+        "or through a point along a plane with this normal (NAME=x,y,z,nx,ny,nz, coordinates of mesh.ply), in place of "
+        "three sections through the middle; repeatable",
     )  # fmt: skip
+    parser.add_argument(
+        "--draw", action="append", default=[], choices=KINDS, help="only these; repeatable (default: everything)"
+    )
     parser.add_argument("--paper", choices=("A3", "A1"), default="A3", help="of the sheets (default A3)")
-    styles = ("auto", "bar", "plain", "json", "none")
-    parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
+    parser.add_argument(
+        "--scale", default=None, metavar="N", help="of the sheets, 1:N (default: the largest round one that fits)"
+    )
+    add_reporting_arguments(parser)
 
 
 def drawings_command(args: argparse.Namespace) -> int:
-    """Draw everything that was asked for; returns the exit code.
+    """Draw everything that was asked for; returns the exit code."""
+    return run_reported(args, lambda reporter: _draw(args, reporter))
+
+
+def _draw(args: argparse.Namespace, reporter: Reporter) -> None:
+    """Draw.
 
     Raises:
         BadInput: the job has no mesh, an argument cannot be used, or a package is missing.
     """
     require_packages()
     points = [read_points(text) for text in args.facade]
-    resolution = None if args.resolution is None else read_length("--resolution", args.resolution, "MM") / 1000
+    resolution = None if args.resolution is None else read_length("--resolution", args.resolution, "a length in MM") / 1000
+    scale = None if args.scale is None else read_length("--scale", args.scale.removeprefix("1:"), "the N of 1:N, a number")
     from mgf_engine.drawings.make import DrawingOptions, make_drawings
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
-    reporter = Reporter(make_sink(args.progress))
-    make_drawings(args.job, args.out, DrawingOptions(points, resolution, args.section, args.paper), reporter)
-    return EXIT_DONE
+    kinds = frozenset(args.draw or KINDS)
+    options = DrawingOptions(points, resolution, args.section, args.paper, scale, kinds)
+    make_drawings(args.job, args.out, options, reporter)
 
 
 def require_packages() -> None:
@@ -86,7 +100,7 @@ def read_points(text: str) -> list[list[float]]:
 
 
 def read_length(flag: str, text: str, unit: str) -> float:
-    """A length above 0.
+    """A number above 0.
 
     Raises:
         BadInput: it is none.
@@ -96,5 +110,5 @@ def read_length(flag: str, text: str, unit: str) -> float:
     except ValueError:
         value = math.nan
     if not 0 < value < math.inf:
-        raise BadInput(f"{flag} takes a length in {unit} above 0, not '{text}'.")
+        raise BadInput(f"{flag} takes {unit} above 0, not '{text}'.")
     return value

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.drawings.command import KINDS
 from mgf_engine.drawings.elevation import draw_elevation, with_parts
 from mgf_engine.drawings.facades import facade_through, find_facades, plan_frame
 from mgf_engine.drawings.geotiff import write_geotiff
@@ -30,14 +31,15 @@ from mgf_engine.drawings.quantities import (
 )
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.section import cut, section_frames
-from mgf_engine.drawings.sheets import write_sheet
+from mgf_engine.drawings.sheets import choose_scale, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.job import locked
 from mgf_engine.masks.store import write_png
+from mgf_engine.mesh.planar import Planes
 from mgf_engine.messages import Reporter
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json
-from mgf_engine.texture.texture_pipeline import choose_painting
+from mgf_engine.texture.texture_pipeline import Painting, choose_painting
 
 STAGE = "drawings"
 INDEX = "drawings.json"
@@ -54,12 +56,16 @@ class DrawingOptions:
         resolution: of rasters in the local unit per pixel; None takes the photos' own.
         sections: planes to cut at, as :func:`section_frames` reads them; empty takes three through the middle.
         paper: of the sheets, A3 or A1.
+        scale: of the sheets, the N of 1:N; None takes the largest round one that fits.
+        kinds: what to draw, of :data:`KINDS`.
     """
 
     facades: Sequence[Sequence[Sequence[float]]] = ()
     resolution: float | None = None
     sections: Sequence[str] = ()
     paper: str = "A3"
+    scale: float | None = None
+    kinds: frozenset[str] = frozenset(KINDS)
 
 
 @dataclass
@@ -78,6 +84,10 @@ class Work:
     cost: Cost = field(default_factory=Cost)
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
     rows: list[Row] = field(default_factory=list)
+
+    def wants(self, *kinds: str) -> bool:
+        """Whether one of these was asked for."""
+        return not self.wanted.kinds.isdisjoint(kinds)
 
     def add(self, name: str, **facts: Any) -> Path:
         """The path of a file to write, on record with what is known about it."""
@@ -128,38 +138,70 @@ def _tell(survey: Survey, reporter: Reporter) -> None:
 def _draw(work: Work) -> None:
     """Orthophotos of the facades and from above, their lines, the heights, and the sections."""
     survey = work.survey
-    with work.cost.of("choosing photos"):
-        painting = choose_painting(
-            survey.normalised, survey.scene, survey.masks, lambda share: work.reporter.progress(_CHOSEN * share)
-        )
-        visibility = Visibility(survey, painting)
-    with work.cost.of("lines"):
-        planes = survey_planes(survey)
     frames = [facade.frame for facade in work.facades] + [plan_frame(survey, work.facades)]
-    for k, frame in enumerate(frames):
-        begun, length = _CHOSEN + (_PAINTED - _CHOSEN) * k / len(frames), (_PAINTED - _CHOSEN) / len(frames)
-        with work.cost.of("orthophotos"):
-            seen = see(survey, _grid(work, frame))
-            image = paint(survey, painting, visibility, seen, lambda s: work.reporter.progress(begun + length * s))  # noqa: B023
-            _write_orthophoto(work, image, seen.grid)
-        if frame.normal[2] > 0.5:
-            _write_heights(work, seen)
+    cuts = section_frames(survey, work.facades, work.wanted.sections) if work.wants("sections") else []
+    if work.wants("sheets"):
+        for frame in frames:
+            choose_scale(frame.size, work.wanted.paper, work.wanted.scale)  # refused before anything is painted
+    if work.wants("orthophotos", "elevations", "sheets", "quantities"):
+        with work.cost.of("choosing photos"):
+            painting = choose_painting(
+                survey.normalised, survey.scene, survey.masks, lambda share: work.reporter.progress(_CHOSEN * share)
+            )
+            visibility = Visibility(survey, painting)
         with work.cost.of("lines"):
-            parts = part_lines(part_shares(survey, painting, visibility, seen), seen.grid)
+            planes = survey_planes(survey)
+        for k, frame in enumerate(frames):
+            begun, length = _CHOSEN + (_PAINTED - _CHOSEN) * k / len(frames), (_PAINTED - _CHOSEN) / len(frames)
+            facade = work.facades[k] if k < len(work.facades) else None
+            _draw_frame(work, frame, facade, painting, visibility, planes, lambda s: begun + length * s)  # noqa: B023
+        if work.wants("quantities"):
+            with work.cost.of("quantities"):
+                work.rows += building_rows(survey, planes)
+                write_csv(work.add("quantities.csv", kind="quantities"), work.rows)
+    _sections(work, cuts)
+    _write_page(work)
+
+
+def _draw_frame(
+    work: Work,
+    frame: Frame,
+    facade: Facade | None,
+    painting: Painting,
+    visibility: Visibility,
+    planes: Planes,
+    share: Callable[[float], float],
+) -> None:
+    """All that was asked for on one plane.
+
+    Args:
+        facade: whose plane it is; None for the one seen from above.
+        share: of this plane's orthophoto -> of the whole run.
+    """
+    survey, image, drawing = work.survey, None, None
+    with work.cost.of("orthophotos"):
+        seen = see(survey, _grid(work, frame))
+        if work.wants("orthophotos", "sheets"):
+            image = paint(survey, painting, visibility, seen, lambda s: work.reporter.progress(share(s)))
+        if image is not None and work.wants("orthophotos"):
+            _write_orthophoto(work, image, seen.grid)
+    if facade is None and work.wants("orthophotos"):
+        _write_heights(work, seen)
+    work.reporter.progress(share(1.0))
+    with work.cost.of("lines"):
+        parts = part_lines(part_shares(survey, painting, visibility, seen), seen.grid)
+        if work.wants("elevations", "sheets"):
             drawing = with_parts(draw_elevation(survey, planes, frame), parts)
-            _write_lines(work, "roof" if frame.name == "plan" else f"elevation-{frame.name}", drawing, "elevation")
+        if drawing is not None and work.wants("elevations"):
+            _write_lines(work, "roof" if facade is None else f"elevation-{frame.name}", drawing, "elevation")
+    if drawing is not None and image is not None and work.wants("sheets"):
         with work.cost.of("sheets"):
             _write_sheets(work, drawing, image, seen.grid)
-        if k < len(work.facades):
-            with work.cost.of("quantities"):
-                deviation = wall_deviation(survey, work.facades[k], seen)
-                _write_deviation(work, deviation, seen.grid)
-                work.rows += wall_rows(survey, work.facades[k], deviation, parts)
-    with work.cost.of("quantities"):
-        work.rows += building_rows(survey, planes)
-        write_csv(work.add("quantities.csv", kind="quantities"), work.rows)
-    _sections(work)
-    _write_page(work)
+    if facade is not None and work.wants("quantities"):
+        with work.cost.of("quantities"):
+            deviation = wall_deviation(survey, facade, seen)
+            _write_deviation(work, deviation, seen.grid)
+            work.rows += wall_rows(survey, facade, deviation, parts)
 
 
 def _write_sheets(work: Work, drawing: LineDrawing, image: NDArray[np.uint8], grid: Grid) -> None:
@@ -169,7 +211,8 @@ def _write_sheets(work: Work, drawing: LineDrawing, image: NDArray[np.uint8], gr
         for ending in ("pdf", "svg"):
             path = work.add(f"sheet-{kind}-{name}.{ending}", kind="sheet", frame=name, paper=work.wanted.paper)
             title = f"{name.capitalize()}: {kind}"
-            scale = write_sheet(path, shown, photo, grid if photo is not None else None, title, work.wanted.paper)
+            scale = choose_scale(drawing.frame.size, work.wanted.paper, work.wanted.scale)
+            write_sheet(path, shown, photo, grid if photo is not None else None, title, work.wanted.paper, scale)
             work.files[path.name]["scale"] = scale
 
 
@@ -195,8 +238,9 @@ def _write_page(work: Work) -> None:
     work.add("drawings.html", kind="page").write_text(text, encoding="utf-8")
 
 
-def _sections(work: Work) -> None:
-    for frame in section_frames(work.survey, work.facades, work.wanted.sections):
+def _sections(work: Work, frames: Sequence[Frame]) -> None:
+    for k, frame in enumerate(frames):
+        work.reporter.progress(_PAINTED + (1.0 - _PAINTED) * k / len(frames))
         with work.cost.of("sections"):
             made = cut(work.survey, frame)
             if not made.drawing.lines:

@@ -19,6 +19,7 @@ from mgf_engine.errors import BadInput
 SPACING = 0.5  # ground pixels between the points of a cut before it is made straight
 LOW = 0.2  # of the building's height, below which open ends are those of walls that go into the ground
 LEAST = 9.0  # square ground pixels; smaller areas and shorter lines are crumbs
+NEAR = np.sin(np.radians(2.0))  # a plane this near to level or upright is made so
 ABOVE = 1.2  # metres above the ground where a plan is cut; a quarter of the height where the scale is unknown
 
 
@@ -32,15 +33,21 @@ class Cut:
 
 
 def section_frames(survey: Survey, facades: Sequence[Facade], wanted: Sequence[str]) -> list[Frame]:
-    """The planes to cut at: level ones ``z=1.2`` above the ground, upright ones ``A=3.5`` from a facade's left end.
+    """The planes to cut at: level ones ``z=1.2`` above the ground, upright ones ``A=3.5`` from a facade's left end, any
+    others ``NAME=x,y,z,nx,ny,nz`` by a point and a normal of the scene frame.
 
     Without any wanted, a plan and two cross-sections through the middle.
 
     Raises:
-        BadInput: a text names no facade, no number, or a plane beside the building.
+        BadInput: a text names no facade, no number, or a plane beside the building; or two have one name.
     """
     if wanted:
-        return [_frame_of(survey, facades, text) for text in wanted]
+        frames = [_frame_of(survey, facades, text) for text in wanted]
+        names = [frame.name for frame in frames]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise BadInput(f"Two sections are called {twice}; give each --section a name of its own.")
+        return frames
     height = float(np.ptp(survey.mesh.vertices[:, 2]))
     level = ABOVE if survey.georeference.metric and height > ABOVE else 0.25 * height
     first = facades[0]
@@ -71,6 +78,9 @@ def cut(survey: Survey, frame: Frame) -> Cut:
 
 
 def _frame_of(survey: Survey, facades: Sequence[Facade], text: str) -> Frame:
+    plane = re.fullmatch(r"\s*([\w-]+)\s*=([-+0-9.eE\s]+(?:,[-+0-9.eE\s]+){5})", text)
+    if plane is not None:
+        return _along_plane(survey, facades, text, plane.group(1), plane.group(2))
     match = re.fullmatch(r"\s*([\w-]+)\s*=\s*([-+0-9.eE]+)\s*", text)
     known = {facade.name: facade for facade in facades}
     names = ", ".join(["z", *known])
@@ -79,11 +89,42 @@ def _frame_of(survey: Survey, facades: Sequence[Facade], text: str) -> Frame:
         if not np.isfinite(value) or not (name == "z" or name in known):
             raise ValueError(name)
     except (AttributeError, ValueError) as error:
-        raise BadInput(f"--section takes NAME=DISTANCE with NAME one of {names}, not '{text}'.") from error
+        raise BadInput(
+            f"--section takes NAME=DISTANCE with NAME one of {names}, or NAME=x,y,z,nx,ny,nz, not '{text}'."
+        ) from error
     size = float(np.ptp(survey.mesh.vertices[:, 2])) if name == "z" else float(known[name].frame.size[0])
     if not 0 < value < size:
         raise BadInput(f"The section {text} misses the building, which reaches from 0 to {size:.3f} there.")
     return _level(survey, facades, value) if name == "z" else _upright(survey, known[name], value)
+
+
+def _along_plane(survey: Survey, facades: Sequence[Facade], text: str, name: str, numbers: str) -> Frame:
+    """Through a point along a plane, both of the scene frame; seen from the side that the normal points to.
+
+    Raises:
+        BadInput: the numbers are none, or the normal has no direction.
+    """
+    try:
+        values = np.array([float(number) for number in numbers.split(",")])
+    except ValueError:
+        values = np.full(6, np.nan)
+    length = float(np.linalg.norm(values[3:]))
+    if not np.isfinite(values).all() or not length > 0:
+        raise BadInput(f"The section '{text}' is no plane; give NAME=x,y,z,nx,ny,nz with a normal that is not zero.")
+    point = survey.local(values[:3])
+    normal = survey.turn @ survey.georeference.rotation @ values[3:] / length
+    if np.hypot(normal[0], normal[1]) < NEAR:
+        plan = plan_frame(survey, list(facades))
+        return Frame(name, plan.origin + point[2] * plan.normal, plan.x, plan.y, plan.low, plan.high)
+    up = np.array([0.0, 0.0, 1.0])
+    if abs(normal[2]) < NEAR:
+        normal = np.array([normal[0], normal[1], 0.0]) / np.hypot(normal[0], normal[1])
+        point = point - point[2] * up  # its y is the height
+    x = np.cross(up, normal) / np.hypot(normal[0], normal[1])
+    frame = Frame(name, point, x, np.cross(normal, x), np.zeros(2), np.zeros(2))
+    at = frame.to_drawing(survey.mesh.vertices)[:, :2]
+    origin = point + at[:, 0].min() * x  # x begins at its left end
+    return Frame(name, origin, x, frame.y, np.array([0.0, at[:, 1].min()]), np.array([np.ptp(at[:, 0]), at[:, 1].max()]))
 
 
 def _level(survey: Survey, facades: Sequence[Facade], above: float) -> Frame:

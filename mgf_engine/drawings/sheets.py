@@ -22,27 +22,43 @@ INCH = 25.4
 POINTS = 72 / INCH
 
 
-def choose_scale(size: NDArray[np.float64], paper: str) -> int:
-    """The largest round scale at which a drawing of this width and height fits.
+def choose_scale(size: NDArray[np.float64], paper: str, wanted: float | None = None) -> float:
+    """The largest round scale at which a drawing of this width and height fits, or the wanted one.
 
     Raises:
-        BadInput: none does.
+        BadInput: none does, or the wanted one does not.
     """
     wide, high = PAPERS[paper]
-    for scale in SCALES:
-        if (1000 * size / scale <= (wide - 2 * MARGIN, high - 2 * MARGIN - FOOT)).all():
-            return scale
-    raise BadInput(f"A drawing of {size[0]:.0f} x {size[1]:.0f} fits on no sheet {paper}; give the scene true lengths.")
+    room = np.array([wide - 2 * MARGIN, high - 2 * MARGIN - FOOT])
+    least = float((1000 * size / room).max())
+    fitting = next((scale for scale in SCALES if scale >= least), None)
+    if fitting is None:
+        raise BadInput(f"A drawing of {size[0]:.0f} x {size[1]:.0f} fits on no sheet {paper}; give the scene true lengths.")
+    if wanted is not None and wanted < least:
+        raise BadInput(
+            f"A drawing of {size[0]:.1f} x {size[1]:.1f} does not fit on {paper} at 1:{wanted:g}; "
+            f"give --scale {fitting} or a larger sheet."
+        )
+    return fitting if wanted is None else wanted
 
 
 def write_sheet(
-    path: Path, drawing: LineDrawing, image: NDArray[np.uint8] | None, grid: Grid | None, title: str, paper: str
-) -> int:
-    """Write a PDF or SVG, by the path's ending; returns the scale's denominator."""
+    path: Path,
+    drawing: LineDrawing,
+    image: NDArray[np.uint8] | None,
+    grid: Grid | None,
+    title: str,
+    paper: str,
+    scale: float,
+) -> None:
+    """Write a PDF or SVG, by the path's ending, at 1:scale (see :func:`choose_scale`).
+
+    Args:
+        image, grid: what lies under the lines, and where; None for lines alone.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    scale = choose_scale(drawing.frame.size, paper)
     wide, high = PAPERS[paper]
     figure = Figure(figsize=(wide / INCH, high / INCH))
     FigureCanvasAgg(figure)
@@ -67,10 +83,9 @@ def write_sheet(
     how: dict[str, Any] = {"Date": None} if path.suffix == ".svg" else {"CreationDate": None}
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:], metadata=how)
-    return scale
 
 
-def _foot(figure: Any, drawing: LineDrawing, title: str, scale: int, paper: str) -> None:
+def _foot(figure: Any, drawing: LineDrawing, title: str, scale: float, paper: str) -> None:
     """Scale bar, legend and title along the lower edge."""
     wide, high = PAPERS[paper]
     axes = figure.add_axes((0, 0, 1, FOOT / high))
@@ -78,7 +93,7 @@ def _foot(figure: Any, drawing: LineDrawing, title: str, scale: int, paper: str)
     axes.set_xlim(0, wide)
     axes.set_ylim(0, FOOT)
     axes.plot([MARGIN, wide - MARGIN], [FOOT - 2, FOOT - 2], color="black", linewidth=0.8)
-    length = max(step for step in BARS if 1000 * step / scale <= 80)
+    length = max((step for step in BARS if 1000 * step / scale <= 80), default=BARS[0])
     millimetres = 1000 * length / scale
     for k in range(4):
         color = "black" if k % 2 == 0 else "white"
@@ -87,7 +102,7 @@ def _foot(figure: Any, drawing: LineDrawing, title: str, scale: int, paper: str)
     axes.text(MARGIN, 12, "0", fontsize=7, ha="center")
     axes.text(MARGIN + millimetres, 12, f"{length:g} m", fontsize=7, ha="center")
     axes.text(wide - MARGIN, 16, title, fontsize=14, ha="right", weight="bold")
-    axes.text(wide - MARGIN, 8, f"1:{scale}   {paper}   MGF", fontsize=9, ha="right")
+    axes.text(wide - MARGIN, 8, f"1:{scale:g}   {paper}   MGF", fontsize=9, ha="right")
     x = MARGIN + 100
     for layer in dict.fromkeys(line.layer for line in drawing.lines):
         axes.plot([x, x + 10], [9, 9], color="black", linewidth=pen_width(layer) * POINTS)

@@ -92,10 +92,45 @@ def test_a_level_section_through_the_roof(survey: Survey, height: float) -> None
     assert made.closed and made.area == pytest.approx(4 * 3 * (3.2 - height) / 1.2, rel=0.005)
 
 
-@pytest.mark.parametrize("text", ["z=-1", "z=9", "A=4.5", "west=1", "z", "A=x"])
+def plane_text(name: str, point: tuple[float, float, float], normal: tuple[float, float, float]) -> str:
+    """A section through a point of the house's own frame."""
+    return f"{name}=" + ",".join(f"{v:.9g}" for v in (*(np.array(point) + OFFSET), *normal))
+
+
+@pytest.mark.parametrize(
+    ("text", "area"),
+    [
+        (plane_text("cellar", (9, 9, 0.7), (0, 0.01, -2)), 4 * 3),  # half a degree off level is level
+        (plane_text("gable", (0.3, 5, 5), (-1, 0.01, 0.02)), 3 * 2 + 0.5 * 3 * 1.2),
+        (plane_text("turned", (0, 0, 0.5), (0, 0.5, 3**0.5 / 2)), 4 * 3 / (3**0.5 / 2)),  # 30 degrees off level
+    ],
+)
+def test_a_section_along_any_plane(survey: Survey, text: str, area: float) -> None:
+    (frame,) = section_frames(survey, find_facades(survey), [text])
+    made = cut(survey, frame)
+    assert made.closed and made.area == pytest.approx(area, rel=0.005)
+    assert frame.name == text.split("=")[0]
+
+
+def test_the_frame_of_an_upright_plane_has_heights_and_begins_at_its_left_end(survey: Survey) -> None:
+    text = plane_text("cut", (0.3, 5, 5), (-1, 0, 0))
+    (frame,) = section_frames(survey, find_facades(survey), [text])
+    at = frame.to_drawing(survey.mesh.vertices)
+    assert at[:, 0].min() == pytest.approx(0, abs=1e-9) and frame.size == pytest.approx([3, 3.2], abs=1e-6)
+    assert at[:, 1] == pytest.approx(survey.mesh.vertices[:, 2], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "text", ["z=-1", "z=9", "A=4.5", "west=1", "z", "A=x", "A=1,2,3", "p=0,0,0,0,0,0", "p=0,0,e,1,0,0"]
+)
 def test_a_section_that_cannot_be_is_refused(survey: Survey, text: str) -> None:
     with pytest.raises(BadInput):
         section_frames(survey, find_facades(survey), [text])
+
+
+def test_two_sections_of_one_name_are_refused(survey: Survey) -> None:
+    with pytest.raises(BadInput, match="Two sections are called z-1"):
+        section_frames(survey, find_facades(survey), ["z=1", "z=1.0"])
 
 
 def test_svg_has_a_group_for_each_layer_and_the_size_of_a_print(drawings: Path) -> None:

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Commands that work on a finished job speak as ``mgf reconstruct`` does: progress, cancelling, one sentence at the end."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+
+from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT
+from mgf_engine.failures import explain
+from mgf_engine.messages import Reporter
+from mgf_engine.terminal import drop_output, make_sink
+
+STYLES = ("auto", "bar", "plain", "json", "none")
+
+
+def add_reporting_arguments(parser: argparse.ArgumentParser) -> None:
+    """How progress is shown, and how the add-on asks a run to stop."""
+    parser.add_argument("--progress", choices=STYLES, default="auto", help="how to show progress")
+    parser.add_argument("--cancel-on-eof", action="store_true", default=False, help="stop when standard input closes")
+
+
+def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object]) -> int:
+    """Do the work with a reporter in the style that was asked for; returns the exit code.
+
+    Whatever ends it early is one ``failed`` message, as of a job.
+    """
+    reporter = Reporter(make_sink(args.progress))
+    watch_for_cancel(reporter, args.cancel_on_eof)
+    try:
+        work(reporter)
+        return EXIT_DONE
+    except (Exception, KeyboardInterrupt) as error:
+        code, text = explain(error, resumable=False)
+        if code == EXIT_FAULT:
+            traceback.print_exception(error)
+        if code == EXIT_CANCELLED:
+            text = "Cancelled; what was there before is unchanged."
+        try:
+            reporter.send("failed", code=code, text=text, log=None)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            drop_output()
+        return code
+
+
+def watch_for_cancel(reporter: Reporter, on_eof: bool) -> None:
+    """Ctrl-C and SIGTERM ask the job to stop at its next step; a second Ctrl-C stops it at once."""
+
+    def ask(number: int, frame: object) -> None:
+        reporter.cancel()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, ask)
+        signal.signal(signal.SIGTERM, ask)
+    if on_eof:
+        threading.Thread(target=_cancel_on_eof, args=(reporter,), daemon=True).start()
+
+
+def _cancel_on_eof(reporter: Reporter) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        while sys.stdin.readline():
+            pass
+    reporter.cancel()
