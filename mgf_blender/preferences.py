@@ -66,6 +66,11 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         "the masks are drawn by a random walker without them",
         default=True,
     )
+    install_survey: bpy.props.BoolProperty(
+        name="Drawings and Map Coordinates",
+        description="Install what drawings and map coordinates need, too: rasterio, ezdxf, shapely, pyproj, pyceres",
+        default=False,
+    )
     weights_folder: bpy.props.StringProperty(
         name="Mask Weights",
         description="Folder with the weights of the mask model; empty uses the engine's own cache folder",
@@ -93,6 +98,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         column.prop(self, "wheel_folder")
         column.prop(self, "default_index")
         column.prop(self, "install_weights")
+        column.prop(self, "install_survey")
         there = python_of(managed_environment()).is_file()
         row = layout.row(align=True)
         row.operator("mgf.install_engine", text="Reinstall Engine" if there else "Install Engine", icon="IMPORT")

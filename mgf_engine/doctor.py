@@ -3,14 +3,19 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 
 from mgf_engine import __version__
+from mgf_engine.drawings.command import NEEDED
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
+from mgf_engine.georef.crs import SURVEY
 from mgf_engine.masks.segmenters.download import default_folder
 from mgf_engine.masks.segmenters.notice import standing
 from mgf_engine.memory import GB, free_memory
 from mgf_engine.system import cores, cpu_name, total_memory, versions
+
+SURVEY_PACKAGES = (*NEEDED, "pyproj", "pyceres")
 
 
 def report(weights: Path | None = None) -> int:
@@ -33,6 +38,7 @@ def report(weights: Path | None = None) -> int:
     except (ImportError, OSError, RuntimeError) as error:
         problems.append(f"The CPU kernels cannot be loaded: {error}")
     print(f"  {'CUDA':<32} {_cuda()}")
+    print(f"  {'drawings, map coordinates':<32} {_survey()}")
     try:
         print(f"  {'segmenter of the masks':<32} {standing(weights or default_folder())}")
     except BadInput as error:
@@ -42,6 +48,11 @@ def report(weights: Path | None = None) -> int:
     if not problems:
         print("Everything a job needs is here.")
     return EXIT_FAULT if problems else EXIT_DONE
+
+
+def _survey() -> str:
+    missing = [name for name in SURVEY_PACKAGES if importlib.util.find_spec(name) is None]
+    return f"need {', '.join(missing)}: {SURVEY}" if missing else "yes"
 
 
 def _cuda() -> str:

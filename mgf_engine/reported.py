@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Commands that work on a finished job speak as ``mgf reconstruct`` does: progress, cancelling, one sentence at the end."""
+"""Commands on finished jobs speak as ``mgf reconstruct`` does: progress, cancelling, one sentence at the end."""
 
 from __future__ import annotations
 

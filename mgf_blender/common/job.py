@@ -21,6 +21,8 @@ from .text import N_, tr
 
 EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
 QUEUED, RUNNING, CANCELLING, DONE, FAILED, CANCELLED = "QUEUED", "RUNNING", "CANCELLING", "DONE", "FAILED", "CANCELLED"
+#: Kinds of jobs that go through the engine's stages and can be resumed.
+STAGES = ("reconstruct", "masks", "scene")
 _LIVE = {QUEUED, RUNNING, CANCELLING}
 #: A job asked to stop that has not ended after this many seconds is killed; its checkpoints stay.
 PATIENCE = 30.0
@@ -34,7 +36,7 @@ class Job:
         command: program and arguments.
         folder: the job folder.
         title: what people call it.
-        kind: the engine's command: reconstruct, masks, scene.
+        kind: the engine's command: reconstruct, masks, scene, drawings.
         scene_key: names the Blender scene that asked for it.
         on_message: called with every message, on the thread that drains.
         on_end: called once when the job ends, on the thread that drains.
@@ -173,6 +175,9 @@ class Job:
         if missing is not None:
             return tr("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
         error = next((e for e in reversed(self.last_errors) if e.strip()), "")
+        if self.kind not in STAGES:
+            text = N_("The engine ended with code {code} ({error}); try again, and report it if it happens twice.")
+            return tr(text, code=code, error=error.strip() or tr("no reason given"))
         if code < 0:
             text = N_("The engine was ended by signal {code}; press Resume to continue from the last checkpoint.")
             if code == -9:

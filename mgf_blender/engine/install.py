@@ -26,6 +26,8 @@ from .task import CANCELLED, DONE, Step, Task
 SIZE_CPU, SIZE_CUDA = N_("about 2 GB"), N_("about 7 GB")
 _TORCH_INDEX = "https://download.pytorch.org/whl/"
 _FREE_CPU, _FREE_CUDA = 3, 7  # GiB
+#: The engine's extra with the packages for drawings and map coordinates.
+SURVEY = "survey"
 #: Letters of the longest file name in the packages, below site-packages: a licence in torch's wheel.
 _LONGEST_NAME = 167
 _LONGEST_PATH = 259  # letters that Windows allows unless long paths were switched on
@@ -51,6 +53,7 @@ class Plan:
         default_index: leave the choice of torch's build to the package index in use.
         weights: fetch the weights of EfficientSAM, too.
         weights_folder: where they go; None is the engine's own cache folder.
+        survey: the packages for drawings and map coordinates, too.
     """
 
     target: Path
@@ -62,6 +65,7 @@ class Plan:
     default_index: bool = False
     weights: bool = False
     weights_folder: Path | None = None
+    survey: bool = False
 
 
 def carried_wheel() -> Path:
@@ -136,10 +140,15 @@ def _steps(plan: Plan) -> list[Step]:
         # torch alone from the index of its builds: with a second index beside it, pip takes the gigabytes of CUDA
         # from there when the first does not answer. What torch needs comes with the engine.
         Step(N_("Installing torch"), [*install, *(folder or _torch_index(plan)), "--no-deps", "torch"], 6),
-        Step(N_("Installing the engine"), [*install, *folder, str(plan.wheel)], 3),
+        Step(N_("Installing the engine"), [*install, *folder, _engine(plan)], 3),
         *_weights_step(plan, python),
         Step(N_("Checking the engine"), [python, "-m", "mgf_engine", "doctor"], 0.5),
     ]
+
+
+def _engine(plan: Plan) -> str:
+    """The wheel as pip takes it, with the extra packages that were ticked."""
+    return f"{plan.wheel}[{SURVEY}]" if plan.survey else str(plan.wheel)
 
 
 def _weights_step(plan: Plan, python: str) -> list[Step]:

@@ -4,6 +4,7 @@
 import bpy
 
 from ..common import runner
+from ..common.job import STAGES
 from ..common.text import draw_sentence, tr
 from ..properties import key_of
 from ..reconstruct.panel import draw_job
@@ -111,7 +112,7 @@ class MGF_PT_masks(bpy.types.Panel):
         layout = self.layout
         layout.operator("mgf.find_masks", icon="RENDERLAYERS")
         key = key_of(context.scene)
-        job = runner.live_job(key) if key else None
+        job = runner.live_job(key, STAGES) if key else None
         found = [j for j in runner.jobs(key) if j.kind == "masks"] if key else []
         if job is not None or found:
             draw_job(layout, job or found[-1])

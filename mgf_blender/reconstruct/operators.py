@@ -9,7 +9,7 @@ import bpy
 from ..common import options, runner
 from ..common.editors import show_image
 from ..common.errors import UserError
-from ..common.job import DONE, Job
+from ..common.job import DONE, STAGES, Job
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..properties import key_of
@@ -202,13 +202,13 @@ class MGF_OT_reset_options(Operator):
         options.reset(context.scene.mgf.options)
 
 
-def last_job(scene: bpy.types.Scene) -> Job | None:
-    """The job the panel talks about: the running one, else the newest."""
+def last_job(scene: bpy.types.Scene, kinds: tuple[str, ...] = STAGES) -> Job | None:
+    """The job that a panel talks about: the running one of these kinds, else the newest."""
     key = key_of(scene)
     if not key:
         return None
-    found = runner.jobs(key)
-    return runner.live_job(key) or (found[-1] if found else None)
+    found = [job for job in runner.jobs(key) if job.kind in kinds]
+    return runner.live_job(key, kinds) or (found[-1] if found else None)
 
 
 def interrupted(scene: bpy.types.Scene) -> bool:

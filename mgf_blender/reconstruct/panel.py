@@ -8,7 +8,7 @@ import bpy
 
 from ..common import options, runner
 from ..common.figures import draw_figures
-from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, Job
+from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, STAGES, Job
 from ..common.text import N_, draw_sentence, tr
 from ..engine.notice import draw_engine_missing
 from .estimate import duration, estimate, photos_of
@@ -19,6 +19,7 @@ _DONE = {
     "reconstruct": N_("Mesh finished in {time}"),
     "masks": N_("Masks found in {time}"),
     "scene": N_("Cameras found in {time}"),
+    "drawings": N_("Drawings finished in {time}"),
 }
 
 
@@ -147,7 +148,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     if job.live and job.preview:
         text = N_("Show Render") if job.preview_stage == "field" else N_("Show Masks")
         row.operator("mgf.show_preview", text=text, icon="IMAGE_DATA")
-    _draw_file_button(row, job.folder, "log.txt", N_("Open Log"), "TEXT")
+    if job.kind in STAGES:
+        _draw_file_button(row, job.folder, "log.txt", N_("Open Log"), "TEXT")
     if job.status == DONE and job.kind == "reconstruct":
         _draw_file_button(row, job.folder, "report.html", N_("Open Report"), "URL")
 
@@ -185,6 +187,12 @@ def in_panel_words(text: str) -> str:
     """A sentence of the engine, which speaks of its command line, in terms of what the panel has for the same."""
     button = "Reconstruct Building" if "--resolution" in text else "Resume"  # which takes no new options
     text = re.sub(r"(?:run again with|add) --resume", f"press {button}", text)
+    text = re.sub(
+        r"(?:install with: |get it by )pip install 'mgf-engine\[survey\]'(?:, in (?:the engine's|its) environment)?",
+        "tick Drawings and Map Coordinates in the preferences and press Install Engine, or in an environment of your "
+        "own: pip install 'mgf-engine[survey]'",
+        text,
+    )
     text = re.sub(r"--prompts(?: FILE)?", "points", re.sub(r"--masks(?: FOLDER)?", "Own Masks", text))
     return re.sub(r"--([a-z][a-z-]*)", lambda found: options.title(found[1].replace("-", "_")), text)
 

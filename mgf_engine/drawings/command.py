@@ -59,12 +59,13 @@ def _draw(args: argparse.Namespace, reporter: Reporter) -> None:
     """
     require_packages()
     points = [read_points(text) for text in args.facade]
-    resolution = None if args.resolution is None else read_length("--resolution", args.resolution, "a length in MM") / 1000
-    scale = None if args.scale is None else read_length("--scale", args.scale.removeprefix("1:"), "the N of 1:N, a number")
+    millimetres = read_number("--resolution", args.resolution, "a length in MM")
+    scale = read_number("--scale", args.scale and args.scale.removeprefix("1:"), "the N of 1:N, a number")
     from mgf_engine.drawings.make import DrawingOptions, make_drawings
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
     kinds = frozenset(args.draw or KINDS)
+    resolution = None if millimetres is None else millimetres / 1000
     options = DrawingOptions(points, resolution, args.section, args.paper, scale, kinds)
     make_drawings(args.job, args.out, options, reporter)
 
@@ -99,16 +100,18 @@ def read_points(text: str) -> list[list[float]]:
     return points
 
 
-def read_length(flag: str, text: str, unit: str) -> float:
-    """A number above 0.
+def read_number(flag: str, text: str | None, what: str) -> float | None:
+    """A number above 0; None where it was not given.
 
     Raises:
         BadInput: it is none.
     """
+    if text is None:
+        return None
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not 0 < value < math.inf:
-        raise BadInput(f"{flag} takes {unit} above 0, not '{text}'.")
+        raise BadInput(f"{flag} takes {what} above 0, not '{text}'.")
     return value

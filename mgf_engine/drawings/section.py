@@ -124,7 +124,8 @@ def _along_plane(survey: Survey, facades: Sequence[Facade], text: str, name: str
     frame = Frame(name, point, x, np.cross(normal, x), np.zeros(2), np.zeros(2))
     at = frame.to_drawing(survey.mesh.vertices)[:, :2]
     origin = point + at[:, 0].min() * x  # x begins at its left end
-    return Frame(name, origin, x, frame.y, np.array([0.0, at[:, 1].min()]), np.array([np.ptp(at[:, 0]), at[:, 1].max()]))
+    low, high = at.min(0) - (at[:, 0].min(), 0), at.max(0) - (at[:, 0].min(), 0)
+    return Frame(name, origin, x, frame.y, low, high)
 
 
 def _level(survey: Survey, facades: Sequence[Facade], above: float) -> Frame:

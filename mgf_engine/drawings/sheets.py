@@ -33,7 +33,9 @@ def choose_scale(size: NDArray[np.float64], paper: str, wanted: float | None = N
     least = float((1000 * size / room).max())
     fitting = next((scale for scale in SCALES if scale >= least), None)
     if fitting is None:
-        raise BadInput(f"A drawing of {size[0]:.0f} x {size[1]:.0f} fits on no sheet {paper}; give the scene true lengths.")
+        raise BadInput(
+            f"A drawing of {size[0]:.0f} x {size[1]:.0f} fits on no sheet {paper}; give the scene true lengths."
+        )
     if wanted is not None and wanted < least:
         raise BadInput(
             f"A drawing of {size[0]:.1f} x {size[1]:.1f} does not fit on {paper} at 1:{wanted:g}; "

@@ -49,6 +49,47 @@ def preview(arguments: list[str], mode: str) -> int:
     return 0
 
 
+def picture(path: Path, width: int) -> None:
+    """A grey PNG, 6 pixels high."""
+    rows = (b"\0" + b"\x80" * width) * 6
+    chunks = [
+        (b"IHDR", struct.pack(">IIBBBBB", width, 6, 8, 0, 0, 0, 0)),
+        (b"IDAT", zlib.compress(rows)),
+        (b"IEND", b""),
+    ]
+    body = b"".join(struct.pack(">I", len(d)) + t + d + struct.pack(">I", zlib.crc32(t + d)) for t, d in chunks)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+
+
+def drawings(arguments: list[str], mode: str) -> int:
+    """An orthophoto and a map of deviations of facade A."""
+    job = Path(arguments[1])
+    (job / "arguments.json").write_text(json.dumps(arguments))
+    threading.Thread(target=watch, daemon=True).start()
+    if mode == "bad":
+        send("failed", code=2, text="The scene has no photos; give another folder.", log=None)
+        return 2
+    send("stage", stage="drawings", index=0, count=1, cached=False)
+    for step in range(5):
+        if mode == "silent":
+            print("Segmentation fault in kernel", file=sys.stderr, flush=True)
+            os._exit(77)
+        if stop.is_set():
+            send("failed", code=3, text="Cancelled; what was there before is unchanged.", log=None)
+            return 3
+        send("progress", stage="drawings", fraction=step / 4, overall=step / 4, figures={})
+        time.sleep(0.06 if mode == "slow" else 0.0)
+    out = job / "drawings"
+    out.mkdir(exist_ok=True)
+    files = {f"{kind}-A.png": {"kind": kind, "frame": "A"} for kind in ("deviation", "orthophoto")}
+    for name in files:
+        picture(out / name, int(os.environ.get("FAKE_SIZE", "8")))
+    index = {"format": 1, "unit": "metre", "files": {**files, "drawings.html": {"kind": "page"}}}
+    (out / "drawings.json").write_text(json.dumps(index))
+    send("result", path=str(out), files={}, figures={"facades": 1})
+    return 0
+
+
 def record(job: Path, arguments: list[str], done: list[str]) -> None:
     """The job file, with the stages that are done."""
     given = {a.split("=")[0]: a.split("=")[1] for a in arguments if "=" in a}
@@ -70,6 +111,8 @@ def main() -> int:
         return 0
     if arguments[0] == "preview":
         return preview(arguments, mode)
+    if arguments[0] == "drawings":
+        return drawings(arguments, mode)
     job = Path(arguments[arguments.index("--out") + 1])
     job.mkdir(parents=True, exist_ok=True)
     (job / "arguments.json").write_text(json.dumps(arguments))

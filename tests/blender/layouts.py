@@ -46,7 +46,7 @@ class Recorder:
         assert name in data.bl_rna.properties, name
         self._say(text)
 
-    def operator(self, name, text=None, icon="NONE", depress=False):
+    def operator(self, name, text=None, icon="NONE", depress=False, translate=True):
         _check_icon(icon)
         group, _, part = name.partition(".")
         kind = getattr(getattr(bpy.ops, group), part).get_rna_type()

@@ -26,6 +26,8 @@ import mgf_blender
 from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.job import DONE
+from mgf_blender.drawings.panel import MGF_PT_drawings
+from mgf_blender.drawings.sections import find_sections
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.properties import scene_of
@@ -38,7 +40,7 @@ from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_P
 from mgf_blender.scene_import.tree import KINDS, Tree
 
 PANELS = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source, MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options,
-          MGF_PT_results, MGF_PT_prompts, MGF_PT_masks)  # fmt: skip
+          MGF_PT_results, MGF_PT_prompts, MGF_PT_masks, MGF_PT_drawings)  # fmt: skip
 
 
 class Walk:
@@ -72,8 +74,8 @@ class Walk:
     def a_house(self) -> synthetic.House:
         return self.dice.choice((self.house, self.house, self.plain))
 
-    def call(self, name: str, **properties: object) -> None:
-        getattr(bpy.ops.mgf, name)("EXEC_DEFAULT", True, **properties)
+    def call(self, operator: str, /, **properties: object) -> None:
+        getattr(bpy.ops.mgf, operator)("EXEC_DEFAULT", True, **properties)
 
     def step_import(self) -> None:
         self.call("import_colmap", filepath=str(self.a_house().folder), replace=self.dice.random() < 0.7)
@@ -117,6 +119,19 @@ class Walk:
 
     def step_crop(self) -> None:
         self.call(self.dice.choice(("add_crop_box", "select_crop_box", "remove_crop_box")))
+
+    def step_section(self) -> None:
+        """A plane of ours, one of the user's, or none any more."""
+        names = [o.name for o in find_sections(bpy.context.scene)]
+        if names and self.dice.random() < 0.4:
+            self.call("remove_section", name=self.dice.choice(names))
+        elif self.dice.random() < 0.7:
+            self.call("add_section", axis=self.dice.choice(("LEVEL", "FRONT", "SIDE")))
+        else:
+            self.call("use_as_section")
+
+    def step_drawings(self) -> None:
+        self.call("make_drawings")
 
     def step_photo(self) -> None:
         self.call(self.dice.choice(("next_photo", "add_photo", "remove_photo", "clear_clicks", "reset_options")))

@@ -102,7 +102,7 @@ def plane_text(name: str, point: tuple[float, float, float], normal: tuple[float
     [
         (plane_text("cellar", (9, 9, 0.7), (0, 0.01, -2)), 4 * 3),  # half a degree off level is level
         (plane_text("gable", (0.3, 5, 5), (-1, 0.01, 0.02)), 3 * 2 + 0.5 * 3 * 1.2),
-        (plane_text("turned", (0, 0, 0.5), (0, 0.5, 3**0.5 / 2)), 4 * 3 / (3**0.5 / 2)),  # 30 degrees off level
+        (plane_text("turned", (0, 0, 1.0), (0, 0.5, 3**0.5 / 2)), 4 * 3 / (3**0.5 / 2)),  # 30 degrees off level
     ],
 )
 def test_a_section_along_any_plane(survey: Survey, text: str, area: float) -> None:

@@ -48,6 +48,14 @@ def test_steps_of_a_download(tmp_path):
     assert "whl/cu" in " ".join(install.make_task(plan(tmp_path, torch="cuda"), tmp_path / "log.txt").steps[1].command)
 
 
+def test_the_packages_for_drawings_come_where_they_are_ticked(addon, tmp_path, monkeypatch):
+    def engine(**more):
+        return install.make_task(plan(tmp_path, **more), tmp_path / "log.txt").steps[2].command[-1]
+
+    assert engine() == str(tmp_path / "mgf_engine-1.whl")
+    assert engine(survey=True) == str(tmp_path / "mgf_engine-1.whl") + "[survey]"
+
+
 def test_wheel_folder_means_no_network(tmp_path):
     folder = tmp_path / "wheels"
     folder.mkdir()

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Drawings panel: what to draw, where to cut, progress, and buttons for what came."""
+
+import bpy
+
+from ..common import runner
+from ..common.text import draw_sentence, tr
+from ..engine.notice import draw_engine_missing
+from ..properties import key_of
+from ..reconstruct.operators import last_job
+from ..reconstruct.panel import draw_job
+from ..reconstruct.start import has_job_file, job_folder
+from .index import FOLDER, PAGE, read_index
+from .sections import find_sections
+
+
+class MGF_PT_drawings(bpy.types.Panel):
+    """Orthophotos, elevations, sections and quantities of the finished job"""
+
+    bl_idname = "MGF_PT_drawings"
+    bl_label = "Drawings"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "MGF"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return has_job_file(context.scene, "deliver.json")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        wanted = scene.mgf.drawings
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.prop(wanted, "kinds")
+        if wanted.kinds & {"orthophotos", "sheets", "quantities"}:
+            column.prop(wanted, "resolution")
+        if "sheets" in wanted.kinds:
+            column.prop(wanted, "paper")
+            column.prop(wanted, "scale")
+        if "sections" in wanted.kinds:
+            _draw_sections(layout, scene)
+        if draw_engine_missing(layout):
+            return
+        job = last_job(scene, ("drawings",))
+        if job is None or not job.live:
+            row = layout.row()
+            row.scale_y = 1.4
+            row.operator("mgf.make_drawings", icon="GREASEPENCIL")
+        if job is not None:
+            draw_job(layout, job)
+        if not runner.live_job(key_of(scene), ("drawings",)):
+            _draw_pictures(layout, scene)
+
+
+def _draw_sections(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """Where the building is cut."""
+    column = layout.column(align=True)
+    column.prop(scene.mgf.drawings, "height")
+    there = find_sections(scene)
+    for obj in there:
+        row = column.row(align=True)
+        row.operator("mgf.select_section", text=obj.name, icon="MESH_PLANE", translate=False).name = obj.name
+        row.operator("mgf.remove_section", text="", icon="X").name = obj.name
+    row = column.row(align=True)
+    row.operator_menu_enum("mgf.add_section", "axis", icon="ADD")
+    row.operator("mgf.use_as_section", text="", icon="RESTRICT_SELECT_OFF")
+    if not there and scene.mgf.drawings.height == 0:
+        draw_sentence(column, tr("Three cuts through the middle"), "INFO")
+
+
+def _draw_pictures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """What an earlier run made."""
+    index = read_index(job_folder(scene))
+    if index is None:
+        return
+    column = layout.column(align=True)
+    for drawing in index.pictures:
+        button = column.operator("mgf.show_drawing", text=drawing.title, icon="IMAGE_DATA", translate=False)
+        button.name = drawing.path.name
+    row = layout.row(align=True)
+    page = row.operator("mgf.open_job_file", text="All Drawings", icon="URL")
+    page.name = f"{FOLDER}/{PAGE}"
+    row.operator("mgf.open_job_file", text="Open Folder", icon="FILE_FOLDER").name = FOLDER
+
+
+register, unregister = bpy.utils.register_classes_factory((MGF_PT_drawings,))

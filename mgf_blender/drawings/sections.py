@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Section planes: objects that say where to cut; their z axis points to whoever looks at the section.
+
+The add-on's own are squares under the scene's empty; any mesh or empty of the user's can be one as well.
+"""
+
+from __future__ import annotations
+
+import re
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..scene_import.tree import ROLE_KEY, Tree, objects_below
+
+OURS, THEIRS = "section", "section of the user"
+_NAME = "Section"
+#: World axes (columns) of a new plane, whose last one is its normal.
+AXES = {
+    "LEVEL": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "FRONT": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "SIDE": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+}
+
+
+def find_sections(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The scene's section planes, by name."""
+    found = [o for o in objects_below(scene.collection) if o.get(ROLE_KEY) in (OURS, THEIRS)]
+    return sorted(found, key=lambda o: o.name)
+
+
+def may_be_section(obj: bpy.types.Object) -> bool:
+    """Whether an object of the user's can say where to cut."""
+    return obj.type in {"MESH", "EMPTY"} and ROLE_KEY not in obj and "mgf_kind" not in obj
+
+
+def add_section(tree: Tree, axis: str) -> bpy.types.Object:
+    """A square through the middle of the mesh, or of the points where there is none."""
+    low, high = _bounds(tree)
+    size = 0.6 * float((high - low).max()) or 1.0
+    corners = [(-size, -size, 0), (size, -size, 0), (size, size, 0), (-size, size, 0)]
+    mesh = bpy.data.meshes.new(_NAME)
+    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+    obj = bpy.data.objects.new(_NAME, mesh)
+    obj[ROLE_KEY] = OURS
+    obj.display_type, obj.hide_render, obj.show_axis = "WIRE", True, True
+    tree.collection.objects.link(obj)
+    obj.parent = tree.root
+    world = np.eye(4)
+    world[:3, :3], world[:3, 3] = np.array(AXES[axis], float).T, (low + high) / 2
+    root = np.array(tree.root.matrix_world)
+    obj.matrix_parent_inverse = Matrix.Identity(4)
+    obj.matrix_basis = Matrix((np.linalg.inv(root) @ world).tolist())
+    return obj
+
+
+def remove_section(obj: bpy.types.Object) -> None:
+    """Delete a plane of ours; an object of the user's stays and is no section any more."""
+    if obj.get(ROLE_KEY) == THEIRS:
+        del obj[ROLE_KEY]
+        return
+    mesh = obj.data
+    bpy.data.objects.remove(obj, do_unlink=True)
+    if mesh is not None and mesh.users == 0:
+        bpy.data.meshes.remove(mesh)
+
+
+def section_texts(scene: bpy.types.Scene, tree: Tree) -> list[str]:
+    """The planes as the engine reads them: ``NAME=x,y,z,nx,ny,nz`` in coordinates of the job's mesh."""
+    root, texts, taken = np.array(tree.root.matrix_world, np.float64), list[str](), set[str]()
+    for obj in find_sections(scene):
+        point, normal = plane_of(obj)
+        inside = np.linalg.inv(root) @ np.append(point, 1.0)
+        turned = root[:3, :3].T @ normal
+        turned /= max(float(np.linalg.norm(turned)), 1e-300)
+        numbers = ",".join(f"{v:.12g}" for v in (*(inside[:3] + tree.offset), *turned))
+        texts.append(f"{_file_name(obj.name, taken)}={numbers}")
+    return texts
+
+
+def plane_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """A point [3] and the normal [3] of an object in the world: of its one face, else its origin and z axis."""
+    world = np.array(obj.matrix_world, np.float64)
+    point, normal = np.zeros(3), np.array([0.0, 0.0, 1.0])
+    if obj.type == "MESH" and len(obj.data.polygons) == 1:
+        point, normal = (np.array(v) for v in (obj.data.polygons[0].center, obj.data.polygons[0].normal))
+    return world[:3, :3] @ point + world[:3, 3], np.linalg.inv(world[:3, :3]).T @ normal
+
+
+def _file_name(name: str, taken: set[str]) -> str:
+    """A name that files may have, and no other plane has."""
+    plain = re.sub(r"[^\w-]+", "-", name).strip("-") or "section"
+    while plain in taken:
+        plain += "-2"
+    taken.add(plain)
+    return plain
+
+
+def _bounds(tree: Tree) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner of what was imported, world coordinates."""
+    there = [o for kind in ("Mesh", "Points") for o in tree.objects(kind)][:1]
+    if not there:
+        middle = np.array(tree.root.matrix_world)[:3, 3]
+        return middle - tree.radius, middle + tree.radius
+    world = np.array(there[0].matrix_world)
+    corners = np.array(there[0].bound_box) @ world[:3, :3].T + world[:3, 3]
+    return corners.min(axis=0), corners.max(axis=0)
