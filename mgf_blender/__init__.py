@@ -10,7 +10,8 @@ _ROOMS = (
     "translations", "common.runner", "common.editors", "properties", "engine.operators", "preferences",
     "scene_import.operators", "scene_import.panel", "prompts.tool", "reconstruct.live", "reconstruct.operators",
     "prompts.operators", "prompts.preview", "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.arrival",
-    "results.operators", "results.panel", "drawings.operators", "drawings.panel", "cli",
+    "results.operators", "results.panel", "drawings.operators", "drawings.panel", "georef.operators",
+    "georef.tool", "georef.overlay", "georef.panel", "cli",
 )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import bpy
 from .common import options
 from .compat import PATH
 from .drawings.properties import MGF_PG_drawings
+from .georef.properties import MGF_PG_control_point, MGF_PG_georef, MGF_PG_mark
 from .prompts.properties import BUILDING, MGF_PG_click, MGF_PG_photo, show_photo
 
 PARTS = [BUILDING, "window", "door", "roof", "wall", "balcony"]
@@ -46,6 +47,7 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
     )
     options: bpy.props.PointerProperty(type=OptionsGroup)
     drawings: bpy.props.PointerProperty(name="Drawings", type=MGF_PG_drawings)
+    georef: bpy.props.PointerProperty(name="Georeference", type=MGF_PG_georef)
     photos: bpy.props.CollectionProperty(type=MGF_PG_photo)
     photo_index: bpy.props.IntProperty(name="Photo", description="The photo to click on", update=show_photo)
     show_mask: bpy.props.BoolProperty(name="Show Mask", description="Draw the mask over the photo", default=True)
@@ -100,7 +102,16 @@ def scene_of(key: str) -> bpy.types.Scene | None:
     return next((s for s in bpy.data.scenes if key and key_of(s) == key), None)
 
 
-CLASSES = (MGF_PG_click, MGF_PG_photo, OptionsGroup, MGF_PG_drawings, MGF_PG_scene)
+CLASSES = (
+    MGF_PG_click,
+    MGF_PG_photo,
+    OptionsGroup,
+    MGF_PG_drawings,
+    MGF_PG_control_point,
+    MGF_PG_mark,
+    MGF_PG_georef,
+    MGF_PG_scene,
+)
 
 
 def register() -> None:

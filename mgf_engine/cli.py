@@ -171,7 +171,10 @@ def _add_buildings_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_georef_arguments(parser: argparse.ArgumentParser) -> None:
+    from mgf_engine.georef.command import add_arguments
+
     parser.add_argument("job", type=_path, metavar="JOB", help="folder of a finished job")
+    add_arguments(parser)
     for spec in (f for f in fields(Config) if f.metadata["section"] == "georef"):
         _add_option(parser, spec)
 

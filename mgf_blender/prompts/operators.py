@@ -89,7 +89,7 @@ class MGF_OT_add_photo(Operator):
                 return
         if not _photo_file(camera):
             raise UserError("The photo of this camera was not found; set the photo folder and import again.")
-        _list_photo(state, camera)
+        list_photo(state, camera)
         state.photo_index = len(state.photos) - 1
 
 
@@ -250,10 +250,10 @@ def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
     for camera in tree.objects("Cameras"):
         name = camera.get(PHOTO_KEY, "")
         if name in names and name not in have:
-            _list_photo(scene.mgf, camera)
+            list_photo(scene.mgf, camera)
 
 
-def _list_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> None:
+def list_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> None:
     """Put the photo of an imported camera into the list."""
     entry = state.photos.add()
     entry.name, entry.file = camera[PHOTO_KEY], _photo_file(camera)

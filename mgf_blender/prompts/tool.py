@@ -25,7 +25,7 @@ def nearest(photo: bpy.types.PropertyGroup, u: float, v: float, reach: float) ->
     return found
 
 
-class _OnPhoto(Operator):
+class OnPhoto(Operator):
     """What the operators of the tool share: the photo under the pointer and the pixel there."""
 
     @classmethod
@@ -53,7 +53,16 @@ class _OnPhoto(Operator):
         return photos[self.photo]
 
 
-class MGF_OT_click(_OnPhoto):
+class _OnClicks(OnPhoto):
+    """While control points are marked, clicks are theirs, see ``georef/tool.py``."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        free = not context.scene.mgf.georef.marking
+        return cls.needs(free, "Control points are being marked; switch that off first") and super().poll(context)
+
+
+class MGF_OT_click(_OnClicks):
     """Mark a point of the building; drag to move it. Ctrl marks what is not the building, Alt removes"""
 
     bl_idname = "mgf.click"
@@ -71,7 +80,7 @@ class MGF_OT_click(_OnPhoto):
         photo = self._photo(context)
         part = BUILDING if self.negative else context.scene.mgf.part.strip().lower() or BUILDING
         add_click(photo, *self.uv, self.negative, part)
-        _redraw(context)
+        redraw(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._locate(context, event)
@@ -94,7 +103,7 @@ class MGF_OT_click(_OnPhoto):
         if event.type == "MOUSEMOVE":
             self._locate(context, event)
             clicks[self._at].uv = self.uv
-            _redraw(context)
+            redraw(context)
         elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
             self.uv = clicks[self._at].uv
             return {"FINISHED"}
@@ -103,12 +112,12 @@ class MGF_OT_click(_OnPhoto):
                 clicks[self._at].uv = self._before
             else:
                 clicks.remove(self._at)
-            _redraw(context)
+            redraw(context)
             return {"CANCELLED"}
         return {"RUNNING_MODAL"}
 
 
-class MGF_OT_remove_click(_OnPhoto):
+class MGF_OT_remove_click(_OnClicks):
     """Remove the point under the pointer"""
 
     bl_idname = "mgf.remove_click"
@@ -131,7 +140,7 @@ class MGF_OT_remove_click(_OnPhoto):
         if index < 0:
             return {"CANCELLED"}
         photo.clicks.remove(index)
-        _redraw(context)
+        redraw(context)
         return {"FINISHED"}
 
 
@@ -167,6 +176,9 @@ class MGF_PointTool(bpy.types.WorkSpaceTool):
         ("mgf.click", {"type": "LEFTMOUSE", "value": "PRESS", "ctrl": True}, {"properties": [("negative", True)]}),
         ("mgf.remove_click", {"type": "LEFTMOUSE", "value": "PRESS", "alt": True}, None),
         ("mgf.remove_click", {"type": "X", "value": "PRESS"}, None),
+        ("mgf.mark", {"type": "LEFTMOUSE", "value": "PRESS"}, None),
+        ("mgf.remove_mark", {"type": "LEFTMOUSE", "value": "PRESS", "alt": True}, None),
+        ("mgf.remove_mark", {"type": "X", "value": "PRESS"}, None),
     )
 
     @staticmethod
@@ -208,7 +220,7 @@ def _once() -> float | None:
     return None if take_up_again() else 0.3
 
 
-def _redraw(context: bpy.types.Context) -> None:
+def redraw(context: bpy.types.Context) -> None:
     if context.area is not None:
         context.area.tag_redraw()  # the sidebar too, or it keeps showing the old count
 

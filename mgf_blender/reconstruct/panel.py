@@ -20,7 +20,11 @@ _DONE = {
     "masks": N_("Masks found in {time}"),
     "scene": N_("Cameras found in {time}"),
     "drawings": N_("Drawings finished in {time}"),
+    "georef": N_("Georeferenced in {time}"),
+    "places": N_("Control points read in {time}"),
 }
+#: What is shown while a command runs that is no stage.
+_TOOLS = {"drawings": N_("Drawings"), "georef": N_("Georeference")}
 
 
 class MGF_PT_mark(bpy.types.Panel):
@@ -170,7 +174,7 @@ def _headline(job: Job) -> str:
         return tr("Stopping")
     if not job.stage:
         return tr("Starting the engine")
-    stage, left = tr(options.STAGES.get(job.stage, options.title(job.stage))), duration(job.seconds_left)
+    stage, left = tr({**options.STAGES, **_TOOLS}.get(job.stage, job.stage)), duration(job.seconds_left)
     if not left:
         return tr("{stage}, {share:.0%}", stage=stage, share=job.overall)
     return tr("{stage}, {share:.0%}, {time} left", stage=stage, share=job.overall, time=left)
@@ -187,6 +191,7 @@ def in_panel_words(text: str) -> str:
     """A sentence of the engine, which speaks of its command line, in terms of what the panel has for the same."""
     button = "Reconstruct Building" if "--resolution" in text else "Resume"  # which takes no new options
     text = re.sub(r"(?:run again with|add) --resume", f"press {button}", text)
+    text = re.sub(r"run 'mgf georef'(?: again)?", "press Georeference Job", text)
     text = re.sub(
         r"(?:install with: |get it by )pip install 'mgf-engine\[survey\]'(?:, in (?:the engine's|its) environment)?",
         "tick Drawings and Map Coordinates in the preferences and press Install Engine, or in an environment of your "

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.config import Config
-from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.georef.apply import apply_to_finished
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
@@ -18,31 +17,71 @@ from mgf_engine.georef.model import FILE
 from mgf_engine.georef.report import facts
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
+from mgf_engine.reported import add_reporting_arguments, run_reported
 from mgf_engine.system import atomic_path
-from mgf_engine.terminal import make_sink
+
+STAGE = "georef"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of ``mgf georef`` beside the options of its section."""
+    parser.add_argument(
+        "--predict", type=Path, default=None, metavar="FILE",
+        help="only write where the control points should appear in the photos (JSON); the job stays as it is",
+    )  # fmt: skip
+    add_reporting_arguments(parser)
 
 
 def georef_command(args: argparse.Namespace) -> int:
     """Find the georeference, write it and the mesh in true coordinates, print what was found."""
+    return run_reported(args, lambda reporter: _georef(args, reporter))
+
+
+def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
+    """Do it.
+
+    Raises:
+        BadInput: the job is not finished, or what the user gave cannot be used; the job is then as it was.
+    """
     names = [f.name for f in fields(Config) if f.metadata["section"] == "georef"]
     given = {name: value for name, value in vars(args).items() if name in names}
-    reporter, record = Reporter(make_sink("auto")), args.job / "job.json"
+    reporter.stages = (STAGE,)
+    reporter.stage(STAGE)
+    if args.predict is not None:
+        from mgf_engine.georef.predict import write_places
+
+        count = write_places(args.job, given, args.predict, reporter)
+        reporter.send("result", path=str(args.predict), files={}, figures={"points": count})
+        return
+    record = args.job / "job.json"
     before = record.read_bytes() if record.is_file() else None
     try:
         job, kept = _open(args.job, given)
         with job:
             survey = apply_to_finished(job, reporter)
-    except BadInput:
+    except BaseException:
         if before is not None:  # the job does not keep options that it cannot use
             with atomic_path(record) as temporary:
                 temporary.write_bytes(before)
         raise
+    if args.progress == "json":
+        reporter.send("result", path=str(args.job), files={FILE: str(args.job / FILE)}, figures=_figures(survey))
+        return
     _print(survey)
     if kept:
         print("The cameras stayed as they are; 'mgf reconstruct --resume' with these points adjusts them as well.")
     models = f" and {args.job / FOLDER}" if survey.georeference.metric else ""
     print(f"Written to {args.job / FILE}{models}")
-    return EXIT_DONE
+
+
+def _figures(survey: GeoreferenceFit) -> dict[str, str]:
+    """RMSE of control and check points, for the line under a progress bar."""
+    found = {}
+    for role in (CONTROL, CHECK):
+        rms = None if survey.control is None else survey.control.rms(role)
+        if rms is not None:
+            found[f"RMSE of {role} points"] = f"{1000 * float((rms**2).sum()) ** 0.5:.1f} mm"
+    return found
 
 
 def _open(folder: Path, given: dict[str, Any]) -> tuple[Job, bool]:

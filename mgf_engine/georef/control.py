@@ -91,8 +91,7 @@ def read_control(points: Path, marks: Path | None, photos: Sequence[str]) -> Con
     Raises:
         BadInput: a file cannot be used; the sentence names the line.
     """
-    odm = _odm(points, photos)
-    control = odm if odm is not None else _points(points)
+    control = read_points(points, photos)
     if marks is not None:
         found, strangers = read_marks(marks, photos)
         known = {p.name for p in control.points}
@@ -105,6 +104,16 @@ def read_control(points: Path, marks: Path | None, photos: Sequence[str]) -> Con
     if not control.marks:
         raise BadInput("Control points need marks in the photos; give them with --marks FILE.")
     return control
+
+
+def read_points(path: Path, photos: Sequence[str]) -> Control:
+    """The points of a file, with the marks where it holds those as well.
+
+    Raises:
+        BadInput: the file cannot be used.
+    """
+    odm = _odm(path, photos)
+    return odm if odm is not None else _points(path)
 
 
 def _points(path: Path) -> Control:

@@ -90,6 +90,38 @@ def drawings(arguments: list[str], mode: str) -> int:
     return 0
 
 
+def georef(arguments: list[str], mode: str) -> int:
+    """Control points with places, or a georeference with residuals."""
+    job = Path(arguments[1])
+    (job / "arguments.json").write_text(json.dumps(arguments))
+    if mode == "bad":
+        send("failed", code=2, text="The control points lie on a line; add one beside it.", log=None)
+        return 2
+    send("stage", stage="georef", index=0, count=1, cached=False)
+    if "--predict" in arguments:
+        photos = {
+            name: [100.0 + 10 * k, 80.0, 5.0] for k, name in enumerate(os.environ.get("FAKE_PHOTOS", "").split("|"))
+        }
+        points = [
+            {"name": name, "role": role, "by": "marks", "pixels": 0.4, "wrong": [], "photos": photos}
+            for name, role in (("P1", "control"), ("C1", "check"))
+        ]
+        places = Path(arguments[arguments.index("--predict") + 1])
+        places.write_text(json.dumps({"format": 1, "crs": "", "points": points}))
+    else:
+        shutil.copyfile(os.environ["FAKE_GEOREF"], job / "georef.json")
+        rows = [
+            {"name": n, "role": r, "residual": e, "pixels": p, "photos": 3, "used": r == "control", "note": note}
+            for n, r, e, p, note in (
+                ("P1", "control", [0.003, -0.004, 0.0], 0.5, ""), ("C1", "check", [0.0, 0.0, 0.012], 0.7, ""),
+                ("P9", "control", [None, None, None], None, "not marked in any photo"),
+            )
+        ]  # fmt: skip
+        (job / "report.json").write_text(json.dumps({"georeference": {"points": rows}}))
+    send("result", path=str(job), files={}, figures={"RMSE of check points": "12.0 mm"})
+    return 0
+
+
 def record(job: Path, arguments: list[str], done: list[str]) -> None:
     """The job file, with the stages that are done."""
     given = {a.split("=")[0]: a.split("=")[1] for a in arguments if "=" in a}
@@ -111,8 +143,8 @@ def main() -> int:
         return 0
     if arguments[0] == "preview":
         return preview(arguments, mode)
-    if arguments[0] == "drawings":
-        return drawings(arguments, mode)
+    if arguments[0] in {"drawings", "georef"}:
+        return {"drawings": drawings, "georef": georef}[arguments[0]](arguments, mode)
     job = Path(arguments[arguments.index("--out") + 1])
     job.mkdir(parents=True, exist_ok=True)
     (job / "arguments.json").write_text(json.dumps(arguments))

@@ -28,6 +28,8 @@ from mgf_blender.common.errors import UserError
 from mgf_blender.common.job import DONE
 from mgf_blender.drawings.panel import MGF_PT_drawings
 from mgf_blender.drawings.sections import find_sections
+from mgf_blender.georef.panel import MGF_PT_control_points, MGF_PT_georef
+from mgf_blender.georef.properties import set_mark
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.properties import scene_of
@@ -40,7 +42,8 @@ from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_P
 from mgf_blender.scene_import.tree import KINDS, Tree
 
 PANELS = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source, MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options,
-          MGF_PT_results, MGF_PT_prompts, MGF_PT_masks, MGF_PT_drawings)  # fmt: skip
+          MGF_PT_results, MGF_PT_prompts, MGF_PT_masks, MGF_PT_drawings, MGF_PT_georef,
+          MGF_PT_control_points)  # fmt: skip
 
 
 class Walk:
@@ -53,6 +56,9 @@ class Walk:
         self.plain = synthetic.write_house(folder / "plain", tilt=False)
         self.blends: list[Path] = []
         os.environ["FAKE_RESULT"] = str(shutil.copytree(self.house.job, folder / "finished"))
+        os.environ["FAKE_PHOTOS"] = "|".join(sorted(self.house.poses)[:4])
+        os.environ["FAKE_GEOREF"] = str(folder / "georef.json")
+        (folder / "georef.json").write_text(_GEOREF)
         for house in (self.house, self.plain):
             synthetic.write_png(house.folder / "preview.png", synthetic._gradient(8, 6))
         self.steps = {name.removeprefix("step_"): getattr(self, name) for name in dir(self) if name.startswith("step_")}
@@ -133,6 +139,15 @@ class Walk:
     def step_drawings(self) -> None:
         self.call("make_drawings")
 
+    def step_points(self) -> None:
+        """Read the points, mark one, look at the next photo, run."""
+        scene = bpy.context.scene
+        scene.mgf.georef.control_file = "//points.csv"
+        if len(scene.mgf.photos):
+            set_mark(scene, "P1", scene.mgf.photos[0].name, (9, 9))
+        bpy.ops.ed.undo_push(message="mark")
+        self.call(self.dice.choice(("predict_places", "next_marked_photo", "georeference", "place_scene")))
+
     def step_photo(self) -> None:
         self.call(self.dice.choice(("next_photo", "add_photo", "remove_photo", "clear_clicks", "reset_options")))
 
@@ -202,6 +217,8 @@ class Walk:
         bpy.ops.ed.undo_push(message="open")  # as a window does
 
 
+_GEOREF = """{"to_local": [[0, -2, 0, 1], [2, 0, 0, 2], [0, 0, 2, 3], [0, 0, 0, 1]], "offset": [691234, 5334876, 0],
+ "crs": "EPSG:25832", "unit": "metre", "north_known": true, "origin": [48.1, 11.6, 500]}"""
 _WEIGHTS = {"undo": 12, "redo": 6, "result": 4, "arrive": 4, "show": 4, "paint": 3, "open": 1, "save": 1, "mode": 3,
             "reconstruct": 1}  # fmt: skip
 

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of the georeference: marks as ``mgf georef`` reads them, and what the engine wrote about points and residuals.
+
+What the engine wrote is read again whenever the file changes; nothing of it is kept in the .blend.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import bpy
+import numpy as np
+
+from ..common.errors import UserError
+from ..common.files import replace_file
+from .properties import set_mark
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Known:
+    """A point as the engine knows it.
+
+    Attributes:
+        by: what its place is known by: its marks, other points, the georeference; empty where it is not.
+        pixels: how far its marks lie from it, RMS; None without two marks.
+        wrong: photos whose mark the others contradict.
+        photos: photo -> x, y and the radius to look within, pixels of the photo as taken.
+    """
+
+    name: str
+    role: str
+    by: str
+    pixels: float | None
+    wrong: tuple[str, ...]
+    photos: dict[str, tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A point's residuals in metres (NaN where it could not be placed) and pixels, and what is to be said of it."""
+
+    name: str
+    role: str
+    residual: tuple[float, float, float]
+    pixels: float
+    note: str
+
+
+@dataclass(frozen=True)
+class Placement:
+    """``georef.json``: scene frame -> local frame, and the local frame's place in the world."""
+
+    to_local: np.ndarray
+    offset: tuple[float, float, float]
+    crs: str
+    metric: bool
+    north_known: bool
+    origin: tuple[float, float, float] | None
+
+
+@dataclass
+class _Cache:
+    seen: dict[str, tuple[int, Any]] = field(default_factory=dict)
+
+    def get(self, path: Path, parse: Callable[[dict[str, Any]], T]) -> T | None:
+        """What ``parse`` makes of a JSON file; None where it is missing or not what it should be."""
+        try:
+            changed = path.stat().st_mtime_ns
+            if self.seen.get(str(path), (0, None))[0] != changed:
+                self.seen[str(path)] = changed, parse(json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return None
+        found: T = self.seen[str(path)][1]
+        return found
+
+
+_cache = _Cache()
+
+
+def marks_path(job: Path) -> Path:
+    """Where the marks are written for a run; beside the job folder, as its clicks are."""
+    return job.with_name(job.name + ".marks.csv")
+
+
+def places_path(job: Path) -> Path:
+    """Where the engine writes where points should appear."""
+    return job.with_name(job.name + ".places.json")
+
+
+def marks_text(scene: bpy.types.Scene) -> str:
+    """The scene's marks as a CSV: name, photo, x, y."""
+    text = io.StringIO()
+    rows = [(m.point, m.photo, f"{m.uv[0]:.2f}", f"{m.uv[1]:.2f}") for m in scene.mgf.georef.marks]
+    csv.writer(text, lineterminator="\n").writerows([("name", "photo", "x", "y"), *rows])
+    return text.getvalue()
+
+
+def write_marks(scene: bpy.types.Scene, path: Path) -> None:
+    """Write the marks, whole or not at all.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    text = marks_text(scene)
+    replace_file(path, lambda temporary: temporary.write_text(text, encoding="utf-8", newline=""))
+
+
+def read_marks(scene: bpy.types.Scene, path: Path) -> int:
+    """Take over the marks of a CSV with the heading name, photo, x, y; returns how many.
+
+    Raises:
+        UserError: the file cannot be read or is none; the scene is then unchanged.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = [(r["name"], r["photo"], (float(r["x"]), float(r["y"]))) for r in csv.DictReader(file)]
+    except OSError as error:
+        raise UserError("Cannot read '{path}' ({error}); choose a CSV of marks.", path=path, error=error) from error
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        raise UserError("'{path}' is no file of marks; its heading should be name, photo, x, y.", path=path) from error
+    if not rows or not all(math.isfinite(v) for *_, uv in rows for v in uv):
+        raise UserError("'{path}' is no file of marks; its heading should be name, photo, x, y.", path=path)
+    for point, photo, uv in rows:
+        set_mark(scene, point, photo, uv)
+    return len(rows)
+
+
+def read_places(job: Path) -> dict[str, Known]:
+    """The control points by name, as the engine read them from the user's file; empty before it did."""
+    return _cache.get(places_path(job), _places) or {}
+
+
+def read_rows(job: Path) -> list[Row]:
+    """Residuals of the last run's points, from ``report.json``."""
+    return _cache.get(job / "report.json", _rows) or []
+
+
+def read_placement(job: Path) -> Placement | None:
+    """The job's georeference."""
+    return _cache.get(job / "georef.json", _placement)
+
+
+def _places(data: dict[str, Any]) -> dict[str, Known]:
+    found = {}
+    for entry in data["points"]:
+        photos = {str(name): _three(values) for name, values in entry["photos"].items()}
+        found[str(entry["name"])] = Known(
+            str(entry["name"]), str(entry["role"]), str(entry["by"]),
+            None if entry["pixels"] is None else float(entry["pixels"]), tuple(map(str, entry["wrong"])), photos,
+        )  # fmt: skip
+    return found
+
+
+def _rows(data: dict[str, Any]) -> list[Row]:
+    return [
+        Row(
+            str(p["name"]), str(p["role"]), _three([math.nan if v is None else v for v in p["residual"]]),
+            math.nan if p["pixels"] is None else float(p["pixels"]), str(p["note"]),
+        )
+        for p in data["georeference"]["points"]
+    ]  # fmt: skip
+
+
+def _placement(data: dict[str, Any]) -> Placement:
+    matrix = np.array(data["to_local"], np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not np.linalg.det(matrix[:3, :3]) > 0:
+        raise ValueError("to_local")
+    origin = None if data["origin"] is None else _three(data["origin"])
+    metric, north_known = data["unit"] == "metre", bool(data["north_known"])
+    return Placement(matrix, _three(data["offset"]), str(data["crs"] or ""), metric, north_known, origin)
+
+
+def _three(values: Any) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators of the Georeference panels."""
+
+from pathlib import Path
+
+import bpy
+
+from ..common import runner
+from ..common.editors import image_editor, show_image
+from ..common.errors import UserError
+from ..common.operators import FileOperator, Operator
+from ..common.text import tr
+from ..prompts.operators import list_photo
+from ..prompts.properties import active_photo, photo_image
+from ..properties import key_of
+from ..reconstruct.operators import submit
+from ..reconstruct.start import has_job_file, job_folder
+from ..scene_import.cameras import PHOTO_KEY
+from ..scene_import.tree import Tree
+from . import files
+from .place import place
+from .properties import active_point
+from .start import georef_job, places_job
+
+
+class _RunsEngine(Operator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(
+            has_job_file(context.scene, "deliver.json"), "The job folder holds no finished job"
+        ) and cls.needs(
+            not runner.live_job(key_of(context.scene)), "A job of this scene is running; wait for it or cancel it"
+        )
+
+
+class MGF_OT_georeference(_RunsEngine):
+    """Find the true coordinates of the finished job, from its photos' GPS or from the marked control points"""
+
+    bl_idname = "mgf.georeference"
+    bl_label = "Georeference Job"
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        return submit(self, georef_job(context.scene))
+
+
+class MGF_OT_predict_places(_RunsEngine):
+    """Read the control points, and predict where they appear in the photos as soon as enough is known"""
+
+    bl_idname = "mgf.predict_places"
+    bl_label = "Read Points"
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        return submit(self, places_job(context.scene))
+
+
+class MGF_OT_take_control_points(Operator):
+    """List the control points as the engine read them"""
+
+    bl_idname = "mgf.take_control_points"
+    bl_label = "List Control Points"
+    bl_options = {"REGISTER", "UNDO", "INTERNAL"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        state = context.scene.mgf.georef
+        chosen = active_point(context.scene)
+        name = chosen.name if chosen is not None else ""
+        state.points.clear()
+        for known in files.read_places(job_folder(context.scene)).values():
+            point = state.points.add()
+            point.name, point.role = known.name, known.role
+        state.index = max(0, state.points.find(name))
+        state.marking = len(state.points) > 0
+
+
+class MGF_OT_place_scene(Operator):
+    """Lay the scene where it truly is: meters, Z up, Y north; properties of the scene say what its origin is"""
+
+    bl_idname = "mgf.place_scene"
+    bl_label = "Place in True Coordinates"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
+
+    def run(self, context: bpy.types.Context) -> None:
+        found = files.read_placement(job_folder(context.scene))
+        if found is None or not found.metric:
+            raise UserError("The job has no true coordinates yet; press Georeference Job first.")
+        place(context.scene, Tree.find(context.scene), found)
+
+
+class MGF_OT_mark_control_points(Operator):
+    """Show the photos in an Image Editor, with the point tool ready for control points"""
+
+    bl_idname = "mgf.mark_control_points"
+    bl_label = "Mark Control Points"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        read = cls.needs(len(context.scene.mgf.georef.points), "Read the control points first")
+        return read and cls.needs(active_photo(context.scene) is not None, "Import a scene first")
+
+    def run(self, context: bpy.types.Context) -> None:
+        image = photo_image(active_photo(context.scene))
+        if image is None:
+            raise UserError("The photo was not found; set the photo folder and import again.")
+        context.scene.mgf.georef.marking = True
+        show_image(context, image)
+        area = image_editor(context)
+        if area is not None:
+            with context.temp_override(area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
+                bpy.ops.mgf.use_point_tool()
+
+
+class MGF_OT_next_marked_photo(Operator):
+    """Go to the next photo that should show the chosen control point"""
+
+    bl_idname = "mgf.next_marked_photo"
+    bl_label = "Next Photo with Point"
+    bl_options = {"REGISTER", "UNDO"}
+
+    step: bpy.props.IntProperty(name="Step", description="How many photos to go on", default=1)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        chosen = cls.needs(active_point(context.scene) is not None, "Choose a control point to mark first")
+        return chosen and cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
+
+    def run(self, context: bpy.types.Context) -> None:
+        scene, point = context.scene, active_point(context.scene).name
+        cameras = {o[PHOTO_KEY]: o for o in Tree.find(scene).objects("Cameras") if PHOTO_KEY in o}
+        known = files.read_places(job_folder(scene)).get(point)
+        wanted = set(known.photos if known is not None else ()) | {
+            m.photo for m in scene.mgf.georef.marks if m.point == point
+        }
+        names = sorted(name for name in cameras if name in wanted) or sorted(cameras)
+        if not names:
+            raise UserError("The imported scene has no cameras left; import it again.")
+        here = active_photo(scene)
+        before = [n for n in names if here is not None and n <= here.name]
+        on_it = here is not None and here.name in names
+        at = len(before) - 1 + self.step + (0 if on_it or self.step > 0 else 1)
+        show_listed(scene, cameras[names[at % len(names)]])
+
+
+class MGF_OT_export_marks(FileOperator):
+    """Write the marks to a CSV, as mgf georef reads them"""
+
+    bl_idname = "mgf.export_marks"
+    bl_label = "Export Marks"
+    bl_options = {"REGISTER"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", default="marks.csv", options={"SKIP_SAVE"})
+    check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default="*.csv", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(len(context.scene.mgf.georef.marks), "There are no marks yet")
+
+    def run(self, context: bpy.types.Context) -> None:
+        path = Path(bpy.path.abspath(self.filepath))
+        files.write_marks(context.scene, path if path.suffix else path.with_suffix(".csv"))
+
+
+class MGF_OT_import_marks(FileOperator):
+    """Read marks from a CSV (name, photo, x, y); they replace those of the same points in the same photos"""
+
+    bl_idname = "mgf.import_marks"
+    bl_label = "Import Marks"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_glob: bpy.props.StringProperty(default="*.csv", options={"HIDDEN"})
+
+    def run(self, context: bpy.types.Context) -> None:
+        count = files.read_marks(context.scene, Path(bpy.path.abspath(self.filepath)))
+        self.report({"INFO"}, tr("{count} marks read", count=count))
+
+
+def show_listed(scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
+    """Make a camera's photo the chosen one of the list, which gets it where it lacks it."""
+    photos = scene.mgf.photos
+    at = next((i for i, photo in enumerate(photos) if photo.name == camera[PHOTO_KEY]), -1)
+    if at < 0:
+        list_photo(scene.mgf, camera)
+        at = len(photos) - 1
+    scene.mgf.photo_index = at
+
+
+CLASSES = (
+    MGF_OT_georeference, MGF_OT_predict_places, MGF_OT_take_control_points, MGF_OT_place_scene,
+    MGF_OT_mark_control_points, MGF_OT_next_marked_photo, MGF_OT_export_marks, MGF_OT_import_marks,
+)  # fmt: skip
+
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Georeference panel of the 3D viewport, and the list of control points in the Image Editor."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+
+from ..common import runner
+from ..common.text import N_, draw_sentence, tr
+from ..engine.notice import draw_engine_missing
+from ..properties import key_of
+from ..reconstruct.operators import last_job
+from ..reconstruct.panel import draw_job
+from ..reconstruct.start import has_job_file, job_folder
+from ..scene_import.tree import Tree
+from . import files, place
+from .properties import active_point
+
+_BY = {
+    "marks": N_("Known by its own marks"),
+    "other points": N_("Known by other points"),
+    "georeference": N_("Roughly known by GPS"),
+    "": N_("Not known yet; mark it in two photos"),
+}
+
+
+class MGF_PT_georef(bpy.types.Panel):
+    """True coordinates of the finished job: by GPS, control points or scale bars"""
+
+    bl_idname = "MGF_PT_georef"
+    bl_label = "Georeference"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "MGF"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return has_job_file(context.scene, "deliver.json")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        state = scene.mgf.georef
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.prop(state, "crs")
+        column.prop(state, "control_file")
+        column.prop(state, "scale_bars")
+        if draw_engine_missing(layout):
+            return
+        idle = not runner.live_job(key_of(scene), ("georef", "places"))
+        if state.control_file:
+            row = layout.row(align=True)
+            row.operator("mgf.predict_places", icon="FILE_REFRESH")
+            row.operator("mgf.mark_control_points", text="Mark Points", icon="CURSOR")
+        if len(state.points):
+            text = tr("{points} points, {marks} marks", points=len(state.points), marks=len(state.marks))
+            draw_sentence(layout, text, "TRACKER")
+        if idle:
+            row = layout.row()
+            row.scale_y = 1.4
+            row.operator("mgf.georeference", icon="WORLD")
+        job = last_job(scene, ("georef", "places"))
+        if job is not None:
+            draw_job(layout, job)
+        if idle:
+            _draw_rows(layout, files.read_rows(job_folder(scene)))
+            _draw_place(layout, scene)
+
+
+def _draw_rows(layout: bpy.types.UILayout, rows: list[files.Row]) -> None:
+    """Residuals of the points, in millimeters and pixels; check points are marked with a ring."""
+    if not rows:
+        return
+    box = layout.box().column(align=True)
+    _draw_cells(box, (tr("mm"), tr("East"), tr("North"), tr("Height"), tr("px")), "BLANK1")
+    for row in rows:
+        values = [_number(1000 * v, "+.0f") for v in row.residual]
+        icon = "ERROR" if row.note else "RADIOBUT_OFF" if row.role == "check" else "RADIOBUT_ON"
+        _draw_cells(box, (row.name, *values, _number(row.pixels, ".1f")), icon)
+    for role, title in (("control", N_("Control")), ("check", N_("Check"))):
+        found = [r.residual for r in rows if r.role == role and not r.note and math.isfinite(r.residual[0])]
+        if found:
+            rms = [math.sqrt(sum(r[k] ** 2 for r in found) / len(found)) for k in range(3)]
+            total = math.sqrt(sum(v * v for v in rms))
+            text = tr("{role}: RMSE {total:.1f} mm", role=tr(title), total=1000 * total)
+            draw_sentence(box, text, "BLANK1")
+
+
+def _draw_cells(layout: bpy.types.UILayout, cells: tuple[str, ...], icon: str) -> None:
+    split = layout.split(factor=0.36)
+    split.label(text=cells[0], icon=icon, translate=False)
+    row = split.row(align=True)
+    for cell in cells[1:]:
+        row.label(text=cell, translate=False)
+
+
+def _number(value: float, form: str) -> str:
+    return format(value, form) if math.isfinite(value) else "–"
+
+
+def _draw_place(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """What the job knows of its place, and whether the scene lies there."""
+    found, tree = files.read_placement(job_folder(scene)), Tree.find(scene)
+    if found is None or not found.metric or tree is None:
+        return
+    if place.is_placed(scene, tree, found):
+        east, north, height = found.offset
+        where = found.crs or tr("Local frame")
+        draw_sentence(layout, tr("In true coordinates: {where}", where=where), "CHECKMARK")
+        if any(found.offset):
+            text = tr("Origin at {east:.0f}, {north:.0f}, {height:.0f}", east=east, north=north, height=height)
+            draw_sentence(layout, text, "BLANK1")
+    else:
+        layout.operator("mgf.place_scene", icon="ORIENTATION_GLOBAL")
+
+
+class MGF_UL_control_points(bpy.types.UIList):
+    """Control points with the number of their marks."""
+
+    bl_idname = "MGF_UL_control_points"
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        split = layout.split(factor=0.8)
+        sign = "RADIOBUT_OFF" if item.role == "check" else "RADIOBUT_ON"
+        split.label(text=item.name, icon=sign, translate=False)
+        count = sum(mark.point == item.name for mark in context.scene.mgf.georef.marks)
+        split.label(text=str(count) if count else "", translate=False)
+
+
+class MGF_PT_control_points(bpy.types.Panel):
+    """Mark control points in the photos"""
+
+    bl_idname = "MGF_PT_control_points"
+    bl_label = "Control Points"
+    bl_space_type = "IMAGE_EDITOR"
+    bl_region_type = "UI"
+    bl_category = "MGF"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return len(context.scene.mgf.georef.points) > 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        state = scene.mgf.georef
+        row = layout.row(align=True)
+        row.scale_y = 1.4
+        row.prop(state, "marking", icon="TRACKER", toggle=True)
+        row.operator("mgf.show_viewport", text="", icon="VIEW3D")
+        if not state.marking:
+            return
+        row = layout.row()
+        row.template_list(MGF_UL_control_points.bl_idname, "", state, "points", state, "index", rows=6)
+        column = row.column(align=True)
+        column.operator("mgf.import_marks", text="", icon="IMPORT")
+        column.operator("mgf.export_marks", text="", icon="EXPORT")
+        row = layout.row(align=True)
+        row.operator("mgf.next_marked_photo", text="Previous", icon="TRIA_LEFT").step = -1
+        row.operator("mgf.next_marked_photo", text="Next", icon="TRIA_RIGHT").step = 1
+        self._draw_point(context)
+        row = layout.row(align=True)
+        row.operator("mgf.predict_places", text="Predict Places", icon="TRACKING_FORWARDS_SINGLE")
+        row.prop(state, "follow", text="", icon="FILE_REFRESH")
+
+    def _draw_point(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        point = active_point(scene)
+        if point is None:
+            return
+        known = files.read_places(job_folder(scene)).get(point.name) if has_job_file(scene) else None
+        text = tr(_BY.get(known.by if known is not None else "", _BY[""]))
+        if known is not None and known.pixels is not None:
+            text += tr(", {pixels:.1f} px", pixels=known.pixels)
+        draw_sentence(layout, text, "INFO")
+        for photo in known.wrong if known is not None else ():
+            draw_sentence(layout, tr("The mark in {photo} contradicts the others", photo=photo), "ERROR")
+
+
+CLASSES = (MGF_PT_georef, MGF_UL_control_points, MGF_PT_control_points)
+
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the point tool of the Image Editor does while control points are marked: one mark of a point in each photo."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..common.errors import UserError
+from ..prompts.tool import OnPhoto, redraw
+from .properties import active_point, mark_of, set_mark
+from .start import predict_again
+
+
+class _OnMark(OnPhoto):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        state = context.scene.mgf.georef
+        chosen = state.marking and active_point(context.scene) is not None
+        return cls.needs(chosen, "Choose a control point to mark first") and super().poll(context)
+
+    def _names(self, context: bpy.types.Context) -> tuple[str, str]:
+        """The chosen point and the photo under the pointer."""
+        point = active_point(context.scene)
+        if point is None:
+            raise UserError("The control point is not in the list any more; choose another one.")
+        return point.name, self._photo(context).name
+
+
+class MGF_OT_mark(_OnMark):
+    """Mark where the chosen control point appears in this photo; drag to place it. Alt removes the mark"""
+
+    bl_idname = "mgf.mark"
+    bl_label = "Mark Control Point"
+    bl_options = {"REGISTER", "UNDO", "BLOCKING"}
+
+    photo: bpy.props.IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
+    uv: bpy.props.FloatVectorProperty(
+        name="Pixel", description="Position in pixels from the top left", size=2, options={"SKIP_SAVE"}
+    )
+
+    def run(self, context: bpy.types.Context) -> None:
+        set_mark(context.scene, *self._names(context), self.uv)
+        redraw(context)
+        predict_again(context.scene)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._locate(context, event)
+        if not self.inside:
+            return {"PASS_THROUGH"}
+        at = mark_of(context.scene, *self._names(context))
+        self._before = tuple(context.scene.mgf.georef.marks[at].uv) if at >= 0 else None
+        set_mark(context.scene, *self._names(context), self.uv)
+        redraw(context)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type == "MOUSEMOVE":
+            self._locate(context, event)
+            set_mark(context.scene, *self._names(context), self.uv)
+            redraw(context)
+        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            predict_again(context.scene)
+            return {"FINISHED"}
+        elif event.type in {"ESC", "RIGHTMOUSE"}:
+            at = mark_of(context.scene, *self._names(context))
+            if self._before is not None:
+                set_mark(context.scene, *self._names(context), self._before)
+            elif at >= 0:
+                context.scene.mgf.georef.marks.remove(at)
+            redraw(context)
+            return {"CANCELLED"}
+        return {"RUNNING_MODAL"}
+
+
+class MGF_OT_remove_mark(_OnMark):
+    """Remove the mark of the chosen control point from this photo"""
+
+    bl_idname = "mgf.remove_mark"
+    bl_label = "Remove Mark"
+    bl_options = {"REGISTER", "UNDO"}
+
+    photo: bpy.props.IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._locate(context, event)
+        return self.execute(context)
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        at = mark_of(context.scene, *self._names(context))
+        if at < 0:
+            return {"CANCELLED"}
+        context.scene.mgf.georef.marks.remove(at)
+        redraw(context)
+        predict_again(context.scene)
+        return {"FINISHED"}
+
+
+register, unregister = bpy.utils.register_classes_factory((MGF_OT_mark, MGF_OT_remove_mark))

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where control points should appear in the photos, so that whoever marks them need not look for them.
+
+Each point by the best that is known of it: its own marks, the other points' marks (three or more), or the georeference
+that the job has already, for example by GPS.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.georef.control import CONTROL, Control, Point, read_marks, read_points
+from mgf_engine.georef.crs import Projection, enu
+from mgf_engine.georef.fit_control import fit_control
+from mgf_engine.georef.model import Georeference, read_georeference
+from mgf_engine.georef.similarity import applied
+from mgf_engine.georef.triangulate import Placed, place_points, project_point
+from mgf_engine.messages import Reporter
+from mgf_engine.model.scene import Scene, View
+from mgf_engine.scene.store import read_scene
+from mgf_engine.system import write_json
+
+Array = NDArray[np.float64]
+FORMAT = 1
+MARKS, OTHERS, GEOREFERENCE = "marks", "other points", "georeference"  # what a place is known by
+_LEAST_RADIUS = 4.0  # pixels
+
+
+def write_places(job: Path, given: Mapping[str, Any], out: Path, reporter: Reporter) -> int:
+    """Write the points of ``--control`` and where they should appear, as JSON; returns how many points there are.
+
+    Args:
+        job: its scene is enough, it need not be finished.
+        given: ``control``, and where there are some ``marks`` and ``crs``.
+
+    Raises:
+        BadInput: the job has no scene yet, or a file cannot be used.
+    """
+    config = make_config(dict(given))
+    if not config.control:
+        raise BadInput("--predict needs control points; give them with --control FILE.")
+    scene, georeference = read_scene(job / "scene"), read_georeference(job)
+    names = [view.name for view in scene.views]
+    control = read_points(Path(config.control), names)
+    marks = control.marks
+    if config.marks:
+        with contextlib.suppress(FileNotFoundError):
+            marks = (*marks, *read_marks(Path(config.marks), names)[0])
+    placed, failed = place_points(scene, marks)
+    reporter.progress(0.5)
+    known = known_places(scene, control, placed, failed, georeference, config.crs)
+    points = [_entry(scene, point, placed.get(point.name), known.get(point.name)) for point in control.points]
+    write_json(out, {"format": FORMAT, "crs": control.crs, "points": points})
+    reporter.progress(1.0)
+    return len(points)
+
+
+def known_places(
+    scene: Scene,
+    control: Control,
+    placed: Mapping[str, Placed],
+    failed: Mapping[str, str],
+    georeference: Georeference,
+    crs: str,
+) -> dict[str, tuple[Array, str, float]]:
+    """Point -> its place in the normalised frame [3], what it is known by, and how far it may be off there.
+
+    Raises:
+        BadInput: the CRS cannot be used.
+    """
+    normalised = scene.to_normalised
+    found: dict[str, tuple[Array, str, float]] = {}
+    at = control.positions()
+    world = _by_georeference(at, georeference, crs or control.crs)
+    if world is not None:
+        off = float(np.sqrt(sum(v**2 for k, v in georeference.accuracy.items() if k.startswith(georeference.method))))
+        off *= normalised.scale / georeference.scale
+        places = normalised.apply(world)
+        found = {p.name: (x, GEOREFERENCE, off) for p, x in zip(control.points, places, strict=True)}
+    own = [p for p in control.points if p.role == CONTROL and p.name in placed]
+    if len(own) >= 3:
+        with contextlib.suppress(BadInput):  # what is wrong with them is said where they are used
+            fit = fit_control(scene, control.points, placed, failed, None)
+            back = np.asarray(np.linalg.inv(fit.matrix), np.float64)
+            away = [row.distance for row in fit.rows if row.used]
+            off = max(away) / float(np.cbrt(np.linalg.det(fit.matrix[:3, :3])))
+            for point in control.points:
+                place = applied(back, np.array(point.position) - fit.offset)
+                found[point.name] = np.asarray(place), OTHERS, off
+    for name, own_marks in placed.items():
+        found[name] = own_marks.position, MARKS, 0.0
+    return found
+
+
+def _by_georeference(at: Array, georeference: Georeference, crs: str) -> Array | None:
+    """Coordinates of a CRS [N, 3] in the scene frame; None where the job knows nothing of where it is."""
+    if not georeference.metric or not georeference.north_known or not len(at):
+        return None
+    if georeference.crs is not None and crs in ("", georeference.crs):
+        return georeference.from_world(at)
+    if not crs or crs == "auto":
+        return None
+    places = Projection(crs).places(at)
+    if georeference.crs is not None:
+        return georeference.from_world(Projection(georeference.crs).project(places))
+    if georeference.origin is None:
+        return None
+    return georeference.scene(enu(places, np.array(georeference.origin)))
+
+
+def _entry(scene: Scene, point: Point, placed: Placed | None, known: tuple[Array, str, float] | None) -> dict[str, Any]:
+    """A point as the file has it: photos that should show it, with x, y and the radius to look within, in pixels."""
+    photos = {}
+    if known is not None:
+        place, _, off = known
+        for view in scene.views:
+            pixel = project_point(view, place)
+            if pixel is not None:
+                photos[view.name] = [round(v, 2) for v in (*pixel, _radius(view, place, off))]
+    wrong = [] if placed is None else [m.view for m, ok in zip(placed.marks, placed.good, strict=True) if not ok]
+    return {
+        "name": point.name, "role": point.role, "by": known[1] if known is not None else "",
+        "pixels": round(placed.rms, 2) if placed is not None and placed.good.any() else None,
+        "wrong": [scene.views[index].name for index in wrong], "photos": photos,
+    }  # fmt: skip
+
+
+def _radius(view: View, place: Array, off: float) -> float:
+    """Pixels of the photo as taken that ``off`` covers at a place."""
+    distance = max(float(np.linalg.norm(place - view.centre)), 1e-12)
+    return max(_LEAST_RADIUS, off / distance * view.fx * view.original_width / view.width)

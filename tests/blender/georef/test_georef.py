@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Control points from their file to the scene in true coordinates."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from layouts import draw
+
+from mgf_blender.georef import files, place
+from mgf_blender.georef.panel import MGF_PT_control_points, MGF_PT_georef
+from mgf_blender.georef.properties import mark_of, set_mark
+from mgf_blender.prompts.tool import MGF_PointTool
+from mgf_blender.reconstruct.panel import MGF_PT_reconstruct, in_panel_words
+from mgf_blender.scene_import.cameras import PHOTO_KEY
+from mgf_blender.scene_import.tree import Tree
+
+OFFSET = [691234.0, 5334876.0, 500.0]
+
+
+@pytest.fixture
+def georef_json(tmp_path) -> Path:
+    """A georeference that turns the house by 40 degrees, doubles it, and lies in UTM."""
+    a = np.radians(40.0)
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]
+    matrix[:3, :3] *= 2.0
+    matrix[:3, 3] = [3.0, -1.0, 19.0]
+    data = {
+        "format": 1, "to_local": matrix.tolist(), "offset": OFFSET, "crs": "EPSG:25832", "unit": "metre",
+        "up_known": True, "north_known": True, "method": "control", "heights": "", "origin": [48.1, 11.6, 500.0],
+        "accuracy": {},
+    }  # fmt: skip
+    path = tmp_path / "georef.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
+@pytest.fixture
+def finished(addon, engine, house, georef_json):
+    """An imported finished job with a file of two control points, which the engine finds in four photos."""
+    photos = sorted(house.poses)[1:9:2]
+    engine("ok", FAKE_GEOREF=georef_json, FAKE_PHOTOS="|".join(photos))
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    addon.georef.control_file = str(house.folder / "points.csv")
+    return addon
+
+
+def arguments(house) -> list[str]:
+    return json.loads((house.job / "arguments.json").read_text())
+
+
+def option(house, name: str) -> str:
+    line = arguments(house)
+    return line[line.index(name) + 1]
+
+
+def test_points_are_read_by_the_engine_and_listed(finished, house):
+    said = draw(MGF_PT_georef).said
+    assert "Read Points" in said and "Georeference Job" in said
+    assert draw(MGF_PT_control_points).said == ""
+    with pytest.raises(RuntimeError, match="Read the control points first"):
+        bpy.ops.mgf.mark_control_points()
+    assert bpy.ops.mgf.predict_places() == {"FINISHED"}
+    assert [(p.name, p.role) for p in finished.georef.points] == [("P1", "control"), ("C1", "check")]
+    assert arguments(house)[:2] == ["georef", str(house.job)] and "--marks" not in arguments(house)
+    assert option(house, "--control") == str(house.folder / "points.csv") and finished.georef.marking
+    said = draw(MGF_PT_control_points).said
+    assert "Known by its own marks, 0.4 px" in said and "Predict Places" in said
+    assert "2 points, 0 marks" in draw(MGF_PT_georef).said
+    assert "Control points read" not in draw(MGF_PT_reconstruct).said
+
+
+def test_the_next_photo_is_one_that_shows_the_point_and_comes_into_the_list(finished, house):
+    bpy.ops.mgf.predict_places()
+    wanted, seen = sorted(house.poses)[1:9:2], []
+    for _ in range(5):
+        bpy.ops.mgf.next_marked_photo(step=1)
+        seen.append(finished.photos[finished.photo_index].name)
+    assert sorted(set(seen)) == wanted and seen[0] == seen[4]
+    bpy.ops.mgf.next_marked_photo(step=-1)
+    assert finished.photos[finished.photo_index].name == seen[3]
+    assert len({p.name for p in finished.photos}) == len(finished.photos)
+
+
+def test_a_point_has_one_mark_in_a_photo_and_the_run_gets_them_as_csv(finished, house):
+    bpy.ops.mgf.predict_places()
+    with pytest.raises(RuntimeError, match="No point is marked yet"):
+        bpy.ops.mgf.georeference()
+    scene, photo = bpy.context.scene, finished.photos[0].name
+    set_mark(scene, "P1", photo, (10.25, 20.5))
+    set_mark(scene, "P1", photo, (11.25, 21.5))
+    set_mark(scene, "C1", photo, (1, 2))
+    assert mark_of(scene, "P1", photo) == 0 and len(finished.georef.marks) == 2
+    finished.georef.crs = " EPSG:25832 "
+    assert bpy.ops.mgf.georeference() == {"FINISHED"}
+    assert option(house, "--crs") == "EPSG:25832" and "--cancel-on-eof" in arguments(house)
+    with open(option(house, "--marks"), encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows == [["name", "photo", "x", "y"], ["P1", photo, "11.25", "21.50"], ["C1", photo, "1.00", "2.00"]]
+
+
+def test_after_the_run_the_scene_lies_where_it_truly_is(finished, house):
+    bpy.ops.mgf.predict_places()
+    set_mark(bpy.context.scene, "P1", finished.photos[0].name, (1, 2))
+    bpy.ops.mgf.georeference()
+    scene, tree = bpy.context.scene, Tree.find(bpy.context.scene)
+    found = files.read_placement(house.job)
+    (mesh,) = tree.objects("Mesh")
+    bpy.context.view_layer.update()
+    own = np.array(mesh.data.vertices[3].co)
+    world = np.array(mesh.matrix_world) @ np.append(own, 1.0)
+    in_scene = np.array(mesh.matrix_basis) @ np.append(own, 1.0) + np.append(tree.offset, 0.0)
+    assert world[:3] == pytest.approx((found.to_local @ in_scene)[:3], abs=1e-4)
+    assert [scene[k] for k in ("SRID", "crs x", "crs y", "crs z")] == ["EPSG:25832", *OFFSET]
+    assert scene["north"] == 0.0 and scene["latitude"] == 48.1 and scene["longitude"] == 11.6
+    assert scene.unit_settings.system == "METRIC"
+    said = draw(MGF_PT_georef).said
+    assert "In true coordinates: EPSG:25832" in said and "Origin at 691234, 5334876, 500" in said
+    assert "P1\n+3\n-4\n+0\n0.5" in said and "P9\n–\n–\n–\n–" in said
+    assert "Control: RMSE 5.0 mm" in said and "Check: RMSE 12.0 mm" in said
+    tree.root.location.x += 1.0
+    bpy.context.view_layer.update()
+    assert "Place in True Coordinates" in draw(MGF_PT_georef).said
+    bpy.ops.mgf.place_scene()
+    bpy.context.view_layer.update()
+    assert place.is_placed(scene, tree, found)
+
+
+def test_a_scene_far_from_its_origin_keeps_its_offset(addon, engine, tmp_path, georef_json):
+    """Coordinates of the model are those of a map: the empty takes back what was taken off for float32."""
+    import synthetic
+
+    house = synthetic.write_house(tmp_path / "far", shift=(4.5e6, 5.4e6, 0.0))
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.job)
+    data = json.loads(georef_json.read_text())
+    data["to_local"] = np.eye(4).tolist()
+    data["to_local"][0][3], data["to_local"][1][3] = -4.5e6, -5.4e6
+    (house.job / "georef.json").write_text(json.dumps(data))
+    bpy.ops.mgf.place_scene()
+    tree = Tree.find(bpy.context.scene)
+    assert np.abs(tree.offset[:2] - (4.5e6, 5.4e6)).max() < 20
+    assert np.array(tree.root.matrix_world)[:2, 3] == pytest.approx(tree.offset[:2] - (4.5e6, 5.4e6), abs=1e-5)
+
+
+def test_without_true_coordinates_nothing_moves(finished, house):
+    before = Tree.find(bpy.context.scene).root.matrix_world.copy()
+    with pytest.raises(RuntimeError, match="The job has no true coordinates yet"):
+        bpy.ops.mgf.place_scene()
+    (house.job / "georef.json").write_text("{")
+    assert "Place in True" not in draw(MGF_PT_georef).said
+    assert Tree.find(bpy.context.scene).root.matrix_world == before
+
+
+def test_marks_go_to_a_file_and_back(finished, tmp_path):
+    scene = bpy.context.scene
+    with pytest.raises(RuntimeError, match="There are no marks yet"):
+        bpy.ops.mgf.export_marks(filepath=str(tmp_path / "marks.csv"))
+    set_mark(scene, "Ecke, links", "a/b.jpg", (10.25, 20.5))
+    bpy.ops.mgf.export_marks(filepath=str(tmp_path / "marks"))
+    finished.georef.marks.clear()
+    bpy.ops.mgf.import_marks(filepath=str(tmp_path / "marks.csv"))
+    (mark,) = finished.georef.marks
+    assert (mark.point, mark.photo, tuple(mark.uv)) == ("Ecke, links", "a/b.jpg", (10.25, 20.5))
+    for text in ("name,photo\nP1,a", "name,photo,x,y\nP1,a,b,c", "name,photo,x,y\nP1,a,nan,1", "\0"):
+        (tmp_path / "bad.csv").write_text(text)
+        with pytest.raises(RuntimeError, match="is no file of marks"):
+            bpy.ops.mgf.import_marks(filepath=str(tmp_path / "bad.csv"))
+    with pytest.raises(RuntimeError, match="Cannot read"):
+        bpy.ops.mgf.import_marks(filepath=str(tmp_path / "none.csv"))
+    assert len(finished.georef.marks) == 1
+
+
+def test_what_the_user_gave_wrong_is_said(finished, engine, house):
+    bpy.ops.mgf.predict_places()
+    set_mark(bpy.context.scene, "P1", finished.photos[0].name, (1, 2))
+    engine("bad")
+    with pytest.raises(RuntimeError, match="lie on a line"):
+        bpy.ops.mgf.georeference()
+    assert "lie on a line" in " ".join(draw(MGF_PT_georef).said.split())
+    finished.georef.control_file = ""
+    with pytest.raises(RuntimeError, match="No file of control points is chosen"):
+        bpy.ops.mgf.predict_places()
+
+
+def test_gps_alone_needs_no_marks(finished, house):
+    finished.georef.control_file, finished.georef.crs = "", "auto"
+    bpy.ops.mgf.georeference()
+    assert option(house, "--control") == "" and option(house, "--marks") == "" and option(house, "--crs") == "auto"
+
+
+def test_the_tool_marks_points_or_the_building_but_never_both(finished):
+    names = [entry[0] for entry in MGF_PointTool.bl_keymap]
+    assert names.index("mgf.click") < names.index("mgf.mark")
+    finished.georef.marking = True
+    with pytest.raises(RuntimeError, match="Control points are being marked"):
+        bpy.ops.mgf.click("EXEC_DEFAULT", photo=0, uv=(1, 1))
+    finished.georef.marking = False
+    with pytest.raises(RuntimeError, match="Choose a control point to mark first"):
+        bpy.ops.mgf.mark("EXEC_DEFAULT", photo=0, uv=(1, 1))
+
+
+def test_cameras_without_photo_names_are_passed_over(finished):
+    bpy.ops.mgf.predict_places()
+    for camera in Tree.find(bpy.context.scene).objects("Cameras")[:3]:
+        del camera[PHOTO_KEY]
+    assert bpy.ops.mgf.next_marked_photo(step=1) == {"FINISHED"}
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"points": 3}', '{"points": [{"name": "P1"}]}'])
+def test_damaged_files_of_the_engine_show_nothing(finished, house, text):
+    files.places_path(house.job).write_text(text)
+    (house.job / "report.json").write_text(text)
+    assert files.read_places(house.job) == {} and files.read_rows(house.job) == []
+    draw(MGF_PT_georef)
+
+
+def test_sentences_of_the_engine_speak_of_the_panel():
+    assert in_panel_words("Drawn as one metre; run 'mgf georef' first for true lengths.") == (
+        "Drawn as one metre; press Georeference Job first for true lengths."
+    )
