@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.evaluate.geometry import mask_iou
-from mgf_engine.evaluate.images import Scores, mean_scores, score
-from mgf_engine.evaluate.lpips import Lpips, find_lpips
+from mgf_engine.evaluation.geometry import mask_iou
+from mgf_engine.evaluation.images import Scores, mean_scores, score
+from mgf_engine.evaluation.lpips import Lpips, find_lpips
 from mgf_engine.model.masks import BACKGROUND, UNKNOWN, building
 
 

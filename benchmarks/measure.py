@@ -23,9 +23,9 @@ from benchmarks.stage_cache import Stages, keep, lend, saved, shelf_of, stages_o
 from benchmarks.suites import Run
 from mgf_engine import __version__
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.geometry import cameras_of, compare_surfaces
-from mgf_engine.evaluate.materials import read_materials
-from mgf_engine.evaluate.surfaces import Points, SeeingCamera, Surface, read_surface
+from mgf_engine.evaluation.geometry import cameras_of, compare_surfaces
+from mgf_engine.evaluation.materials import read_materials
+from mgf_engine.evaluation.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.geometry.mesh_files import read_ply, write_ply
 from mgf_engine.model.masks import UNKNOWN
 from mgf_engine.system import cores, cpu_name

@@ -144,7 +144,7 @@ def _path(text: str) -> Path:
 
 
 def _add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
-    from mgf_engine.evaluate.command import add_arguments
+    from mgf_engine.evaluation.command import add_arguments
 
     add_arguments(parser)
 
@@ -348,7 +348,7 @@ def _weights_command(args: argparse.Namespace) -> int:
 
 
 def _evaluate_command(args: argparse.Namespace) -> int:
-    from mgf_engine.evaluate.command import evaluate_command
+    from mgf_engine.evaluation.command import evaluate_command
 
     return evaluate_command(args)
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from mgf_engine import __version__
+from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.estimate import Photos, estimate, inspect_photos, learn, shortage, with_clicks
 from mgf_engine.job import Job
@@ -36,7 +37,7 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     stages = STAGE_NAMES[: STAGE_NAMES.index(until) + 1]
     reporter.stages = stages
     reporter.send("started", job=str(job.folder), pid=os.getpid(), version=__version__, stages=list(stages))
-    _prepare(job, reporter)
+    prepare(job.config, reporter)
     lost = job.lost(until)
     to_run = [name for name in stages if name in lost or not job.done(name)]
     photos = _look_ahead(job, to_run, reporter) if to_run else None
@@ -58,8 +59,8 @@ def result_files(job: Job) -> dict[str, str]:
     return {o.name: str(job.path(o.path)) for o in outputs() if o.name and job.path(o.path).exists()}
 
 
-def _prepare(job: Job, reporter: Reporter) -> None:
-    """Device, seed and thread counts; one place, so that a job repeats itself.
+def prepare(config: Config, reporter: Reporter) -> None:
+    """Set device, seeds and thread counts; one place, so that a job repeats itself.
 
     Raises:
         BadInput: CUDA is asked for, and no card can be used; or the kernels cannot be loaded.
@@ -71,7 +72,7 @@ def _prepare(job: Job, reporter: Reporter) -> None:
     from mgf_engine.raster.device import choose_device
 
     log.info("kernel variant %s", variant())  # loads the kernels: better now than after the first stages
-    choice = choose_device(job.config.device)
+    choice = choose_device(config.device)
     log.info("%s", choice.text)
     # A surprise is a warning, which the panel shows and the report keeps; it need not be read twice.
     text = "Device: CPU." if choice.surprising else choice.text
@@ -79,14 +80,14 @@ def _prepare(job: Job, reporter: Reporter) -> None:
     if choice.surprising:
         reporter.warning(choice.text)
 
-    threads = job.config.threads or cores()
+    threads = config.threads or cores()
     torch.set_num_threads(1)  # the kernels have threads of their own; torch's would only wait for the cores
     cv2.setNumThreads(threads)
     set_threads(threads)
-    random.seed(job.config.seed)
-    np.random.seed(job.config.seed)
-    torch.manual_seed(job.config.seed)
-    cv2.setRNGSeed(job.config.seed)
+    random.seed(config.seed)
+    np.random.seed(config.seed)
+    torch.manual_seed(config.seed)
+    cv2.setRNGSeed(config.seed)
 
 
 def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos | None:

@@ -32,7 +32,7 @@ def source(tmp_path: Path) -> Path:
 @pytest.fixture
 def run(source: Path, monkeypatch):
     """Runs the job in a folder; ``middle`` maps a stage to what happens in its middle. Returns stages not cached."""
-    monkeypatch.setattr(pipeline, "_prepare", lambda job, reporter: None)
+    monkeypatch.setattr(pipeline, "prepare", lambda config, reporter: None)
 
     def start(folder: Path, middle=None) -> list[str]:
         def stage(name: str):

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.pictures import mask_overlay, normal_picture, on_white
+from mgf_engine.evaluation.pictures import mask_overlay, normal_picture, on_white
 from mgf_engine.export.stage import render_view
 from mgf_engine.geometry.mesh_files import read_texture
 from mgf_engine.geometry.rasterize import shaded

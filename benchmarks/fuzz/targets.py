@@ -150,8 +150,8 @@ def _prepare_ply(folder: Path) -> None:
 
 
 def _read_ply(folder: Path) -> Any:
-    from mgf_engine.evaluate.geometry import compare_surfaces
-    from mgf_engine.evaluate.surfaces import read_surface
+    from mgf_engine.evaluation.geometry import compare_surfaces
+    from mgf_engine.evaluation.surfaces import read_surface
     from mgf_engine.geometry.mesh_files import read_ply
 
     scene = small_scene(folder)

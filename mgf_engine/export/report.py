@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import as_dict
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.curve import curve_svg
-from mgf_engine.evaluate.evenness import Evenness, measure_evenness, typical_pixel
-from mgf_engine.evaluate.images import Scores, mean_scores, score
-from mgf_engine.evaluate.lpips import Lpips, find_lpips
-from mgf_engine.evaluate.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
-from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, shrunk, write_report
-from mgf_engine.evaluate.story import placing
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.curve import curve_svg
+from mgf_engine.evaluation.evenness import Evenness, measure_evenness, typical_pixel
+from mgf_engine.evaluation.images import Scores, mean_scores, score
+from mgf_engine.evaluation.lpips import Lpips, find_lpips
+from mgf_engine.evaluation.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
+from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, shrunk, write_report
+from mgf_engine.evaluation.story import placing
+from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.export.stage import render_view
 from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.georef.find import GeoreferenceFit

@@ -17,7 +17,7 @@ from benchmarks.develop import photo_frame
 from benchmarks.scenes import find_blender_python, make_scene, render_views, scene_folder, scenes_main
 from benchmarks.shapes import true_mesh
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.surfaces import SeeingCamera, Surface
+from mgf_engine.evaluation.surfaces import SeeingCamera, Surface
 from mgf_engine.model.masks import BUILDING, UNKNOWN
 
 TINY = replace(

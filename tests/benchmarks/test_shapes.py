@@ -13,7 +13,7 @@ from benchmarks import buildings
 from benchmarks.buildings import BUILDINGS
 from benchmarks.scenes import element_ids
 from benchmarks.shapes import Builder, Opening, Part, true_mesh, wall_row
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, UNKNOWN
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mesh.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.clean import weld
 from mgf_engine.mesh.planar_clustering import EVEN, OFF, merge_cells, merge_flat, nearest_pixels
 from mgf_engine.model.mesh import Mesh

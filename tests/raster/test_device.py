@@ -70,7 +70,7 @@ def test_auto_takes_a_card_only_once_it_has_passed(card_9000: card.Found) -> Non
 @pytest.mark.usefixtures("card_9000")
 def test_a_job_says_once_that_a_card_was_found() -> None:
     messages: list[Message] = []
-    pipeline._prepare(SimpleNamespace(config=make_config()), Reporter(messages.append))  # type: ignore[arg-type]
+    pipeline.prepare(make_config(), Reporter(messages.append))
     assert [m["type"] for m in messages if "Card 9000" in m.get("text", "")] == ["warning"]
     assert messages[0]["type"] == "device" and messages[0]["device"] == "cpu"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from mgf_engine.evaluate.images import ssim_map
+from mgf_engine.evaluation.images import ssim_map
 from mgf_engine.raster.reference_losses import normal_consistency, ssim_maps
 
 

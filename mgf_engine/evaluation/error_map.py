@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.pictures import circle_views
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.pictures import circle_views
+from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.system import atomic_path

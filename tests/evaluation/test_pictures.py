@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mgf_engine.evaluate.pictures import (
+from mgf_engine.evaluation.pictures import (
     ERROR_LIMIT,
     error_picture,
     mask_overlay,

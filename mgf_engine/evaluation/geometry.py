@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.align import align_to
-from mgf_engine.evaluate.evenness import typical_pixel
-from mgf_engine.evaluate.materials import Materials
-from mgf_engine.evaluate.surfaces import Faces, Hygiene, Points, SeeingCamera, Surface
+from mgf_engine.evaluation.align import align_to
+from mgf_engine.evaluation.evenness import typical_pixel
+from mgf_engine.evaluation.materials import Materials
+from mgf_engine.evaluation.surfaces import Faces, Hygiene, Points, SeeingCamera, Surface
 
 MEASURED_POINTS = 400  # of a photo, which tell how far away what it shows is
 MOST_SAMPLES = 100_000_000  # of a mesh: some 10 GB

@@ -11,9 +11,9 @@ from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.system import write_json
 
 if TYPE_CHECKING:
-    from mgf_engine.evaluate.evenness import Evenness
-    from mgf_engine.evaluate.geometry import GeometryScores, MaterialScores
-    from mgf_engine.evaluate.surfaces import Surface
+    from mgf_engine.evaluation.evenness import Evenness
+    from mgf_engine.evaluation.geometry import GeometryScores, MaterialScores
+    from mgf_engine.evaluation.surfaces import Surface
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,9 +50,9 @@ def evaluate_command(args: argparse.Namespace) -> int:
         BadInput: a mesh or scene that cannot be used, impossible numbers, or a place that cannot be written.
     """
     # The command line asks this module for its arguments; it need not load scipy and igl for that.
-    from mgf_engine.evaluate.evenness import measure_evenness
-    from mgf_engine.evaluate.geometry import colmap_pixel
-    from mgf_engine.evaluate.surfaces import read_surface
+    from mgf_engine.evaluation.evenness import measure_evenness
+    from mgf_engine.evaluation.geometry import colmap_pixel
+    from mgf_engine.evaluation.surfaces import read_surface
 
     _check(args)
     mesh, figures = read_surface(args.mesh), dict[str, Any]()
@@ -83,10 +83,10 @@ def _check(args: argparse.Namespace) -> None:
 
 def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
     """Scores against the truth, with the picture that was asked for."""
-    from mgf_engine.evaluate.error_map import write_error_map
-    from mgf_engine.evaluate.geometry import colmap_cameras, moved, score_surface
-    from mgf_engine.evaluate.materials import read_materials
-    from mgf_engine.evaluate.surfaces import read_surface
+    from mgf_engine.evaluation.error_map import write_error_map
+    from mgf_engine.evaluation.geometry import colmap_cameras, moved, score_surface
+    from mgf_engine.evaluation.materials import read_materials
+    from mgf_engine.evaluation.surfaces import read_surface
 
     cameras = colmap_cameras(args.scene) if args.scene else None
     truth = read_surface(args.truth)

@@ -12,8 +12,8 @@ import pytest
 import trimesh
 
 from mgf_engine.cli import main
-from mgf_engine.evaluate.error_map import colors, subdivided
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.error_map import colors, subdivided
+from mgf_engine.evaluation.surfaces import Surface
 
 
 def test_colours_go_from_right_to_wrong() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mgf_engine.evaluate.surfaces import Points, Surface
+from mgf_engine.evaluation.surfaces import Points, Surface
 
 
 def align_to(source: Surface, target: Surface, scale: bool, rounds: int = 60, count: int = 20_000) -> Points:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.surfaces import Points, Surface
+from mgf_engine.evaluation.surfaces import Points, Surface
 
 PLANES = 8
 REACH = 3.0  # ground pixels that a point of a plane may lie beside it

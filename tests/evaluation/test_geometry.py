@@ -11,9 +11,9 @@ import pytest
 import trimesh
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.geometry import mask_iou, score_surface
-from mgf_engine.evaluate.materials import Materials, read_materials
-from mgf_engine.evaluate.surfaces import SeeingCamera, Surface, read_surface
+from mgf_engine.evaluation.geometry import mask_iou, score_surface
+from mgf_engine.evaluation.materials import Materials, read_materials
+from mgf_engine.evaluation.surfaces import SeeingCamera, Surface, read_surface
 
 
 def plane(height: float, size: float = 4.0, cells: int = 6, start: float = 0.0) -> Surface:

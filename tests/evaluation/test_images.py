@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
-from mgf_engine.evaluate.images import PSNR_LIMIT, mean_scores, score, ssim_map
+from mgf_engine.evaluation.images import PSNR_LIMIT, mean_scores, score, ssim_map
 
 
 @pytest.fixture

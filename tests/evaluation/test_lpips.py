@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """LPIPS on networks of the true shape with an eighth of the channels, and on the real weights where they are.
 
-MGF_TEST_LPIPS=~/.cache/mgf/weights .venv/bin/python -m pytest tests/evaluate/test_lpips.py
+MGF_TEST_LPIPS=~/.cache/mgf/weights .venv/bin/python -m pytest tests/evaluation/test_lpips.py
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import torch
 
 from mgf_engine.cli import main
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.images import score
-from mgf_engine.evaluate.lpips import NETWORKS, SMALLEST, Lpips, find_lpips, read_lpips
+from mgf_engine.evaluation.images import score
+from mgf_engine.evaluation.lpips import NETWORKS, SMALLEST, Lpips, find_lpips, read_lpips
 from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.download import WeightFile
 

@@ -6,7 +6,7 @@ on how much of the frame the building fills. *Whole frame* (``psnr_frame``, ``ss
 everything outside the mask is set to zero in both pictures, and the mean runs over the frame, so that the outside
 counts as perfect. Figures of the two must not be compared with each other.
 
-LPIPS (eq. 29) needs a network's weights (:mod:`mgf_engine.evaluate.lpips`) and is None without. ``lpips`` is of the
+LPIPS (eq. 29) needs a network's weights (:mod:`mgf_engine.evaluation.lpips`) and is None without. ``lpips`` is of the
 mask's box, ``lpips_frame`` of the whole frame; what is outside the mask is zero in both pictures.
 """
 
@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.evaluate.lpips import SMALLEST, Lpips
+from mgf_engine.evaluation.lpips import SMALLEST, Lpips
 
 #: PSNR of pictures that are equal (the true value is infinite, which JSON cannot say).
 PSNR_LIMIT = 100.0

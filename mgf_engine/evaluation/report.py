@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.evaluate.curve import curve_svg
-from mgf_engine.evaluate.evenness import Evenness
-from mgf_engine.evaluate.images import Scores, mean_scores
-from mgf_engine.evaluate.lpips import how_to_get
-from mgf_engine.evaluate.pictures import ERROR_LIMIT
+from mgf_engine.evaluation.curve import curve_svg
+from mgf_engine.evaluation.evenness import Evenness
+from mgf_engine.evaluation.images import Scores, mean_scores
+from mgf_engine.evaluation.lpips import how_to_get
+from mgf_engine.evaluation.pictures import ERROR_LIMIT
 from mgf_engine.scene.images import read_rgb
 from mgf_engine.system import atomic_path, write_json
 
@@ -80,7 +80,7 @@ class ReportData:
         seconds_per_part: part of a training iteration -> seconds over the whole run.
         mesh_seconds_per_part: part of the mesh stage -> seconds.
         curve: training curve; entries with ``iteration``, ``psnr``, ``gaussians`` and anything else.
-        curve_drawing: what :func:`mgf_engine.evaluate.curve.curve_svg` makes of it, where that was drawn before.
+        curve_drawing: what :func:`mgf_engine.evaluation.curve.curve_svg` makes of it, where that was drawn before.
         versions: name -> version of Python, system and packages.
         machine: label -> text (processor, cores, memory, device).
         kernel: the kernel variant that ran.

@@ -17,10 +17,10 @@ import torch
 
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.curve import curve_svg, smoothed
-from mgf_engine.evaluate.evenness import Evenness, Plane
-from mgf_engine.evaluate.images import score
-from mgf_engine.evaluate.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
+from mgf_engine.evaluation.curve import curve_svg, smoothed
+from mgf_engine.evaluation.evenness import Evenness, Plane
+from mgf_engine.evaluation.images import score
+from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
 from mgf_engine.export import report as job_report
 from mgf_engine.scene.images import write_png
 

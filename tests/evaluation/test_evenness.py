@@ -10,9 +10,9 @@ import pycolmap
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.evenness import Evenness, measure_evenness, typical_pixel
-from mgf_engine.evaluate.geometry import colmap_pixel
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.evenness import Evenness, measure_evenness, typical_pixel
+from mgf_engine.evaluation.geometry import colmap_pixel
+from mgf_engine.evaluation.surfaces import Surface
 
 PIXEL = 0.05
 

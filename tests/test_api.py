@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Python interface: its examples run, its names are stable, and importing it loads nothing heavy."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_type_hints
+
+import pytest
+
+import mgf_engine as mgf
+from benchmarks.synthetic.house import House, build_house
+from mgf_engine import api
+from mgf_engine.geometry.mesh_files import write_ply
+
+STEPS = ("reconstruct", "read_scene", "make_masks", "train", "extract_mesh", "render", "evaluate")
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> House:
+    return build_house(tmp_path_factory.mktemp("house"))
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_the_example_of_each_function_runs(name: str, house: House, tmp_path: Path, monkeypatch) -> None:
+    shutil.copytree(house.folder, tmp_path / "house")
+    write_ply(house.mesh, tmp_path / "truth.ply")
+    monkeypatch.chdir(tmp_path)
+    (example,) = doctest.DocTestFinder(recurse=False).find(getattr(mgf, name), name, globs={})
+    assert len(example.examples) >= 2
+    said: list[str] = []
+    assert doctest.DocTestRunner(verbose=False).run(example, out=said.append).failed == 0, "".join(said)
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_every_function_is_typed_and_says_what_it_takes(name: str) -> None:
+    function = getattr(mgf, name)
+    parameters = inspect.signature(function).parameters
+    assert set(get_type_hints(function, vars(api) | {"Any": object})) == {*parameters, "return"}
+    for parameter in parameters:
+        assert f"\n        {parameter}: " in function.__doc__, parameter
+
+
+def test_names_are_those_that_are_promised() -> None:
+    assert {*STEPS, "Reconstruction", "BadInput", "Cancelled", "__version__"} == set(mgf.__all__) == set(dir(mgf))
+    with pytest.raises(AttributeError, match="no attribute 'segment'"):
+        mgf.segment  # noqa: B018
+
+
+def test_importing_the_package_loads_neither_numpy_nor_torch() -> None:
+    code = "import sys, mgf_engine; print(sorted({'numpy', 'torch', 'cv2', 'scipy'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ})
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_bad_input_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:
+    for call in (
+        lambda: mgf.reconstruct(tmp_path / "nowhere", out=tmp_path / "job"),
+        lambda: mgf.read_scene(tmp_path / "nowhere", tmp_path / "job"),
+        lambda: mgf.read_scene(tmp_path, tmp_path / "job", colour=3),
+        lambda: mgf.evaluate(tmp_path / "a.ply", tmp_path / "b.ply"),
+    ):
+        with pytest.raises(mgf.BadInput) as error:
+            call()
+        assert str(error.value).endswith(".") and "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_messages_reach_the_listener_and_warnings_come_with_them(house: House, tmp_path: Path) -> None:
+    kinds: list[str] = []
+    mgf.read_scene(house.folder, tmp_path, on_message=lambda message: kinds.append(message["type"]), resolution=100)
+    assert {"device", "stage", "progress"} <= set(kinds)
