@@ -24,6 +24,7 @@ from mgf_engine.evaluation.geometry import GeometryScores, colmap_cameras, score
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.field import trainer
 from mgf_engine.geometry.mesh_files import in_scene, read_ply
+from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.job import Job
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.prompts import PromptsFile, clicked_names
@@ -134,7 +135,8 @@ def read_scene(
     """
     config, reporter = _prepared("scene", options, on_message)
     clicks = None if prompts is None else PromptsFile.read(Path(prompts))
-    return load_scene(Path(source), Path(out) / "scene", config, reporter, clicked_names(clicks))
+    adjust = fit_to_control if config.control and config.control_adjust else None
+    return load_scene(Path(source), Path(out) / "scene", config, reporter, clicked_names(clicks), adjust)
 
 
 def make_masks(

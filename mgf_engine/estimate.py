@@ -19,11 +19,11 @@ import numpy as np
 from mgf_engine.config import Config
 from mgf_engine.costs import COSTS, bytes_of, seconds_of
 from mgf_engine.errors import BadInput
+from mgf_engine.images import read_info
 from mgf_engine.masks.filled import filled_share
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
 from mgf_engine.scene.colmap import FEWEST, find_model, find_photos, list_photos, photo_names
-from mgf_engine.scene.images import read_info
 from mgf_engine.stages import STAGE_NAMES
 from mgf_engine.system import cores, user_cache, write_json
 from mgf_engine.terminal import duration

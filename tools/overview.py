@@ -13,7 +13,7 @@ import numpy as np
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.pictures import mask_overlay, normal_picture, on_white
-from mgf_engine.export.stage import render_view
+from mgf_engine.export.views import render_view
 from mgf_engine.geometry.mesh_files import read_texture
 from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.job import Job

@@ -269,7 +269,7 @@ def _prepare_photos(folder: Path) -> None:
 
 
 def _read_photos(folder: Path) -> Any:
-    from mgf_engine.scene.images import read_info, read_rgb
+    from mgf_engine.images import read_info, read_rgb
 
     for path in sorted(folder.iterdir()):
         try:

@@ -22,7 +22,7 @@ from mgf_engine.evaluation.evenness import Evenness
 from mgf_engine.evaluation.images import Scores, mean_scores
 from mgf_engine.evaluation.lpips import how_to_get
 from mgf_engine.evaluation.pictures import ERROR_LIMIT
-from mgf_engine.scene.images import read_rgb
+from mgf_engine.images import read_rgb
 from mgf_engine.system import atomic_path, write_json
 
 FORMAT = 1
@@ -172,7 +172,7 @@ def _render(data: ReportData) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("mgf_engine", "evaluate"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        loader=PackageLoader("mgf_engine", "evaluation"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
     environment.filters.update(

@@ -23,7 +23,7 @@ from mgf_engine.evaluation.pictures import error_picture, mask_overlay, normal_p
 from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, shrunk, write_report
 from mgf_engine.evaluation.story import placing
 from mgf_engine.evaluation.surfaces import Surface
-from mgf_engine.export.stage import render_view
+from mgf_engine.export.views import render_view
 from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.report import survey_figures, survey_html

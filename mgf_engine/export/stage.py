@@ -12,9 +12,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
+from mgf_engine.export.report import report_job
+from mgf_engine.export.views import render_view, straight_rgba
 from mgf_engine.field.export import offset_of
 from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_texture
 from mgf_engine.georef.apply import survey_job, write_models
@@ -24,7 +25,7 @@ from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.raster.api import Camera, Rendering, render
+from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.device import choose_device, each_view
 from mgf_engine.results import load_field, load_inputs, load_mesh
 from mgf_engine.runs import keep_run
@@ -42,7 +43,6 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
 
     The texture is made beside all that does not show it: both have long stretches that one core works on alone.
     """
-    from mgf_engine.export.report import report_job
 
     scene, masks = load_inputs(job)
     mesh = load_mesh(job)
@@ -100,20 +100,6 @@ def _write_other_formats(mesh: Mesh, texture: Texture | None, job: Job) -> None:
         write_obj(mesh, job.path("mesh.obj"), texture)
     if job.config.export_glb:
         write_glb(mesh, job.path("mesh.glb"), texture)
-
-
-def render_view(field: Gaussians, view: View, sh_degree: int) -> Rendering:
-    """A view of the whole field at working resolution, without gradients."""
-    with torch.no_grad():
-        return render(field, Camera.from_view(view), sh_degree=sh_degree).cpu()
-
-
-def straight_rgba(rendering: Rendering) -> NDArray[np.uint8]:
-    """The render as RGBA uint8 [H, W, 4] with straight (not premultiplied) alpha."""
-    alpha = rendering.alpha.clamp(0, 1)
-    color = (rendering.color / alpha.clamp_min(1e-4)).clamp(0, 1)
-    rgba = torch.cat([color, alpha[None]]).permute(1, 2, 0)
-    return (rgba * 255).round().to(torch.uint8).numpy()
 
 
 def camera_to_scene(view: View, scene: Scene) -> NDArray[np.float64]:

@@ -61,7 +61,7 @@ def weld(mesh: Mesh) -> Mesh:
 
 def parts(mesh: Mesh) -> NDArray[np.int32]:
     """Which connected part (by shared edges) each face belongs to, int32 [F]."""
-    return mesh.around.parts()
+    return mesh.adjacency.parts()
 
 
 def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
@@ -117,7 +117,7 @@ def smooth(mesh: Mesh, rounds: int) -> Mesh:
     fixed, vertices = np.zeros(len(mesh.vertices), bool), np.ascontiguousarray(mesh.vertices)
     fixed[np.concatenate(open_edges(mesh))] = True
     for _ in range(rounds):
-        vertices = mesh.around.smooth(vertices, fixed)
+        vertices = mesh.adjacency.smooth(vertices, fixed)
     return replace(mesh, vertices=vertices)
 
 
@@ -140,18 +140,18 @@ def split_nonmanifold(mesh: Mesh) -> Mesh:
     The first fan around a vertex keeps it, each further one gets a copy (after Gueziec et al. 2001). Both draw back a
     little into their own faces, or whoever joins vertices by place would undo the cut.
     """
-    fan, fans = mesh.around.fans()
+    fan, fans = mesh.adjacency.fans()
     further = np.maximum(fans - 1, 0)
     copies = len(fans) + np.cumsum(further) - further  # the first copy of each vertex
     moved = np.flatnonzero(fan)
     faces = mesh.faces.ravel().copy()
-    corner = mesh.around.corner[moved]
+    corner = mesh.adjacency.corner[moved]
     faces[corner] = copies[faces[corner]] + fan[moved] - 1
     origin = np.r_[np.arange(len(fans)), np.repeat(np.arange(len(fans)), further)]
     cut = mesh.gather(origin, faces.reshape(-1, 3))
     if not further.any():
         return cut
-    halfway = cut.around.smooth(np.ascontiguousarray(cut.vertices), fans[origin] < 2)
+    halfway = cut.adjacency.smooth(np.ascontiguousarray(cut.vertices), fans[origin] < 2)
     return replace(cut, vertices=cut.vertices + DRAWN_BACK * (halfway - cut.vertices))
 
 
@@ -164,5 +164,5 @@ def edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 def open_edges(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Edges with one face only, in the direction of that face."""
-    alone = mesh.around.open_edges()
+    alone = mesh.adjacency.open_edges()
     return mesh.faces[alone], np.roll(mesh.faces, -1, axis=1)[alone]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.georef.control import Mark
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.scene.cameras import from_original, to_original
 
 Array = NDArray[np.float64]
 #: A mark is wrong when it lies farther than this from where the others put it, pixels of the photo as taken per 1000
@@ -97,7 +98,7 @@ def limits(views: Sequence[View]) -> Array:
 
 def ray_of(view: View, pixel: tuple[float, float]) -> Array:
     """Unit direction [3] in the normalised frame of a pixel of the photo as taken; NaN beyond the lens."""
-    u, v = view.from_original(np.array([pixel]))[0]
+    u, v = from_original(view, np.array([pixel]))[0]
     local = np.array([(u - view.cx) / view.fx, (v - view.cy) / view.fy, 1.0])
     return np.asarray(view.rotation.T @ local / np.linalg.norm(local))
 
@@ -113,7 +114,7 @@ def residuals_of(views: Sequence[View], marks: Sequence[Mark], position: Array) 
     rows = []
     for view, mark in zip(views, marks, strict=True):
         uv, depth = view.project(position[None])
-        at = view.to_original(uv)[0] if depth[0] > 0 else np.full(2, np.nan)
+        at = to_original(view, uv)[0] if depth[0] > 0 else np.full(2, np.nan)
         rows.append(at - mark.pixel)
     return np.nan_to_num(np.array(rows), nan=1e9)
 
@@ -140,6 +141,6 @@ def project_point(view: View, position: Array) -> tuple[float, float] | None:
     uv, depth = view.project(position[None])
     if depth[0] <= 0:
         return None
-    x, y = view.to_original(uv)[0]
+    x, y = to_original(view, uv)[0]
     inside = np.isfinite(x) and 0 <= x <= view.original_width and 0 <= y <= view.original_height
     return (float(x), float(y)) if inside else None

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config, make_config, renamed_values
 from mgf_engine.errors import BadInput
+from mgf_engine.images import read_rgb, shrink, turn
 from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.point_features import measure_shape
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
@@ -32,8 +33,8 @@ from mgf_engine.masks.store import write_png
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.native.parallel import in_order
+from mgf_engine.scene.cameras import from_original, to_original
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
-from mgf_engine.scene.images import read_rgb, shrink, turn
 from mgf_engine.scene.load import build_scene
 from mgf_engine.scene.photos import plan_photos
 from mgf_engine.scene.sparse import SparseImage, SparseModel, SparsePoints
@@ -90,7 +91,7 @@ def preview(source: Path, prompts: Path, name: str, config: Config) -> tuple[NDA
     view = scene.views[0]
     mask = _in_original(segment.mask, view, config.resolution)
     scale = np.array([mask.shape[1] / view.original_width, mask.shape[0] / view.original_height])
-    kinds = (view.to_original(points) * scale for points in (clicks.positive, clicks.negative))
+    kinds = (to_original(view, points) * scale for points in (clicks.positive, clicks.negative))
     return touch(mask, Clicks(*kinds)), segment.score
 
 
@@ -184,6 +185,6 @@ def _in_original(mask: NDArray[np.bool_], view: View, resolution: int) -> NDArra
     x, y = np.meshgrid(
         (np.arange(gw) + 0.5) * view.original_width / gw, (np.arange(gh) + 0.5) * view.original_height / gh
     )
-    working = view.from_original(np.stack([x.ravel(), y.ravel()], 1)).reshape(gh, gw, 2) - 0.5
+    working = from_original(view, np.stack([x.ravel(), y.ravel()], 1)).reshape(gh, gw, 2) - 0.5
     maps = cv2.resize(np.nan_to_num(working, nan=-1e4).astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
     return cv2.remap(mask.astype(np.uint8), maps, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0  # type: ignore[call-overload]

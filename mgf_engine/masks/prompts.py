@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.names import named_like
 
 Points = NDArray[np.float64]
@@ -206,7 +207,7 @@ def _read_points(values: Any, view: View, where: str) -> Points:
                 f"{_upper(where)} holds the click ({_short(value[0])}, {_short(value[1])}) outside the photo, which "
                 f"has {view.original_width} x {view.original_height} pixels; click inside it."
             )
-    points = view.from_original(np.array(values, np.float64).reshape(-1, 2))
+    points = from_original(view, np.array(values, np.float64).reshape(-1, 2))
     if not np.isfinite(points).all():
         raise BadInput(f"{_upper(where)} holds a click beyond what the lens shows; click nearer the photo's centre.")
     return np.clip(points, 0, (view.width - 1e-3, view.height - 1e-3))

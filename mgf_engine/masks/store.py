@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.images import png_size
 from mgf_engine.masks.parts import Part
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import in_order
-from mgf_engine.scene.images import png_size
 from mgf_engine.system import atomic_path, write_json
 
 VERSION = 1

@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.images import png_size
 from mgf_engine.masks.store import read_png
 from mgf_engine.model.masks import BUILDING, UNKNOWN, building
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.scene.images import png_size
+from mgf_engine.scene.cameras import warp_labels
 
 
 def read_supplied(folder: Path, scene: Scene) -> list[NDArray[np.uint8] | None]:
@@ -65,7 +66,7 @@ def _read_one(folder: Path, view: View) -> NDArray[np.uint8] | None:
     if image is None:
         raise BadInput(f"The mask '{path}' cannot be read; save it as a PNG again.")
     labels = to_labels(image, path)
-    return labels if size != original else view.warp_labels(labels)  # the former: made on the working photo
+    return labels if size != original else warp_labels(view, labels)  # the former: made on the working photo
 
 
 def find_mask(folder: Path, name: str) -> Path | None:

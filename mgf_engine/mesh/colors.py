@@ -26,7 +26,7 @@ OUTLIER = 40.0  # grey levels from the median beyond which a photo is left out (
 
 def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
     """Unit normals [N, 3], faces weighted by area."""
-    total = mesh.around.vertex_normals(mesh.vertices)
+    total = mesh.adjacency.vertex_normals(mesh.vertices)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1.0)
 

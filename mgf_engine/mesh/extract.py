@@ -23,10 +23,11 @@ from mgf_engine.mesh.component_filter import belongs
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import cap_rims, fill_holes
+from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.isosurface import FREE, find_level, march
 from mgf_engine.mesh.low_confidence_fill import UNCONFIRMED, stretch_unconfirmed
 from mgf_engine.mesh.mask_votes import cut_background
-from mgf_engine.mesh.opacity import OpacityField, judging_masks
+from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.planar import flatten
 from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.prior import Prior
@@ -64,7 +65,7 @@ class Judges:
 
     Attributes:
         indices: their numbers in the scene.
-        verdicts: per view uint8 [H, W], as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
+        verdicts: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
         labels: label map of each view.
         photos: their brightness, and which are compared; None where depths are not to be matched.
     """

@@ -10,23 +10,17 @@ front of it (the visual hull); one that no view can judge is invalid.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
+from mgf_engine.mesh.tsdf import FusedField
 from mgf_engine.model.gaussians import Gaussians
-from mgf_engine.model.masks import BACKGROUND, UNKNOWN, MaskSet
-from mgf_engine.model.scene import Scene, View
+from mgf_engine.model.scene import View
 from mgf_engine.raster import points as kernel
-
-if TYPE_CHECKING:  # which needs the hull from here
-    from mgf_engine.mesh.tsdf import FusedField
-
-HULL_SHARE = 0.25  # a point is outside the visual hull when more than this share of its views call it background,
-HULL_FEW = 2  # and more than this many (fewer, where fewer see it on the building)
 
 ENOUGH = 50  # triangulated points from which the level is calibrated,
 LEVELS = 0.05, 0.95  # and between which levels
@@ -42,7 +36,7 @@ class OpacityField:
     Args:
         gaussians: the field, normalised frame.
         views: the cameras that judge.
-        masks: per view uint8 [H, W] as :func:`judging_mask` makes them.
+        masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
         level: opacity at which the surface is taken (eq. 26).
         agree: how many views must look through to a point before it is free; 1 is the minimum of eq. 25.
         hull: whether what several masks call background is free, whatever the field says.
@@ -135,29 +129,6 @@ class OpacityField:
 def _share_of(progress: Progress, part: slice, count: int) -> Progress:
     """Progress of one part of ``count`` points as that of the whole."""
     return lambda share: progress((part.start + share * (part.stop - part.start)) / count)
-
-
-def outside_hull(background: NDArray[np.integer], seen: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Points outside the visual hull, from how many views call them background and how many building, bool [N]."""
-    return background > np.maximum(HULL_SHARE * (background + seen), np.minimum(HULL_FEW, seen))
-
-
-def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
-    """A label map as the opacity field reads it: OUTSIDE only where background is certain, ``dilation`` px away."""
-    known = (labels != BACKGROUND).astype(np.uint8)
-    if dilation > 0:
-        size = 2 * dilation + 1
-        near = cv2.dilate(known, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
-    else:
-        near = known
-    result = np.where(near > 0, kernel.INSIDE, kernel.OUTSIDE).astype(np.uint8)
-    result[labels == UNKNOWN] = kernel.UNKNOWN
-    return result
-
-
-def judging_masks(scene: Scene, masks: MaskSet, views: Sequence[int], dilation: int) -> list[NDArray[np.uint8]]:
-    """Masks of ``views`` as :class:`OpacityField` reads them."""
-    return [judging_mask(masks.labels[i], dilation) for i in views]
 
 
 def spread_order(centres: NDArray[np.float64]) -> list[int]:

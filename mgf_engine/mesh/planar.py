@@ -93,9 +93,9 @@ def flatten(mesh: Mesh, pixel: NDArray[np.floating]) -> Mesh:
 
 def _faces(mesh: Mesh, pixel: NDArray[np.float64]) -> _Faces:
     at = np.ascontiguousarray(mesh.vertices)
-    normal = _unit(mesh.around.vertex_normals(at))
+    normal = _unit(mesh.adjacency.vertex_normals(at))
     for _ in range(NORMAL_ROUNDS):
-        normal = mesh.around.smooth(normal, np.zeros(len(at), bool))
+        normal = mesh.adjacency.smooth(normal, np.zeros(len(at), bool))
     key, face = edges(mesh.faces)
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order][1:] == key[order][:-1])
@@ -288,8 +288,8 @@ def _sides(
     mesh: Mesh, faces: _Faces, planes: Planes, vertex: NDArray[np.int64], plane: NDArray[np.int64]
 ) -> NDArray[np.int32]:
     """The plane of each face, int32 [F], also of those along creases: there the nearest of its planes."""
-    corner = mesh.around.corner
-    start = mesh.around.start.astype(np.int64)
+    corner = mesh.adjacency.corner
+    start = mesh.adjacency.start.astype(np.int64)
     times = (start[1:] - start[:-1])[vertex]
     rows = np.repeat(start[vertex] - np.r_[0, np.cumsum(times)[:-1]], times) + np.arange(times.sum())
     key, shared = np.unique((corner[rows] // 3).astype(np.int64) * len(planes.normals) + np.repeat(plane, times),

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import weld
-from mgf_engine.geometry.topology import Around
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
+from mgf_engine.model.topology import Adjacency
 from mgf_engine.morton import BITS, arrange, morton
 from mgf_engine.native.library import call
 
@@ -72,7 +72,7 @@ def _pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bo
     merged = np.bincount(into, minlength=len(into)) > 1
     faces = into[faces]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]
-    several = Around.of(faces, len(into)).fans()[1] > 1
+    several = Adjacency.of(faces, len(into)).fans()[1] > 1
     near = np.zeros(len(into), bool)
     near[faces[several[faces].any(1)]] = True
     return np.asarray((near & merged)[into], bool)

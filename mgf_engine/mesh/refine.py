@@ -43,7 +43,7 @@ def refine(
 
     Args:
         views: normalised frame.
-        masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
+        masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
     """
     for number in range(rounds):
         normals = vertex_normals(mesh)
@@ -106,5 +106,5 @@ def onto_surface(
     shift[~(np.abs(off) < SURE)] = 0.0
     moves, none = shift[:, None] * normals, np.zeros(len(shift), bool)
     for _ in range(SMOOTHING):
-        moves = mesh.around.smooth(moves, none)
+        moves = mesh.adjacency.smooth(moves, none)
     return replace(mesh, vertices=mesh.vertices + moves)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions, smooth_depth
+from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
-from mgf_engine.mesh.opacity import outside_hull
 from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_surface, unmatched
 from mgf_engine.mesh.prior import Prior, decided, joined
 from mgf_engine.model.gaussians import Gaussians
@@ -99,7 +99,7 @@ class FusedField:
 
     Args:
         show: number of a view -> the surface it shows; asked once for each while it is needed.
-        masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.opacity.judging_mask` makes them.
+        masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
         neighbours: per view the numbers of those to move its depths with to where their photos look most alike.
         search: how far, and in which steps.
         band: half width of the band in which distances are known, in pixels.

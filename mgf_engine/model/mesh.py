@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.topology import Around
+from mgf_engine.model.topology import Adjacency
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Mesh:
     values: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @cached_property
-    def around(self) -> Around:
+    def adjacency(self) -> Adjacency:
         """The corners around each vertex."""
-        return Around.of(self.faces, len(self.vertices))
+        return Adjacency.of(self.faces, len(self.vertices))
 
     def gather(self, index: NDArray[np.integer], faces: NDArray[np.integer]) -> Mesh:
         """The mesh of the vertices at ``index`` [M], with all they carry, and ``faces`` [F, 3] between them."""

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.images import read_rgb
 from mgf_engine.model.photo_cache import PHOTOS, PhotoCache
 
 
@@ -98,27 +99,6 @@ class View:
             uv[:, axis] = local[axis] / safe * focal + centre
         return uv, depth
 
-    def from_original(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels [N, 2] of the user's photo -> working pixels (undistorted, resized); NaN beyond the lens."""
-        from mgf_engine.scene.cameras import from_original
-
-        return from_original(self, points)
-
-    def to_original(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Working pixels [N, 2] -> pixels of the user's photo; the inverse of :meth:`from_original`."""
-        from mgf_engine.scene.cameras import to_original
-
-        return to_original(self, points)
-
-    def warp_labels(self, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """A label map in the frame of the user's photo -> the working photo's frame [height, width], nearest pixel.
-
-        ``labels`` may have any size with the photo's aspect ratio.
-        """
-        from mgf_engine.scene.cameras import warp_labels
-
-        return warp_labels(self, labels)
-
 
 @dataclass(frozen=True)
 class Scene:
@@ -171,6 +151,4 @@ class Scene:
 
     def photo(self, index: int) -> NDArray[np.uint8]:
         """The working photo of a view, RGB uint8 [height, width, 3]; it may not be written to."""
-        from mgf_engine.scene.images import read_rgb
-
         return self._photos.get(self.folder / self.views[index].file, read_rgb)

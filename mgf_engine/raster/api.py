@@ -15,83 +15,23 @@ and ``cuda-source-on-cpu`` (the CUDA kernels built for the CPU, slow, for tests)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, cast
 
 import torch
 from torch import Tensor
 
 from mgf_engine.model.gaussians import Gaussians
-from mgf_engine.raster import cpu
+from mgf_engine.raster import cpu, reference
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.cpu import TileLists, build_lists
 from mgf_engine.raster.device import backend_for
+from mgf_engine.raster.outputs import Rendering, RenderStats
 
 __all__ = ["BACKENDS", "HEADS", "TILE", "Camera", "RenderStats", "Rendering", "TileLists", "build_lists", "render"]
 
 BACKENDS = ("cpu", "cuda", "reference", "cuda-source-on-cpu")
 #: ``all`` outputs, or ``basic``: colour, alpha and depth only, which is faster.
 HEADS = ("all", "basic")
-
-
-@dataclass
-class Rendering:
-    """What a camera sees; float32, [.., H, W]. Pixels of tiles outside the mask are zero.
-
-    Attributes:
-        color: [3, H, W], premultiplied, without background.
-        alpha: [H, W].
-        depth: [H, W], sum of weight * depth along the optical axis (divide by alpha for the mean).
-        median: [H, W], depth at which the transmittance passes 1/2, 0 where it never does; None with basic heads.
-        normal: [3, H, W], sum of weight * normal in the camera frame; None with basic heads.
-        distortion: [H, W], sum over pairs i < j of w_i w_j (m_i - m_j)^2 of mapped depths; None with basic heads.
-        visible: bool [N], true for Gaussians that touch a wanted tile.
-    """
-
-    color: Tensor
-    alpha: Tensor
-    depth: Tensor
-    median: Tensor | None
-    normal: Tensor | None
-    distortion: Tensor | None
-    visible: Tensor
-
-    def cpu(self) -> Rendering:
-        """The same in the CPU's memory; waits for the card."""
-        there = {f.name: getattr(self, f.name) for f in fields(self)}
-        return replace(self, **{name: value.cpu() for name, value in there.items() if value is not None})
-
-
-@dataclass
-class RenderStats:
-    """How much each of N Gaussians contributed; added to by every backward pass of a rendering that was given it.
-
-    Attributes:
-        weight: float32 [N], sum of its blending weights over pixels.
-        error: float32 [N], sum of weight * ``error_map``.
-        grad2d: float32 [N], sum over pixels of |dL/dx| + |dL/dy| of its projected centre: not cancelling.
-        max_radius: float32 [N], largest half extent of its footprint in pixels, over views.
-        count: int32 [N], number of views in which its weight was above zero.
-    """
-
-    weight: Tensor
-    error: Tensor
-    grad2d: Tensor
-    max_radius: Tensor
-    count: Tensor
-
-    @classmethod
-    def zeros(cls, n: int, device: torch.device | str = "cpu") -> RenderStats:
-        weight, error, grad2d, max_radius = torch.zeros(4, n, device=device).unbind(0)
-        return cls(weight, error, grad2d, max_radius, torch.zeros(n, dtype=torch.int32, device=device))
-
-    def to(self, device: torch.device) -> RenderStats:
-        """The statistics on a device."""
-        return RenderStats(*(values.to(device) for values in self.all))
-
-    @property
-    def all(self) -> tuple[Tensor, ...]:
-        return self.weight, self.error, self.grad2d, self.max_radius, self.count
 
 
 def render(
@@ -126,8 +66,6 @@ def render(
     backend = backend_for(gaussians.positions, backend)
     _check(gaussians, camera, sh_degree, tile_mask, backend, stats, error_map, heads)
     if backend == "reference":
-        from mgf_engine.raster import reference
-
         return reference.render(gaussians, camera, sh_degree, tile_mask, stats, error_map, heads == "all")
     outputs = _Render.apply(
         gaussians.positions,

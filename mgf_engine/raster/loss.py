@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from mgf_engine.native.library import parallel
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.camera import Intrinsics
 from mgf_engine.raster.device import backend_for
+from mgf_engine.raster.loss_inputs import LossWeights, PhotoSide
 
 #: Exponents of multi-scale SSIM (Wang, Simoncelli and Bovik 2003), finest scale first.
 MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
@@ -33,71 +33,6 @@ _STRIP = 16  # rows, csrc/raster/normals.h
 _LEVEL_FIELDS, _SAVED = 9, 4
 _HAS_LABEL, _COVERS_LABEL, _HAS_RING = 1, 2, 4
 _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
-
-
-@dataclass(frozen=True)
-class PhotoSide:
-    """What a render is compared with, cut to a box of the frame; make it with :func:`photo_side`.
-
-    Attributes:
-        image: uint8 [3, h, w].
-        labels: uint8 [h, w]; 0 where nothing is compared, else 1..ids - 1.
-        elements: labels 1..elements together are the whole building, a mask of its own.
-        edges, ring: uint8 [h, w]; boundaries of labels, and certain background near the building.
-        origin: first row and column of the box in the frame.
-        area: int64 [scales, ids], pixels of each label at the scales of MS-SSIM; in place of label 0, of the whole
-            building.
-        edge_area, ring_area: labelled edge pixels, ring pixels.
-        levels: int64 [scales, 9], struct Level of ``csrc/raster/loss.h``.
-        flags: uint8 [tiles of all levels].
-        strips: uint8, whether 16 rows hold a label.
-        scratch: floats of scratch memory the kernels need.
-    """
-
-    image: Tensor
-    labels: Tensor
-    elements: int
-    edges: Tensor
-    ring: Tensor
-    origin: tuple[int, int]
-    area: NDArray[np.int64]
-    edge_area: int
-    ring_area: int
-    levels: NDArray[np.int64]
-    flags: NDArray[np.uint8]
-    strips: NDArray[np.uint8]
-    scratch: int
-
-    @cached_property
-    def copies(self) -> dict[Any, Any]:
-        """What cards keep of this photo (:func:`mgf_engine.raster.cuda.loss.photo_on`)."""
-        return {}
-
-
-@dataclass(frozen=True)
-class LossWeights:
-    """Factors of the terms, and how MS-SSIM is weighted per label.
-
-    Attributes:
-        plain: of the RGB loss, eq. 16.
-        multilevel: of the multi-level perceptual mask loss, eq. 18-19; ``labels``: float [ids], share of each label; in
-            place of label 0, of the whole building.
-        boundary: of the boundary loss, eq. 17; ``edge``: weight of a boundary pixel, eq. 12.
-        l1, ssim: of the two parts of each of them.
-        background: of the mean alpha over the ring.
-        distortion, normals: of the two geometry terms of eq. 20.
-    """
-
-    plain: float
-    multilevel: float
-    labels: NDArray[np.float64]
-    boundary: float
-    edge: float
-    l1: float
-    ssim: float
-    background: float
-    distortion: float
-    normals: float
 
 
 def scales_of(area: NDArray[np.int64], height: int, width: int) -> int:

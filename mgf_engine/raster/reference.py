@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from mgf_engine.model.gaussians import Gaussians
-from mgf_engine.raster.api import Rendering, RenderStats
 from mgf_engine.raster.camera import TILE, Camera
+from mgf_engine.raster.outputs import Rendering, RenderStats
 
 T_STOP, ALPHA_MAX, ALPHA_MIN = 1e-4, 0.99, 1.0 / 255.0
 LOG_SCALE_MIN, LOG_SCALE_MAX = math.log(1e-6), math.log(1e3)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
+from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.job import Job
 from mgf_engine.masks.prompts import clicked_names
@@ -17,7 +18,9 @@ log = logging.getLogger("mgf")
 
 def run_scene(job: Job, reporter: Reporter) -> dict[str, Any]:
     """Read the user's photos and cameras into the job's scene; returns the numbers of photos and points."""
-    scene = load_scene(job.source, job.path("scene"), job.config, reporter, clicked_names(job.inputs.clicks))
+    clicked = clicked_names(job.inputs.clicks)
+    adjust = fit_to_control if job.adjusts_to_control else None
+    scene = load_scene(job.source, job.path("scene"), job.config, reporter, clicked, adjust)
     if job.inputs.tables or job.config.crs:  # what cannot be used should end the job now, not after long work
         find_georeference(scene, job.config, log.info)
     return {"photos": len(scene.views), "points": len(scene.points)}

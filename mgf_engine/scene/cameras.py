@@ -16,8 +16,8 @@ import pycolmap
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.images import shrink
 from mgf_engine.model.scene import Lens, View
-from mgf_engine.scene.images import shrink
 from mgf_engine.scene.sparse import SparseCamera
 
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mgf_engine.images import read_rgb, write_png
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import in_order
-from mgf_engine.scene.images import read_rgb, write_png
 
 DARKEST, BRIGHTEST = 12.0, 240.0  # grey values outside are noise or clipped
 ROUNDS, NOISE = 10, 0.06  # re-weighting; residuals of log c that are nothing unusual

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,10 +32,19 @@ from mgf_engine.system import cores, put_in_place
 
 log = logging.getLogger("mgf")
 
+#: A model, the scene of it and the options -> the model with other cameras.
+Adjust = Callable[[SparseModel, Scene, Config], SparseModel]
 _SFM_SHARE = 0.9
 
 
-def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter, clicked: Sequence[str] = ()) -> Scene:
+def load_scene(
+    source: Path,
+    folder: Path,
+    config: Config,
+    reporter: Reporter,
+    clicked: Sequence[str] = (),
+    adjust: Adjust | None = None,
+) -> Scene:
     """Read the user's scene and write the job's ``scene`` folder.
 
     Args:
@@ -44,6 +53,7 @@ def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter, c
         config: options; those of the section ``scene`` and ``threads`` are used.
         reporter: for progress, warnings and the request to cancel.
         clicked: photos as the user's clicks name them; they are used also where ``max_photos`` leaves others out.
+        adjust: moves the cameras to what else is known of the place, before any photo is undistorted.
 
     Raises:
         BadInput: anything about the model or the photos that cannot be used; nothing half-written stays.
@@ -58,7 +68,7 @@ def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter, c
         (folder / FILE).unlink(missing_ok=True)
         shutil.rmtree(working, ignore_errors=True)
         working.mkdir()
-        return _load(source, folder, working, config, reporter, clicked)
+        return _load(source, folder, working, config, reporter, clicked, adjust)
     except OSError as error:
         reason = error.strerror or str(error)
         raise BadInput(
@@ -71,7 +81,13 @@ def load_scene(source: Path, folder: Path, config: Config, reporter: Reporter, c
 
 
 def _load(
-    source: Path, folder: Path, working: Path, config: Config, reporter: Reporter, clicked: Sequence[str]
+    source: Path,
+    folder: Path,
+    working: Path,
+    config: Config,
+    reporter: Reporter,
+    clicked: Sequence[str],
+    adjust: Adjust | None,
 ) -> Scene:
     job = folder.parent
     exclude = folder if source == job or job in source.parents else job
@@ -96,10 +112,8 @@ def _load(
     photos = plan_photos(model, paths, config.resolution, reporter)
 
     scene = build_scene(model, photos, folder, config)
-    if config.control and config.control_adjust:
-        from mgf_engine.georef.adjust import fit_to_control
-
-        model = fit_to_control(model, scene, config)
+    if adjust is not None:
+        model = adjust(model, scene, config)
         photos = plan_photos(model, paths, config.resolution, Reporter())  # what it has to say was said
         scene = build_scene(model, photos, folder, config)
     used = _used(scene, config.max_photos, clicked)

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.images import PhotoInfo, read_info, read_rgb, turn, write_png
 from mgf_engine.memory import share
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import View
 from mgf_engine.scene.cameras import WorkingCamera, plan_camera
-from mgf_engine.scene.images import PhotoInfo, read_info, read_rgb, turn, write_png
 from mgf_engine.scene.sparse import NO_POINT, SparseCamera, SparseImage, SparseModel
 from mgf_engine.system import cores
 

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.images import read_rgb
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import in_order
-from mgf_engine.scene.images import read_rgb
 
 Array = NDArray[np.float64]
 #: Grey values of noise that roughen the mesh. Sound photos stay below 5 down to 240 pixels, leaves and bricks included.

@@ -22,9 +22,9 @@ from urllib.parse import quote
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
+from mgf_engine.images import read_info
 from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.colmap import FEWEST
-from mgf_engine.scene.images import read_info
 from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
 from mgf_engine.subprocesses import ended, worker
 from mgf_engine.system import write_json

@@ -14,6 +14,7 @@ from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import side_by_side
+from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.photos import Room
 from mgf_engine.texture.charts import GUTTER
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
@@ -81,7 +82,7 @@ def look_up(view: View, source: Source, points: NDArray[np.float64], scale: floa
     """
     photo, at = source.image, view.project(points)[0]
     if source.original:
-        at = view.to_original(at)
+        at = to_original(view, at)
     shrink = min(1.0, scale * view.width / photo.shape[1])
     if shrink < 1.0:
         size = (max(1, round(photo.shape[1] * shrink)), max(1, round(photo.shape[0] * shrink)))

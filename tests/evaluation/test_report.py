@@ -22,7 +22,7 @@ from mgf_engine.evaluation.evenness import Evenness, Plane
 from mgf_engine.evaluation.images import score
 from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
 from mgf_engine.export import report as job_report
-from mgf_engine.scene.images import write_png
+from mgf_engine.images import write_png
 
 
 def view(name: str, held_out: bool, shift: int, pictures: bool = True) -> ViewReport:

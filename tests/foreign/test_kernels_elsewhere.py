@@ -11,8 +11,8 @@ import pytest
 
 from foreign.remote import EMULATORS, PACKAGES, emulator_of, exported, kernels_of, start
 from mgf_engine.geometry.rasterize import corners
-from mgf_engine.geometry.topology import Around
 from mgf_engine.model.scene import View
+from mgf_engine.model.topology import Adjacency
 from mgf_engine.native import build
 
 #: As few tests as call every kernel, the rasterizer's and the losses' with gradients.
@@ -71,7 +71,7 @@ def test_what_goes_through_the_host_is_what_comes_without(tmp_path: Path) -> Non
     view = View("a", "a.png", 60, 40, 50.0, 50.0, 30.0, 20.0, np.eye(3), np.array([0, 0, 4.0]), 60, 40)
 
     def work() -> list[np.ndarray]:
-        around = Around.of(faces, 500)
+        around = Adjacency.of(faces, 500)
         return [*around.fans(), around.open_edges(), around.vertex_normals(points), corners(points, view)]
 
     expected = work()
@@ -86,4 +86,4 @@ def test_a_kernel_that_crashes_is_an_error_and_no_hang(tmp_path: Path) -> None:
     if emulator_of("linux-x86_64") is None:
         pytest.skip("the host process is tried on Linux x86-64")
     with kernels_of(start("linux-x86_64", tmp_path)), pytest.raises(RuntimeError, match="ended with code"):
-        Around.of(np.full((9, 3), 1 << 28, np.int32), 5)
+        Adjacency.of(np.full((9, 3), 1 << 28, np.int32), 5)

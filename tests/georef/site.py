@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from mgf_engine.georef.crs import Projection
 from mgf_engine.model.scene import Scene, Similarity, View
+from mgf_engine.scene.cameras import to_original
 
 CRS = "EPSG:25832"
 ORIGIN = np.array([691_234.0, 5_334_876.0, 519.0])
@@ -72,7 +73,7 @@ class Site:
             at = self.normalised(ORIGIN + local)
             for view in self.scene.views:
                 uv, depth = view.project(at[None])
-                x, y = view.to_original(uv)[0] + rng.normal(0, noise, 2)
+                x, y = to_original(view, uv)[0] + rng.normal(0, noise, 2)
                 if depth[0] > 0 and 0 < x < WIDTH and 0 < y < HEIGHT:
                     found.append((key, view.name, x, y))
         return found

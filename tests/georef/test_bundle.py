@@ -9,6 +9,7 @@ import pytest
 from georef.strip import write_strip
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.load import load_scene
@@ -25,7 +26,8 @@ def _survey(strip, tmp_path, **options):
     config = make_config({"control": str(points), "marks": str(marks), "resolution": 800, **options})
     reporter = Reporter()
     reporter.stage("scene")
-    scene = load_scene(folder, tmp_path / "scene", config, reporter)
+    adjust = fit_to_control if config.control_adjust else None
+    scene = load_scene(folder, tmp_path / "scene", config, reporter, adjust=adjust)
     return scene, find_georeference(scene, config, pytest.fail)
 
 

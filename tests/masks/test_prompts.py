@@ -9,6 +9,7 @@ import pytest
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.model.scene import Lens, Scene
+from mgf_engine.scene.cameras import to_original
 from tests.masks.test_points import make_scene, view
 
 
@@ -40,7 +41,7 @@ def test_distorted_photos(tmp_path: Path, scene: Scene):
     scene = replace(scene, views=(*scene.views[:2], bent))
     data = {"Tür 2.jpg": {"positive": [[30, 10]]}}
     clicks = read_prompts(write(tmp_path, data), scene)[2]
-    back = bent.to_original(clicks.positive)
+    back = to_original(bent, clicks.positive)
     assert np.allclose(back, [[30, 10]], atol=1e-6)
     assert abs(clicks.positive[0, 0] - 15) > 0.05  # not the mere scaling
 

@@ -276,7 +276,7 @@ def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
     scene, masks = scene_of(views, ball())
     grey = np.zeros((views[0].height, views[0].width), np.uint8)
     photos = tsdf.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 23)] for n in range(24)])
-    from mgf_engine.mesh.opacity import judging_masks
+    from mgf_engine.mesh.hull import judging_masks
 
     library.set_threads(2)
     field = tsdf.fuse_gaussians(sphere(100), views, judging_masks(scene, masks, range(24), 1), photos)

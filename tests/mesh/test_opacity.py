@@ -4,8 +4,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mgf_engine.mesh.hull import judging_mask, judging_masks, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
-from mgf_engine.mesh.opacity import OpacityField, judging_mask, judging_masks, outside_hull, spread_order
+from mgf_engine.mesh.opacity import OpacityField, spread_order
 from mgf_engine.mesh.tsdf import fuse_gaussians
 from mgf_engine.model.masks import UNKNOWN
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE

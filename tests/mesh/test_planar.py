@@ -88,7 +88,7 @@ def test_noisy_box_becomes_flat_with_straight_edges():
 def test_rounded_edges_become_sharp():
     """Smoothing rounds an edge by half a pixel; the vertices on it go back onto the line."""
     exact = box(60, 45, 30)
-    result = flat(noisy(Mesh(exact.around.smooth(exact.vertices, np.zeros(len(exact.vertices), bool)),
+    result = flat(noisy(Mesh(exact.adjacency.smooth(exact.vertices, np.zeros(len(exact.vertices), bool)),
                              exact.faces, exact.colors), 0.05))  # fmt: skip
     on = (exact.vertices == 0) | (exact.vertices == np.array([60, 45, 30]))
     crease = on & (on.sum(1) == 2)[:, None]

@@ -13,7 +13,7 @@ from mgf_engine.geometry.rasterize import look
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.extract import extract_mesh, find_judges
-from mgf_engine.mesh.opacity import judging_masks
+from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.tsdf import Photos
 

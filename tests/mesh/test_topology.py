@@ -13,8 +13,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.geometry import clean
-from mgf_engine.geometry.topology import Around
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.topology import Adjacency
 from mgf_engine.morton import along_curve, arrange, cells_of, morton
 from mgf_engine.native import library
 
@@ -63,7 +63,7 @@ def same_groups(a: NDArray[np.integer], b: NDArray[np.integer]) -> bool:
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_corners_lie_around_their_vertices(mesh: Mesh) -> None:
-    around = mesh.around
+    around = mesh.adjacency
     assert np.array_equal(around.corner, np.argsort(mesh.faces.ravel(), kind="stable"))
     assert np.array_equal(np.diff(around.start), np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)))
 
@@ -83,7 +83,7 @@ def test_parts_hang_together_by_edges(mesh: Mesh) -> None:
 def test_open_edges_have_one_face(mesh: Mesh) -> None:
     key = edge_keys(mesh.faces)
     alone = (np.unique(key, return_counts=True)[1] == 1)[np.unique(key, return_inverse=True)[1]]
-    assert np.array_equal(mesh.around.open_edges().ravel(), alone)
+    assert np.array_equal(mesh.adjacency.open_edges().ravel(), alone)
 
 
 @pytest.mark.parametrize("mesh", MESHES)
@@ -93,7 +93,7 @@ def test_split_meshes_are_manifold_and_look_the_same(mesh: Mesh) -> None:
     assert np.unique(edge_keys(apart.faces), return_counts=True)[1].max() <= 2
     ends = np.stack([apart.faces, np.roll(apart.faces, -1, axis=1)], -1).reshape(-1, 2)
     assert len(np.unique(ends, axis=0)) == len(ends)  # neighbours run along their edge in opposite directions
-    assert (apart.around.fans()[1] == 1).all()
+    assert (apart.adjacency.fans()[1] == 1).all()
 
 
 @pytest.mark.parametrize("mesh", [ball(subdivisions=3), touching()])
@@ -110,7 +110,7 @@ def test_boxes_that_touch_come_apart() -> None:
 @pytest.mark.parametrize("mesh", MESHES)
 def test_vertices_go_half_way_to_the_mean_of_their_neighbours(mesh: Mesh) -> None:
     fixed = np.arange(len(mesh.vertices)) % 5 == 0
-    moved = mesh.around.smooth(mesh.vertices, fixed)
+    moved = mesh.adjacency.smooth(mesh.vertices, fixed)
     keys = np.unique(edge_keys(mesh.faces))
     for v, place in enumerate(mesh.vertices):
         near = [int(b if a == v else a) for a, b in zip(keys >> 32, keys & 0xFFFFFFFF, strict=True) if v in (a, b)][:99]
@@ -125,11 +125,11 @@ def test_normals_of_vertices_are_sums_over_faces(mesh: Mesh) -> None:
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     expected = np.zeros_like(mesh.vertices)
     np.add.at(expected, mesh.faces, np.cross(b - a, c - a)[:, None, :])
-    np.testing.assert_allclose(mesh.around.vertex_normals(mesh.vertices), expected, atol=1e-12)
+    np.testing.assert_allclose(mesh.adjacency.vertex_normals(mesh.vertices), expected, atol=1e-12)
 
 
 def test_no_faces() -> None:
-    nothing = Around.of(np.zeros((0, 3), np.int32), 4)
+    nothing = Adjacency.of(np.zeros((0, 3), np.int32), 4)
     assert len(nothing.parts()) == 0 and (nothing.fans()[1] == 0).all() and nothing.open_edges().shape == (0, 3)
 
 

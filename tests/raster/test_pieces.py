@@ -13,8 +13,8 @@ import torch
 from rendered import camera, gaussians, random_weights, run
 
 from mgf_engine.geometry.rasterize import corners, draw_triangles
-from mgf_engine.geometry.topology import Around
 from mgf_engine.model.scene import View
+from mgf_engine.model.topology import Adjacency
 from mgf_engine.native import build, library
 from mgf_engine.raster.adam import adam_step
 from mgf_engine.raster.api import Rendering
@@ -94,7 +94,7 @@ def around() -> None:
     grid = np.arange(100 * 100, dtype=np.int32).reshape(100, 100)
     one = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:]], -1).reshape(-1, 3)
     faces = np.concatenate([one, np.stack([grid[:-1, :-1], grid[1:, 1:], grid[:-1, 1:]], -1).reshape(-1, 3)])
-    found = Around.of(faces, 10000)
+    found = Adjacency.of(faces, 10000)
     found.open_edges()
     found.fans()
 

@@ -21,7 +21,7 @@ from benchmarks.synthetic.colmap_scene import (
     write_scene,
 )
 from mgf_engine.errors import BadInput
-from mgf_engine.scene.cameras import plan_camera
+from mgf_engine.scene.cameras import from_original, plan_camera, to_original, warp_labels
 from mgf_engine.scene.sparse import SparseCamera
 
 
@@ -65,9 +65,9 @@ def test_clicks_go_there_and_back(model: str, tmp_path: Path) -> None:
     scene = load(write_scene(reconstruction(model, frames=3), tmp_path / "scene"), tmp_path / "job", resolution=100)
     view = scene.views[0]
     working = np.random.default_rng(0).random((50, 2)) * (view.width, view.height)
-    original = view.to_original(working)
+    original = to_original(view, working)
     assert (original > -1).all() and (original < np.array(SIZE) + 1).all()
-    assert np.abs(view.from_original(original) - working).max() < 1e-3
+    assert np.abs(from_original(view, original) - working).max() < 1e-3
 
 
 def test_masks_are_warped_like_photos(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_masks_are_warped_like_photos(tmp_path: Path) -> None:
     photo = photo_of(model.cameras[1], (4 * SIZE[0], 4 * SIZE[1]))
     labels = (photo[:, :, 2] > 128).astype(np.uint8)
     view = scene.views[0]
-    warped = view.warp_labels(labels)
+    warped = warp_labels(view, labels)
     expected = scene.photo(0)[:, :, 2] > 128
     assert warped.shape == (view.height, view.width)
     assert (warped.astype(bool) != expected).mean() < 0.02  # only along the edges

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from mgf_engine.images import read_rgb, write_png
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.scene.exposure import even_exposure, photo_gains
-from mgf_engine.scene.images import read_rgb, write_png
 
 VIEWS, POINTS, SIZE = 6, 400, 48
 

@@ -46,6 +46,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, UNKNOWN, MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import in_order
+from mgf_engine.scene.cameras import to_original
 from mgf_engine.system import cores
 
 T = TypeVar("T")
@@ -177,7 +178,7 @@ class _Work:
         """Where clicks lie in the user's photo."""
         clicks = self.original[index]
         chosen = [(clicks.positive if d.positive else clicks.negative)[d.row] for d in doubts]
-        return ", ".join(f"({u:.0f}, {v:.0f})" for u, v in self.scene.views[index].to_original(np.stack(chosen)))
+        return ", ".join(f"({u:.0f}, {v:.0f})" for u, v in to_original(self.scene.views[index], np.stack(chosen)))
 
     def _draw(self, indices: list[int], accepted: NDArray[np.bool_], done: float) -> None:
         """Masks of some views, prompted again where they agree badly."""

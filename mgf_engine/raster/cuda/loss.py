@@ -19,7 +19,7 @@ from mgf_engine.native.cuda.launcher import At, Launcher, blocks
 
 if TYPE_CHECKING:
     from mgf_engine.raster.camera import Intrinsics
-    from mgf_engine.raster.loss import LossWeights, PhotoSide
+    from mgf_engine.raster.loss_inputs import LossWeights, PhotoSide
 
 _SIDE = 16  # of a tile, csrc/cuda/loss.cuh, as everything up to _EDGES
 _MAX_LEVELS, _SAVED, _OTHER_SUMS = 5, 4, 6

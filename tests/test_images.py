@@ -13,7 +13,7 @@ from PIL import Image
 
 from benchmarks.synthetic.colmap_scene import photo_of, reconstruction, write_photo
 from mgf_engine.errors import BadInput
-from mgf_engine.scene.images import read_info, read_rgb, shrink, turn, write_png
+from mgf_engine.images import read_info, read_rgb, shrink, turn, write_png
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from mgf_engine.native.library import call, parallel
 
 
 @dataclass(frozen=True)
-class Around:
+class Adjacency:
     """The corners around each vertex of a mesh.
 
     Attributes:
@@ -30,7 +30,7 @@ class Around:
     corner: NDArray[np.int32]
 
     @classmethod
-    def of(cls, faces: NDArray[np.int32], vertices: int) -> Around:
+    def of(cls, faces: NDArray[np.int32], vertices: int) -> Adjacency:
         """Those of ``faces`` between ``vertices`` vertices."""
         faces = np.ascontiguousarray(faces, dtype=np.int32)
         result = cls(faces, np.empty(vertices + 1, np.int32), np.empty(3 * len(faces), np.int32))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the image losses compare a render with, and how they are weighted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class PhotoSide:
+    """What a render is compared with, cut to a box of the frame; make it with :func:`photo_side`.
+
+    Attributes:
+        image: uint8 [3, h, w].
+        labels: uint8 [h, w]; 0 where nothing is compared, else 1..ids - 1.
+        elements: labels 1..elements together are the whole building, a mask of its own.
+        edges, ring: uint8 [h, w]; boundaries of labels, and certain background near the building.
+        origin: first row and column of the box in the frame.
+        area: int64 [scales, ids], pixels of each label at the scales of MS-SSIM; in place of label 0, of the whole
+            building.
+        edge_area, ring_area: labelled edge pixels, ring pixels.
+        levels: int64 [scales, 9], struct Level of ``csrc/raster/loss.h``.
+        flags: uint8 [tiles of all levels].
+        strips: uint8, whether 16 rows hold a label.
+        scratch: floats of scratch memory the kernels need.
+    """
+
+    image: Tensor
+    labels: Tensor
+    elements: int
+    edges: Tensor
+    ring: Tensor
+    origin: tuple[int, int]
+    area: NDArray[np.int64]
+    edge_area: int
+    ring_area: int
+    levels: NDArray[np.int64]
+    flags: NDArray[np.uint8]
+    strips: NDArray[np.uint8]
+    scratch: int
+
+    @cached_property
+    def copies(self) -> dict[Any, Any]:
+        """What cards keep of this photo (:func:`mgf_engine.raster.cuda.loss.photo_on`)."""
+        return {}
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Factors of the terms, and how MS-SSIM is weighted per label.
+
+    Attributes:
+        plain: of the RGB loss, eq. 16.
+        multilevel: of the multi-level perceptual mask loss, eq. 18-19; ``labels``: float [ids], share of each label; in
+            place of label 0, of the whole building.
+        boundary: of the boundary loss, eq. 17; ``edge``: weight of a boundary pixel, eq. 12.
+        l1, ssim: of the two parts of each of them.
+        background: of the mean alpha over the ring.
+        distortion, normals: of the two geometry terms of eq. 20.
+    """
+
+    plain: float
+    multilevel: float
+    labels: NDArray[np.float64]
+    boundary: float
+    edge: float
+    l1: float
+    ssim: float
+    background: float
+    distortion: float
+    normals: float

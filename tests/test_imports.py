@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Imports of the engine go one way: down a declared order of packages, and never in a circle.
+
+Read from the source, so that imports inside functions count like all others: they would only hide a circle.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+#: Packages and modules of ``mgf_engine``, from the bottom up: each may import those before it.
+ORDER = (
+    *("errors", "stages", "system", "subprocesses", "timing", "memory", "morton", "safe_npz"),
+    *("images", "output_folder"),
+    *("costs", "config", "option_list", "messages", "terminal", "failures"),  # options and reports
+    *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
+    *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
+    *("runs", "inputs", "job", "results", "estimate"),  # the job folder
+    *("georef", "export", "drawings", "models", "town", "runners", "pipeline", "api"),  # whole jobs
+    *("clean", "doctor", "cli", "__main__"),
+)
+
+
+def modules(package: Path) -> dict[str, Path]:
+    """Dotted name -> file of every module of a package."""
+    found = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports_of(name: str, path: Path, known: dict[str, Path]) -> Iterator[str]:
+    """Modules of the same package that a module imports anywhere, those in functions and for types alone too."""
+    package = name.split(".")[0]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == package:
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield whole if whole in known else str(node.module)
+        elif isinstance(node, ast.Import):
+            yield from (a.name for a in node.names if a.name in known)
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """One circle for each way back that a walk from every node finds, as a list of names; empty where there is none."""
+    found: list[list[str]] = []
+    done: set[str] = set()
+
+    def walk(node: str, path: list[str]) -> None:
+        if node in path:
+            found.append([*path[path.index(node) :], node])
+        elif node not in done:
+            for target in sorted(graph.get(node, ())):
+                walk(target, [*path, node])
+            done.add(node)
+
+    for node in sorted(graph):
+        walk(node, [])
+    return found
+
+
+def part_of(name: str) -> str:
+    """The entry of :data:`ORDER` a module belongs to; empty for the package itself, which holds the version."""
+    return [*name.split("."), ""][1]
+
+
+@pytest.fixture(scope="module")
+def graph() -> dict[str, set[str]]:
+    known = modules(ROOT / "mgf_engine")
+    del known["mgf_engine"]  # hands out the functions of mgf_engine.api when they are asked for
+    return {name: {t for t in imports_of(name, path, known) if t != name} for name, path in known.items()}
+
+
+def test_every_package_has_its_place(graph: dict[str, set[str]]) -> None:
+    assert {part_of(name) for name in graph} == set(ORDER), "give a new package its place in ORDER"
+    assert len(set(ORDER)) == len(ORDER)
+
+
+def test_no_module_imports_upwards(graph: dict[str, set[str]]) -> None:
+    place = {part: k for k, part in enumerate(("", *ORDER))}
+    upwards = [
+        f"{name} imports {target}"
+        for name, targets in graph.items()
+        for target in targets
+        if place.get(part_of(target), 0) > place.get(part_of(name), len(place))
+    ]
+    assert not upwards
+
+
+def test_no_circle_of_modules(graph: dict[str, set[str]]) -> None:
+    assert not [" -> ".join(circle) for circle in circles(graph)]
+
+
+def test_circles_are_found_behind_function_level_imports(tmp_path: Path) -> None:
+    package = tmp_path / "house"
+    package.mkdir()
+    texts = {"__init__": "", "wall": "from house.roof import tile", "door": "import house.wall"}
+    for name, text in {**texts, "roof": "def f():\n    from house import wall"}.items():
+        (package / f"{name}.py").write_text(text)
+    known = modules(package)
+    graph = {name: set(imports_of(name, path, known)) for name, path in known.items()}
+    assert circles(graph) == [["house.wall", "house.roof", "house.wall"]]
+    assert graph["house.door"] == {"house.wall"}
+
+
+def test_the_add_on_imports_no_engine_and_the_engine_no_blender() -> None:
+    for package, forbidden in (("mgf_blender", {"mgf_engine", "torch"}), ("mgf_engine", {"bpy", "mgf_blender"})):
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+                names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+                assert not {n.split(".")[0] for n in names} & forbidden, path
