@@ -21,7 +21,7 @@ ORDER = (
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
     *("runs", "inputs", "job", "results", "estimate"),  # the job folder
-    *("georef", "export", "drawings", "models", "town", "runners", "pipeline", "api"),  # whole jobs
+    *("georef", "export", "drawings", "models", "runners", "pipeline", "town", "api"),  # whole jobs
     *("clean", "doctor", "cli", "__main__"),
 )
 

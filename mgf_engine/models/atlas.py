@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh, Texture

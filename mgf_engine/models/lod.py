@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import look_along
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh

@@ -20,6 +20,7 @@ from mgf_engine.geometry.rasterize import look
 from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.roots import spread_out, standpoints
 from mgf_engine.town.hulls import ABOVE, SLACK, Hull, prism
 from mgf_engine.town.place import to_normalised
@@ -184,5 +185,5 @@ def _original(scene: Scene, index: int, pixels: Array) -> list[list[float]]:
     if not len(pixels):
         return []
     view = scene.views[index]
-    found = np.clip(view.to_original(pixels), 0, (view.original_width, view.original_height))
+    found = np.clip(to_original(view, pixels), 0, (view.original_width, view.original_height))
     return [[round(float(u), 1), round(float(v), 1)] for u, v in found]
