@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = (
     *("errors", "stages", "system", "subprocesses", "timing", "memory", "morton", "safe_npz"),
     *("images", "output_folder"),
-    *("costs", "config", "option_list", "messages", "terminal", "failures"),  # options and reports
+    *("costs", "config", "option_list", "messages", "terminal", "failures", "reported"),  # options and reports
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
     *("runs", "inputs", "job", "results", "estimate"),  # the job folder

@@ -10,12 +10,11 @@ import math
 import re
 from pathlib import Path
 
+from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.reported import add_reporting_arguments, run_reported
 
-#: What ``--draw`` takes.
-KINDS = ("orthophotos", "elevations", "sections", "sheets", "quantities")
 NEEDED = {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely"}
 
 

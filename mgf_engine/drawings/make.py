@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.drawings.command import KINDS
 from mgf_engine.drawings.elevation import draw_elevation, with_parts
 from mgf_engine.drawings.facades import facade_through, find_facades, plan_frame
 from mgf_engine.drawings.geotiff import write_geotiff
+from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Facade, Frame, LineDrawing, Survey
 from mgf_engine.drawings.orthophoto import Visibility, paint
