@@ -133,6 +133,11 @@ def _parser() -> argparse.ArgumentParser:
         argument_default=argparse.SUPPRESS,
     )  # fmt: skip
     _add_buildings_arguments(buildings)
+    town = commands.add_parser(
+        "town", help="reconstruct every building of a scene, from a map of footprints",
+        argument_default=argparse.SUPPRESS,
+    )  # fmt: skip
+    _add_town_arguments(town)
     commands.add_parser("bench", help="run a benchmark suite; see 'mgf bench --help'", add_help=False)
     return parser
 
@@ -165,6 +170,17 @@ def _add_buildings_arguments(parser: argparse.ArgumentParser) -> None:
     from mgf_engine.town.command import add_arguments
 
     add_arguments(parser)
+    _add_config_arguments(parser)
+
+
+def _add_town_arguments(parser: argparse.ArgumentParser) -> None:
+    from mgf_engine.town.run import add_arguments
+
+    add_arguments(parser)
+    _add_config_arguments(parser)
+
+
+def _add_config_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set any option by name")
     _add_options(parser)
@@ -389,7 +405,14 @@ def _buildings_command(args: argparse.Namespace) -> int:
     return buildings_command(args, _given_options(args))
 
 
+def _town_command(args: argparse.Namespace) -> int:
+    from mgf_engine.town.run import town_command
+
+    return town_command(args, _given_options(args))
+
+
 _OTHER_COMMANDS = {
+    "town": _town_command,
     "buildings": _buildings_command,
     "georef": _georef_command,
     "clean": _clean_command,

@@ -32,7 +32,7 @@ from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.system import json_text
 from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.footprints import Footprints
-from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, SLACK, UNSEEN, Hull, make_hulls
+from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNSEEN, Hull, make_hulls
 from mgf_engine.town.place import Placed, local_points, near_scene
 from mgf_engine.town.sights import FEWEST, Choice, Drawn, choose_photos, draw_hulls
 from mgf_engine.town.submodel import write_if_changed, write_submodel
@@ -44,7 +44,11 @@ FORMAT = 1
 #: Photos of a building at most. More tell hardly more of it: the preset ``quick`` takes 60 of a whole scene.
 MOST_PHOTOS = 40
 _AROUND = 20.0  # metres around a footprint from which points are kept
-_FREE, _SHARED = 1.8, 0.3  # metres that the crop box leaves around a footprint: for eaves, and towards a neighbour
+_FREE, _SHARED, _BELOW = (
+    1.8,
+    0.3,
+    0.3,
+)  # metres that the crop box leaves around a footprint: for eaves, towards a neighbour, below
 _DIM = 0.55  # share of walls and roof that two photos see, below which a building is doubtful
 
 
@@ -183,7 +187,8 @@ def write_plan(plan: Plan, job: Job, out: Path, given: dict[str, Any], footprint
                 write_if_changed(folder / CLICKS, json_text(building.clicks, indent=1))
         row = _row(building, plan, given, polygons)
         if building.runs:
-            write_if_changed(folder / ONE, json_text(row, indent=1))
+            needed = {key: row[key] for key in ("id", "photos", "options")}  # no estimate, which learns from each job
+            write_if_changed(folder / ONE, json_text(needed, indent=1))
         done.append(building)
         rows.append(row)
     result = replace(plan, buildings=tuple(done))
@@ -315,7 +320,7 @@ def crop_box(hull: Hull, polygons: dict[str, Any], placed: Placed) -> str:
     low = np.array([-reach[0], -reach[2]])
     high = np.array([sizes[0] + reach[1], sizes[1] + reach[3]])
     middle, half = (low + high) / 2, (high - low) / 2
-    bottom, top = hull.low - SLACK * metre, hull.high + 3 * metre
+    bottom, top = hull.low - _BELOW * metre, hull.high + 3 * metre
     matrix = np.eye(4)
     matrix[:2, 0], matrix[:2, 1] = axes[0] * half[0], axes[1] * half[1]
     matrix[2, 2] = (top - bottom) / 2

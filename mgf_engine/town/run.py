@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf town``: plan the buildings, run their jobs under Snakemake, show how far they are, gather what comes back."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, Cancelled
+from mgf_engine.job import locked
+from mgf_engine.memory import budget_of
+from mgf_engine.messages import Reporter
+from mgf_engine.system import cores, write_json
+from mgf_engine.terminal import duration, make_sink
+from mgf_engine.town.command import add_arguments as add_plan_arguments
+from mgf_engine.town.command import plan_town, time_and_memory
+from mgf_engine.town.footprints import TOWN
+from mgf_engine.town.page import write_page
+from mgf_engine.town.plan import BUILDINGS
+from mgf_engine.town.result import GLB, PAGE, TABLE, gather, read_rows
+from mgf_engine.town.worker import FAILED, FINISHED, RUNNING, STATUS, STOPPED
+
+SNAKEFILE = Path(__file__).with_name("Snakefile")
+LOG = "snakemake.txt"
+_LOOK, _PAGE = 1.0, 5.0  # seconds between two looks at the jobs, and two writings of the page
+MOST_FACES = 20_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of ``mgf town`` beside the options of jobs."""
+    add_plan_arguments(parser)
+    parser.add_argument("--cores", type=int, default=0, metavar="N", help="cores for all jobs together (default: all)")
+    parser.add_argument(
+        "--faces-per-building", type=int, default=MOST_FACES, metavar="N", help=f"in town.glb (default {MOST_FACES})"
+    )
+    parser.add_argument(
+        "--plan-only", action="store_true", default=False, help="stop before the jobs, as mgf buildings"
+    )
+
+
+def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
+    """Make the town; returns the exit code: 2 where a building failed.
+
+    Raises:
+        BadInput: as the plan; Snakemake is not installed or cannot run.
+    """
+    _check(args)
+    args.out.mkdir(parents=True, exist_ok=True)
+    with _one_town(args.out), _stoppable():
+        plan_town(args, given, Reporter(make_sink("auto")))
+        rows = read_rows(args.out, running=False)
+        ready = [row for row in rows if row["job"]]
+        if not ready:
+            write_page(args.out / PAGE, args.out, rows)
+            raise BadInput(f"No building is ready to be reconstructed; '{args.out / PAGE}' says why for each of them.")
+        print(time_and_memory(ready), file=sys.stderr)
+        if args.plan_only:
+            return EXIT_DONE
+        clean_status(args.out, ready)
+        code = run_jobs(args.out, args.cores or cores(), len(ready), given)
+        return finish(args.out, code, args.faces_per_building)
+
+
+def _check(args: argparse.Namespace) -> None:
+    if args.cores < 0 or args.faces_per_building < 100:
+        raise BadInput("--cores must be 0 or more, and --faces-per-building 100 or more.")
+    try:
+        import snakemake  # noqa: F401
+    except ImportError as error:
+        raise BadInput(f"mgf town needs the package snakemake, which is not installed; get it by {TOWN}.") from error
+
+
+@contextlib.contextmanager
+def _one_town(folder: Path) -> Iterator[None]:
+    """Nobody else works in the folder meanwhile.
+
+    Raises:
+        BadInput: somebody does.
+    """
+    try:
+        with locked(folder):
+            yield
+    except BadInput as error:
+        if "in use" in str(error):
+            raise BadInput(
+                f"Another mgf town works in '{folder}'; wait for it, or stop it, or give another folder."
+            ) from error
+        raise
+
+
+@contextlib.contextmanager
+def _stoppable() -> Iterator[None]:
+    """SIGTERM stops the town as Ctrl-C does."""
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def clean_status(town: Path, rows: list[dict[str, Any]]) -> None:
+    """Forget what earlier runs said of jobs that are not done."""
+    for row in rows:
+        if row["job"] != FINISHED:
+            (town / BUILDINGS / row["id"] / STATUS).unlink(missing_ok=True)
+
+
+def run_jobs(town: Path, number: int, buildings: int, given: dict[str, Any]) -> int:
+    """Run Snakemake on the folder and show how far it is; returns its exit code.
+
+    Raises:
+        Cancelled: Ctrl-C or SIGTERM.
+    """
+    threads = int(given.get("threads", 0)) or max(1, number // buildings)
+    memory = round(budget_of(float(given.get("memory", 0))) / 1e6)
+    write_json(town / "town.json", {"python": sys.executable, "threads": threads, "memory_mb": memory})
+    command = [
+        sys.executable, "-m", "snakemake", "-s", str(SNAKEFILE), "--configfile", "town.json", "--cores", str(number),
+        "--resources", f"mem_mb={memory}", "--keep-going", "--rerun-triggers", "mtime", "--ignore-incomplete",
+        "--nolock", "--quiet", "host", "--latency-wait", "2",
+    ]  # fmt: skip
+    # The jobs inherit standard input: they stop when this process ends, however that happens.
+    environment = {**os.environ, "MGF_TOWN_PIPE": "1", "PYTHONPATH": _with_engine()}
+    with (town / LOG).open("ab") as log:
+        process = subprocess.Popen(
+            command, cwd=town, stdin=subprocess.PIPE, stdout=log, stderr=log, env=environment, start_new_session=True
+        )
+        try:
+            _watch(town, process)
+        except KeyboardInterrupt:
+            process.terminate()
+            assert process.stdin is not None
+            process.stdin.close()
+            process.wait()
+            write_page(town / PAGE, town, read_rows(town, running=False))
+            raise Cancelled("Cancelled; run again to continue.") from None
+    return process.returncode
+
+
+def _with_engine() -> str:
+    """``PYTHONPATH`` that has this engine first, wherever Snakemake runs its jobs."""
+    return os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH", "")])])
+
+
+def _watch(town: Path, process: subprocess.Popen[bytes]) -> None:
+    """Show the table and write the page until the process ends."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console, written, said = Console(stderr=True), 0.0, dict[str, str]()
+    live = Live(console=console, refresh_per_second=2) if console.is_terminal else contextlib.nullcontext()
+    with live as shown:
+        while process.poll() is None:
+            rows = read_rows(town, running=True)
+            if shown is not None:
+                shown.update(table(rows))
+            else:
+                _say_changes(rows, said)
+            if time.monotonic() - written > _PAGE:
+                write_page(town / PAGE, town, rows, refresh=5)
+                written = time.monotonic()
+            time.sleep(_LOOK)
+
+
+def _say_changes(rows: list[dict[str, Any]], said: dict[str, str]) -> None:
+    """A line for each building whose job went on to something else, for logs and pipes."""
+    for row in rows:
+        now = f"{row['job']} {row['status'].get('stage', '') if row['job'] == RUNNING else ''}".strip()
+        if row["job"] and said.get(row["id"], "waiting") != now:
+            said[row["id"]] = now
+            print(f"{row['id']}: {now}", file=sys.stderr, flush=True)
+
+
+def table(rows: list[dict[str, Any]]) -> Any:
+    """The buildings as a table for the terminal."""
+    from rich.table import Table
+
+    shown = Table(box=None)
+    for name, side in (("building", "left"), ("state", "left"), ("job", "left"), ("done", "right"), ("time", "right"),
+                       ("photos", "right"), ("confidence", "right"), ("note", "left")):  # fmt: skip
+        shown.add_column(name, justify=side)  # type: ignore[arg-type]
+    for row in rows:
+        status, done = row["status"], row["done"]
+        job = row["job"] + (f" ({status['stage']})" if row["job"] == RUNNING and status.get("stage") else "")
+        seconds = done.get("seconds", status.get("seconds"))
+        note = row["reason"] or (status.get("text", "") if row["job"] in (FAILED, STOPPED) else "")
+        tried = " (second attempt)" if done.get("attempt", status.get("attempt", 1)) > 1 else ""
+        shown.add_row(
+            row["id"], row["state"], job, f"{status.get('overall', 0.0):.0%}" if row["job"] else "",
+            duration(seconds) if seconds else "", str(len(row["photos"])),
+            f"{done['confidence']:.2f}" if done.get("confidence") is not None else "", note + tried,
+        )  # fmt: skip
+    return shown
+
+
+def finish(town: Path, code: int, most_faces: int) -> int:
+    """Gather the results, print the table, and say what failed.
+
+    Raises:
+        BadInput: Snakemake itself could not run, or a building failed.
+    """
+    from rich.console import Console
+
+    rows = read_rows(town, running=False)
+    gather(town, rows, most_faces)
+    write_page(town / PAGE, town, rows)
+    console = Console()
+    console.print(table(rows), width=None if console.is_terminal else 140)
+    ready = [row for row in rows if row["job"]]
+    bad = [row for row in ready if row["job"] != FINISHED]
+    made = [name for name in (PAGE, TABLE, GLB) if (town / name).is_file()]
+    print(f"{len(ready) - len(bad)} of {len(ready)} buildings are done; written to {town}: {', '.join(made)}")
+    if bad and all(row["job"] == "waiting" for row in bad) and code:
+        raise BadInput(f"Snakemake could not run the jobs; '{town / LOG}' says why.")
+    if bad:
+        print(
+            f"Error: {len(bad)} of {len(ready)} buildings failed (first: {bad[0]['id']}); "
+            f"'{town / PAGE}' says why, and running again tries them anew.", file=sys.stderr,
+        )  # fmt: skip
+        return EXIT_BAD_INPUT
+    return EXIT_DONE

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One building of a town: ``python -m mgf_engine.town.worker buildings/ID``, as the Snakefile calls it.
+
+The job is made in this process, so that nothing is left of it when the process is killed. ``status.json`` says where it
+is; ``done.json`` is written last of all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import select
+import signal
+import sys
+import threading
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.config import make_config
+from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput
+from mgf_engine.failures import explain
+from mgf_engine.messages import Message, Reporter
+from mgf_engine.system import write_json
+
+STATUS, DONE, PICTURE, JOB = "status.json", "done.json", "picture.jpg", "job"
+#: What a second attempt makes smaller: about half of the memory.
+SMALLER, LEAST_SIDE, SMALL_TEXTURE = 0.7, 300, 2048
+_PAUSE, _PATIENCE = 1.0, 60.0  # seconds between two writings of the status; to wait for a job that is being stopped
+WAITING, RUNNING, FINISHED, FAILED, STOPPED = "waiting", "running", "done", "failed", "stopped"
+
+
+class Status:
+    """What a building's job is at, written to ``status.json`` from its messages."""
+
+    def __init__(self, path: Path, attempt: int) -> None:
+        self.path, self._written = path, 0.0
+        self.values: dict[str, Any] = {
+            "state": RUNNING, "attempt": attempt, "pid": os.getpid(), "started": time.time(), "stage": "",
+            "overall": 0.0, "text": "", "code": None, "seconds": 0.0, "warnings": [],
+        }  # fmt: skip
+
+    def __call__(self, message: Message) -> None:
+        """Take in a message of the job."""
+        kind = message["type"]
+        if kind == "stage":
+            self.values["stage"] = message["stage"]
+        elif kind == "progress":
+            self.values["overall"] = message["overall"]
+        elif kind == "warning":
+            self.values["warnings"].append(message["text"])
+        if kind in ("stage", "progress", "warning") and time.monotonic() - self._written > _PAUSE:
+            self.write()
+
+    def write(self, **changes: Any) -> None:
+        """Write the status with some values changed."""
+        self._written = time.monotonic()
+        self.values.update(changes, seconds=round(time.time() - self.values["started"], 1))
+        write_json(self.path, self.values)
+
+
+def options_of(row: dict[str, Any], attempt: int, threads: int) -> dict[str, Any]:
+    """The options of a building's job; a second attempt works on smaller photos and takes a smaller texture."""
+    given = {**row["options"], "threads": threads}
+    config = make_config(given)
+    side, texture = config.resolution, config.texture_size
+    if attempt > 1:
+        side, texture = max(min(LEAST_SIDE, side), round(SMALLER * side)), min(SMALL_TEXTURE, texture)
+    return {**given, "resolution": side, "texture_size": texture}  # named always: a job remembers what it was given
+
+
+def run_building(folder: Path, attempt: int, threads: int) -> int:
+    """Make the job of one building; returns the exit code."""
+    if _abandoned():
+        return EXIT_CANCELLED
+    earlier = _read(folder / STATUS)
+    if attempt > 1 and not worth_retrying(earlier):
+        print(earlier["text"], file=sys.stderr)
+        return int(earlier["code"])
+    status = Status(folder / STATUS, attempt)
+    status.write()
+    reporter = Reporter(status)
+    _watch(reporter)
+    try:
+        row = _read(folder / "building.json")
+        figures = _run(folder, options_of(row, attempt, threads), reporter)
+        status.write(state=FINISHED, overall=1.0, code=EXIT_DONE)
+        write_json(folder / DONE, {**figures, "seconds": status.values["seconds"], "attempt": attempt})
+        return EXIT_DONE
+    except (Exception, KeyboardInterrupt) as error:
+        code, text = explain(error)
+        if code == EXIT_FAULT:
+            traceback.print_exception(error)
+        print(text, file=sys.stderr)
+        status.write(state=STOPPED if code == EXIT_CANCELLED else FAILED, text=text, code=code)
+        return code
+
+
+def worth_retrying(status: dict[str, Any]) -> bool:
+    """Whether smaller photos may help: a fault, a kill or memory, but not clicks or photos that cannot be used."""
+    refused = status.get("code") in (EXIT_BAD_INPUT, EXIT_CANCELLED)
+    return not refused or "memory" in str(status.get("text", "")).lower()
+
+
+def _open_job(folder: Path, given: dict[str, Any]) -> Any:
+    """The job, once a job of a town that was killed has let go of its folder."""
+    from mgf_engine.job import Job
+
+    place, until = folder / JOB, time.monotonic() + _PATIENCE
+    while True:
+        resume = (place / "job.json").exists()
+        try:
+            return Job.start(place, folder / "scene", folder / "prompts.json", given=given, resume=resume)
+        except BadInput as error:
+            if "in use" not in str(error) or time.monotonic() > until:
+                raise
+            time.sleep(_PAUSE)
+
+
+def _run(folder: Path, given: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
+    from mgf_engine.pipeline import run_job
+
+    with _open_job(folder, given) as job:
+        run_job(job, reporter)
+        draw(job, folder / PICTURE)
+        stages = job.stages
+        return {
+            "cpu_seconds": round(sum(float(entry["cpu_seconds"]) for entry in stages.values()), 1),
+            "job_seconds": round(sum(float(entry["seconds"]) for entry in stages.values()), 1),
+            "peak_memory": max(int(entry["peak_memory"]) for entry in stages.values()),
+            "faces": stages["mesh"]["figures"].get("faces"),
+            "confidence": stages["mesh"]["figures"].get("confidence"),
+            "warnings": [text for entry in stages.values() for text in entry["warnings"]],
+            "resolution": job.config.resolution,
+        }  # fmt: skip
+
+
+def draw(job: Any, path: Path) -> None:
+    """The photo that shows most of the building, and the mesh from the same place, side by side."""
+    import cv2
+    import numpy as np
+
+    from mgf_engine.geometry.rasterize import look, shaded
+    from mgf_engine.model.mesh import Mesh
+    from mgf_engine.results import load_mesh, load_scene_of
+    from mgf_engine.system import atomic_path
+
+    scene, mesh = load_scene_of(job), load_mesh(job)
+    mesh = Mesh(scene.to_normalised.apply(mesh.vertices), mesh.faces, mesh.colors)
+    seen = [look(mesh, view).face >= 0 for view in scene.views]
+    best = int(np.argmax([inside[2:-2, 2:-2].sum() - 5 * (inside.sum() - inside[2:-2, 2:-2].sum()) for inside in seen]))
+    v, u = np.nonzero(seen[best])
+    view = scene.views[best]
+    if not len(u):
+        return
+    margin = 0.15 * max(np.ptp(u), np.ptp(v)) + 4
+    left, top = (max(0, int(a.min() - margin)) for a in (u, v))
+    right, bottom = (min(m, int(a.max() + margin)) for a, m in ((u, view.width), (v, view.height)))
+    pair = np.hstack([scene.photo(best), shaded(mesh, view, color=True)])
+    both = np.hstack([pair[top:bottom, left:right], pair[top:bottom, view.width + left : view.width + right]])
+    size = 480 / both.shape[1]
+    small = cv2.resize(both, None, fx=size, fy=size, interpolation=cv2.INTER_AREA if size < 1 else cv2.INTER_CUBIC)
+    with atomic_path(path) as temporary:
+        cv2.imwrite(str(temporary), small[..., ::-1])
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return {}
+
+
+def _watch(reporter: Reporter) -> None:
+    """SIGTERM, Ctrl-C and the end of whoever started the town ask the job to stop; it goes on at the next call."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: reporter.cancel())
+
+    def wait() -> None:
+        with contextlib.suppress(OSError, ValueError):
+            while sys.stdin.readline():
+                pass
+        reporter.cancel()
+
+    if os.environ.get("MGF_TOWN_PIPE"):  # standard input is a pipe that mgf town holds open
+        threading.Thread(target=wait, daemon=True).start()
+
+
+def _abandoned() -> bool:
+    """Whether the town that asks for this job has been killed already."""
+    if os.name == "nt" or not os.environ.get("MGF_TOWN_PIPE"):
+        return False
+    return bool(select.select([sys.stdin], [], [], 0)[0])  # nothing is ever written: only its end can be read
+
+
+def main() -> int:
+    """The command of the Snakefile."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--attempt", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=1)
+    args = parser.parse_args()
+    return run_building(args.folder.resolve(), args.attempt, args.threads)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
