@@ -30,6 +30,7 @@ from benchmarks.roofs import gable_roof
 from benchmarks.scenes import _run_blender
 from benchmarks.shapes import Builder, Part, wall_row
 from benchmarks.surroundings import car, tree
+from benchmarks.town_painted import paint_views
 from benchmarks.truth import write_truth
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.crs import Projection
@@ -158,8 +159,12 @@ def flight(photos: int, rng: np.random.Generator) -> list[Shot]:
     return shots
 
 
-def make_town(folder: Path, photos: int, width: int, blender: Path | None, threads: int) -> None:
-    """Render the town into a folder; pictures that are there are kept."""
+def make_town(folder: Path, photos: int, width: int, blender: Path | None, threads: int, painted: bool = False) -> None:
+    """Render the town into a folder; pictures that are there are kept.
+
+    Args:
+        painted: without Blender, see :mod:`benchmarks.town_painted`.
+    """
 
     def say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
@@ -169,8 +174,13 @@ def make_town(folder: Path, photos: int, width: int, blender: Path | None, threa
     rng = np.random.default_rng(spec.seed)
     shots = flight(photos, rng)
     houses = {house.id: parts_of(house) for house in HOUSES}
-    _write_job(folder, spec, houses, around(rng), shots, threads)
-    _run_blender(folder, blender, say)
+    others = around(rng)
+    if painted:
+        numbered = [(k, part) for k, parts in enumerate(houses.values(), 1) for part in parts]
+        paint_views(folder, spec, [*numbered, *((0, part) for part in others)], shots)
+    else:
+        _write_job(folder, spec, houses, others, shots, threads)
+        _run_blender(folder, blender, say)
     write_photos(folder, spec, shots, rng)
     for number, (name, parts) in enumerate(houses.items(), 1):
         (folder / "buildings" / name / "masks").mkdir(parents=True, exist_ok=True)
@@ -182,8 +192,9 @@ def make_town(folder: Path, photos: int, width: int, blender: Path | None, threa
             ids = ids if ids.ndim == 2 else ids[..., 0]
             cv2.imwrite(str(folder / "buildings" / name / "masks" / stem), np.where(ids == number, 255, 0))
     write_footprints(folder / "footprints.geojson", rng)
-    model = sfm_model(folder, shots, photo_frame(spec))
-    say(f"structure from motion: {model.num_reg_images()} photos, {model.num_points3D()} points")
+    if not painted:
+        model = sfm_model(folder, shots, photo_frame(spec))
+        say(f"structure from motion: {model.num_reg_images()} photos, {model.num_points3D()} points")
     write_json(folder / "town.json", {"crs": CRS, "origin": ORIGIN.tolist(), "houses": list(houses)})
 
 
@@ -246,10 +257,11 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--photos", type=int, default=55)
     parser.add_argument("--width", type=int, default=400, help="of the photos, pixels")
+    parser.add_argument("--painted", action="store_true", help="without Blender, with exact cameras")
     parser.add_argument("--blender", type=Path, help="a Python that has bpy")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
-    make_town(args.folder, args.photos, args.width, args.blender, args.threads)
+    make_town(args.folder, args.photos, args.width, args.blender, args.threads, args.painted)
     return 0
 
 

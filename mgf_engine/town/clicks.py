@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 POSITIVES, NEGATIVES = 5, 5
 _SHARE, _FEWEST = 3, 5  # clicks are put on a third of the photos, and on so many at least
+_LARGE = 0.6  # of the median photo's share: a photo with clicks shows at least so much of the building
 _EDGE, _AWAY = 3.0, 4.0  # px of the drawn pictures: from the hull's edge to clicks inside it, and beside it
 _NEAR = 0.25  # of a picture's longest side: clicks beside a building lie so near
 _APART = 1.0  # metre from a neighbour: nearer points may be on either
@@ -90,7 +91,7 @@ def suggest_clicks(
     middle = middle if not middle.is_empty else hull.polygon
     core = _mesh(scene, georeference, middle, hull.low, hull.low + 0.6 * (hull.high - hull.low))
     result: dict[str, dict[str, list[list[float]]]] = {}
-    for index in _clicked(scene, choice):
+    for index in _clicked(scene, choice, [float((owner == number).mean()) for owner in drawn.owner]):
         rows = scene.observations(index)
         pixels = np.asarray(scene.track_uv[rows], np.float64)
         owner = scene.track_point[rows]
@@ -113,13 +114,15 @@ def suggest_clicks(
     return result
 
 
-def _clicked(scene: Scene, choice: Choice) -> list[int]:
-    """The photos that get clicks: a third of those chosen, spread out."""
+def _clicked(scene: Scene, choice: Choice, shares: Sequence[float]) -> list[int]:
+    """The photos that get clicks: a third of those chosen, spread out, none with only a corner of the building."""
     count = min(len(choice.photos), max(_FEWEST, -(-len(choice.photos) // _SHARE)))
-    views = [scene.views[k] for k in choice.photos]
+    large = _LARGE * float(np.median([shares[k] for k in choice.photos]))
+    photos = [k for k in choice.photos if shares[k] >= large]
+    views = [scene.views[k] for k in photos]
     centres, directions, _ = standpoints(views, np.zeros(0, np.int32))
     order = np.arange(len(views))[::-1]  # the most telling one first
-    return [choice.photos[k] for k in spread_out(centres, directions, order, count)]
+    return [photos[k] for k in spread_out(centres, directions, order, count)]
 
 
 def _mesh(scene: Scene, georeference: Georeference, polygon: object, low: float, high: float) -> Mesh:

@@ -49,7 +49,7 @@ _FREE, _SHARED, _BELOW = (
     0.3,
     0.3,
 )  # metres that the crop box leaves around a footprint: for eaves, towards a neighbour, below
-_DIM = 0.55  # share of walls and roof that two photos see, below which a building is doubtful
+_DIM = 0.4  # share of walls and roof that two photos see, below which a building is doubtful
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def plan_building(
     """
     if number < 0:
         return Building(hull, Choice([], 0.0, 0.0, 0.0, 0), {})
-    choice = choose_photos(scene, placed.georeference, hull, number, drawn, most, placed.metre)
+    choice = choose_photos(scene, placed.georeference, hull, number, hulls, drawn, most, placed.metre)
     if len(choice.photos) < FEWEST:
         few = f"{len(choice.photos)} photos show it, and {FEWEST} are needed; fly there again."
         return Building(replace(hull, state=UNSEEN, reason=few), choice, {})

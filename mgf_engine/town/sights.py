@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 #: Longest side of the pictures that hulls are drawn in, pixels.
 SIDE = 480
 _SPACING, _STEEP, _TOLERANCE = 2.0, 0.17, 0.02  # metres; cosine of 80 degrees; share of a depth
-_LEAST_SHARE = 0.004  # of a photo, which a building must fill to be worth it
+_PARTY = 1.0  # metre: a wall so near to another footprint is shared with it, and nobody sees it
+_LEAST_SHARE = 0.008  # of a photo, which a building must fill to be worth it
 #: A spot of a building gains this much less by every further photo of it.
 _DECAY = 0.82
 FEWEST = 3  # photos of a building
@@ -92,7 +93,14 @@ def draw_hulls(scene: Scene, georeference: Georeference, hulls: Sequence[Hull], 
 
 
 def choose_photos(
-    scene: Scene, georeference: Georeference, hull: Hull, number: int, drawn: Drawn, most: int, metre: float
+    scene: Scene,
+    georeference: Georeference,
+    hull: Hull,
+    number: int,
+    hulls: Sequence[Hull],
+    drawn: Drawn,
+    most: int,
+    metre: float,
 ) -> Choice:
     """The photos worth using for a hull: together they see as much of it as possible, near and face on.
 
@@ -100,11 +108,13 @@ def choose_photos(
     resolution there, over that of the best photo, less for spots that photos taken before show already.
 
     Args:
-        number: of the hull in ``drawn``.
+        number: of the hull among ``hulls`` and in ``drawn``.
         most: photos at most.
     """
     low = max(hull.low, hull.low + 0.1 * (hull.high - hull.low))
     spots, normals = samples(hull.polygon, low, hull.high, _SPACING * metre)
+    outside = _towards_neighbours(spots + _PARTY * metre * normals, hull, hulls)
+    spots, normals = spots[~outside], normals[~outside]
     places = to_normalised(scene, georeference, spots)
     turned = to_normalised(scene, georeference, spots + normals * metre) - places
     length = np.linalg.norm(turned[0])  # of a metre
@@ -145,3 +155,14 @@ def choose_photos(
     return Choice(
         chosen, float(shares[chosen].mean()), float(np.median(pixels[chosen])), twice, int((shares > 0).sum())
     )
+
+
+def _towards_neighbours(points: Array, hull: Hull, hulls: Sequence[Hull]) -> NDArray[np.bool_]:
+    """Which points [S, 3] (local frame) lie in the footprint of another hull."""
+    import shapely
+
+    around = shapely.MultiPoint(points[:, :2]).envelope
+    near = [other.polygon for other in hulls if other is not hull and other.polygon.intersects(around)]
+    if not near:
+        return np.zeros(len(points), bool)
+    return np.asarray(shapely.contains_xy(shapely.union_all(near), points[:, :2]))

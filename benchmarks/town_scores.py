@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How good a town is: meshes against the true houses, and automatic clicks against clicks made from true masks.
+
+``python -m benchmarks.town_scores clicks SCENE TOWN FOLDER`` writes clicks as a person would set them for ``mgf town
+--clicks FOLDER``; ``python -m benchmarks.town_scores score SCENE TOWN`` prints a table.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.prompts import inside_points, spread_photos
+from benchmarks.scenes import _read_png
+from mgf_engine.evaluate.geometry import cameras_of, score_surface
+from mgf_engine.evaluate.surfaces import read_surface
+from mgf_engine.scene.colmap import find_model, read_model
+from mgf_engine.scene.normalise import rotation_of
+from mgf_engine.system import write_json
+
+_LEAST = 0.01  # of a photo: nobody clicks a building that fills less
+
+
+def make_clicks(scene: Path, town: Path, folder: Path) -> None:
+    """Clicks from true masks on a fifth of the photos that the town gives each building."""
+    for building in sorted((town / "buildings").iterdir()):
+        masks = scene / "buildings" / building.name / "masks"
+        model = find_model(building / "scene") if (building / "scene").is_dir() else None
+        if model is None or not masks.is_dir():
+            continue
+        names, poses, seen = [], [], []
+        for image in read_model(model).images:
+            mask = _mask(masks, image.name)
+            if mask.mean() >= _LEAST:
+                rotation = rotation_of(image.quaternion)
+                names.append(image.name)
+                poses.append([*(-rotation.T @ image.translation), *rotation[2]])
+                seen.append(mask)
+        chosen = spread_photos(np.array(poses), max(3, -(-len(names) // 5)))
+        clicks = {names[i]: {"positive": inside_points(seen[i], 3), "negative": inside_points(_beside(seen[i]), 2)}
+                  for i in chosen}  # fmt: skip
+        write_json(folder / f"{building.name}.json", clicks)
+
+
+def _mask(folder: Path, photo: str) -> NDArray[np.bool_]:
+    return np.asarray(_read_png(folder / (Path(photo).stem + ".png")) > 127)
+
+
+def _beside(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
+
+
+def scores(scene: Path, town: Path, thresholds: tuple[float, ...] = (0.1, 0.2)) -> list[dict[str, Any]]:
+    """Found, missed and false buildings, F1 and CPU seconds of each."""
+    from mgf_engine.town.result import read_rows
+
+    rows = []
+    truth = json.loads((scene / "town.json").read_text(encoding="utf-8"))["houses"]
+    found = {row["id"]: row for row in read_rows(town, running=False)}
+    for name in dict.fromkeys([*truth, *found]):
+        row = found.get(name)
+        if row is None or row["job"] != "done":
+            verdict = "missed" if name in truth else "rightly left out"
+            rows.append({"id": name, "verdict": verdict})
+            continue
+        if name not in truth:
+            rows.append({"id": name, "verdict": "false"})
+            continue
+        job = town / "buildings" / name / "job"
+        true = read_surface(scene / "buildings" / name / "truth.ply")
+        masks = scene / "buildings" / name / "masks"
+        cameras = cameras_of(scene / "sparse/0", partial(_mask, masks))
+        result = score_surface(read_surface(job / "mesh.ply"), true, list(thresholds), 200_000, cameras)
+        rows.append({
+            "id": name, "verdict": "found", "f1": result.f1, "accuracy": result.accuracy,
+            "completeness": result.completeness, "cpu": row["done"]["cpu_seconds"], "photos": len(row["photos"]),
+            "confidence": row["done"]["confidence"],
+        })  # fmt: skip
+    return rows
+
+
+def main(argv: list[str]) -> int:
+    """The two commands above."""
+    scene, town = Path(argv[1]), Path(argv[2])
+    if argv[0] == "clicks":
+        make_clicks(scene, town, Path(argv[3]))
+        return 0
+    print(
+        f"{'building':<12}{'verdict':<18}{'F1 10 cm':>9}{'20 cm':>7}{'acc.':>7}{'compl.':>7}{'CPU s':>7}{'photos':>7}"
+    )
+    for row in scores(scene, town):
+        text = f"{row['id']:<12}{row['verdict']:<18}"
+        if row["verdict"] == "found":
+            a, b = row["f1"]
+            text += f"{a:>9.1f}{b:>7.1f}{row['accuracy'][1]:>7.1f}{row['completeness'][1]:>7.1f}"
+            text += f"{row['cpu']:>7.0f}{row['photos']:>7}"
+        print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
