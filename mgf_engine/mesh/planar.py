@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import edges, face_areas
 from mgf_engine.geometry.rasterize import face_normals
@@ -26,7 +27,8 @@ from mgf_engine.morton import arrange, cells_of, morton
 LEAST_AREA, LEAST_WIDTH = 400.0, 6.0  # of a plane
 SEED_SIDE, SEED_AREA, SEED_EVEN = 10.0, 25.0, 0.95  # cells that planes begin in: side, area, length of the mean normal
 TRIES = 250  # places at most where a plane is begun
-RADII = 15.0, 40.0, 120.0, np.inf  # around its beginning within which a plane is fitted, one after the other
+RADII = 15.0, 40.0, 120.0  # around its beginning within which a plane is fitted, one after the other
+SAME_TURN, SAME_SHIFT = np.cos(np.radians(0.5)), 0.15  # angle and pixels within which two planes are one at a place
 BAND = 1.0  # faces this near belong to a plane, and no vertex is moved further into one
 TURN = np.cos(np.radians(30.0))  # and their smoothed normals are within this angle
 SIGMAS = 3.0  # of the noise: what stands out by more is not noise
@@ -129,17 +131,27 @@ def find_planes(faces: _Faces) -> Planes:
     """Planes of at least ``LEAST_AREA``, the most even places first."""
     label = np.full(len(faces.area), -1, np.int32)
     found: list[tuple[NDArray[np.float64], float, float]] = []
+    refused: list[tuple[NDArray[np.float64], float]] = []
     group, begin = _seeds(faces)
+    tree = cKDTree(faces.centre)
     for seed in begin[:TRIES]:
         rows = np.flatnonzero(group == seed)
         rows = rows[label[rows] < 0]
         if faces.area[rows].sum() < SEED_AREA:
             continue
-        grown = _grow(faces, rows, np.flatnonzero(label < 0))
-        if grown is not None:
-            plane, inside = grown
-            label[inside] = len(found)
-            found.append(plane)
+        at, pixel = faces.centre[rows].mean(0), float(np.median(faces.pixel[rows]))
+        local = _begin(faces, rows, tree, label)
+        if local is None or _same(local, refused, at, pixel):
+            continue
+        free = np.flatnonzero(label < 0)
+        free = free[faces.normal[free] @ local[0] > TURN]
+        whole = _refit(faces, free, *local)
+        grown = None if whole is None or _same(whole, refused, at, pixel) else _grow(faces, whole, free)
+        if grown is None:
+            refused += [local] if whole is None else [local, whole]
+            continue
+        label[grown[1]] = len(found)
+        found.append(grown[0])
     normals = np.array([normal for normal, *_ in found]).reshape(-1, 3)
     return Planes(normals, np.array([at for _, at, _ in found]), np.array([noise for *_, noise in found]), label)
 
@@ -161,24 +173,57 @@ def _seeds(faces: _Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return group, fit[np.argsort(-(even[fit] - SEED_EVEN) * np.minimum(area[fit], SEED_SIDE**2), kind="stable")]
 
 
-def _grow(
-    faces: _Faces, seed: NDArray[np.int64], free: NDArray[np.int64]
-) -> tuple[tuple[NDArray[np.float64], float, float], NDArray[np.int64]] | None:
-    """The plane (normal, offset, noise) that begins in the faces ``seed``, and its faces; None where there is none."""
+def _begin(
+    faces: _Faces, seed: NDArray[np.int64], tree: cKDTree, label: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], float] | None:
+    """The plane (normal, offset) around the faces ``seed``, fitted within one of ``RADII`` after the other."""
     normal, offset = _fit(faces, seed, np.ones(len(seed)))
     if normal @ faces.normal[seed].sum(0) < 0:
         normal, offset = -normal, -offset
-    middle, side = faces.centre[seed].mean(0), float(np.median(faces.pixel[seed]))
-    free = free[faces.normal[free] @ normal > TURN]
-    away = np.linalg.norm(faces.centre[free] - middle, axis=1) / side
+    middle, side, facing = faces.centre[seed].mean(0), float(np.median(faces.pixel[seed])), normal
     for radius in RADII:
-        near = free[away < radius]
-        for _ in range(2):
-            off = (faces.centre[near] @ normal - offset) / faces.pixel[near]
-            inside = np.abs(off) < BAND
-            if faces.area[near[inside]].sum() < SEED_AREA:
-                return None
-            normal, offset = _turned(normal, *_fit(faces, near[inside], (1 - (off[inside] / BAND) ** 2) ** 2))
+        near = np.sort(np.asarray(tree.query_ball_point(middle, radius * side), np.int64))
+        near = near[(label[near] < 0) & (faces.normal[near] @ facing > TURN)]
+        fitted = _refit(faces, near, normal, offset)
+        if fitted is None:
+            return None
+        normal, offset = fitted
+    return normal, offset
+
+
+def _refit(
+    faces: _Faces, near: NDArray[np.int64], normal: NDArray[np.float64], offset: float
+) -> tuple[NDArray[np.float64], float] | None:
+    """The plane moved onto those of the faces ``near`` that lie in it, twice; None where they are too few."""
+    centre, pixel = faces.centre[near], faces.pixel[near]
+    for _ in range(2):
+        off = (centre @ normal - offset) / pixel
+        inside = np.abs(off) < BAND
+        if faces.area[near[inside]].sum() < SEED_AREA:
+            return None
+        normal, offset = _turned(normal, *_fit(faces, near[inside], (1 - (off[inside] / BAND) ** 2) ** 2))
+    return normal, offset
+
+
+def _same(
+    plane: tuple[NDArray[np.float64], float],
+    others: list[tuple[NDArray[np.float64], float]],
+    at: NDArray[np.float64],
+    pixel: float,
+) -> bool:
+    """Whether a plane is one of others, near a point."""
+    if not others:
+        return False
+    normals, offsets = np.array([normal for normal, _ in others]), np.array([offset for _, offset in others])
+    shift = np.abs((at @ plane[0] - plane[1]) - (normals @ at - offsets)) / pixel
+    return bool(((normals @ plane[0] > SAME_TURN) & (shift < SAME_SHIFT)).any())
+
+
+def _grow(
+    faces: _Faces, plane: tuple[NDArray[np.float64], float], free: NDArray[np.int64]
+) -> tuple[tuple[NDArray[np.float64], float, float], NDArray[np.int64]] | None:
+    """The largest connected part of a plane (normal, offset, noise) and its faces; None where it is refused."""
+    normal, offset = plane
     off = (faces.centre[free] @ normal - offset) / faces.pixel[free]
     inside = _largest_part(faces, free[np.abs(off) < BAND])
     if faces.area[inside].sum() < LEAST_AREA:
