@@ -95,7 +95,9 @@ def decided(
     apart = known & (np.abs(field.depth - prior.depth) * field.view.fx >= SAME * prior.depth)
     rival = match(replace(prior, depth=np.where(apart, prior.depth, 0).astype(np.float32)), others, search)
     better = rival.likeness > matched.likeness - np.where(sure >= SURE, GAIN, -GAIN)
-    take = apart & np.where(rival.likeness > 0, better, (matched.likeness == 0) & (sure > 0))
+    # A field shows what is behind where its Gaussians leave gaps; the prior, which is closed, does not.
+    silent = (matched.likeness == 0) & ((sure > 0) | (prior.depth < field.depth))
+    take = apart & np.where(rival.likeness > 0, better, silent)
     depth = np.where(take, rival.depth, matched.depth).astype(np.float32)
     likeness = np.where(take, rival.likeness, matched.likeness).astype(np.float32)
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)

@@ -35,6 +35,7 @@ from mgf_engine.masks.propagation.prompt_outliers import (
 from mgf_engine.masks.propagation.random_walker import Belief, SceneGraph
 from mgf_engine.masks.propagation.sky_regions import draw_skyline
 from mgf_engine.masks.propagation.superpixels import Regions, cut_regions
+from mgf_engine.masks.refinement.even_regions import missing_patches
 from mgf_engine.masks.refinement.far_background import cut_distant
 from mgf_engine.masks.refinement.ground_homography import GroundSeen
 from mgf_engine.masks.refinement.sky_holes import sky_through
@@ -303,6 +304,7 @@ class _Work:
         through = sky_through(lab, drawn | seen, sky, view, self.shape.up, self._observed(index))
         labels[:], sky = drawn & ~through, sky | through
         labels[self._strays(index, core, accepted)] = BACKGROUND
+        labels[missing_patches(lab, labels, sky, self.prompts.get(index, Clicks()).negative)] = 1
         labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
         ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
         labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Mask boundaries that cross a region of even colour, moved to the region's edge.
+
+Propagation decides by superpixels and points, and a plain wall gives it neither edges nor points: its foot or a corner
+may be cut off along a line that the photo does not show. A region without edges inside is one surface, so where most of
+it is building, what is missing is filled, up to the nearest edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, maximum
+
+from mgf_engine.masks.image_ops import grow, shrink
+from mgf_engine.masks.points import pixel_at
+from mgf_engine.model.masks import BACKGROUND, UNKNOWN
+
+
+@dataclass(frozen=True)
+class EvenRegionOptions:
+    """When a region of even colour is completed."""
+
+    edge: float = 2.0  # CIELAB units per pixel, gradient from which a pixel is an edge
+    gap: int = 2  # pixels, half the width of gaps between edges that regions do not leak through
+    smallest: int = 200  # pixels of a region
+    building: float = 0.6  # share of a region that must be building
+    color: float = 8.0  # CIELAB units, difference to the nearest building pixel of such a region
+    contact: float = 0.3  # share of a patch's outline that must touch the mask
+    depth: float = 0.05  # of the photo's longer side: patches that reach further from the mask are left out
+
+
+def missing_patches(
+    lab: NDArray[np.float32],
+    labels: NDArray[np.uint8],
+    sky: NDArray[np.bool_],
+    negative: NDArray[np.floating],
+    options: EvenRegionOptions = EvenRegionOptions(),
+) -> NDArray[np.bool_]:
+    """Background and unknown pixels that belong to the building by even colour, bool [H, W].
+
+    Args:
+        lab: CIELAB of the photo, float32 [H, W, 3].
+        labels: label map, uint8 [H, W], see :mod:`mgf_engine.model.masks`.
+        sky: bool [H, W].
+        negative: clicks on the background, pixels [N, 2]; a patch that holds one stays as it is.
+    """
+    mask = (labels != BACKGROUND) & (labels != UNKNOWN)
+    flat = np.linalg.norm(_gradient(lab), axis=-1) < options.edge
+    count, region = cv2.connectedComponents(shrink(flat, options.gap).astype(np.uint8), connectivity=4)
+    size = np.bincount(region.ravel(), minlength=count)
+    inside = np.bincount(region[mask], minlength=count)
+    known = np.bincount(region[labels != UNKNOWN], minlength=count)
+    # What is unknown counts as missing, too: a region that is mostly unknown is no building yet.
+    mostly = (inside >= options.building * np.maximum(known, size * options.building)) & (size >= options.smallest)
+    mostly[0] = False  # edges
+    chosen = mostly[region]
+    source = mask & chosen
+    if not source.any():
+        return np.zeros(labels.shape, bool)
+    reach = options.gap + 1
+    wide = chosen | (grow(chosen, reach) & ~grow((region > 0) & ~chosen, reach))
+    distance, (row, column) = distance_transform_edt(~source, return_indices=True)
+    smooth = cv2.GaussianBlur(lab, (0, 0), 1.5)
+    alike = np.linalg.norm(smooth - smooth[row, column], axis=-1) < options.color
+    return _attached(wide & alike & ~mask & ~sky, mask, distance, negative, options)
+
+
+def _gradient(lab: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Derivatives of all channels in both directions, per pixel, [H, W, 6]."""
+    smooth = cv2.GaussianBlur(lab, (0, 0), 0.8)
+    return np.concatenate([cv2.Sobel(smooth, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=1 / 8) for dx in (0, 1)], axis=-1)
+
+
+def _attached(
+    patches: NDArray[np.bool_],
+    mask: NDArray[np.bool_],
+    distance: NDArray[np.float64],
+    negative: NDArray[np.floating],
+    options: EvenRegionOptions,
+) -> NDArray[np.bool_]:
+    """Connected patches that touch the mask along enough of their outline and reach not too far from it."""
+    count, patch = cv2.connectedComponents(patches.astype(np.uint8), connectivity=4)
+    outline = patches & ~shrink(patches, 1)
+    length = np.bincount(patch[outline], minlength=count)
+    touching = np.bincount(patch[outline & grow(mask, 1)], minlength=count)
+    farthest = maximum(distance, patch, np.arange(count))
+    kept = (touching >= options.contact * length) & (farthest < options.depth * max(mask.shape))
+    kept[0] = False
+    kept[patch[pixel_at(mask.shape, negative)]] = False
+    return np.asarray(kept[patch], bool)
