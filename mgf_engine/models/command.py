@@ -9,6 +9,7 @@ import logging
 import math
 from pathlib import Path
 
+from mgf_engine.drawings.command import read_length
 from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.terminal import make_sink
@@ -18,6 +19,7 @@ _LEVELS = {"xatlas": "xatlas", "fast_simplification": "fast-simplification"}
 NEEDED: dict[str, dict[str, str]] = {
     "lod": _LEVELS,
     "tiles": _LEVELS,
+    "solid": {"shapely": "shapely"},
 }
 MOST_ERRORS = 9
 
@@ -35,6 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="make the coarser levels of detail by how far they may lie from the mesh in centimetres, such as 1,5,20, "
         "in place of 25, 6 and 1.5 %% of its faces",
     )  # fmt: skip
+    parser.add_argument(
+        "--detail", default=None, metavar="CM",
+        help="leave steps and offsets below this size in centimetres out of the solid (default: 8 pixels of the "
+        "photos, or 1 %% of the building)",
+    )  # fmt: skip
     styles = ("auto", "bar", "plain", "json", "none")
     parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
 
@@ -47,11 +54,12 @@ def models_command(args: argparse.Namespace) -> int:
     """
     kinds = read_kinds(args.only)
     errors = [] if args.error is None else [error / 100 for error in read_errors(args.error)]
+    detail = None if args.detail is None else read_length("--detail", args.detail, "CM") / 100
     require_packages(kinds)
     from mgf_engine.models.make import ModelOptions, make_models
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
-    make_models(args.job, args.out, ModelOptions(kinds, errors), Reporter(make_sink(args.progress)))
+    make_models(args.job, args.out, ModelOptions(kinds, errors, detail), Reporter(make_sink(args.progress)))
     return EXIT_DONE
 
 

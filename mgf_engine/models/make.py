@@ -19,8 +19,11 @@ from mgf_engine.job import locked
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.atlas import transfer_texture
+from mgf_engine.models.cityjson import FILE as CITYJSON
+from mgf_engine.models.cityjson import make_cityjson
 from mgf_engine.models.lod import measure_deviation, reduce_chain, silhouette_overlap
 from mgf_engine.models.place import to_geocentric
+from mgf_engine.models.solid.build import NoSolid, build_solid
 from mgf_engine.models.tiles import FILE as TILESET
 from mgf_engine.models.tiles import make_tileset
 from mgf_engine.output_folder import Cost, check_place, new_folder
@@ -38,10 +41,12 @@ class ModelOptions:
     Attributes:
         kinds: what to make, of ``command.NEEDED``.
         errors: distances of the coarser levels of detail from the mesh in the local unit; empty takes shares of faces.
+        detail: of the solid in the local unit: what is smaller is left out; None takes it from photos and size.
     """
 
-    kinds: Sequence[str] = ("lod", "tiles")
+    kinds: Sequence[str] = ("lod", "tiles", "solid")
     errors: Sequence[float] = ()
+    detail: float | None = None
 
 
 @dataclass
@@ -87,6 +92,8 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
         work = Work(job, survey, texture, wanted, beside, reporter, cost)
         if "lod" in wanted.kinds or "tiles" in wanted.kinds:
             _levels(work)
+        if "solid" in wanted.kinds:
+            _solid(work, cost)
         write_json(beside / INDEX, _index(work))
     files = {name: str(folder / name) for name in work.files}
     figures = {"CPU seconds": round(sum(cost.seconds.values()))}
@@ -155,6 +162,35 @@ def _write_level(work: Work, mesh: Mesh, texture: Texture | None, level: int) ->
         picture.unlink()
     work.files[path.name]["bytes"] = path.stat().st_size
     return deviation.p95
+
+
+def _solid(work: Work, cost: Cost) -> None:
+    """The solid as CityJSON; a sentence where there is none, or only a block."""
+    with cost.of("solid"):
+        try:
+            solid = build_solid(work.survey, work.wanted.detail)
+        except NoSolid as reason:
+            work.reporter.warning(
+                f"There is no solid of this building ({reason}); take photos from all sides, or give a larger --detail."
+            )
+            return
+        if solid.level == 1:
+            work.reporter.warning(
+                "The photos do not show enough of the roof, so the solid is a block with a level top (LoD1)."
+            )
+        facts = {
+            "kind": "solid", "lod": solid.level, "faces": len(solid.faces), "volume": round(solid.volume, 3),
+            "ground": round(float(survey_height(work.survey, solid.ground)), 3), "ground_from": solid.ground_from,
+            "detail": round(solid.detail, 4), "unseen": solid.unseen,
+            "deviation": None if solid.deviation is None else solid.deviation.as_dict(),
+        }  # fmt: skip
+        name = f"building-{work.job.resolve().name}"
+        write_json(work.add(CITYJSON, **facts), make_cityjson(solid, work.survey, name))
+
+
+def survey_height(survey: Survey, z: float) -> float:
+    """Local height -> height of the CRS."""
+    return float(survey.world(np.array([0.0, 0.0, z]))[2])
 
 
 def _index(work: Work) -> dict[str, Any]:

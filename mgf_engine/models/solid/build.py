@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The solid of a job: as much roof as was seen, a block where it was not, and how far either lies from the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.drawings.model import Survey
+from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.models.lod import SAMPLES, deviation_of
+from mgf_engine.models.solid.cells import cell_of_pixels, cut_into_cells
+from mgf_engine.models.solid.evidence import Evidence, gather_evidence
+from mgf_engine.models.solid.labels import choose_planes
+from mgf_engine.models.solid.model import ROOF, WALL, Array, Solid
+from mgf_engine.models.solid.polyhedron import faults_of, make_polyhedron, triangles, volume_of
+
+MARGIN = 3.0  # details around what is seen from above
+SEEN = 0.5  # of the footprint: where less of the roof lies in planes, the solid is a block
+TRIES = 3  # with a coarser detail each, where planes make no valid solid
+COARSER = 1.5
+MADE_UP = 0.4  # of the walls: where more of them was not seen, there is no solid
+FACING = 0.5  # cosine between the normals of the solid and of the mesh that shows it
+NEAR = 2.0  # details from the mesh beyond which the solid's surface is not seen
+
+
+class NoSolid(Exception):
+    """The mesh does not enclose a building; the message says why."""
+
+
+def build_solid(survey: Survey, detail: float | None = None) -> Solid:
+    """The solid of a survey, checked and measured.
+
+    Args:
+        detail: steps and offsets below this size are left out; None takes it from photos and size.
+
+    Raises:
+        NoSolid: there is none.
+    """
+    evidence = gather_evidence(survey, detail)
+    if evidence.inside.sum() * evidence.grid.resolution**2 < 4 * evidence.detail**2:
+        raise NoSolid("the mesh covers no ground")
+    level = 2 if _roof_seen(evidence) >= SEEN else 1
+    for _ in range(TRIES):
+        solid = _make(evidence, level)
+        faults = faults_of(solid, 0.1 * evidence.detail)
+        if not faults:
+            return _checked(_measured(solid, survey, evidence, level))
+        evidence = gather_evidence(survey, COARSER * evidence.detail)
+    if level == 2:
+        solid = _make(evidence, 1)
+        faults = faults_of(solid, 0.1 * evidence.detail)
+        if not faults:
+            return _checked(_measured(solid, survey, evidence, 1))
+    raise NoSolid(faults[0])
+
+
+def _roof_seen(evidence: Evidence) -> float:
+    """Share of the footprint that lies in roof planes."""
+    return float((evidence.label[evidence.inside] > 0).mean()) if len(evidence.slopes) else 0.0
+
+
+def _make(evidence: Evidence, level: int) -> Solid:
+    slopes = evidence.slopes if level == 2 else np.array([[0.0, 0.0, evidence.block]])
+    row, column = np.nonzero(evidence.inside)
+    at = evidence.grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5)
+    around = MARGIN * evidence.detail
+    cells = cut_into_cells(evidence.lines, at.min(0) - around, at.max(0) + around)
+    owner = cell_of_pixels(cells, evidence.grid)
+    label = choose_planes(cells, owner, evidence, slopes)
+    return make_polyhedron(cells, label, slopes, evidence.ground, evidence.lines)
+
+
+def _measured(solid: Solid, survey: Survey, evidence: Evidence, level: int) -> Solid:
+    """The solid with what is known about it."""
+    faces, owner = triangles(solid)
+    surface, mesh = Surface(solid.vertices, faces.astype(np.int64)), _mesh_surface(survey)
+    rng = np.random.default_rng(0)
+    points = mesh.sample(SAMPLES, rng)[0]
+    points = points[points[:, 2] > evidence.ground + 0.5 * evidence.detail]
+    on_solid, triangle = surface.sample(SAMPLES, rng)
+    squared, nearest, _ = mesh.closest(on_solid)
+    turned = (mesh.normals(nearest) * surface.normals(triangle)).sum(1) < FACING
+    far = turned | (squared > (NEAR * evidence.detail) ** 2)
+    kinds = np.array([face.kind for face in solid.faces])[owner[triangle]]
+    unseen = {str(kind): round(float(far[kinds == kind].mean()), 4) for kind in (ROOF, WALL)}
+    return replace(
+        solid, level=level, ground=evidence.ground, ground_from=evidence.ground_from, detail=evidence.detail,
+        volume=volume_of(solid), deviation=deviation_of(_distances(surface, points)), unseen=unseen,
+    )  # fmt: skip
+
+
+def _checked(solid: Solid) -> Solid:
+    """The solid, unless most of its walls are made up.
+
+    Raises:
+        NoSolid: they are.
+    """
+    if solid.unseen.get(WALL, 1.0) > MADE_UP:
+        raise NoSolid(f"the mesh has {1 - solid.unseen.get(WALL, 1.0):.0%} of its walls")
+    return solid
+
+
+def _mesh_surface(survey: Survey) -> Surface:
+    return Surface(survey.mesh.vertices, survey.mesh.faces.astype(np.int64))
+
+
+def _distances(surface: Surface, points: Array) -> NDArray[np.float64]:
+    return surface.distances(points) if len(points) else np.zeros(1)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a solid is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.models.lod import Deviation
+
+Array = NDArray[np.float64]
+ROOF, WALL, GROUND = "roof", "wall", "ground"
+
+
+@dataclass(frozen=True)
+class SolidFace:
+    """A plane face.
+
+    Attributes:
+        kind: :data:`ROOF`, :data:`WALL` or :data:`GROUND`.
+        rings: rows of vertices, the outer ring first, counter-clockwise seen from outside, holes the other way.
+        plane: number of the roof plane, -1 for walls and ground.
+    """
+
+    kind: str
+    rings: tuple[tuple[int, ...], ...]
+    plane: int = -1
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A closed polyhedron in the local frame.
+
+    Attributes:
+        vertices: [N, 3]; faces: all of them.
+        level: 2, or 1 for a block with a level top where the roof was not seen.
+        ground: height of the ground; ground_from: ``terrain`` (points around the building) or ``mesh`` (its lower end).
+        detail: size below which steps and offsets were left out.
+        volume: in cubic units.
+        deviation: of the mesh above the ground from the solid.
+        unseen: share of the area of each kind of face that no mesh lies near.
+    """
+
+    vertices: Array
+    faces: list[SolidFace]
+    level: int = 2
+    ground: float = 0.0
+    ground_from: str = "mesh"
+    detail: float = 0.0
+    volume: float = 0.0
+    deviation: Deviation | None = None
+    unseen: dict[str, float] = field(default_factory=dict)
+
+    def normal(self, face: SolidFace) -> Array:
+        """Outward unit normal of a face, [3] (Newell)."""
+        return ring_normal(self.vertices[list(face.rings[0])])
+
+    def area(self, face: SolidFace) -> float:
+        """Area of a face without its holes."""
+        return abs(sum(float(self.normal(face) @ ring_vector(self.vertices[list(ring)])) for ring in face.rings))
+
+
+def ring_vector(points: Array) -> Array:
+    """Normal of a ring [n, 3], as long as its area, [3]."""
+    local = points - points[0]
+    return np.asarray(0.5 * np.cross(local, np.roll(local, -1, axis=0)).sum(0))
+
+
+def ring_normal(points: Array) -> Array:
+    """Unit normal of a ring [n, 3], [3]."""
+    vector = ring_vector(points)
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Solids of known buildings: closed, with the true volume and roofs, and CityJSON that others read."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+import trimesh
+from cjio import cityjson
+
+from mgf_engine.drawings.load import read_survey
+from mgf_engine.drawings.model import Survey
+from mgf_engine.messages import Reporter
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.models.cityjson import make_cityjson
+from mgf_engine.models.make import ModelOptions, make_models
+from mgf_engine.models.solid.build import NoSolid, build_solid
+from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Solid
+from mgf_engine.models.solid.polyhedron import faults_of, triangles
+from tests.drawings.job_of_house import FinishedJob
+from tests.models.conftest import CORNER
+from tests.models.shapes import BUILDINGS, Wing, building, volume
+
+PIXEL = 0.03  # metres on the building, of its photos
+
+
+@pytest.fixture(scope="module")
+def survey(job: FinishedJob) -> Survey:
+    return read_survey(job.folder)
+
+
+def of(survey: Survey, mesh: Mesh) -> Survey:
+    """The survey with another building in it, and no points around."""
+    scene = replace(survey.scene, points=np.zeros((0, 3)))
+    masks = replace(survey.masks, point_mask=np.zeros(0, bool))
+    parts = np.zeros(len(mesh.faces), np.uint8)
+    return replace(
+        survey, mesh=mesh, normalised=mesh, scene=scene, masks=masks, face_part=parts, pixel=PIXEL, working_pixel=PIXEL
+    )  # fmt: skip
+
+
+def as_trimesh(solid: Solid) -> Any:
+    return trimesh.Trimesh(solid.vertices, triangles(solid)[0], process=False)
+
+
+def roofs(solid: Solid) -> int:
+    return sum(face.kind == ROOF for face in solid.faces)
+
+
+@pytest.mark.parametrize("name", BUILDINGS)
+def test_a_known_building_gets_its_volume_and_its_roofs(survey: Survey, name: str) -> None:
+    wings: list[Wing] = BUILDINGS[name]
+    solid = build_solid(of(survey, building(wings, step=0.15)))
+    assert solid.level == 2 and faults_of(solid, 0.02) == []
+    assert solid.volume == pytest.approx(volume(wings, 0.15), rel=0.004)
+    body = as_trimesh(solid)
+    assert body.is_watertight and body.is_winding_consistent
+    assert body.volume == pytest.approx(solid.volume, rel=1e-4)
+    assert solid.deviation is not None and solid.deviation.p90 < 0.02 and solid.unseen[ROOF] < 0.01
+    heights = {
+        round(float(solid.vertices[row][2]), 1) for face in solid.faces if face.kind == GROUND for row in face.rings[0]
+    }
+    assert heights == {0.0}
+
+
+def test_eaves_stand_out_over_the_walls_and_the_solid_ends_at_them(survey: Survey) -> None:
+    wings = BUILDINGS["hip roof with a flat annex"]
+    solid = build_solid(of(survey, building(wings, step=0.15, overhang=0.4)))
+    assert solid.volume == pytest.approx(volume(wings, 0.15), rel=0.01) and roofs(solid) == 5
+
+
+def test_the_house_of_a_job_is_right_to_millimetres(survey: Survey) -> None:
+    solid = build_solid(survey)
+    kinds = sorted(face.kind for face in solid.faces)
+    assert kinds == [GROUND, ROOF, ROOF, WALL, WALL, WALL, WALL] and abs(solid.ground) < 0.02
+    assert solid.volume == pytest.approx(31.2, rel=0.004)
+    for corner in ((-2, -1.5, 2.0), (2, 1.5, 2.0), (-2, 0, 3.2), (2, 0, 3.2)):
+        assert np.linalg.norm(solid.vertices - corner, axis=1).min() < 0.01
+
+
+def test_walls_alone_give_a_block_and_a_sentence(survey: Survey) -> None:
+    mesh = building(BUILDINGS["shed roof"])
+    upright = np.abs(of(survey, mesh).normals[:, 2]) < 0.3
+    solid = build_solid(of(survey, Mesh(mesh.vertices, mesh.faces[upright], mesh.colors)))
+    assert solid.level == 1 and roofs(solid) == 1 and faults_of(solid, 1e-6) == []
+    assert solid.unseen[ROOF] > 0.7 and solid.unseen[WALL] < 0.2
+
+
+def test_one_wall_makes_no_solid(survey: Survey) -> None:
+    mesh = building(BUILDINGS["shed roof"])
+    side = of(survey, mesh).normals[:, 1] > 0.9
+    with pytest.raises(NoSolid):
+        build_solid(of(survey, Mesh(mesh.vertices, mesh.faces[side], mesh.colors)))
+
+
+def test_what_is_smaller_than_the_detail_is_left_out(survey: Survey) -> None:
+    wings = BUILDINGS["church"]
+    fine, coarse = (build_solid(of(survey, building(wings, step=0.15)), detail) for detail in (0.25, 1.2))
+    assert len(coarse.faces) < len(fine.faces) and faults_of(coarse, 0.1) == []
+
+
+def test_faults_are_found() -> None:
+    box = trimesh.creation.box()
+    solid = Solid(np.array(box.vertices), [])
+    assert faults_of(solid, 1e-6) == ["it has no volume"]
+
+
+@pytest.fixture(scope="module")
+def written(models: Path) -> Path:
+    return models / "building.city.json"
+
+
+def test_cityjson_keeps_to_the_schema(written: Path) -> None:
+    schema = json.loads(gzip.decompress((Path(__file__).parent / "cityjson.schema.json.gz").read_bytes()))
+    jsonschema.Draft7Validator(schema).validate(json.loads(written.read_text(encoding="utf-8")))
+
+
+def test_cjio_reads_the_building(written: Path) -> None:
+    with open(written, encoding="utf-8") as file:
+        model = cityjson.reader(file)
+    assert model.get_epsg() == 32632 and model.number_city_objects_level1() == 1
+    assert model.remove_duplicate_vertices() == 0 and model.remove_orphan_vertices() == 0
+    (building,) = model.j["CityObjects"].values()
+    (geometry,) = building["geometry"]
+    assert geometry["type"] == "Solid" and geometry["lod"] == "2"
+    kinds = [surface["type"] for surface in geometry["semantics"]["surfaces"]]
+    assert sorted(kinds) == ["GroundSurface", *["RoofSurface"] * 2, *["WallSurface"] * 4]
+    low, high = np.array(model.calculate_bbox()).reshape(2, 3) - CORNER
+    assert low == pytest.approx([-2, -1.5, 0], abs=0.02) and high == pytest.approx([2, 1.5, 3.2], abs=0.02)
+
+
+def test_val3dity_finds_no_fault(survey: Survey, tmp_path: Path) -> None:
+    program = os.environ.get("MGF_VAL3DITY") or shutil.which("val3dity")
+    if program is None:
+        pytest.skip("val3dity is not on this machine (it is C++ and has no wheel; MGF_VAL3DITY names it)")
+    for number, wings in enumerate(BUILDINGS.values()):
+        solid = build_solid(of(survey, building(wings, step=0.15)))
+        path = tmp_path / f"{number}.city.json"
+        path.write_text(json.dumps(make_cityjson(solid, survey, "house")))
+        report = tmp_path / "report.json"
+        subprocess.run([program, "-r", report, path], check=True, capture_output=True)
+        assert json.loads(report.read_text())["validity"], report.read_text()
+
+
+def test_a_job_that_encloses_nothing_says_so(job: FinishedJob, tmp_path: Path) -> None:
+    from mgf_engine.geometry.mesh_files import read_ply, write_ply
+
+    copy = tmp_path / "job"
+    shutil.copytree(job.folder, copy)
+    mesh = read_ply(copy / "mesh.ply")
+    low = mesh.vertices[:, 1].min()
+    wall = (mesh.vertices[mesh.faces][..., 1] < low + 0.05).all(1)
+    write_ply(Mesh(mesh.vertices, mesh.faces[wall], mesh.colors), copy / "mesh.ply")
+    told: list[str] = []
+    reporter = Reporter(lambda message: told.append(message.get("text", "")))
+    folder = make_models(copy, tmp_path / "out", ModelOptions(("solid",)), reporter)
+    assert any(text.startswith("There is no solid of this building") for text in told)
+    assert [path.name for path in folder.iterdir()] == ["models.json"]
