@@ -9,10 +9,10 @@ import logging
 import math
 from pathlib import Path
 
-from mgf_engine.drawings.command import read_length
-from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.drawings.command import read_number
+from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.terminal import make_sink
+from mgf_engine.reported import add_reporting_arguments, run_reported
 
 _LEVELS = {"xatlas": "xatlas", "fast_simplification": "fast-simplification"}
 #: What can be made -> the packages it needs beyond the engine's own, module -> name.
@@ -42,25 +42,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave steps and offsets below this size in centimetres out of the solid (default: 8 pixels of the "
         "photos, or 1 %% of the building)",
     )  # fmt: skip
-    styles = ("auto", "bar", "plain", "json", "none")
-    parser.add_argument("--progress", choices=styles, default="auto", help="how to show progress")
+    add_reporting_arguments(parser)
 
 
 def models_command(args: argparse.Namespace) -> int:
-    """Make everything that was asked for; returns the exit code.
+    """Make everything that was asked for; returns the exit code."""
+    return run_reported(args, lambda reporter: _make(args, reporter))
+
+
+def _make(args: argparse.Namespace, reporter: Reporter) -> None:
+    """Make.
 
     Raises:
         BadInput: the job has no mesh, an argument cannot be used, or a package is missing.
     """
     kinds = read_kinds(args.only)
     errors = [] if args.error is None else [error / 100 for error in read_errors(args.error)]
-    detail = None if args.detail is None else read_length("--detail", args.detail, "CM") / 100
+    centimetres = read_number("--detail", args.detail, "a length in CM")
+    detail = None if centimetres is None else centimetres / 100
     require_packages(kinds)
     from mgf_engine.models.make import ModelOptions, make_models
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
-    make_models(args.job, args.out, ModelOptions(kinds, errors, detail), Reporter(make_sink(args.progress)))
-    return EXIT_DONE
+    make_models(args.job, args.out, ModelOptions(kinds, errors, detail), reporter)
 
 
 def read_kinds(text: str) -> tuple[str, ...]:
