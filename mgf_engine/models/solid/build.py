@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import Survey
-from mgf_engine.evaluate.surfaces import Surface
+from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.models.lod import SAMPLES, deviation_of
 from mgf_engine.models.solid.cells import cell_of_pixels, cut_into_cells
 from mgf_engine.models.solid.evidence import Evidence, gather_evidence
