@@ -138,6 +138,11 @@ def _parser() -> argparse.ArgumentParser:
         argument_default=argparse.SUPPRESS,
     )  # fmt: skip
     _add_town_arguments(town)
+    suggest = commands.add_parser(
+        "suggest-clicks", help="suggest clicks on one building, from the sparse points",
+        argument_default=argparse.SUPPRESS,
+    )  # fmt: skip
+    _add_suggest_arguments(suggest)
     commands.add_parser("bench", help="run a benchmark suite; see 'mgf bench --help'", add_help=False)
     return parser
 
@@ -175,6 +180,13 @@ def _add_buildings_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_town_arguments(parser: argparse.ArgumentParser) -> None:
     from mgf_engine.town.run import add_arguments
+
+    add_arguments(parser)
+    _add_config_arguments(parser)
+
+
+def _add_suggest_arguments(parser: argparse.ArgumentParser) -> None:
+    from mgf_engine.town.suggest import add_arguments
 
     add_arguments(parser)
     _add_config_arguments(parser)
@@ -411,8 +423,15 @@ def _town_command(args: argparse.Namespace) -> int:
     return town_command(args, _given_options(args))
 
 
+def _suggest_command(args: argparse.Namespace) -> int:
+    from mgf_engine.town.suggest import suggest_command
+
+    return suggest_command(args, _given_options(args))
+
+
 _OTHER_COMMANDS = {
     "town": _town_command,
+    "suggest-clicks": _suggest_command,
     "buildings": _buildings_command,
     "georef": _georef_command,
     "clean": _clean_command,

@@ -20,8 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What ``mgf buildings`` and ``mgf town`` take beside the options of jobs."""
     parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
     parser.add_argument(
-        "--footprints", type=Path, required=True, metavar="FILE",
+        "--footprints", type=Path, default=None, metavar="FILE",
         help="outlines of the buildings: GeoJSON, GeoPackage, Shapefile or CityJSON",
+    )  # fmt: skip
+    parser.add_argument(
+        "--find", action="store_true", default=False,
+        help="without footprints: take what stands above the ground in the sparse points",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the folders of buildings go")
     parser.add_argument("--layer", default="", help="of a GeoPackage; the first one with areas by default")
@@ -60,6 +64,7 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
     Raises:
         BadInput: what :mod:`mgf_engine.town.plan` and its parts raise, or impossible arguments.
     """
+    from mgf_engine.town.find import find_buildings
     from mgf_engine.town.footprints import read_footprints
     from mgf_engine.town.map import draw_map
     from mgf_engine.town.place import place_footprints
@@ -70,10 +75,17 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
         raise BadInput(f"--photos-per-building must be {FEWEST} or more; a building needs that many.")
     if args.clicks is not None and not args.clicks.is_dir():
         raise BadInput(f"The clicks '{args.clicks}' are no folder; give one that holds ID.json for each building.")
-    footprints = read_footprints(args.footprints, args.layer)
+    if args.find == (args.footprints is not None):
+        raise BadInput("Give either --footprints FILE, or --find to look for buildings in the sparse points.")
+    footprints = read_footprints(args.footprints, args.layer) if args.footprints is not None else None
     reporter.stages = ("scene",)
     job, scene = shared_scene(args.scene, args.out, given, reporter)
-    placed = place_footprints(footprints, scene, make_config(given), args.footprints_crs, args.pairs, reporter.warning)
+    if footprints is None:
+        footprints, placed = find_buildings(scene, make_config(given), reporter.warning)
+    else:
+        placed = place_footprints(
+            footprints, scene, make_config(given), args.footprints_crs, args.pairs, reporter.warning
+        )
     plan = make_plan(scene, placed, footprints, args.photos_per_building, _say)
     plan = write_plan(plan, job, args.out, given, footprints, args.photos_per_building, args.clicks)
     outlines = [(b.hull.id, b.hull.state, b.hull.polygon) for b in plan.buildings]

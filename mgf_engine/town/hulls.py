@@ -19,6 +19,7 @@ _FEWEST = 8  # points: fewer say nothing
 
 #: What can be said of a building before its job. ``doubtful`` ones get no clicks; clicks by hand settle them.
 READY, BY_HAND, DOUBTFUL, GONE, UNSEEN = "ready", "by hand", "doubtful", "nothing there", "not photographed"
+UNMAPPED = "not in the map"
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Hull:
         polygon: shapely, local frame.
         low, high: heights of ground and top.
         points: number of sparse points on it.
-        state: one of :data:`READY`, :data:`DOUBTFUL`, :data:`GONE`.
+        state: one of :data:`READY`, :data:`DOUBTFUL`, :data:`GONE`, :data:`UNMAPPED`.
         reason: one sentence where it is not ready.
     """
 

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from mgf_engine.model.scene import Scene
 from mgf_engine.system import atomic_path
-from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNSEEN
+from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN
 from mgf_engine.town.place import Placed, local_points
 
 #: Colour of each state, also of the page.
-COLORS = {READY: "#2b8a3e", BY_HAND: "#1864ab", DOUBTFUL: "#e67700", GONE: "#c92a2a", UNSEEN: "#868e96"}
+COLORS = {READY: "#2b8a3e", BY_HAND: "#1864ab", DOUBTFUL: "#e67700", GONE: "#c92a2a", UNSEEN: "#868e96",
+          UNMAPPED: "#ae3ec9"}  # fmt: skip
 _MOST_POINTS = 60_000
 
 

@@ -21,12 +21,14 @@ from mgf_engine.georef.gps import read_place
 from mgf_engine.georef.model import METRE, Georeference
 from mgf_engine.georef.similarity import LINE, straightness, umeyama
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.normalise import CAMERA_DISTANCE
 from mgf_engine.town.footprints import Footprints
 
 Array = NDArray[np.float64]
 #: What ``--footprints-crs`` takes for coordinates of the scene itself.
 SCENE_FRAME = "scene"
 _WGS84 = "EPSG:4326"
+_VIEWING = 25.0  # metres from a camera to what it looks at
 _NEAR = 3000.0  # metres: a guess that lands so near the photos is worth saying
 _USUAL = ("EPSG:3857", "EPSG:2154", "EPSG:28992", "EPSG:27700", "EPSG:2056", "EPSG:3035", "EPSG:31370", "EPSG:2180")
 _PAIRS = ("east", "north", "height", "x", "y", "z")
@@ -93,6 +95,24 @@ def place_footprints(
         placed = _in_scene(footprints, scene, config, warn)
     _check_near(placed, footprints, local_points(scene, placed.georeference))
     return placed
+
+
+def place_scene(
+    scene: Scene, config: Config, warn: Callable[[str], None] = lambda text: None
+) -> tuple[Georeference, float]:
+    """The georeference of a scene without footprints, and the length of a metre in its local frame."""
+    wanted = config if config.crs or not _located(scene, config) else replace(config, crs=AUTO)
+    found = find_georeference(scene, wanted, warn).georeference
+    return found, 1.0 if found.metric else usual_metre(scene, found.scale)
+
+
+def usual_metre(scene: Scene, scale: float) -> float:
+    """Length of a metre where nothing tells it: cameras are mostly some 25 metres from what they look at.
+
+    Args:
+        scale: local units per unit of the scene frame.
+    """
+    return CAMERA_DISTANCE / scene.to_normalised.scale * scale / _VIEWING
 
 
 def _located(scene: Scene, config: Config) -> bool:

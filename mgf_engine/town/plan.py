@@ -27,12 +27,14 @@ from mgf_engine.georef.model import Georeference, write_georeference
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.adjust import agreeing
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.system import json_text
 from mgf_engine.town.clicks import suggest_clicks
+from mgf_engine.town.find import find_outlines
 from mgf_engine.town.footprints import Footprints
-from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNSEEN, Hull, make_hulls
+from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN, Hull, make_hulls
 from mgf_engine.town.place import Placed, local_points, near_scene
 from mgf_engine.town.sights import FEWEST, Choice, Drawn, choose_photos, draw_hulls
 from mgf_engine.town.submodel import write_if_changed, write_submodel
@@ -43,6 +45,7 @@ CLICKS = "prompts.json"
 FORMAT = 1
 #: Photos of a building at most. More tell hardly more of it: the preset ``quick`` takes 60 of a whole scene.
 MOST_PHOTOS = 40
+_BESIDE = 1.0  # metre around a footprint that still is its building
 _AROUND = 20.0  # metres around a footprint from which points are kept
 _FREE, _SHARED, _BELOW = (
     1.8,
@@ -112,6 +115,7 @@ def make_plan(
     points = local_points(scene, placed.georeference)
     near = np.flatnonzero(near_scene(placed.polygons, points, placed.metre))
     hulls = make_hulls([footprints.ids[k] for k in near], placed.polygons[near], points, placed.metre)
+    hulls += _unmapped(placed, points, hulls)
     drawn = draw_hulls(scene, placed.georeference, [h for h in hulls if h.state != GONE] or hulls, placed.metre)
     standing = [h for h in hulls if h.state != GONE] or hulls
     buildings = []
@@ -122,6 +126,21 @@ def make_plan(
     return Plan(scene, placed, tuple(buildings), len(footprints.ids) - len(near), footprints.passed_over)
 
 
+def _unmapped(placed: Placed, points: Array, hulls: Sequence[Hull]) -> list[Hull]:
+    """What stands where the map has nothing: it hides what lies behind it, and somebody should look at it."""
+    import shapely
+
+    taken = shapely.union_all([hull.polygon for hull in hulls]).buffer(_BESIDE * placed.metre)
+    outlines = [o.polygon for o in find_outlines(points, placed.metre)]
+    free = [polygon for polygon in outlines if polygon.intersection(taken).area < 0.1 * polygon.area]
+    found = np.empty(len(free), object)
+    found[:] = free
+    names = [f"unmapped_{number}" for number in range(1, len(free) + 1)]
+    reason = "Something as high as a building stands here, and the map has nothing; add it to the map if it is one."
+    made = make_hulls(names, found, points, placed.metre) if free else []
+    return [replace(hull, state=UNMAPPED, reason=reason) for hull in made if hull.state == READY]
+
+
 def plan_building(
     scene: Scene, placed: Placed, hull: Hull, number: int, hulls: Sequence[Hull], points: Array, drawn: Drawn, most: int
 ) -> Building:
@@ -130,7 +149,7 @@ def plan_building(
     Args:
         number: of the hull among ``hulls`` and in ``drawn``; -1 where it is not among them.
     """
-    if number < 0:
+    if number < 0 or hull.state == UNMAPPED:
         return Building(hull, Choice([], 0.0, 0.0, 0.0, 0), {})
     choice = choose_photos(scene, placed.georeference, hull, number, hulls, drawn, most, placed.metre)
     if len(choice.photos) < FEWEST:
@@ -208,7 +227,7 @@ def _model_of(job: Job) -> SparseModel:
     folder = find_model(job.source, job.folder) or find_model(job.path("scene", "sfm"))
     if folder is None:
         raise BadInput(f"The COLMAP model of '{job.source}' is gone; run again in a new folder.")
-    return read_model(folder)
+    return agreeing(read_model(folder), job.config.resolution, Reporter())  # as its scene stage did
 
 
 def _earlier(out: Path) -> dict[str, str]:

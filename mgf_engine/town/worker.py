@@ -122,8 +122,10 @@ def _open_job(folder: Path, given: dict[str, Any]) -> Any:
 
 def _run(folder: Path, given: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     from mgf_engine.pipeline import run_job
+    from mgf_engine.town.share import take_scene
 
     with _open_job(folder, given) as job:
+        take_scene(job, folder.parents[1] / "scene" / "scene")
         run_job(job, reporter)
         draw(job, folder / PICTURE)
         stages = job.stages

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -113,10 +114,60 @@ def test_ten_thousand_footprints_elsewhere_cost_little(street: Street, out: Path
     write_footprints(tmp_path / "large.geojson", places)
     assert buildings(street, out, "--footprints", tmp_path / "large.geojson") == 0
     data = json.loads((out / "buildings.json").read_text())
-    assert data["outside"] == 10_000 and [row["id"] for row in data["buildings"]] == ["left"]
+    assert data["outside"] == 10_000 and {row["id"] for row in data["buildings"]} == {"left", "unmapped_1"}
 
 
 def test_footprints_elsewhere_alone_are_refused(street: Street, out: Path, tmp_path: Path, capsys: object) -> None:
     write_footprints(tmp_path / "far.geojson", {"far": tuple(OFFSET[:2] + 9000)})
     assert buildings(street, out, "--footprints", tmp_path / "far.geojson") == 2
     assert "None of the 1 footprints lies near the photos" in capsys.readouterr().err  # type: ignore[attr-defined]
+
+
+def test_what_the_map_lacks_is_listed_and_not_guessed(street: Street, out: Path, tmp_path: Path) -> None:
+    write_footprints(tmp_path / "old.geojson", {"left": PLACES["left"]})
+    assert buildings(street, out, "--footprints", tmp_path / "old.geojson") == 0
+    found = rows(out)
+    assert {name: row["state"] for name, row in found.items()} == {"left": "ready", "unmapped_1": "not in the map"}
+    assert found["unmapped_1"]["photos"] == [] and not (out / "buildings" / "unmapped_1").exists()
+    outline = json.loads((out / "buildings.geojson").read_text())["features"][1]["geometry"]["coordinates"][0]
+    assert np.abs(np.mean(outline[:-1], axis=0) - OFFSET[:2] - PLACES["right"]).max() < 0.5
+
+
+def test_buildings_are_found_without_a_map(street: Street, out: Path, tmp_path: Path, capsys: object) -> None:
+    place = tmp_path / "found"
+    shutil.copytree(out / "scene", place / "scene")
+    options = [str(street.folder), "--find", "--out", str(place), "--preset", "quick"]
+    assert main(["buildings", *options]) == 0
+    found = rows(place)
+    assert len(found) == 2 and all(row["state"] == "ready" for row in found.values())
+    # what is found can be given as a map again
+    again = ["--footprints", str(place / "buildings.geojson"), "--footprints-crs", "scene", *options[2:]]
+    assert main(["buildings", options[0], *again]) == 0
+    assert set(rows(place)) == set(found)
+    assert main(["buildings", *options, "--footprints", "map.gpkg"]) == 2
+    assert "Give either --footprints FILE, or --find" in capsys.readouterr().err  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("wanted", ["point", "crop box"])
+def test_clicks_are_suggested_for_one_building(wanted: str, street: Street, out: Path, tmp_path: Path) -> None:
+    place = tmp_path / "one"
+    shutil.copytree(out / "scene", place / "scene")
+    middle = OFFSET + np.array([*PLACES["right"], 1.0])
+    box = " ".join(map(str, (*(middle - np.array([2.3, 1.8, 1.1])), *(middle + np.array([2.3, 1.8, 2.6])))))
+    where = ["--point", *map(str, middle)] if wanted == "point" else ["--crop-box", box]
+    assert main(["suggest-clicks", str(street.folder), "--out", str(place), *where]) == 0
+    clicks = json.loads((place / "prompts.json").read_text())
+    assert len(clicks) >= 5
+    wrong = total = 0
+    for photo, entry in clicks.items():
+        mask = cv2.dilate(street.masks["right"][photo].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        for kind in ("positive", "negative"):
+            spots = np.array(entry[kind], int).reshape(-1, 2)
+            wrong += int((mask[spots[:, 1], spots[:, 0]] != (kind == "positive")).sum())
+            total += len(spots)
+    assert total > 30 and wrong <= 0.03 * total
+    sheet = cv2.imread(str(place / "clicks.jpg"))
+    assert sheet is not None and sheet.shape[1] == 3 * 480
+    if wanted == "point":
+        far = list(map(str, middle + 100))
+        assert main(["suggest-clicks", str(street.folder), "--out", str(place), "--point", *far]) == 2

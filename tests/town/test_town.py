@@ -75,6 +75,9 @@ def test_a_town_goes_on_after_a_kill_and_comes_back_whole(
         mesh = read_ply(town / "buildings" / name / "job" / "mesh.ply")
         off = np.sqrt(igl.point_mesh_squared_distance(mesh.vertices, truth.vertices, truth.faces.astype(np.int64))[0])
         assert np.median(off) < 0.05 and np.percentile(off, 90) < 0.2, name
+        pictures = list((town / "buildings" / name / "job" / "scene" / "images").iterdir())
+        shared = {path.stat().st_ino for path in (town / "scene" / "scene" / "images").iterdir()}
+        assert pictures and {path.stat().st_ino for path in pictures} <= shared  # made once for the whole town
     page = (town / "town.html").read_text()
     assert all(f'id="{name}"' in page for name in (*PLACES, "gone")) and page.count("data:image/jpeg") == 2
     scene = trimesh.load(town / "town.glb")

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf suggest-clicks``: clicks on one building without a map, for somebody to look at before they are used."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config, make_config
+from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.georef.model import Georeference
+from mgf_engine.messages import Reporter
+from mgf_engine.model.scene import Scene
+from mgf_engine.scene.cameras import from_original
+from mgf_engine.scene.crop import parse_crop_box
+from mgf_engine.system import atomic_path, json_text
+from mgf_engine.terminal import make_sink
+from mgf_engine.town.clicks import suggest_clicks
+from mgf_engine.town.find import find_outlines
+from mgf_engine.town.hulls import READY, make_hulls
+from mgf_engine.town.place import local_points, place_scene
+from mgf_engine.town.sights import FEWEST, choose_photos, draw_hulls
+from mgf_engine.town.submodel import write_if_changed
+
+Array = NDArray[np.float64]
+CLICKS, SHEET = "prompts.json", "clicks.jpg"
+_GREEN, _RED, _TILE = (60, 220, 60), (40, 40, 235), 480
+_FAR = 15.0  # metres from a point to the building that it means
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``mgf suggest-clicks`` takes beside the options of jobs."""
+    parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help=f"for {CLICKS} and {SHEET}")
+    parser.add_argument(
+        "--point", type=float, nargs=3, default=None, metavar=("X", "Y", "Z"),
+        help="a point on the building, scene coordinates; else --crop-box tells, or the largest building is taken",
+    )  # fmt: skip
+
+
+def suggest_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
+    """Write the clicks and a sheet of pictures with them."""
+    from mgf_engine.town.plan import shared_scene
+
+    reporter = Reporter(make_sink("auto"))
+    reporter.stages = ("scene",)
+    config = make_config(given)
+    _, scene = shared_scene(args.scene, args.out, given, reporter)
+    clicks = clicks_on_one(scene, config, args.point, reporter)
+    write_if_changed(args.out / CLICKS, json_text(clicks, indent=1))
+    draw_clicks(scene, clicks, args.out / SHEET)
+    count = sum(len(points) for entry in clicks.values() for points in entry.values())
+    print(f"{count} clicks on {len(clicks)} photos: {args.out / CLICKS}; look at {args.out / SHEET} first.")
+    return EXIT_DONE
+
+
+def clicks_on_one(
+    scene: Scene, config: Config, point: Sequence[float] | None, reporter: Reporter
+) -> dict[str, dict[str, list[list[float]]]]:
+    """Clicks on the building at a point, in the crop box, or the largest one.
+
+    Args:
+        point: x, y, z in the scene frame.
+
+    Raises:
+        BadInput: there is none, or too few photos or points show it.
+    """
+    import shapely
+
+    georeference, metre = place_scene(scene, config, reporter.warning)
+    points = local_points(scene, georeference)
+    polygons = [outline.polygon for outline in find_outlines(points, metre)]
+    wanted = _region(config, point, georeference, polygons, metre)
+    others = [p for p in polygons if p.intersection(wanted).area < 0.3 * min(p.area, wanted.area)]
+    shapes = np.empty(1 + len(others), object)
+    shapes[:] = [wanted, *others]
+    hulls = make_hulls([str(k) for k in range(len(shapes))], shapes, points, metre)
+    if hulls[0].state != READY:
+        raise BadInput(f"No clicks can be suggested there: {hulls[0].reason}")
+    drawn = draw_hulls(scene, georeference, hulls, metre)
+    choice = choose_photos(scene, georeference, hulls[0], 0, hulls, drawn, len(scene.views), metre)
+    clicks = suggest_clicks(scene, georeference, hulls[0], 0, hulls, points, drawn, choice, metre)
+    if len(clicks) < FEWEST:
+        raise BadInput(f"Only {len(clicks)} photos show spots that surely are on the building; click it by hand.")
+    middle = shapely.centroid(wanted)
+    at = georeference.scene(np.array([middle.x, middle.y, (hulls[0].low + hulls[0].high) / 2]))
+    size = f"{wanted.area / metre**2:.0f} m2, {(hulls[0].high - hulls[0].low) / metre:.1f} m high"
+    print(f"Building at {', '.join(f'{v:.2f}' for v in at)} (scene): {size}")
+    return clicks
+
+
+def _region(
+    config: Config, point: Sequence[float] | None, georeference: Georeference, polygons: list[Any], metre: float
+) -> Any:
+    """The outline of the building that is meant."""
+    import shapely
+
+    box = parse_crop_box(config.crop_box)
+    if box is not None:
+        cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+        back = np.linalg.inv(box.to_cube)
+        corners = georeference.local(cube @ back[:3, :3].T + back[:3, 3])
+        return shapely.MultiPoint(corners[:, :2]).convex_hull
+    if not polygons:
+        raise BadInput(
+            "Nothing in the sparse points stands on the ground like a building; give --crop-box, or click it by hand."
+        )
+    if point is None:
+        return polygons[0]  # the largest
+    place = georeference.local(np.array(point, float))
+    spot = shapely.Point(place[:2])
+    nearest = min(polygons, key=lambda polygon: float(polygon.distance(spot)))
+    if nearest.distance(spot) > _FAR * metre:
+        raise BadInput(
+            f"The point lies {nearest.distance(spot) / metre:.0f} m from the nearest building that was found; give one "
+            "in the coordinates of the scene, on the building."
+        )
+    return nearest
+
+
+def draw_clicks(scene: Scene, clicks: dict[str, dict[str, list[list[float]]]], path: Path) -> None:
+    """The clicked photos side by side, green on the building and red beside it."""
+    index = {view.name: k for k, view in enumerate(scene.views)}
+    tiles = []
+    for name, entry in clicks.items():
+        view = scene.views[index[name]]
+        size = _TILE / view.width
+        picture = cv2.resize(scene.photo(index[name]), (_TILE, round(view.height * size)), interpolation=cv2.INTER_AREA)
+        picture = np.ascontiguousarray(picture[..., ::-1])
+        for kind, color in (("positive", _GREEN), ("negative", _RED)):
+            spots = from_original(view, np.array(entry[kind], float).reshape(-1, 2)) * size
+            for u, v in spots.astype(int).tolist():
+                cv2.circle(picture, (u, v), 7, (255, 255, 255), -1)
+                cv2.circle(picture, (u, v), 5, color, -1)
+        tiles.append(picture)
+    height = max(tile.shape[0] for tile in tiles)
+    columns = min(3, len(tiles))
+    tiles = [cv2.copyMakeBorder(t, 0, height - len(t), 0, 0, cv2.BORDER_CONSTANT, value=(255,) * 3) for t in tiles]
+    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % columns)
+    rows = [np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)]
+    with atomic_path(path) as temporary:
+        cv2.imwrite(str(temporary), np.vstack(rows))
