@@ -31,6 +31,7 @@ Bools = NDArray[np.bool_]
 POSITIVES, NEGATIVES = 5, 5
 _SHARE, _FEWEST = 3, 5  # clicks are put on a third of the photos, and on so many at least
 _LARGE = 0.6  # of the median photo's share: a photo with clicks shows at least so much of the building
+_CLOSE = 10  # px of the drawn pictures
 _EDGE, _AWAY = 3.0, 4.0  # px of the drawn pictures: from the hull's edge to clicks inside it, and beside it
 _NEAR = 0.25  # of a picture's longest side: clicks beside a building lie so near
 _APART = 1.0  # metre from a neighbour: nearer points may be on either
@@ -100,7 +101,9 @@ def suggest_clicks(
         inward = _depth(visible)
         outward = _depth(look(alone, view).face < 0)
         positive = _spread(
-            *_kept(pixels, sides.on[owner], inward, factor, _EDGE), _inmost(look(core, view).face >= 0, visible), factor
+            *_kept(pixels, sides.on[owner], inward, factor, _EDGE),
+            _inmost(look(core, view).face >= 0, visible & ~_near_others(drawn.owner[index], number)),
+            factor,
         )
         limit = _NEAR * max(view.width, view.height)
         negative = [
@@ -155,6 +158,12 @@ def _inmost(core: Bools, visible: Bools) -> tuple[Array, Array]:
         return np.zeros((0, 2)), np.zeros(0)
     v, u = np.nonzero(depth >= max(_EDGE, 0.5 * float(depth.max())))
     return np.stack([u, v], 1).astype(np.float64) + 0.5, np.asarray(depth[v, u], np.float64)
+
+
+def _near_others(owner: NDArray[np.int16], number: int) -> Bools:
+    """Pixels near another hull: a footprint half a metre off, or a roof higher than thought, may put it there."""
+    others = ((owner >= 0) & (owner != number)).astype(np.uint8)
+    return np.asarray(cv2.dilate(others, np.ones((2 * _CLOSE + 1,) * 2, np.uint8)) > 0)
 
 
 def _spread(pixels: Array, depth: Array, spare: tuple[Array, Array], factor: float) -> Array:

@@ -27,6 +27,7 @@ _GROUND, _WIDEST, _CELL, _AREA, _FEWEST = 1.5, 40.0, 0.75, 18.0, 25
 #: Share of the points of a building whose surroundings are plane: trees have a quarter, roofs and walls two thirds.
 _PLANE, _FLAT, _SCATTERED = 0.65, 0.5, 0.5
 _NEIGHBOURS = 10
+_AROUND, _STRAY = 20, 0.8  # points whose heights a point is compared with; metres below them that are too much
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,20 @@ def height_over_ground(points: Array, metre: float) -> Array:
     cells = np.floor((points[:, :2] - low) / (_GROUND * metre)).astype(np.int64)
     cells = np.minimum(cells, 4000)  # stray points far away are left to its rim
     floor = np.full(tuple(cells.max(0) + 1), np.inf)
-    np.minimum.at(floor, tuple(cells.T), points[:, 2])
+    sound = ~_sunken(points, metre)
+    np.minimum.at(floor, tuple(cells[sound].T), points[sound, 2])
     known = np.isfinite(floor)
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     filled = ndimage.median_filter(floor[tuple(nearest)], 3)
     opened = ndimage.grey_opening(filled, size=max(3, round(_WIDEST / _GROUND)), mode="nearest")
     return np.asarray(points[:, 2] - opened[tuple(cells.T)])
+
+
+def _sunken(points: Array, metre: float) -> NDArray[np.bool_]:
+    """Which points [P, 3] lie far below those around them: wrong matches, which would take the ground down."""
+    index = cKDTree(points[:, :2]).query(points[:, :2], min(_AROUND, len(points)))[1]
+    around = points[index.reshape(len(points), -1), 2]
+    return np.asarray(points[:, 2] < np.percentile(around, 30, axis=1) - _STRAY * metre)
 
 
 def find_outlines(points: Array, metre: float) -> list[Outline]:

@@ -339,7 +339,7 @@ def crop_box(hull: Hull, polygons: dict[str, Any], placed: Placed) -> str:
     low = np.array([-reach[0], -reach[2]])
     high = np.array([sizes[0] + reach[1], sizes[1] + reach[3]])
     middle, half = (low + high) / 2, (high - low) / 2
-    bottom, top = hull.low - _BELOW * metre, hull.high + 3 * metre
+    bottom, top = hull.low - _BELOW * metre, hull.high + max(4 * metre, 0.75 * (hull.high - hull.low))
     matrix = np.eye(4)
     matrix[:2, 0], matrix[:2, 1] = axes[0] * half[0], axes[1] * half[1]
     matrix[2, 2] = (top - bottom) / 2
