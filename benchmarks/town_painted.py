@@ -19,7 +19,7 @@ from benchmarks.catalogue import SceneSpec
 from benchmarks.develop import photo_frame
 from benchmarks.shapes import Part, labelled_mesh
 from benchmarks.synthetic.house import solid_noise
-from mgf_engine.geometry.rasterize import Sight, look
+from mgf_engine.geometry.rasterize import MeshBuffers, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
@@ -69,10 +69,10 @@ def paint_views(folder: Path, spec: SceneSpec, parts: list[tuple[int, Part]], sh
     views = [_view(spec, shot) for shot in shots]
     sights = []
     for shot, view in zip(shots, views, strict=True):
-        sight = look(mesh, view)
-        sights.append(sight)
+        buffers = render_mesh(mesh, view)
+        sights.append(buffers)
         stem = Path(shot.name).stem + ".png"
-        ids = np.where(sight.face >= 0, house[np.maximum(sight.face, 0)], 0).astype(np.uint8)
+        ids = np.where(buffers.face >= 0, house[np.maximum(buffers.face, 0)], 0).astype(np.uint8)
         cv2.imwrite(str(folder / "work/ids" / stem), ids)
         photo = folder / "work/photos" / stem
         if not photo.exists():
@@ -94,22 +94,22 @@ def _photograph(
     s = _SUPERSAMPLE
     large = View(**{**view.__dict__, "width": view.width * s, "height": view.height * s, "fx": view.fx * s,
                     "fy": view.fy * s, "cx": view.cx * s, "cy": view.cy * s})  # fmt: skip
-    sight = look(mesh, large)
+    buffers = render_mesh(mesh, large)
     y, x = np.mgrid[: large.height, : large.width] + 0.5
     rays = np.stack([(x - large.cx) / large.fx, (y - large.cy) / large.fy, np.ones_like(x)], -1)
-    points = (rays * sight.depth[..., None] - view.translation) @ view.rotation
-    face = np.maximum(sight.face, 0)
+    points = (rays * buffers.depth[..., None] - view.translation) @ view.rotation
+    face = np.maximum(buffers.face, 0)
     noise = solid_noise(points * 1.3, 1) + 0.8 * solid_noise(points * 4.1, 2) - 0.9
     facing = normal[face] * np.where((normal[face] * (points - view.centre)).sum(-1) > 0, -1, 1)[..., None]
     light = 0.55 + 0.5 * np.maximum(facing @ (_SUN / np.linalg.norm(_SUN)), 0)
     picture = base[face] * (light * (1 + mottle[face] * noise))[..., None]
-    picture[sight.face < 0] = _SKY
+    picture[buffers.face < 0] = _SKY
     small = cv2.resize(np.clip(picture, 0, 255), (view.width, view.height), interpolation=cv2.INTER_AREA)
     return np.asarray(small.round(), np.uint8)
 
 
 def _write_model(
-    folder: Path, mesh: Mesh, mottle: NDArray[np.float64], views: list[View], sights: list[Sight], spec: SceneSpec
+    folder: Path, mesh: Mesh, mottle: NDArray[np.float64], views: list[View], sights: list[MeshBuffers], spec: SceneSpec
 ) -> None:
     """The true cameras with tracks of points on what has texture, each a little off."""
     rng = np.random.default_rng([spec.seed, 5])
@@ -128,11 +128,11 @@ def _write_model(
     camera = pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.PINHOLE, f.fx, f.width, f.height)
     camera.params = [f.fx, f.fy, f.cx, f.cy]
     model.add_camera_with_trivial_rig(camera)
-    for number, (view, sight) in enumerate(zip(views, sights, strict=True), start=1):
+    for number, (view, buffers) in enumerate(zip(views, sights, strict=True), start=1):
         uv, depth = view.project(true)
         inside = (depth > 0) & (uv > 1).all(1) & (uv < (view.width - 1, view.height - 1)).all(1)
         index = np.flatnonzero(inside)
-        met = sight.depth[uv[index, 1].astype(int), uv[index, 0].astype(int)]
+        met = buffers.depth[uv[index, 1].astype(int), uv[index, 0].astype(int)]
         index = index[np.abs(met - depth[index]) < 0.02 * depth[index]]
         index = index[rng.random(len(index)) < 0.7]  # nobody finds every one again
         image = pycolmap.Image(name=view.name, camera_id=1, image_id=number)

@@ -1,27 +1,27 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """MGF in Blender: photos of a building in, the building as a mesh in the scene out.
 
-Every room with an interface has ``register`` and ``unregister``; this file calls them in order.
+Every module with an interface has ``register`` and ``unregister``; this file calls them in order.
 """
 
 import importlib
 
-_ROOMS = (
+_MODULES = (
     "translations", "common.runner", "common.editors", "properties", "engine.operators", "preferences",
-    "scene_import.operators", "scene_import.panel", "prompts.tool", "reconstruct.live", "reconstruct.operators",
-    "prompts.operators", "prompts.preview", "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.arrival",
-    "results.operators", "results.panel", "drawings.operators", "drawings.panel", "georef.operators",
-    "georef.tool", "georef.overlay", "georef.panel", "cli",
+    "scene_import.operators", "scene_import.panel", "prompts.tool", "reconstruct.preview_image",
+    "reconstruct.operators", "prompts.operators", "prompts.preview", "prompts.drawing", "prompts.panel",
+    "reconstruct.panel", "results.async_import", "results.operators", "results.panel", "drawings.operators",
+    "drawings.panel", "georef.operators", "georef.tool", "georef.overlay", "georef.panel", "cli",
 )  # fmt: skip
 
 
 def register() -> None:
     """Enable the add-on."""
-    for name in _ROOMS:
+    for name in _MODULES:
         importlib.import_module(f".{name}", __package__).register()
 
 
 def unregister() -> None:
     """Disable it, leaving nothing behind."""
-    for name in reversed(_ROOMS):
+    for name in reversed(_MODULES):
         importlib.import_module(f".{name}", __package__).unregister()

@@ -20,7 +20,7 @@ from mgf_engine.config import Config
 from mgf_engine.costs import COSTS, bytes_of, seconds_of
 from mgf_engine.errors import BadInput
 from mgf_engine.images import read_info
-from mgf_engine.masks.filled import filled_share
+from mgf_engine.masks.building_share import building_share
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
 from mgf_engine.scene.colmap import FEWEST, find_model, find_photos, list_photos, photo_names
@@ -95,7 +95,7 @@ def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
 
 def with_clicks(photos: Photos, clicks: PromptsFile | None) -> Photos:
     """The same with the share of the building that the clicks speak of."""
-    found = None if clicks is None else filled_share(clicks, photos.size)
+    found = None if clicks is None else building_share(clicks, photos.size)
     return photos if found is None else replace(photos, building=found)
 
 

@@ -4,16 +4,16 @@ import time
 import cv2
 import pytest
 
-from mgf_engine.native.parallel import in_order, plain_opencv
+from mgf_engine.native.parallel import parallel_map, plain_opencv
 
 
-@pytest.mark.parametrize("threads", [0, 1, 3])
-def test_results_come_in_order_whichever_is_done_first(threads: int) -> None:
+@pytest.mark.parametrize("threads", [None, 0, 1, 3])
+def test_results_come_in_order_whichever_is_done_first(threads: int | None) -> None:
     def slow_first(index: int) -> int:
         time.sleep(0.05 if index == 4 else 0.0)
         return 10 * index
 
-    assert list(in_order(slow_first, [4, 2, 7], threads)) == [(4, 40), (2, 20), (7, 70)]
+    assert list(parallel_map(slow_first, [4, 2, 7], threads)) == [40, 20, 70]
 
 
 def test_an_error_reaches_the_caller_and_drops_the_rest() -> None:
@@ -26,7 +26,7 @@ def test_an_error_reaches_the_caller_and_drops_the_rest() -> None:
         time.sleep(0.02)
 
     with pytest.raises(ValueError, match="broken"):
-        list(in_order(task, range(100), 2))
+        list(parallel_map(task, range(100), 2))
     assert len(begun) < 50
 
 
@@ -38,7 +38,7 @@ def test_a_caller_that_stops_early_drops_the_rest() -> None:
         time.sleep(0.02)
         return index
 
-    for index, _ in in_order(task, range(100), 2):
+    for index in parallel_map(task, range(100), 2):
         if index == 1:
             break
     time.sleep(0.1)

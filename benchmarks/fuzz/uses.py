@@ -20,7 +20,7 @@ from mgf_engine.field.losses import total_loss
 from mgf_engine.field.targets import make_target
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_ply, write_texture
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.mesh.component_filter import belongs
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
@@ -52,7 +52,7 @@ def use_mesh(mesh: Mesh, scene: Scene, masks: MaskSet, folder: Path) -> None:
         return
     views = list(scene.views)
     for view in views:  # as it is, as `mgf evaluate` does
-        look(mesh, view)
+        render_mesh(mesh, view)
     mesh = clean.weld(clean.with_faces(replace(mesh, values={}), mesh.faces))
     mesh = clean.smooth(clean.split_nonmanifold(clean.drop_small_parts(mesh, 0.01)), 1)
     counts = count_pixels(mesh, views)

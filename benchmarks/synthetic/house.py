@@ -17,7 +17,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
@@ -113,14 +113,14 @@ def photograph(
     s = _SUPERSAMPLE
     large = View(**{**view.__dict__, "width": WIDTH * s, "height": HEIGHT * s, "fx": FOCAL * s, "fy": FOCAL * s,
                     "cx": view.cx * s, "cy": view.cy * s})  # fmt: skip
-    sight = look(both, large)
+    buffers = render_mesh(both, large)
     y, x = np.mgrid[: large.height, : large.width] + 0.5
     rays = np.stack([(x - large.cx) / large.fx, (y - large.cy) / large.fy, np.ones_like(x)], -1)
-    points = (rays * sight.depth[..., None] - view.translation) @ view.rotation
-    picture = (painted or paint)(points, sight.face, house_faces)
-    picture[sight.face < 0] = (150, 190, 235)
+    points = (rays * buffers.depth[..., None] - view.translation) @ view.rotation
+    picture = (painted or paint)(points, buffers.face, house_faces)
+    picture[buffers.face < 0] = (150, 190, 235)
     small = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    share = cv2.resize((((sight.face >= 0) & (sight.face < house_faces)) * 1.0), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)  # noqa: E501  # fmt: skip
+    share = cv2.resize((((buffers.face >= 0) & (buffers.face < house_faces)) * 1.0), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)  # noqa: E501  # fmt: skip
     return small.astype(np.uint8), share > 0.5
 
 
@@ -184,7 +184,7 @@ def _observed(view: View, both: Mesh, points: NDArray[np.float64]) -> tuple[NDAr
     uv, depth = view.project(points)
     inside = (depth > 0) & (uv > 1).all(1) & (uv < (WIDTH - 1, HEIGHT - 1)).all(1)
     index = np.flatnonzero(inside)
-    nearest = look(both, view).depth[uv[index, 1].astype(int), uv[index, 0].astype(int)]
+    nearest = render_mesh(both, view).depth[uv[index, 1].astype(int), uv[index, 0].astype(int)]
     index = index[np.abs(nearest - depth[index]) < 0.05]
     return index, uv[index]
 

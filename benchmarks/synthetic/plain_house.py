@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.synthetic.house import OFFSET, house_mesh, lawn_mesh, ring_view, write_model
-from mgf_engine.geometry.rasterize import look, scaled_view
+from mgf_engine.geometry.rasterize import render_mesh, scaled_view
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, Similarity
@@ -44,7 +44,7 @@ def make_plain_house(folder: Path, photos: int = PHOTOS) -> PlainHouse:
     for k in range(photos):
         view = ring_view(k, photos)
         view = type(view)(**{**view.__dict__, "translation": view.translation + view.rotation @ OFFSET})
-        face = look(both, scaled_view(view, 3)).face
+        face = render_mesh(both, scaled_view(view, 3)).face
         colors = _colours(house)[np.minimum(face, len(house.faces))]
         colors[face < 0] = _SKY
         size = (view.width, view.height)

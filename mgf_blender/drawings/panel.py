@@ -5,7 +5,7 @@ import bpy
 
 from ..common import runner
 from ..common.text import draw_sentence, tr
-from ..engine.notice import draw_engine_missing
+from ..engine.status_label import draw_engine_missing
 from ..properties import key_of
 from ..reconstruct.operators import last_job
 from ..reconstruct.panel import draw_job

@@ -16,7 +16,7 @@ from ..properties import key_of
 from ..scene_import.crop import crop_text
 from ..scene_import.operators import bring_in, frame_tree
 from ..scene_import.tree import Tree
-from . import live
+from . import preview_image
 from .start import given_options, has_job_file, is_finished, job_folder, make_job
 
 
@@ -156,10 +156,10 @@ class MGF_OT_show_preview(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(live.NAME in bpy.data.images, "The job has shown nothing yet")
+        return cls.needs(preview_image.NAME in bpy.data.images, "The job has shown nothing yet")
 
     def run(self, context: bpy.types.Context) -> None:
-        show_image(context, bpy.data.images[live.NAME])
+        show_image(context, bpy.data.images[preview_image.NAME])
 
 
 class MGF_OT_open_job_file(Operator):

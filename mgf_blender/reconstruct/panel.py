@@ -7,10 +7,10 @@ from pathlib import Path
 import bpy
 
 from ..common import options, runner
-from ..common.figures import draw_figures
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, STAGES, Job
+from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr
-from ..engine.notice import draw_engine_missing
+from ..engine.status_label import draw_engine_missing
 from .estimate import duration, estimate, photos_of
 from .operators import interrupted, last_job
 from .start import has_job_file

@@ -17,9 +17,9 @@ from ..common.job import DONE, Job
 from ..engine.environment import engine_command
 from ..prompts import files
 from ..properties import key_of, scene_key, scene_of
-from ..results import arrival
+from ..results import async_import
 from ..results.load import job_name
-from . import estimate, live
+from . import estimate, preview_image
 
 
 def job_folder(scene: bpy.types.Scene) -> Path:
@@ -105,7 +105,7 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
         job_name(folder),
         kind,
         scene_key(scene),
-        on_message=live.on_message,
+        on_message=preview_image.on_message,
         on_end=ended,
     )
 
@@ -157,7 +157,7 @@ def ended(job: Job) -> None:
         if in_background():
             run_in(scene, "import_result", directory=str(job.folder))
         else:
-            arrival.begin(scene, job.folder)
+            async_import.begin(scene, job.folder)
     elif job.kind == "scene":
         run_in(scene, "import_sfm", directory=str(job.folder))
     elif job.kind == "masks":

@@ -32,8 +32,8 @@ from ..scene_import.tree import Tree, hide
 from .job_folder import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
 from .surface import paints_texture, show
-from .switch import forget_results
 from .texture import check_picture, load_texture, read_uv, remove_unused_textures
+from .view_mode import forget_results
 
 SHARP_ANGLE = 40.0  # degrees
 _BESIDE_MESH = 1 / 3  # size of the drawn cameras once there is a mesh: in full size they stand before it

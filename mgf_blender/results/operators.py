@@ -16,7 +16,7 @@ from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.operators import frame_object, select_only
 from ..scene_import.tree import Tree, hide
-from . import arrival, surface, switch
+from . import async_import, surface, view_mode
 from .field import import_field
 from .job_folder import read_delivery
 from .load import import_result
@@ -52,14 +52,14 @@ class MGF_OT_import_result(FileOperator):
     def run(self, context: bpy.types.Context) -> set[str] | None:
         scene = context.scene
         folder = self._folder(scene)
-        there = arrival.ready(scene, folder)
+        there = async_import.ready(scene, folder)
         if there is None and self.options.is_invoke and not bpy.app.background:
-            arrival.begin(scene, folder)
+            async_import.begin(scene, folder)
             return {"CANCELLED"}  # nothing has changed yet; the arrival ends here again, which is the undo step
-        content = arrival.content_of(there) if there is not None else None
+        content = async_import.content_of(there) if there is not None else None
         mesh = there.take_mesh() if there is not None else None
         if there is None:
-            arrival.forget(scene)
+            async_import.forget(scene)
         tree = Tree.find(scene)
         first = tree is None or not tree.objects("Mesh")
         result = import_result(scene, folder, tree, content, mesh)
@@ -115,7 +115,7 @@ class MGF_OT_show_in_camera(Operator):
 
     def run(self, context: bpy.types.Context) -> None:
         tree = Tree.find(context.scene)
-        switch.show(tree, context.scene.camera, self.kind)
+        view_mode.show(tree, context.scene.camera, self.kind)
         if self.kind != "MESH":
             enter_camera(context)
         tree.root[SHOWN_KEY] = self.kind  # the next camera goes on with it

@@ -5,14 +5,14 @@ import json
 
 import bpy
 
-from ..common.figures import draw_figures
+from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
-from . import surface, switch
-from .notice import draw_waiting
+from . import surface, view_mode
 from .runs import old_runs
+from .status_label import draw_waiting
 
 _PAINTS = {"TEXTURE": N_("Texture"), "COLOR": N_("Colors"), "CONFIDENCE": N_("Confidence"), "VIEWS": N_("Views")}
 _SHOWS = {"PHOTO": N_("Photo"), "RENDER": N_("Render"), "ERROR": N_("Error"), "MESH": N_("Mesh")}
@@ -74,8 +74,8 @@ def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
     column = layout.column(align=True)
     column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
     row = column.row(align=True)
-    there, shown = switch.available(camera), camera.get(SHOWN_KEY, "MESH")
-    for kind in switch.KINDS:
+    there, shown = view_mode.available(camera), camera.get(SHOWN_KEY, "MESH")
+    for kind in view_mode.KINDS:
         cell = row.row(align=True)
         cell.enabled = kind in there
         cell.operator("mgf.show_in_camera", text=_SHOWS[kind], depress=kind == shown).kind = kind

@@ -13,7 +13,7 @@ from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..prompts.roots import choose_roots
 from ..results.surface import paints_texture
-from ..results.switch import follow
+from ..results.view_mode import follow
 from .cameras import PHOTO_KEY, SIZE_KEY, clear_view, fit_render, set_clipping
 from .colmap import read_model
 from .crop import add_crop_box, find_crop_box

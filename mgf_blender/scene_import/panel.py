@@ -4,8 +4,8 @@
 import bpy
 
 from ..common.text import tr
-from ..engine.notice import draw_engine_missing
-from ..results.notice import draw_waiting
+from ..engine.status_label import draw_engine_missing
+from ..results.status_label import draw_waiting
 from .crop import find_crop_box
 from .tree import Tree
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.drawings.project import Seen
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import SLACK
 from mgf_engine.model.masks import building
-from mgf_engine.native.library import side_by_side
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.photos import Room
 from mgf_engine.texture.bake import barycentric, look_up
 from mgf_engine.texture.texture_pipeline import Painting
@@ -57,7 +57,7 @@ class Visibility:
         """Least and largest depth within a pixel, and 2 where all there is building, 1 where some is; [H, W] each."""
         if view not in self._kept:
             camera, labels = self._painting.views[view], self._survey.masks.labels[self._painting.chosen[view]]
-            depth, mask = look(self._survey.normalised, camera).depth, building(labels).astype(np.uint8)
+            depth, mask = render_mesh(self._survey.normalised, camera).depth, building(labels).astype(np.uint8)
             near, far = (np.asarray(f(depth, AROUND), np.float32) for f in (cv2.erode, cv2.dilate))
             self._kept[view] = near, far, np.asarray(cv2.dilate(mask, AROUND) + cv2.erode(mask, AROUND), np.uint8)
         return self._kept[view]
@@ -88,7 +88,7 @@ def paint(
         painted += _correction(survey, painting, face[parts[k]], index, points)
         return np.clip(np.rint(painted), 0, 255).astype(np.uint8)
 
-    for k, found in enumerate(side_by_side(colors, range(len(used)))):
+    for k, found in enumerate(parallel_map(colors, range(len(used)))):
         image[parts[k], :3], image[parts[k], 3] = found, 255
         progress((k + 1) / len(used))
     return image.reshape(*seen.face.shape, 4)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.errors import BadInput
-from mgf_engine.geometry.rasterize import look_along
+from mgf_engine.geometry.rasterize import render_parallel
 
 MOST_PIXELS = 400_000_000
 MARGIN = 2  # pixels around what is drawn
@@ -92,7 +92,7 @@ def round_resolution(value: float) -> float:
 def see(survey: Survey, grid: Grid) -> Seen:
     """What the grid's pixels see of the survey's mesh along the normal, from outside."""
     at = grid.frame.to_drawing(survey.mesh.vertices)
-    sight = look_along(np.column_stack([grid.pixels(at), at[:, 2]]), survey.mesh.faces, grid.height, grid.width)
-    behind = (survey.normals @ grid.frame.normal <= 0)[sight.face]
-    face = np.where(behind, np.int32(-1), sight.face)
-    return Seen(grid, face, np.where(face >= 0, sight.depth, np.float32(np.nan)))
+    buffers = render_parallel(np.column_stack([grid.pixels(at), at[:, 2]]), survey.mesh.faces, grid.height, grid.width)
+    behind = (survey.normals @ grid.frame.normal <= 0)[buffers.face]
+    face = np.where(behind, np.int32(-1), buffers.face)
+    return Seen(grid, face, np.where(face >= 0, buffers.depth, np.float32(np.nan)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.native.library import side_by_side
+from mgf_engine.native.parallel import parallel_map
 
 #: Absolute colour error (0..1, mean of the channels) that is drawn in the brightest colour.
 ERROR_LIMIT = 0.25
@@ -86,7 +86,7 @@ def turntable(
     if not len(mesh.faces):
         return []
     views = turntable_views(mesh, scene, count, size)
-    return list(side_by_side(lambda view: shaded(mesh, view, color=not relief, from_side=relief), views))
+    return list(parallel_map(lambda view: shaded(mesh, view, color=not relief, from_side=relief), views))
 
 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:

@@ -35,7 +35,8 @@ from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.library import side_by_side, variant
+from mgf_engine.native.library import variant
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.raster.device import choose_device, each_view
 from mgf_engine.stages import outputs
 from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
@@ -102,7 +103,7 @@ def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, vi
         return score(scene.photo(index), picture, building(masks.labels[index])) if measured else None
 
     shown = [index for index, view in enumerate(views) if view.pictures]
-    return mean_scores([scores for scores in side_by_side(one, shown) if scores]).psnr
+    return mean_scores([scores for scores in parallel_map(one, shown) if scores]).psnr
 
 
 def _evenness(mesh: Mesh, scene: Scene) -> Evenness | None:
@@ -199,7 +200,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
 
 
 def _trust(job: Job) -> dict[str, float]:
-    """How far the mesh is to be trusted, where its surface tells (see ``FusedField.known``)."""
+    """How far the mesh is to be trusted, where its surface tells (see ``TsdfField.known``)."""
     figures = job.stages["mesh"]["figures"]
     names = {"confidence": "confidence of the mesh (0..1, mean)", "unseen_share": "share of it that no photo shows"}
     return {text: figures[name] for name, text in names.items() if name in figures}

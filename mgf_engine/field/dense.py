@@ -17,7 +17,7 @@ from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.depths import Depths, match_photos
 from mgf_engine.system import cores
 
@@ -41,8 +41,8 @@ def dense_points(
     inside = lambda i: building(masks.labels[i])  # noqa: E731
     told, kept = points_to_match(scene, masks, views)
     depths = match_photos(told, views, kept, inside, _NEIGHBOURS, _LONGEST_SIDE, threads, reporter.check)
-    agreed = in_order(lambda i: _agreed(i, depths, scene), depths.maps, threads)
-    found = [f for _, f in agreed if len(f[0])]
+    agreed = parallel_map(lambda i: _agreed(i, depths, scene), depths.maps, threads)
+    found = [f for f in agreed if len(f[0])]
     if not found:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros((0, 3))
     points, colors, towards = (np.concatenate(parts) for parts in zip(*found, strict=True))

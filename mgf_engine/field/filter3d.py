@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 
 _VARIANCE = 0.2  # of the filter, in pixels squared of the finest view (Mip-Splatting, section 5.1)
 _MARGIN = 0.15  # views count when the centre falls this far outside the frame at most
@@ -53,4 +53,4 @@ def finest_sampling(points: NDArray[np.float32], views: Sequence[View], threads:
         return rate.max(0)
 
     blocks = range(math.ceil(len(points) / block))
-    return np.concatenate([np.zeros(0, np.float32), *(rate for _, rate in in_order(sampled, blocks, threads))])
+    return np.concatenate([np.zeros(0, np.float32), *(rate for rate in parallel_map(sampled, blocks, threads))])

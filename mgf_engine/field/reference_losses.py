@@ -31,8 +31,9 @@ def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: T
     geometry_loss = alpha.new_zeros(())
     if geometry:
         geometry_loss = geometry * _geometry_loss(rendering, target, pixels, alpha, config)
-    background = config.background_lambda * (alpha * pixels.ring).sum() / pixels.ring.sum().clamp_min(1.0)
-    error = l1.detach() + alpha.detach() * pixels.ring
+    band = pixels.background_band
+    background = config.background_lambda * (alpha * band).sum() / band.sum().clamp_min(1.0)
+    error = l1.detach() + alpha.detach() * band
     total = color_loss + geometry_loss + background
     return LossTerms(total, color_loss.detach(), geometry_loss.detach(), background.detach(), error)
 

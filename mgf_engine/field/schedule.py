@@ -13,7 +13,7 @@ from mgf_engine.config import Config
 _LEVELS = ((4, 0.15), (2, 0.45), (1, 1.0))
 #: Time of an iteration at each reduction, beside one at full resolution; a part of the work does not depend on pixels.
 _COST = {4: 0.25, 2: 0.4, 1: 1.0}
-_MOST_HASTE = 2.0  # more was not tried
+_MAX_LR_SCALE = 2.0  # more was not tried
 _SMALLEST_SIDE = 160  # px; no level makes the longest side shorter than this
 
 
@@ -33,27 +33,27 @@ class LearningRates:
 RATES = LearningRates()
 
 
-def haste_of(iterations: int, usual: int) -> float:
+def lr_scale_of(iterations: int, usual: int) -> float:
     """Factor on the learning rates of a run of so many iterations, where so many are usual.
 
     A run cut short must go as far in fewer steps, which go to and fro with the photos: a walk of n random steps goes
     as far as the root of n of them. Longer runs keep the usual rates.
     """
-    return min(max(usual / max(iterations, 1), 1.0) ** 0.5, _MOST_HASTE)
+    return min(max(usual / max(iterations, 1), 1.0) ** 0.5, _MAX_LR_SCALE)
 
 
-def rates_at(share: float, haste: float = 1.0) -> dict[str, float]:
-    """Learning rate per parameter name at a share of the run (0..1), all times ``haste``."""
+def rates_at(share: float, lr_scale: float = 1.0) -> dict[str, float]:
+    """Learning rate per parameter name at a share of the run (0..1), all times ``lr_scale``."""
     positions = RATES.positions * (RATES.positions_final / RATES.positions) ** share
-    calm = 1.0 if share < 0.6 else 1.0 - 0.8 * (share - 0.6) / 0.4
+    decay = 1.0 if share < 0.6 else 1.0 - 0.8 * (share - 0.6) / 0.4
     rates = {
         "positions": positions,
-        "log_scales": RATES.log_scales * calm,
-        "rotations": RATES.rotations * calm,
-        "opacity_logits": RATES.opacity_logits * calm,
-        "sh": RATES.sh_constant * calm,
+        "log_scales": RATES.log_scales * decay,
+        "rotations": RATES.rotations * decay,
+        "opacity_logits": RATES.opacity_logits * decay,
+        "sh": RATES.sh_constant * decay,
     }
-    return {name: haste * rate for name, rate in rates.items()}
+    return {name: lr_scale * rate for name, rate in rates.items()}
 
 
 def reduction_at(share: float, longest_side: int, config: Config) -> int:

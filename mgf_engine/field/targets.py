@@ -41,7 +41,7 @@ class Pixels:
     labels: Tensor
     inside: Tensor
     edge_weight: Tensor
-    ring: Tensor
+    background_band: Tensor
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Target:
     elements: int
     count: int
     edges: Tensor
-    ring: Tensor
+    background_band: Tensor
     w_edge: float
 
     def to(self, device: torch.device) -> Target:
@@ -84,7 +84,8 @@ class Target:
     def photo_side(self) -> PhotoSide:
         """The same maps as the loss kernels take them."""
         origin = (self.box[0], self.box[2])
-        return photo_side(self.image, self.labels, self.edges, self.ring, self.count + 1, self.elements, origin)
+        maps = self.image, self.labels, self.edges, self.background_band
+        return photo_side(*maps, self.count + 1, self.elements, origin)
 
     @cached_property
     def label_weight(self) -> Tensor:
@@ -104,7 +105,7 @@ class Target:
             labels=self.labels.long(),
             inside=inside,
             edge_weight=torch.where(self.edges, inside * self.w_edge, inside),
-            ring=self.ring.to(dtype),
+            background_band=self.background_band.to(dtype),
         )
 
 
@@ -127,22 +128,22 @@ def make_target(
     own = building(labels)
     rim = rim_of(labels, config.mask_margin * max(size))
     inside = own | rim
-    ring = _ring(inside, labels, max(2, _RING // factor))
-    box = _tile_box(inside | ring)
+    background_band = _ring(inside, labels, max(2, _RING // factor))
+    box = _tile_box(inside | background_band)
     cut = (slice(*box[:2]), slice(*box[2:]))
-    photo, labels, own, rim, ring = photo[cut], labels[cut], own[cut], rim[cut], ring[cut]
+    photo, labels, own, rim, background_band = photo[cut], labels[cut], own[cut], rim[cut], background_band[cut]
     compact, elements = _consecutive(labels, own)
     compact[rim] = elements + 1
     return Target(
         camera=camera,
-        tile_mask=_tile_mask(own | rim | ring, box, camera),
+        tile_mask=_tile_mask(own | rim | background_band, box, camera),
         box=box,
         image=torch.from_numpy(np.ascontiguousarray(photo.transpose(2, 0, 1))),
         labels=torch.from_numpy(compact),
         elements=elements,
         count=elements + int(rim.any()),
         edges=torch.from_numpy(boundaries(labels) & own),
-        ring=torch.from_numpy(np.ascontiguousarray(ring)),
+        background_band=torch.from_numpy(np.ascontiguousarray(background_band)),
         w_edge=config.boundary_weight,
     )
 

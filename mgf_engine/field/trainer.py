@@ -26,7 +26,7 @@ from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.field.schedule import (
     RATES,
     geometry_at,
-    haste_of,
+    lr_scale_of,
     rates_at,
     reduction_at,
     sh_degree_at,
@@ -76,7 +76,7 @@ class _Trainer:
         self.views = training_views(scene, masks)
         self.voters = chosen_voters(scene, self.views, config)
         self.total = config.run_length(len(self.views))
-        self.haste = haste_of(self.total, Config().run_length(len(self.views)))
+        self.lr_scale = lr_scale_of(self.total, Config().run_length(len(self.views)))
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
         self.factor = 0
@@ -161,7 +161,7 @@ class _Trainer:
         with self._timed("backward"):
             terms.total.backward()
         with self._timed("optimiser"):
-            self.optimiser.step(rates_at(share, self.haste), rendering.visible, RATES.sh_rest / RATES.sh_constant)
+            self.optimiser.step(rates_at(share, self.lr_scale), rendering.visible, RATES.sh_rest / RATES.sh_constant)
         return rendering, terms
 
     def _refine(self, share: float) -> None:

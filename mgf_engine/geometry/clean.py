@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.morton import arrange, cells_of, morton
-from mgf_engine.native.library import side_by_side
+from mgf_engine.native.parallel import parallel_map
 
 DRAWN_BACK = 0.01  # share of the way to the middle between a vertex and its neighbours
 CHUNK = 1 << 15  # faces that are measured at a time
@@ -24,7 +24,7 @@ def face_areas(mesh: Mesh) -> NDArray[np.float64]:
         a, b, c = (mesh.vertices[mesh.faces[start : start + CHUNK, k]] for k in range(3))
         return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
-    return np.concatenate([np.zeros(0), *side_by_side(some, range(0, len(mesh.faces), CHUNK))])
+    return np.concatenate([np.zeros(0), *parallel_map(some, range(0, len(mesh.faces), CHUNK))])
 
 
 def vertex_areas(mesh: Mesh) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ NEAR = 1e-3  # of the normalised frame: faces with a vertex nearer than this are
 
 
 @dataclass(frozen=True)
-class Sight:
+class MeshBuffers:
     """What a camera sees of a mesh.
 
     Attributes:
@@ -38,11 +38,11 @@ def corners(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
     """Where points [N, 3] (normalised frame) appear, [N, 3]: u and v in pixels, 1 / depth; all 0 if not in front."""
     result = np.empty((len(points), 3))
     points = np.ascontiguousarray(points, dtype=np.float64)
-    parallel("corners_work", len(points), points, *pose_and_intrinsics(view), NEAR, result)
+    parallel("mgf_project_vertices", len(points), points, *pose_and_intrinsics(view), NEAR, result)
     return result
 
 
-def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight:
+def render_mesh(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> MeshBuffers:
     """Depth and faces of ``mesh`` (normalised frame) from ``view``.
 
     Args:
@@ -51,15 +51,15 @@ def look(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> Sight
     height, width = view.height, view.width
     at = corners(mesh.vertices, view) if at is None else at
     inverse, face = _zbuffer(at, mesh.faces, height, width)
-    return Sight(np.divide(1.0, inverse, out=np.zeros_like(inverse), where=face >= 0), face)
+    return MeshBuffers(np.divide(1.0, inverse, out=np.zeros_like(inverse), where=face >= 0), face)
 
 
 def seen_faces(faces: NDArray[np.int32], view: View, at: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Index of the face [F, 3] that each pixel sees, as in :func:`look`; ``at``: :func:`corners` of the vertices."""
+    """Index of the face [F, 3] at each pixel, as in :func:`render_mesh`; ``at``: :func:`corners` of the vertices."""
     return _zbuffer(at, faces, view.height, view.width)[1]
 
 
-def look_along(at: NDArray[np.float64], faces: NDArray[np.int32], height: int, width: int) -> Sight:
+def render_parallel(at: NDArray[np.float64], faces: NDArray[np.int32], height: int, width: int) -> MeshBuffers:
     """What parallel rays see of faces [F, 3].
 
     Args:
@@ -72,7 +72,7 @@ def look_along(at: NDArray[np.float64], faces: NDArray[np.int32], height: int, w
     reach = max(float(np.ptp(at[:, 2])), 1e-300) if len(at) else 1.0
     # The z-buffer keeps the largest of what is linear over a triangle's image and above 0: 1 / depth, or nearness.
     near, face = _zbuffer(np.column_stack([at[:, :2], (at[:, 2] - least) / reach + 1.0]), faces, height, width)
-    return Sight(
+    return MeshBuffers(
         np.where(face >= 0, (near - np.float32(1)) * np.float32(reach) + np.float32(least), np.float32(0)), face
     )
 
@@ -92,7 +92,7 @@ def _zbuffer(
         faces = np.ascontiguousarray(faces, dtype=np.int32)
         bands = 1 if own_threads() == 1 else 2 * own_threads()
         band = -(-height // bands)
-        parallel("zbuffer_work", at, faces, len(faces), height, width, band, inverse, face, pieces=bands)
+        parallel("mgf_zbuffer", at, faces, len(faces), height, width, band, inverse, face, pieces=bands)
     return inverse, face
 
 
@@ -117,7 +117,7 @@ def shaded(
     if not len(mesh.faces):
         return np.full((view.height, view.width, 3), 255, np.uint8)
     fine = scaled_view(view, oversample)
-    face = look(mesh, fine).face
+    face = render_mesh(mesh, fine).face
     seen, index = face >= 0, np.maximum(face, 0)
     normals = (face_normals(mesh) @ fine.rotation.T).astype(np.float32)
     u = ((np.arange(fine.width) + 0.5 - fine.cx) / fine.fx).astype(np.float32)

@@ -35,7 +35,7 @@ from mgf_engine.masks.validation.mask_coverage import forgive, measure_fit, misf
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order, plain_opencv
+from mgf_engine.native.parallel import parallel_map, plain_opencv
 from mgf_engine.system import cores
 
 log = logging.getLogger("mgf")
@@ -172,7 +172,7 @@ def _second_level(
         parts = clicks[index].parts if index in clicks else {}
         return add_elements(masks.labels[index], scene.photo(index), parts, sam)
 
-    for _, (with_elements, named) in in_order(elements, range(len(masks.labels)), threads):
+    for with_elements, named in parallel_map(elements, range(len(masks.labels)), threads):
         labels.append(with_elements)
         names.append(named)
         reporter.check()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mgf_engine.masks.store import write_png
 from mgf_engine.model.masks import UNKNOWN, MaskSet, building
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 
 TILE = 320  # px, width of one photo on the sheet
 CAPTION = 34
@@ -30,7 +30,7 @@ def write_contact_sheet(
         note = reasons[index] or f"score {masks.scores[index]:.2f}"
         return _tile(scene.photo(index), masks.labels[index], title, note, bool(masks.used[index]))
 
-    tiles = [drawn for _, drawn in in_order(tile, range(len(scene.views)), threads)]
+    tiles = list(parallel_map(tile, range(len(scene.views)), threads))
     columns = min(len(tiles), max(1, round((len(tiles) * 1.2) ** 0.5)))
     height = max(t.shape[0] for t in tiles)
     tiles = [np.pad(t, ((0, height - t.shape[0]), (0, 0), (0, 0))) for t in tiles]

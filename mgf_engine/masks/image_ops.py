@@ -21,7 +21,7 @@ RIM = 0.3
 
 
 @dataclass(frozen=True)
-class Around:
+class MaskedMean:
     """Mean colours around each pixel of a reduced photo, and how much weight they stand on.
 
     Attributes:
@@ -33,7 +33,7 @@ class Around:
     weight: NDArray[np.float32]
 
 
-def mean_around(colours: NDArray[np.float32], where: NDArray[np.bool_], sigma: float) -> Around:
+def masked_mean(colours: NDArray[np.float32], where: NDArray[np.bool_], sigma: float) -> MaskedMean:
     """Gaussian mean of the colours of some pixels around every pixel.
 
     Args:
@@ -48,7 +48,7 @@ def mean_around(colours: NDArray[np.float32], where: NDArray[np.bool_], sigma: f
     colour = _blurred(cv2.copyTo(colours, marked), size, sigma)
     weight = _blurred(marked.astype(np.float32), size, sigma)
     mean = colour / np.maximum(weight, np.float32(1e-6))[..., None]
-    return Around(np.asarray(mean, np.float32), weight)
+    return MaskedMean(np.asarray(mean, np.float32), weight)
 
 
 def _blurred(values: NDArray[Any], size: tuple[int, int], sigma: float) -> NDArray[np.float32]:

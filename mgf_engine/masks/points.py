@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.model.masks import UNKNOWN, MaskSet, building
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.system import cores
 
 LabelMaps = Sequence[NDArray[np.uint8]]
@@ -99,7 +99,7 @@ def project_votes(
         return _cast(labels[index], uv[rows], rows, dilation)
 
     inside, outside = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
-    for _, (hit, missed) in in_order(cast, views, threads):
+    for hit, missed in parallel_map(cast, views, threads):
         inside[hit] += 1
         outside[missed] += 1
     return Votes(inside, outside)

@@ -24,7 +24,7 @@ from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.point_features import measure_shape
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
 from mgf_engine.masks.propagation.propagate import RETRY_BELOW, make_hints
-from mgf_engine.masks.propagation.random_walker import SceneGraph
+from mgf_engine.masks.propagation.random_walker import LabelGraph
 from mgf_engine.masks.propagation.stable_masks import first_clicks, join, obey, touch
 from mgf_engine.masks.propagation.superpixels import cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
@@ -32,7 +32,7 @@ from mgf_engine.masks.segmenters.download import default_folder
 from mgf_engine.masks.store import write_png
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, Similarity, View
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import from_original, to_original
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.load import build_scene
@@ -154,7 +154,7 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
 
 def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Config) -> Segment:
     regions = cut_regions(photo)
-    graph = SceneGraph(scene, [regions], measure_shape(scene))
+    graph = LabelGraph(scene, [regions], measure_shape(scene))
     segmenter = choose_segmenter(config, default_folder().parent)
 
     def answer(given: Clicks) -> tuple[Segment, Hints]:
@@ -169,7 +169,7 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
     *earlier, everything = first_clicks(clicks)
     last, hints = answer(everything)  # first, since it leaves behind what the others can use
     threads = config.threads or cores()
-    masks = [segment.mask for _, (segment, _) in in_order(lambda i: answer(earlier[i]), range(len(earlier)), threads)]
+    masks = [segment.mask for (segment, _) in parallel_map(lambda i: answer(earlier[i]), range(len(earlier)), threads)]
     mask = obey(join([*masks, last.mask]), regions, clicks)
     return Segment(mask, agreement(mask, hints))
 

@@ -22,7 +22,7 @@ from mgf_engine.images import png_size
 from mgf_engine.masks.parts import Part
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.system import atomic_path, write_json
 
 VERSION = 1
@@ -57,7 +57,7 @@ def save_masks(
     for path in (folder / "labels").glob("*.png"):
         if f"labels/{path.name}" not in files:
             path.unlink()
-    for _ in in_order(lambda i: write_png(folder / files[i], masks.labels[i]), range(len(files)), threads):
+    for _ in parallel_map(lambda i: write_png(folder / files[i], masks.labels[i]), range(len(files)), threads):
         pass
     with atomic_path(folder / "points.bin") as temporary:
         temporary.write_bytes(masks.point_mask.astype(np.uint8).tobytes())

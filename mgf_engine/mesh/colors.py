@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.geometry.rasterize import corners, look
+from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
-from mgf_engine.native.library import call, side_by_side
+from mgf_engine.native.library import call
+from mgf_engine.native.parallel import parallel_map
 
 BEST = 5  # photos that share in the colour of a vertex: those that see it largest and straightest
 SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
@@ -52,14 +53,14 @@ def color_from_photos(
     def seen(i: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
         return _samples(mesh, normals, views[i], photo(i), inside[i])
 
-    for i, (index, new_weight, new_shown) in enumerate(side_by_side(seen, range(len(views)))):
+    for i, (index, new_weight, new_shown) in enumerate(parallel_map(seen, range(len(views)))):
         progress(i / len(views))
         worst = weight[index].argmin(1)
         better = new_weight > weight[index, worst]
         weight[index[better], worst[better]] = new_weight[better]
         shown[index[better], worst[better]] = new_shown[better]
     starts = range(0, len(weight), CHUNK)
-    blended = side_by_side(lambda start: _blend(weight[start : start + CHUNK], shown[start : start + CHUNK]), starts)
+    blended = parallel_map(lambda start: _blend(weight[start : start + CHUNK], shown[start : start + CHUNK]), starts)
     colors = np.concatenate([np.zeros((0, 3), np.uint8), *blended])
     return replace(mesh, colors=_fill(mesh, colors, weight.max(1) > 0))
 
@@ -70,12 +71,12 @@ def _samples(
     """Vertices that a view sees, how well, and the colour it sees there."""
     at = corners(mesh.vertices, view)
     # the largest depth around the pixel: a vertex on a rim must not be hidden by its own neighbours
-    farthest = cv2.dilate(look(mesh, view, at).depth, np.ones((3, 3), np.uint8))
+    farthest = cv2.dilate(render_mesh(mesh, view, at).depth, np.ones((3, 3), np.uint8))
     index, weight = np.empty(len(at), np.int64), np.empty(len(at), np.float32)
     points, shown = np.ascontiguousarray(mesh.vertices, dtype=np.float64), np.ascontiguousarray(inside)
     camera = np.array([*view.centre, view.fx, LEAST_FACING])
     given = (len(at), at, points, normals, camera, farthest, shown, *farthest.shape, 1.0 + SLACK)
-    count = call("seen_vertices", *given, index, weight)
+    count = call("mgf_seen_vertices", *given, index, weight)
     return index[:count], weight[:count], sample(photo, at[index[:count], :2])
 
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import parts
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
-from mgf_engine.native.library import side_by_side
+from mgf_engine.native.parallel import parallel_map
 
 #: Share of the diagonal of what was clicked: what is nearer to it belongs to it; a tree may hide what joins them.
 NEAR = 0.1
@@ -37,7 +37,7 @@ def belongs(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArray[np.float
     if part.max(initial=0) == 0:
         return np.ones(len(mesh.faces), bool)
     clicked = [(view, spots) for view, spots in zip(views, clicks, strict=True) if len(spots)]
-    met = side_by_side(lambda given: _met(mesh, *given), clicked)
+    met = parallel_map(lambda given: _met(mesh, *given), clicked)
     hit = np.concatenate([np.zeros(0, np.int32), *met])
     kept = np.isin(np.arange(part.max(initial=-1) + 1), part[hit])
     if not len(hit) or kept.all():
@@ -56,6 +56,6 @@ def belongs(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArray[np.float
 
 def _met(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:
     """The faces that clicks [K, 2] in a view meet, at most [K]."""
-    face = look(mesh, view).face
+    face = render_mesh(mesh, view).face
     met = face[pixel_at(face.shape, clicks)]
     return met[met >= 0]

@@ -94,7 +94,7 @@ def reduce_faces(
     faces = np.array(mesh.faces, np.int32, order="C")
     colors = np.empty((len(at), 3), np.uint8)
     given = (at.astype(np.float32), np.ascontiguousarray(allowed), np.ascontiguousarray(mesh.colors))
-    handle = call("collapse_begin", len(at), count, at, faces, *given, float(color_tolerance))
+    handle = call("mgf_collapse_begin", len(at), count, at, faces, *given, float(color_tolerance))
     if not handle:
         raise MemoryError(NO_MEMORY)
     try:
@@ -103,7 +103,7 @@ def reduce_faces(
         if not lean or left > most:
             _force(handle, order, left, most, float(color_tolerance))
     finally:
-        call("collapse_end", handle, colors)
+        call("mgf_collapse_end", handle, colors)
     used, index = np.unique(faces[faces[:, 0] >= 0], return_inverse=True)
     vertices = at[used] + centre
     return Mesh(vertices, index.reshape(-1, 3).astype(np.int32), colors[used], _nearest_values(mesh, vertices))
@@ -156,7 +156,7 @@ def _force(handle: int, order: NDArray[np.int32], count: int, most: int, color_t
             color_tolerance = 4 * color_tolerance + 1 if color_tolerance < 64 else -1.0
         else:
             loose *= 2
-        call("collapse_loosen", handle, loose, color_tolerance)
+        call("mgf_collapse_loosen", handle, loose, color_tolerance)
 
 
 def _sweep(
@@ -172,8 +172,8 @@ def _sweep(
     for first in range(0, last, AT_ONCE):
         progress(first / last)
         end = min(first + AT_ONCE, last)
-        parallel("collapse_work", handle, slab, order, start, first, end, stop, pieces=end - first)
-    left = call("collapse_live", handle)
+        parallel("mgf_collapse", handle, slab, order, start, first, end, stop, pieces=end - first)
+    left = call("mgf_collapse_live", handle)
     if left < 0:
         raise MemoryError(NO_MEMORY)
     return left

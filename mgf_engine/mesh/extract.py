@@ -34,7 +34,7 @@ from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.refine import onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
-from mgf_engine.mesh.tsdf import FusedField, Photos, fuse_gaussians
+from mgf_engine.mesh.tsdf import Photos, TsdfField, fuse_gaussians
 from mgf_engine.mesh.unobserved_volumes import drop_shadows
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
@@ -60,7 +60,7 @@ SMALL_HOLE = 60  # ground pixels: holes with a shorter rim that no view looks th
 
 
 @dataclass(frozen=True)
-class Judges:
+class TrustedViews:
     """The photos whose masks are good enough to say what is solid.
 
     Attributes:
@@ -97,23 +97,23 @@ def extract_mesh(
         Cancelled: the user asked to stop.
     """
     times = times or PartTimes()
-    judges = find_judges(scene, masks, config)
+    trusted = find_trusted_views(scene, masks, config)
     reporter.progress(0.0)
     box = crop_of(config.crop_box, scene)
     with times.part("points"):
         kept = screen(gaussians, scene, masks, config)
         spanned = tetra_points(kept if box is None else beside(kept, box))
         prior = None
-        if start is not None and judges.photos is not None:
+        if start is not None and trusted.photos is not None:
             prior = Prior(start.mesh, start.sure)
             spanned = beside_surface(spanned, start.mesh, start.pixel, box)
     with begun(spanned.points) as made:
         with times.part("depth maps"):
-            field = surface_field(kept, judges, config, reporter, prior)
+            field = surface_field(kept, trusted, config, reporter, prior)
             if config.calibrate_level:
                 sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
                 level = field.calibrate(scene.points[sure])
-                what = "px behind the depths" if isinstance(field, FusedField) else "is their opacity"
+                what = "px behind the depths" if isinstance(field, TsdfField) else "is their opacity"
                 log.info("mesh: the surface runs through %d sparse points: %.2f %s", sure.sum(), level, what)
         with times.part("tetrahedra"):
             tetrahedra = made(reporter.check)
@@ -123,36 +123,36 @@ def extract_mesh(
         del tetrahedra
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
-        voting = judges.labels if config.use_masks and config.face_votes else None
-        mesh = cleaned(mesh, field, judges.views, config, voting)
+        voting = trusted.labels if config.use_masks and config.face_votes else None
+        mesh = cleaned(mesh, field, trusted.views, config, voting)
         if config.drop_unseen:
             mesh = of_the_clicked(mesh, scene, masks, reporter)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with times.part("refinement"):
         if config.match_photos and isinstance(field, OpacityField) and field.evidence is not None:
             mesh = onto_surface(
-                mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, judges.views), MATCHED_REACH
+                mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, trusted.views), MATCHED_REACH
             )
-        mesh = refined(mesh, judges, config, reporter)
+        mesh = refined(mesh, trusted, config, reporter)
     if config.flatten:
         with times.part("planes"):
-            mesh = flatten(mesh, ground_pixels(mesh, judges.views))
+            mesh = flatten(mesh, ground_pixels(mesh, trusted.views))
     with times.part("colours"):
         colored = color_from_photos(
-            trimmed(mesh, config, box), judges.views, lambda i: scene.photo(judges.indices[i]),
-            [building(label) for label in judges.labels],
+            trimmed(mesh, config, box), trusted.views, lambda i: scene.photo(trusted.indices[i]),
+            [building(label) for label in trusted.labels],
             lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share),
         )  # fmt: skip
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
     with times.part("reduction"):
-        mesh = reduced(colored, judges.views, config, reporter)
+        mesh = reduced(colored, trusted.views, config, reporter)
         values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
         mesh = replace(mesh, values=values)
         dents = config.span_dents and "confidence" in mesh.values
         return stretch_unconfirmed(mesh, mesh.values["confidence"]) if dents else mesh
 
 
-def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
+def find_trusted_views(scene: Scene, masks: MaskSet, config: Config) -> TrustedViews:
     """The photos that say what is solid.
 
     Raises:
@@ -161,7 +161,7 @@ def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
     chosen = voting_views(scene, masks)
     if not chosen:
         raise BadInput("No photo has a usable mask, so no view can say what is solid; add clicks on the building.")
-    return Judges(
+    return TrustedViews(
         chosen,
         [scene.views[i] for i in chosen],
         judging_masks(scene, masks, chosen, config.screening_dilation),
@@ -171,8 +171,8 @@ def find_judges(scene: Scene, masks: MaskSet, config: Config) -> Judges:
 
 
 def surface_field(
-    gaussians: Gaussians, judges: Judges, config: Config, reporter: Reporter, prior: Prior | None = None
-) -> OpacityField | FusedField:
+    gaussians: Gaussians, trusted: TrustedViews, config: Config, reporter: Reporter, prior: Prior | None = None
+) -> OpacityField | TsdfField:
     """What tells solid from free, as ``config.surface`` wants it.
 
     The depth maps of a fused surface are made for an opacity surface, too, where anything asks what the views show.
@@ -181,13 +181,13 @@ def surface_field(
     fused = None
     if config.surface == "fused" or config.match_photos or config.drop_unseen or config.span_dents:
         fused = fuse_gaussians(
-            gaussians, judges.views, judges.verdicts, judges.photos,
+            gaussians, trusted.views, trusted.verdicts, trusted.photos,
             lambda share: reporter.progress(_RENDERED * share), prior, config.visual_hull,
         )  # fmt: skip
         if config.surface == "fused":
             return fused
     return OpacityField(
-        gaussians, judges.views, judges.verdicts, config.opacity_level, agree=1, hull=config.visual_hull, evidence=fused
+        gaussians, trusted.views, trusted.verdicts, config.opacity_level, 1, hull=config.visual_hull, evidence=fused
     )
 
 
@@ -219,7 +219,7 @@ def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:
 def level_set(
     spanned: TetraPoints,
     tetrahedra: NDArray[np.int32],
-    field: OpacityField | FusedField,
+    field: OpacityField | TsdfField,
     steps: int,
     reporter: Reporter,
 ) -> Mesh:
@@ -253,7 +253,7 @@ def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool
 
 def cleaned(
     mesh: Mesh,
-    field: OpacityField | FusedField,
+    field: OpacityField | TsdfField,
     views: Sequence[View],
     config: Config,
     labels: Sequence[NDArray[np.uint8]] | None = None,
@@ -308,12 +308,12 @@ def of_the_clicked(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter)
     return clean.with_faces(mesh, mesh.faces[kept])
 
 
-def refined(mesh: Mesh, judges: Judges, config: Config, reporter: Reporter) -> Mesh:
+def refined(mesh: Mesh, trusted: TrustedViews, config: Config, reporter: Reporter) -> Mesh:
     """The mesh where the photos agree about it, as often as ``config.refine_rounds`` wants."""
-    if judges.photos is None:
+    if trusted.photos is None:
         return mesh
     return refine(
-        mesh, judges.views, judges.verdicts, judges.photos, config.refine_rounds,
+        mesh, trusted.views, trusted.verdicts, trusted.photos, config.refine_rounds,
         lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share),
     )  # fmt: skip
 

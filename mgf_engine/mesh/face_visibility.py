@@ -14,7 +14,8 @@ from mgf_engine.mesh.face_clusters import SIZE, Blocks
 from mgf_engine.model.masks import UNKNOWN
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
-from mgf_engine.native.library import call, side_by_side
+from mgf_engine.native.library import call
+from mgf_engine.native.parallel import parallel_map
 
 Counts = NDArray[np.int32]
 Labels = Sequence[NDArray[np.uint8]]
@@ -132,9 +133,9 @@ def _counted(
         at = corners(mesh.vertices, views[number])
         face, picture = show(number, at)
         label = None if labels is None else np.ascontiguousarray(labels[number])
-        call("count_pixels", face.size, face, at, faces, label, UNKNOWN, counts)
+        call("mgf_count_pixels", face.size, face, at, faces, label, UNKNOWN, counts)
         return picture
 
-    pictures = list(side_by_side(add, range(len(views))))
+    pictures = list(parallel_map(add, range(len(views))))
     front, back, inside, known = (np.ascontiguousarray(column) for column in counts.T)
     return PixelCounts(front, back, inside, known, pictures)

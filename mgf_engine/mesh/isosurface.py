@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.native.library import side_by_side
+from mgf_engine.native.parallel import parallel_map
 
 FREE, SOLID, INVALID = 0, 1, 2
 NEAR_ENOUGH = 0.02  # signed distance at which the search for the level ends
@@ -97,7 +97,7 @@ def _number(triangles: NDArray[np.int32], count: int) -> Crossing:
         return place, *np.unique(key[place], return_inverse=True)
 
     unique, corner = [np.zeros(0, np.int64)], np.empty(len(key), np.int32)
-    for place, found, inverse in side_by_side(distinct, range(PIECES)):
+    for place, found, inverse in parallel_map(distinct, range(PIECES)):
         corner[place] = inverse + sum(map(len, unique))
         unique.append(found)
     edges = np.stack(np.divmod(np.concatenate(unique), max(count, 1)), 1).astype(np.int32)

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from mgf_engine.geometry.clean import edges, open_edges, with_faces
 from mgf_engine.model.mesh import Mesh
 
-#: Below what one photo alone gives (:meth:`mgf_engine.mesh.tsdf.FusedField.known`).
+#: Below what one photo alone gives (:meth:`mgf_engine.mesh.tsdf.TsdfField.known`).
 UNCONFIRMED = 0.2
 #: Share of the mesh's size beyond which a patch stays as it is: too few photos there to say that it is wrong.
 LARGEST = 0.2

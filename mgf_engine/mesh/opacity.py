@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
-from mgf_engine.mesh.tsdf import FusedField
+from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.raster import points as kernel
@@ -51,7 +51,7 @@ class OpacityField:
         level: float,
         agree: int,
         hull: bool = True,
-        evidence: FusedField | None = None,
+        evidence: TsdfField | None = None,
     ) -> None:
         order = spread_order(np.array([v.centre for v in views]))
         self.views = [views[i] for i in order]
@@ -102,7 +102,7 @@ class OpacityField:
         return self.level
 
     def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """What the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.tsdf.FusedField.known`.
+        """What the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.tsdf.TsdfField.known`.
 
         All are ``confirmed``: eq. 25 does not tell what was seen from what was only not ruled out. Without ``evidence``
         nothing else is known.

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.rasterize import corners, look
+from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
@@ -83,7 +83,7 @@ def _seen(mesh: Mesh, scene: Scene, index: int) -> tuple[NDArray[np.int64], NDAr
     """Vertices that a view shows, and the pixel (row, column) of each."""
     view = scene.views[index]
     at = corners(mesh.vertices, view)
-    surface = look(mesh, view, at).depth
+    surface = render_mesh(mesh, view, at).depth
     column, row = np.floor(np.clip(at[:, :2], -1, 1 << 20)).astype(np.int64).T
     inside = (at[:, 2] > 0) & (row >= 0) & (row < view.height) & (column >= 0) & (column < view.width)
     seen = np.flatnonzero(inside)

@@ -120,7 +120,7 @@ def correlations(
     normals = np.ascontiguousarray(first.normal.reshape(-1, 3)[pixels])
     inverse = np.array([1 / view.fx, 1 / view.fy, view.cx, view.cy], np.float32)
     parallel(
-        "match_photos_work", count, pixels, normals, search.pixels, search.steps, _struct([first], view), inverse,
+        "mgf_match_photos", count, pixels, normals, search.pixels, search.steps, _struct([first], view), inverse,
         _struct(others, view), len(others), JUMP, HIDDEN, TEXTURE, step, scores, counts,
     )  # fmt: skip
     return scores, counts, step

@@ -57,7 +57,7 @@ def merge_cells(mesh: Mesh, cell: NDArray[np.integer], tolerance: NDArray[np.flo
     """
     at, into = np.array(mesh.vertices, np.float64, order="C"), np.empty(len(mesh.vertices), np.int32)
     given = np.ascontiguousarray(mesh.faces), np.asarray(cell, np.int32), np.asarray(tolerance, np.float32)
-    if call("merge_flat", len(at), len(mesh.faces), at, *given, EVEN, into):
+    if call("mgf_merge_flat", len(at), len(mesh.faces), at, *given, EVEN, into):
         raise MemoryError("Not enough memory to merge flat parts of the mesh; lower max_gaussians or the resolution.")
     for _ in range(TRIES):
         apart = _pinched(into, mesh.faces)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.rasterize import face_normals, look
+from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.mesh.photometric import Matched, Search, Surface, match_surface
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
@@ -47,9 +47,9 @@ class Prior:
 
     def seen_from(self, view: View, grey: NDArray[np.uint8]) -> tuple[Surface, Array]:
         """What a view shows of it, and how sure that is, [H, W]."""
-        sight = look(self.mesh, view)
-        surface = sight_surface(sight.depth, sight.face, self.normals, view, grey)
-        sure = np.where(surface.depth > 0, self.sure[np.maximum(sight.face, 0)], 0).astype(np.float32)
+        buffers = render_mesh(self.mesh, view)
+        surface = sight_surface(buffers.depth, buffers.face, self.normals, view, grey)
+        sure = np.where(surface.depth > 0, self.sure[np.maximum(buffers.face, 0)], 0).astype(np.float32)
         return surface, sure
 
 

@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.photometric import Search, Surface
 from mgf_engine.mesh.prior import sight_surface
-from mgf_engine.mesh.tsdf import FusedField, Photos
+from mgf_engine.mesh.tsdf import Photos, TsdfField
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
@@ -59,8 +59,8 @@ def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDA
         normals: unit normal of each face, [F, 3].
         grey: the photo's brightness, [H, W].
     """
-    sight = look(mesh, view)
-    return sight_surface(sight.depth, sight.face, normals, view, grey)
+    buffers = render_mesh(mesh, view)
+    return sight_surface(buffers.depth, buffers.face, normals, view, grey)
 
 
 def _matched(
@@ -70,7 +70,7 @@ def _matched(
     masks: Sequence[NDArray[np.uint8]],
     photos: Photos,
     progress: Callable[[float], None],
-) -> FusedField:
+) -> TsdfField:
     """The mesh as the photos would have it."""
     smoothed = vertex_normal[mesh.faces].mean(1)
     normals = smoothed / np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-12)
@@ -78,13 +78,13 @@ def _matched(
     def show(number: int) -> Surface:
         return look_surface(mesh, normals, views[number], photos.grey(number))
 
-    return FusedField(show, masks, photos.neighbours, SEARCH, BAND_PIXELS, progress, smoothing=photos.smoothing)
+    return TsdfField(show, masks, photos.neighbours, SEARCH, BAND_PIXELS, progress, smoothing=photos.smoothing)
 
 
 def onto_surface(
     mesh: Mesh,
     normals: NDArray[np.float64],
-    field: FusedField,
+    field: TsdfField,
     pixel: NDArray[np.float32],
     reach: float = REACH_PIXELS,
 ) -> Mesh:

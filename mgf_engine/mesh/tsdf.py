@@ -26,7 +26,8 @@ from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_su
 from mgf_engine.mesh.prior import Prior, decided, joined
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
-from mgf_engine.native.library import parallel, side_by_side
+from mgf_engine.native.library import parallel
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.device import each_view
@@ -50,13 +51,13 @@ ENOUGH = 50  # triangulated points from which the level is calibrated
 
 T = TypeVar("T")
 Progress = Callable[[float], None]
-_BELIEF = [
+_SAMPLE = [
     ("weight", "<f4"),
     ("sum", "<f4"),
     ("likeness", "<f4"),
     *((name, "<i4") for name in ("covered", "outside", "seen", "near", "judging", "behind")),
 ]
-_JUDGE = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
+_VIEW = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
     (name, kind)
     for names, kind in (("labels map rows height width", "<i8"), ("band least_slope", "<f8"))
     for name in names.split()
@@ -70,7 +71,7 @@ class Photos:
     Attributes:
         grey: number of a view -> uint8 [H, W], brightness.
         neighbours: per view the numbers of those to match it with.
-        smoothing: of the matched depths, as :class:`FusedField` takes it.
+        smoothing: of the matched depths, as :class:`TsdfField` takes it.
     """
 
     grey: Callable[[int], NDArray[np.uint8]]
@@ -94,7 +95,7 @@ class DepthMap:
     pixels: NDArray[np.float32]
 
 
-class FusedField:
+class TsdfField:
     """Signed distance of a surface, fused from the depth maps of all views.
 
     Args:
@@ -158,7 +159,7 @@ class FusedField:
             return depth_map(surface, asked.mask, found)
 
         self.maps: list[DepthMap] = []
-        for m in side_by_side(matched, needed()):
+        for m in parallel_map(matched, needed()):
             progress(len(self.maps) / len(masks))
             self.maps.append(m)
 
@@ -175,13 +176,13 @@ class FusedField:
         view knows.
         """
 
-        def verdict(belief: NDArray[np.void]) -> NDArray[np.float32]:
-            result = _distance(belief) - self.offset
-            result[belief["behind"] >= OUTVOTED * belief["judging"] ** 2] = -np.inf
-            unknown = belief["weight"] == 0
-            result[unknown] = np.where(belief["covered"][unknown] > 0, -np.inf, np.nan)
+        def verdict(sample: NDArray[np.void]) -> NDArray[np.float32]:
+            result = _distance(sample) - self.offset
+            result[sample["behind"] >= OUTVOTED * sample["judging"] ** 2] = -np.inf
+            unknown = sample["weight"] == 0
+            result[unknown] = np.where(sample["covered"][unknown] > 0, -np.inf, np.nan)
             if self.hull:
-                result[outside_hull(belief["outside"], belief["seen"])] = np.inf
+                result[outside_hull(sample["outside"], sample["seen"])] = np.inf
             return np.asarray(result, np.float32)
 
         return _joined(self._ask(points, verdict, progress), np.float32)
@@ -193,9 +194,9 @@ class FusedField:
         depths, tend to lie a fraction of a pixel behind the surface.
         """
 
-        def near_level(belief: NDArray[np.void]) -> NDArray[np.float32]:
-            known = (belief["weight"] > 0) & ~outside_hull(belief["outside"], belief["seen"])
-            distance = _distance(belief)[known]
+        def near_level(sample: NDArray[np.void]) -> NDArray[np.float32]:
+            known = (sample["weight"] > 0) & ~outside_hull(sample["outside"], sample["seen"])
+            distance = _distance(sample)[known]
             return distance[np.abs(distance) < 0.9]
 
         near = _joined(self._ask(points, near_level), np.float32)
@@ -205,8 +206,8 @@ class FusedField:
     def distance(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
         """How far points [N, 3] lie in front of the surface, in half bands, -1..1, [N]; NaN where no view knows."""
 
-        def off(belief: NDArray[np.void]) -> NDArray[np.float32]:
-            return np.where(belief["weight"] > 0, _distance(belief) - self.offset, np.nan).astype(np.float32)
+        def off(sample: NDArray[np.void]) -> NDArray[np.float32]:
+            return np.where(sample["weight"] > 0, _distance(sample) - self.offset, np.nan).astype(np.float32)
 
         return _joined(self._ask(points, off), np.float32)
 
@@ -219,12 +220,12 @@ class FusedField:
             three whose patches look alike there 1; 0 is made up to close a gap.
         """
 
-        def trust(belief: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
-            alike = belief["likeness"] / np.maximum(belief["near"], 1)
-            enough = np.minimum(belief["near"] / ENOUGH_VIEWS, 1.0)
+        def trust(sample: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
+            alike = sample["likeness"] / np.maximum(sample["near"], 1)
+            enough = np.minimum(sample["near"] / ENOUGH_VIEWS, 1.0)
             confidence = enough * (0.5 + 0.5 * np.clip(alike, 0, 1))
-            shown = (belief["weight"] > 0) & (np.abs(_distance(belief) - self.offset) < CONFIRMED)
-            return shown, np.minimum(belief["near"], 255).astype(np.uint8), confidence.astype(np.float32)
+            shown = (sample["weight"] > 0) & (np.abs(_distance(sample) - self.offset) < CONFIRMED)
+            return shown, np.minimum(sample["near"], 255).astype(np.uint8), confidence.astype(np.float32)
 
         found = list(self._ask(points, trust))
         kinds = {"confirmed": np.bool_, "views": np.uint8, "confidence": np.float32}
@@ -236,23 +237,23 @@ class FusedField:
         answer: Callable[[NDArray[np.void]], T],
         progress: Progress = lambda share: None,
     ) -> Iterator[T]:
-        """``answer`` to what the views together say of each point (struct Belief in ``native/csrc/mesh/fuse.c``), CHUNK
+        """``answer`` to what all views tell of each point (struct TsdfSample in ``native/csrc/mesh/fuse.c``), CHUNK
         points at a time."""
-        judges = np.array([self._judge(m) for m in self.maps], _JUDGE)
+        views = np.array([self._view_struct(m) for m in self.maps], _VIEW)
 
         def one(start: int) -> T:
             part = np.ascontiguousarray(points[start : start + CHUNK], dtype=np.float32)
-            belief = np.zeros(len(part), _BELIEF)
-            parallel("fuse_judges_work", len(part), part, judges, len(judges), NEAR, JUMP, belief)
-            return answer(belief)
+            sample = np.zeros(len(part), _SAMPLE)
+            parallel("mgf_integrate_depths", len(part), part, views, len(views), NEAR, JUMP, sample)
+            return answer(sample)
 
         starts = range(0, len(points), CHUNK)
-        for start, result in zip(starts, side_by_side(one, starts), strict=True):
+        for start, result in zip(starts, parallel_map(one, starts), strict=True):
             progress(min(start + CHUNK, len(points)) / len(points))
             yield result
 
-    def _judge(self, m: DepthMap) -> tuple[Any, ...]:
-        """A depth map as ``native/csrc/mesh/fuse.c`` takes it (struct Judge)."""
+    def _view_struct(self, m: DepthMap) -> tuple[Any, ...]:
+        """A depth map as ``native/csrc/mesh/fuse.c`` takes it (struct TrustedView)."""
         arrays = m.mask.ctypes.data, m.pixels.ctypes.data, m.rows.ctypes.data
         return (*pose_and_intrinsics(m.view), *arrays, m.view.height, m.view.width, self.band / m.view.fx, LEAST_SLOPE)
 
@@ -270,9 +271,9 @@ def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[A
     return np.concatenate([np.zeros(0, kind), *chunks])
 
 
-def _distance(belief: NDArray[np.void]) -> NDArray[np.float32]:
+def _distance(sample: NDArray[np.void]) -> NDArray[np.float32]:
     """Mean signed distance in half bands, -1..1, positive in front of the surface; 0 where no view says anything."""
-    distance: NDArray[np.float32] = belief["sum"] / np.maximum(belief["weight"], 1e-30)
+    distance: NDArray[np.float32] = sample["sum"] / np.maximum(sample["weight"], 1e-30)
     return distance
 
 
@@ -284,13 +285,13 @@ def fuse_gaussians(
     progress: Progress = lambda share: None,
     prior: Prior | None = None,
     hull: bool = True,
-) -> FusedField:
+) -> TsdfField:
     """The field's own surface as the cameras that judge see it, normalised frame.
 
     Args:
         photos: where given, the depths are first moved to where the photos look most alike.
         prior: a surface known before the field, used with ``photos`` only.
-        hull: as :class:`FusedField` takes it.
+        hull: as :class:`TsdfField` takes it.
     """
 
     def show(number: int) -> Surface:
@@ -300,7 +301,7 @@ def fuse_gaussians(
         assert prior is not None and photos is not None
         return prior.seen_from(views[number], photos.grey(number))
 
-    return FusedField(
+    return TsdfField(
         show, masks, photos.neighbours if photos else (), progress=progress, device=gaussians.positions.device,
         prior=known if prior is not None and photos is not None else None, hull=hull,
         smoothing=photos.smoothing if photos else 0.0,

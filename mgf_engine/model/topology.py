@@ -34,7 +34,7 @@ class Adjacency:
         """Those of ``faces`` between ``vertices`` vertices."""
         faces = np.ascontiguousarray(faces, dtype=np.int32)
         result = cls(faces, np.empty(vertices + 1, np.int32), np.empty(3 * len(faces), np.int32))
-        call("corners_around", vertices, len(faces), *result._all)
+        call("mgf_corners_around", vertices, len(faces), *result._all)
         return result
 
     @property
@@ -44,30 +44,30 @@ class Adjacency:
     def parts(self) -> NDArray[np.int32]:
         """Which part, connected by edges, each face belongs to, int32 [F], in the order of their first faces."""
         part = np.empty(len(self.faces), np.int32)
-        call("parts_of_faces", len(self.start) - 1, len(self.faces), *self._all, part)
+        call("mgf_face_components", len(self.start) - 1, len(self.faces), *self._all, part)
         return part
 
     def open_edges(self) -> NDArray[np.bool_]:
         """Corners whose edge no other face uses, bool [F, 3]."""
         alone = np.zeros(self.faces.shape, np.uint8)
-        parallel("open_edges_work", len(self.start) - 1, *self._all, alone)
+        parallel("mgf_open_edges", len(self.start) - 1, *self._all, alone)
         return alone.astype(bool)
 
     def fans(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """The fan around its vertex that each corner belongs to, int32 [3 F] in the order of ``corner``, and how many
         each vertex has, int32 [N]. Fans hang together by edges that two faces use, in opposite directions."""
         fan, count = np.empty(len(self.corner), np.int32), np.empty(len(self.start) - 1, np.int32)
-        parallel("fans_work", len(count), *self._all, fan, count)
+        parallel("mgf_vertex_fans", len(count), *self._all, fan, count)
         return fan, count
 
     def smooth(self, at: NDArray[np.float64], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Vertices [N, 3], all but the ``fixed`` [N] half way towards the mean of their neighbours."""
         moved = np.empty_like(at)
-        parallel("smooth_work", len(at), *self._all, fixed.view(np.uint8), at, moved)
+        parallel("mgf_smooth_vertices", len(at), *self._all, fixed.view(np.uint8), at, moved)
         return moved
 
     def vertex_normals(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum of the normals of the faces around each vertex, weighted by twice their areas, [N, 3]."""
         normals = np.empty((len(at), 3))
-        parallel("vertex_normals_work", len(at), *self._all, np.ascontiguousarray(at, dtype=np.float64), normals)
+        parallel("mgf_vertex_normals", len(at), *self._all, np.ascontiguousarray(at, dtype=np.float64), normals)
         return normals

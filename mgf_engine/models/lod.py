@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.evaluation.surfaces import Surface
-from mgf_engine.geometry.rasterize import look_along
+from mgf_engine.geometry.rasterize import render_parallel
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh
 
@@ -127,4 +127,4 @@ def _sights() -> list[tuple[Array, Array]]:
 
 def _outline(points: Array, faces: NDArray[np.int32], axes: Array) -> NDArray[np.bool_]:
     at = 0.5 * SILHOUETTE * (points @ axes.T + 1)
-    return look_along(np.column_stack([at, np.zeros(len(at))]), faces, SILHOUETTE, SILHOUETTE).face >= 0
+    return render_parallel(np.column_stack([at, np.zeros(len(at))]), faces, SILHOUETTE, SILHOUETTE).face >= 0

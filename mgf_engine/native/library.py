@@ -31,16 +31,16 @@ _HINT = "run 'python -m mgf_engine.native.build' to compile the kernels"
 #: Items per piece of the work loops whose first argument counts items (``PIECE`` in their source); of others that
 #: argument is the number of pieces, or the caller says how many there are.
 ITEMS_PER_PIECE = {
-    "mgf_adam": 2048, "mgf_project": 256, "mgf_project_backward": 256, "points_locate_work": 4096,
-    "fuse_judges_work": 2048, "match_photos_work": 64, "corners_work": 8192, "open_edges_work": 4096,
-    "fans_work": 4096, "smooth_work": 4096, "vertex_normals_work": 4096,
+    "mgf_adam": 2048, "mgf_project": 256, "mgf_project_backward": 256, "mgf_locate_points": 4096,
+    "mgf_integrate_depths": 2048, "mgf_match_photos": 64, "mgf_project_vertices": 8192, "mgf_open_edges": 4096,
+    "mgf_vertex_fans": 4096, "mgf_smooth_vertices": 4096, "mgf_vertex_normals": 4096,
 }  # fmt: skip
 
 S = TypeVar("S")
 T = TypeVar("T")
 _threads = 0
 _pool: ThreadPoolExecutor | None = None
-_side: ThreadPoolExecutor | None = None  # for side_by_side
+_side: ThreadPoolExecutor | None = None  # for map_on_kernel_threads
 _current: ctypes.CDLL | None = None
 _current_variant = ""
 
@@ -167,8 +167,8 @@ def own_threads() -> int:
     return 1 if getattr(_here, "alone", False) else threads()
 
 
-def side_by_side(work: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
-    """``work`` of each item, in order, made on :func:`threads` threads, a few ahead of what is taken.
+def map_on_kernel_threads(work: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
+    """Yield ``work`` of each item, in order, made on :func:`threads` threads, a few ahead of what is taken.
 
     Work loops inside ``work`` run on one thread each: with many items that costs less than sharing every one. The items
     themselves are made by the thread that asks.

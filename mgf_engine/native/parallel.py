@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One photo (or block of points) per thread: they are many and alike, and NumPy and OpenCV release the interpreter."""
+"""Work on many photos or blocks of points at a time, one on each thread."""
 
 from __future__ import annotations
 
@@ -10,18 +10,30 @@ from typing import TypeVar
 
 import cv2
 
+from mgf_engine.native.library import map_on_kernel_threads
+
+S = TypeVar("S")
 T = TypeVar("T")
 
 
-def in_order(task: Callable[[int], T], indices: Iterable[int], threads: int) -> Iterator[tuple[int, T]]:
-    """(index, result of the task) in the order of the indices, whichever is done first.
+def parallel_map(work: Callable[[S], T], items: Iterable[S], threads: int | None = None) -> Iterator[T]:
+    """Yield ``work(item)`` of each item, in the order of the items, whichever is done first.
 
     What has not begun is dropped when the caller stops early, as on a cancelled job.
+
+    Args:
+        work: may run on any thread.
+        items: made by the thread that asks.
+        threads: how many items are worked on at a time, for work in NumPy and OpenCV, which release the interpreter.
+            None: on the kernels' own threads, a few items ahead of what is taken; kernels that ``work`` calls run on
+            one thread each, which with many items costs less than sharing every one.
     """
-    indices = list(indices)
+    if threads is None:
+        yield from map_on_kernel_threads(work, items)
+        return
     pool = ThreadPoolExecutor(max(1, threads))
     try:
-        yield from zip(indices, pool.map(task, indices), strict=True)
+        yield from pool.map(work, list(items))
     finally:
         pool.shutdown(cancel_futures=True)
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from mgf_engine.errors import BadInput
-from mgf_engine.native.library import side_by_side
+from mgf_engine.native.parallel import parallel_map
 
 if TYPE_CHECKING:
     from mgf_engine.raster.cuda.tile_list_capacity import Room
@@ -74,7 +74,7 @@ def choose_device(wanted: str) -> Choice:
 
 def each_view(work: Callable[[int], T], views: Iterable[int], device: torch.device) -> Iterator[T]:
     """``work`` of each view, in order: side by side on the CPU, one after another on a card, which has one queue."""
-    return side_by_side(work, views) if device.type == "cpu" else map(work, views)
+    return parallel_map(work, views) if device.type == "cpu" else map(work, views)
 
 
 def rendered_nothing(device: torch.device) -> int:

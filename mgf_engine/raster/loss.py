@@ -31,7 +31,7 @@ FLOOR = 0.01  # pooled similarity is kept positive so that its powers have a slo
 _TILE_H, _TILE_W = 32, 256  # csrc/raster/loss.h, as everything up to _ALPHA
 _STRIP = 16  # rows, csrc/raster/normals.h
 _LEVEL_FIELDS, _SAVED = 9, 4
-_HAS_LABEL, _COVERS_LABEL, _HAS_RING = 1, 2, 4
+_HAS_LABEL, _COVERS_LABEL, _HAS_BAND = 1, 2, 4
 _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
 
 
@@ -43,7 +43,13 @@ def scales_of(area: NDArray[np.int64], height: int, width: int) -> int:
 
 
 def photo_side(
-    image: Tensor, labels: Tensor, edges: Tensor, ring: Tensor, ids: int, elements: int, origin: tuple[int, int]
+    image: Tensor,
+    labels: Tensor,
+    edges: Tensor,
+    background_band: Tensor,
+    ids: int,
+    elements: int,
+    origin: tuple[int, int],
 ) -> PhotoSide:
     """Sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`."""
     mask, (height, width) = labels.numpy(), labels.shape
@@ -56,16 +62,18 @@ def photo_side(
         area[scale] = _areas(here, ids, elements)
         has = _in_tiles(here > 0, 1) * _HAS_LABEL
         covers = _in_tiles(mask > 0, 1 << scale)[: has.shape[0], : has.shape[1]] * _COVERS_LABEL
-        extra = _in_tiles(ring.numpy() > 0, 1) * _HAS_RING if scale == 0 else 0
+        extra = _in_tiles(background_band.numpy() > 0, 1) * _HAS_BAND if scale == 0 else 0
         flags.append((has + covers + extra).astype(np.uint8).ravel())
         planes = (3, 3, 3 * _SAVED, 3 if scale else 0)
         starts = floats + np.cumsum((0, *planes)) * h * w
         levels[scale] = h, w, *has.shape, tiles, *starts[:4]
         tiles, floats = tiles + has.size, int(starts[4])
-    image, labels, edges, ring = (t.view(torch.uint8).contiguous() for t in (image, labels, edges, ring))
+    maps = image, labels, edges, background_band
+    image, labels, edges, background_band = (t.view(torch.uint8).contiguous() for t in maps)
     return PhotoSide(
-        image=image, labels=labels, elements=elements, edges=edges, ring=ring, origin=origin, area=area,
-        edge_area=int(np.count_nonzero(edges.numpy() * mask)), ring_area=int(np.count_nonzero(ring.numpy())),
+        image=image, labels=labels, elements=elements, edges=edges, background_band=background_band, origin=origin,
+        area=area,
+        edge_area=int(np.count_nonzero(edges.numpy() * mask)), band_area=int(np.count_nonzero(background_band.numpy())),
         levels=levels, flags=np.concatenate(flags), strips=_blocks(mask > 0, _STRIP, width)[:, 0].astype(np.uint8),
         scratch=floats,
     )  # fmt: skip
@@ -201,11 +209,11 @@ class _Pass:
         color = self._at_box(self.color), self.color.stride(0), self.color.stride(1)
         alpha = self._at_box(self.alpha), self.alpha.stride(0)
         given = (*color, *alpha, photo.image, photo.labels, self.backdrop, scratch)
-        parallel("loss_prepare_work", *levels, *given, pieces=self.finest)
+        parallel("mgf_loss_prepare", *levels, *given, pieces=self.finest)
         similarity, slopes, edge_slope = self._similarity() if self.weights.ssim > 0 else (0.0, None, 0.0)
         if slopes is not None and self.scales > 1:
             coarse = (photo.flags, photo.labels, self.ids, slopes, scratch)
-            parallel("loss_coarse_work", *levels, *coarse, self.failed, pieces=self.tiles - self.finest)
+            parallel("mgf_loss_coarse", *levels, *coarse, self.failed, pieces=self.tiles - self.finest)
         consistency, normals = self._normals(camera) if self.depth is not None else (0.0, 0.0)
         l1, on_ring, distortion = self._finish(slopes, edge_slope, normals)
         if self.failed[0]:
@@ -213,7 +221,7 @@ class _Pass:
         return {
             "color": similarity + l1,
             "geometry": consistency + self.weights.distortion * distortion / self.inside,
-            "background": self.weights.background * on_ring / max(photo.ring_area, 1),
+            "background": self.weights.background * on_ring / max(photo.band_area, 1),
         }
 
     def gradients(self) -> list[Tensor]:
@@ -243,7 +251,7 @@ class _Pass:
         photo, ids, weights = self.photo, self.ids, self.weights
         sums = np.zeros((len(photo.flags), 2 * ids + 1))
         given = (photo.flags, photo.labels, photo.edges, ids, self.scratch, sums)
-        parallel("loss_forward_work", photo.levels, self.scales, *given, self.failed, pieces=self.tiles)
+        parallel("mgf_loss_forward", photo.levels, self.scales, *given, self.failed, pieces=self.tiles)
         ends = [*photo.levels[1 : self.scales, 4], len(sums)]
         pooled = np.stack([part.sum(0) for part in np.split(sums, ends[:-1])])[: self.scales] / 3
         base, edge, edges = self._pixel_weights()
@@ -275,7 +283,7 @@ class _Pass:
         images = (self._at_box(self.depth), self._at_box(self.normal), self._at_box(self.alpha))
         goals = [self._at_box(self.gradient[plane]) for plane in (_DEPTH, _NORMAL, _ALPHA)]
         parallel(
-            "loss_normals_work", *images, self.normal.stride(0), self.normal.stride(1), photo.labels, photo.strips,
+            "mgf_loss_normals", *images, self.normal.stride(0), self.normal.stride(1), photo.labels, photo.strips,
             height, width, *intrinsics, sums, *goals, self.gradient.stride(1), self.gradient.stride(0), self.failed,
             pieces=len(photo.strips),
         )  # fmt: skip
@@ -294,18 +302,18 @@ class _Pass:
         l1 = (weights.l1 * l1 / 3).astype(np.float32)
         addresses = [
             self._at_box(self.alpha), self._at_box(self.distortion), self._at_box(self.depth), photo.labels,
-            photo.edges, photo.ring, slopes, l1, self.gradient, self.error,
+            photo.edges, photo.background_band, slopes, l1, self.gradient, self.error,
         ]  # fmt: skip
         sizes = (self.alpha.stride(0), self.error.stride(0), *self.alpha.shape, y, x, len(self.gradient))
         finish = np.array([*map(_address, addresses), *sizes], np.int64)
         factors = np.array([
-            *self.backdrop.tolist(), edge_slope, weights.l1 * edge / 3, weights.background / max(photo.ring_area, 1),
+            *self.backdrop.tolist(), edge_slope, weights.l1 * edge / 3, weights.background / max(photo.band_area, 1),
             weights.distortion / self.inside, normals,
         ], np.float32)  # fmt: skip
         sums = np.zeros((self.finest, 3))
         given = (photo.flags, self.ids, finish, factors, self.scratch, sums)
         bands = -(-self.alpha.shape[0] // _TILE_H)
-        parallel("loss_finish_work", photo.levels, self.scales, *given, self.failed, pieces=self.finest + bands)
+        parallel("mgf_loss_finish", photo.levels, self.scales, *given, self.failed, pieces=self.finest + bands)
         total: NDArray[np.float64] = sums.sum(0)
         return total
 

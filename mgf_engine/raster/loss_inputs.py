@@ -35,11 +35,11 @@ class PhotoSide:
     labels: Tensor
     elements: int
     edges: Tensor
-    ring: Tensor
+    background_band: Tensor
     origin: tuple[int, int]
     area: NDArray[np.int64]
     edge_area: int
-    ring_area: int
+    band_area: int
     levels: NDArray[np.int64]
     flags: NDArray[np.uint8]
     strips: NDArray[np.uint8]

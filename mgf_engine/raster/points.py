@@ -53,7 +53,7 @@ def locate(points: NDArray[np.float32], view: View, mask: NDArray[np.uint8]) -> 
     count = len(points)
     found = Located(np.empty((count, 3), np.float32), np.empty(count, np.uint8), np.empty(count, np.int32))
     camera = (*pose_and_intrinsics(view), NEAR, mask, view.height, view.width)
-    parallel("points_locate_work", count, points, *camera, found.place, found.verdict, found.block)
+    parallel("mgf_locate_points", count, points, *camera, found.place, found.verdict, found.block)
     return found
 
 
@@ -116,14 +116,14 @@ class PointOpacity:
         tiles_x, tiles_y = -(-view.width // TILE), -(-view.height // TILE)
         tiles = tiles_x * tiles_y
         order, starts = np.empty(len(points), np.int32), np.empty(tiles * BLOCKS + 1, np.int32)
-        call("points_sort", len(points), where.block, tiles * BLOCKS, order, starts)
+        call("mgf_sort_points", len(points), where.block, tiles * BLOCKS, order, starts)
         listed = np.diff(starts[::BLOCKS]) > 0
         if listed.any():
             records, gid, ranges = self._tile_lists(view, listed.astype(np.uint8), tiles_x, tiles_y)
             failed = np.zeros(1, np.int32)
             front = self._front(view)
             arguments = (records, gid, ranges, front, where.place, order, starts, NEAR, float(stop), lowest, failed)
-            parallel("points_opacity_work", tiles, *arguments)
+            parallel("mgf_point_opacity", tiles, *arguments)
             if failed[0]:
                 raise MemoryError("Not enough memory for the opacity of points; use fewer Gaussians.")
         return where.verdict
@@ -147,7 +147,7 @@ class PointOpacity:
         parallel(
             "mgf_project", n, Camera.from_view(view).packed(), *self._parameters, 0, tiles_x, tiles_y, every, *outputs
         )
-        call("points_grow_footprints", n, records, footprints)
+        call("mgf_grow_footprints", n, records, footprints)
         order, slots = np.empty(n, np.int32), np.empty(n + 1, np.int64)
         drawn = call("mgf_sort", n, keys, counts, order, slots, np.empty(3 * n, np.uint32))
         places, ranges = np.empty((_CHUNKS, tiles), np.int32), np.empty(tiles + 1, np.int32)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.neighbours import matching_views, point_sets
 from mgf_engine.scene.stereo import Photo, pair_depth
 
@@ -83,7 +83,8 @@ def match_photos(
         longest_side: px; larger photos are reduced for matching.
         check: called between pairs; may raise to cancel.
     """
-    photos = dict(in_order(lambda i: photo_at(scene, i, inside and inside(i), longest_side), views, threads))
+    read = parallel_map(lambda i: photo_at(scene, i, inside and inside(i), longest_side), views, threads)
+    photos = dict(zip(views, read, strict=True))
     chosen = matching_views(scene, kept, views, neighbours)
     pairs = [(i, j) for i in views for j in chosen[i]]
     sets = point_sets(scene, kept)
@@ -93,11 +94,13 @@ def match_photos(
         return pair_depth(photos[i], photos[j], scene.points[np.intersect1d(sets[i], sets[j])])
 
     found: dict[int, list[NDArray[np.float32]]] = {i: [] for i in views}
-    for row, depth in in_order(matched, range(len(pairs)), threads):
+    for row, depth in enumerate(parallel_map(matched, range(len(pairs)), threads)):
         check()
         if depth is not None:
             found[pairs[row][0]].append(depth)
-    maps = dict(in_order(lambda i: _merge(found[i]), [i for i in views if found[i]], threads))
+    matched_views = [i for i in views if found[i]]
+    merged = parallel_map(lambda i: _merge(found[i]), matched_views, threads)
+    maps = dict(zip(matched_views, merged, strict=True))
     return Depths(photos, chosen, maps)
 
 

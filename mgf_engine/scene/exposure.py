@@ -20,7 +20,7 @@ from scipy import sparse
 from mgf_engine.images import read_rgb, write_png
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 
 DARKEST, BRIGHTEST = 12.0, 240.0  # grey values outside are noise or clipped
 ROUNDS, NOISE = 10, 0.06  # re-weighting; residuals of log c that are nothing unusual
@@ -45,7 +45,7 @@ def even_exposure(scene: Scene, folder: Path, threads: int = 1) -> Array:
         path = folder / Path(scene.views[index].file).name
         write_png(path, with_gain(PHOTOS.get(path, read_rgb), gains[index]))
 
-    for _ in in_order(rewrite, np.flatnonzero((gains != 1.0).any(1)).tolist(), threads):
+    for _ in parallel_map(rewrite, np.flatnonzero((gains != 1.0).any(1)).tolist(), threads):
         pass
     return gains
 
@@ -109,6 +109,6 @@ def observed_colors(scene: Scene, folder: Path, threads: int = 1) -> Array:
         x, y = np.floor(scene.track_uv[mine]).astype(int).T
         colors[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]
 
-    for _ in in_order(look, range(len(scene.views)), threads):
+    for _ in parallel_map(look, range(len(scene.views)), threads):
         pass
     return colors

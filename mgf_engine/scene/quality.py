@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mgf_engine.images import read_rgb
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
 #: Grey values of noise that roughen the mesh. Sound photos stay below 5 down to 240 pixels, leaves and bricks included.
@@ -52,7 +52,7 @@ def photo_quality(scene: Scene, folder: Path, threads: int = 1) -> Quality:
         green = photo[..., 1].astype(np.float32)
         return noise_of(green), sharpness_of(green, scene.track_uv[scene.observations(index)])
 
-    found = [both for _, both in in_order(measure, range(len(scene.views)), threads)]
+    found = list(parallel_map(measure, range(len(scene.views)), threads))
     noise, sharpness = np.reshape(found, (-1, 2)).T
     return Quality(noise, sharpness)
 

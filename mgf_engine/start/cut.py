@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.delaunay import begun
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.masks import building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import parallel
@@ -160,7 +160,7 @@ def cut_surface(
     direction = np.ascontiguousarray(direction[hit])
     pulled = np.zeros(len(sink), np.int32)
     parallel(
-        "pull_rays_work", len(at), shape.reference, at, direction, shut.astype(np.uint8), float(o.cover),
+        "mgf_pull_rays", len(at), shape.reference, at, direction, shut.astype(np.uint8), float(o.cover),
         float(o.short * views.pixel), pulled,
     )  # fmt: skip
     inside = graph.inside(source, sink + pulled / _ONE)
@@ -199,7 +199,7 @@ def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array
 def _rays(
     views: StartViews, shape: Tetrahedra, evidence: Evidence, o: CutOptions
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """What the points' rays say: free [T], solid [T] and face [T, 4], as ``cast_rays_work`` sums them."""
+    """What the points' rays say: free [T], solid [T] and face [T, 4], as ``mgf_cast_rays`` sums them."""
     point = np.repeat(np.arange(len(evidence.points), dtype=np.int32), [len(s) for s in evidence.seen])
     view = np.concatenate([np.zeros(0, np.int64), *evidence.seen]).astype(np.int32)
     weight = evidence.weight[point].astype(np.float32)
@@ -207,7 +207,7 @@ def _rays(
     free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
     face = np.zeros((len(shape.corners), 4), np.int32)
     parallel(
-        "cast_rays_work", len(point), shape.reference, point, view, views.centres, weight, behind,
+        "mgf_cast_rays", len(point), shape.reference, point, view, views.centres, weight, behind,
         float(o.soft * views.pixel), float(o.depth * views.pixel), free, solid, face,
     )  # fmt: skip
     return free, solid, face
@@ -271,7 +271,7 @@ def _uncovered(views: StartViews, mesh: Mesh) -> tuple[Array, Array]:
     centres, rays = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for n, view in enumerate(views.views):
         wanted = cv2.erode(building(views.labels[n]).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        row, column = np.nonzero(wanted & (look(mesh, view).face < 0))
+        row, column = np.nonzero(wanted & (render_mesh(mesh, view).face < 0))
         found = pixel_rays(views, np.full(len(row), n), np.c_[column + 0.5, row + 0.5])
         rays.append(found)
         centres.append(np.broadcast_to(views.centres[n], found.shape))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.visual_hull import with_hull_points
 from mgf_engine.model.masks import MaskSet, building
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.depths import Depths, match_photos
 from mgf_engine.start.options import DenseOptions
 from mgf_engine.start.views import StartViews
@@ -29,7 +29,7 @@ def dense_points(
     inside = lambda i: building(masks.labels[i])  # noqa: E731
     depths = match_photos(scene, views.indices, kept, inside, o.neighbours, o.longest_side, threads, check)
     numbers = [n for n, i in enumerate(views.indices) if i in depths.maps]
-    found = [f for _, f in in_order(lambda n: _confirmed(views, depths, n, o), numbers, threads)]
+    found = list(parallel_map(lambda n: _confirmed(views, depths, n, o), numbers, threads))
     if not any(len(points) for points, _ in found):
         return np.zeros((0, 3)), []
     points, seen = (np.concatenate(part) for part in zip(*found, strict=True))

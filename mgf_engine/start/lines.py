@@ -54,7 +54,7 @@ def match_segments(
     box = np.ascontiguousarray(np.stack([segments.views.low, segments.views.high]))
     sine = float(np.sin(np.radians(segments.options.angles[0])))
     parallel(
-        "match_segments_work", len(score), _by_reference(segments), neighbours, neighbours.shape[1], box, sine, lines,
+        "mgf_match_segments", len(score), _by_reference(segments), neighbours, neighbours.shape[1], box, sine, lines,
         score,
     )  # fmt: skip
     return lines, score
@@ -73,7 +73,7 @@ def fit_segments(
     lines, rows = np.ascontiguousarray(lines).copy(), np.zeros((count, views), np.int32)
     residuals, ends = np.zeros((count, views), np.float32), np.zeros((count, views, 2))
     parallel(
-        "fit_segments_work", count, _by_reference(segments), own, float(segments.views.pixel), lines, rows, residuals,
+        "mgf_fit_segments", count, _by_reference(segments), own, float(segments.views.pixel), lines, rows, residuals,
         ends,
     )  # fmt: skip
     return lines, rows, residuals, ends

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import face_areas
-from mgf_engine.geometry.rasterize import face_normals, look
+from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 
@@ -89,7 +89,7 @@ def _shown(mesh: Mesh, scene: Scene, indices: Sequence[int]) -> NDArray[np.bool_
     result, normals = np.zeros(len(mesh.faces), bool), face_normals(mesh)
     middle = mesh.vertices[mesh.faces].mean(1)
     for i in indices:
-        face = look(mesh, scene.views[i]).face
+        face = render_mesh(mesh, scene.views[i]).face
         seen = np.unique(face[face >= 0])
         result[seen[((scene.views[i].centre - middle[seen]) * normals[seen]).sum(1) > 0]] = True
     return result
@@ -114,7 +114,7 @@ def _colors(
         column, row = np.floor(uv[:, 0]), np.floor(uv[:, 1])
         framed = (depth > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
         rows, at, depth = rows[framed], (row[framed].astype(int), column[framed].astype(int)), depth[framed]
-        surface = look(mesh, view).depth[at]
+        surface = render_mesh(mesh, view).depth[at]
         shown = (surface > 0) & (np.abs(surface - depth) < 0.01 * depth)
         if not shown.any():
             continue

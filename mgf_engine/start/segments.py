@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.model.masks import BACKGROUND
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.start.options import SegmentOptions
 from mgf_engine.start.views import StartViews
 
@@ -99,7 +99,7 @@ class Segments:
 
 def find_segments(views: StartViews, options: SegmentOptions, threads: int) -> Segments:
     """The edges of all photos in and beside their masks."""
-    found = [f for _, f in in_order(lambda n: _detect(views, n, options), range(len(views.views)), threads)]
+    found = list(parallel_map(lambda n: _detect(views, n, options), range(len(views.views)), threads))
     first = np.cumsum([0, *(len(ends) for ends, _ in found)]).astype(np.int32)
     ends = np.concatenate([ends for ends, _ in found])
     view = np.repeat(np.arange(len(found), dtype=np.int32), np.diff(first))

@@ -13,7 +13,7 @@ from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
-from mgf_engine.native.library import side_by_side
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.photos import Room
 from mgf_engine.texture.charts import GUTTER
@@ -59,7 +59,7 @@ def bake(
         painted = painted + (corrections.value[corrections.of_corner[faces]] * weight).sum(1)
         return np.clip(np.rint(painted), 0, 255).astype(np.uint8)
 
-    for k, found in enumerate(side_by_side(colors, range(len(kinds)))):
+    for k, found in enumerate(parallel_map(colors, range(len(kinds)))):
         progress(k / len(kinds))
         image[parts[k]] = found
     return fill_gutters(image.reshape(layout.height, layout.width, 3), face >= 0)

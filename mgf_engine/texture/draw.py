@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.rasterize import corners, look
+from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import View
@@ -15,7 +15,7 @@ from mgf_engine.texture.bake import barycentric
 
 def draw_textured(mesh: Mesh, texture: Texture, view: View) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """The mesh (normalised frame) from a view, unlit on white, RGB uint8 [H, W, 3], and where it is seen, [H, W]."""
-    face = look(mesh, view).face
+    face = render_mesh(mesh, view).face
     rows, columns = np.nonzero(face >= 0)
     owner = face[rows, columns]
     at = corners(mesh.vertices, view)[mesh.faces[owner]]

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.rasterize import corners, face_normals, look
+from mgf_engine.geometry.rasterize import corners, face_normals, render_mesh
 from mgf_engine.mesh.colors import SLACK, sample
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
-from mgf_engine.native.library import side_by_side
+from mgf_engine.native.parallel import parallel_map
 
 MARGIN = 1.5  # px to the edge of the photo
 STEEP = 0.15  # cosine between the face's normal and the ray below which a photo is no use
@@ -61,7 +61,7 @@ def find_sights(
         return _shown(mesh, normals, views[i], photo(i), inside(i))
 
     found = _Found(len(mesh.faces))
-    for i, (faces, sizes) in enumerate(side_by_side(seen, range(len(views)))):
+    for i, (faces, sizes) in enumerate(parallel_map(seen, range(len(views)))):
         progress(i / len(views))
         found.add(i, faces, sizes)
     return found.sights()
@@ -105,12 +105,12 @@ def _shown(
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """The faces that a view shows, and how large they are in it."""
     at = corners(mesh.vertices, view)
-    sight = look(mesh, view, at)
+    buffers = render_mesh(mesh, view, at)
     u, v, inverse = at.T
     high, wide = view.height - MARGIN, view.width - MARGIN
     framed = (inverse > 0) & (u > MARGIN) & (v > MARGIN) & (u < wide) & (v < high)
-    visible, off = _at_vertices(mesh, np.flatnonzero(framed), at, sight.depth, photo, inside)
-    drawn = np.bincount(sight.face[(sight.face >= 0) & inside], minlength=len(mesh.faces))
+    visible, off = _at_vertices(mesh, np.flatnonzero(framed), at, buffers.depth, photo, inside)
+    drawn = np.bincount(buffers.face[(buffers.face >= 0) & inside], minlength=len(mesh.faces))
     at_corners = np.asarray(visible[mesh.faces].all(1))
     face = np.flatnonzero(at_corners | ((drawn > 0) & framed[mesh.faces].all(1)))
     area = _area(at[mesh.faces[face], :2])

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
@@ -99,10 +99,10 @@ def suggest_clicks(
         factor, view = drawn.factor[index], drawn.views[index]
         visible = drawn.owner[index] == number
         inward = _depth(visible)
-        outward = _depth(look(alone, view).face < 0)
+        outward = _depth(render_mesh(alone, view).face < 0)
         positive = _spread(
             *_kept(pixels, sides.on[owner], inward, factor, _EDGE),
-            _inmost(look(core, view).face >= 0, visible & ~_near_others(drawn.owner[index], number)),
+            _inmost(render_mesh(core, view).face >= 0, visible & ~_near_others(drawn.owner[index], number)),
             factor,
         )
         limit = _NEAR * max(view.width, view.height)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.rasterize import look, scaled_view
+from mgf_engine.geometry.rasterize import render_mesh, scaled_view
 from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
@@ -84,9 +84,9 @@ def draw_hulls(scene: Scene, georeference: Georeference, hulls: Sequence[Hull], 
     drawn = Drawn([], [], [], [])
     for view in scene.views:
         small, factor = small_view(view)
-        sight = look(mesh, small)
-        drawn.owner.append(owner_of[sight.face])
-        drawn.depth.append(sight.depth)
+        buffers = render_mesh(mesh, small)
+        drawn.owner.append(owner_of[buffers.face])
+        drawn.depth.append(buffers.depth)
         drawn.views.append(small)
         drawn.factor.append(factor)
     return drawn

@@ -145,14 +145,14 @@ def draw(job: Any, path: Path) -> None:
     import cv2
     import numpy as np
 
-    from mgf_engine.geometry.rasterize import look, shaded
+    from mgf_engine.geometry.rasterize import render_mesh, shaded
     from mgf_engine.model.mesh import Mesh
     from mgf_engine.results import load_mesh, load_scene_of
     from mgf_engine.system import atomic_path
 
     scene, mesh = load_scene_of(job), load_mesh(job)
     mesh = Mesh(scene.to_normalised.apply(mesh.vertices), mesh.faces, mesh.colors)
-    seen = [look(mesh, view).face >= 0 for view in scene.views]
+    seen = [render_mesh(mesh, view).face >= 0 for view in scene.views]
     best = int(np.argmax([inside[2:-2, 2:-2].sum() - 5 * (inside.sum() - inside[2:-2, 2:-2].sum()) for inside in seen]))
     v, u = np.nonzero(seen[best])
     view = scene.views[best]

@@ -18,7 +18,7 @@ from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct, in_panel_words
 from mgf_blender.reconstruct.start import make_job
-from mgf_blender.results import arrival
+from mgf_blender.results import async_import
 from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_PT_source
 
@@ -159,9 +159,9 @@ def test_results_on_their_way_and_broken(addon, engine, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     addon.job_folder = str(house.job)
     (house.job / "mesh.ply").write_bytes(b"solid")
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     assert "Bringing the results in" in draw(MGF_PT_results).said
-    while arrival.pump():
+    while async_import.pump():
         time.sleep(0.005)
     assert "not a PLY file" in " ".join(draw(MGF_PT_results).said.split())
 

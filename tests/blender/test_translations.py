@@ -112,7 +112,7 @@ def test_damaged_or_empty_dictionaries_are_left_out(tmp_path):
 
 def labels() -> list[tuple[str, int]]:
     """Texts that panels of the sidebar show on one line, beside an icon or a button: text and where it stands."""
-    rooms = ("prompts/panel", "reconstruct/panel", "results/panel", "results/notice", "scene_import/panel")
+    rooms = ("prompts/panel", "reconstruct/panel", "results/panel", "results/status_label", "scene_import/panel")
     found = []
     for name in rooms:
         tree = ast.parse((REPO / "mgf_blender" / f"{name}.py").read_text(encoding="utf-8"))

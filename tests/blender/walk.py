@@ -33,9 +33,9 @@ from mgf_blender.georef.properties import set_mark
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.properties import scene_of
-from mgf_blender.reconstruct import live, start
+from mgf_blender.reconstruct import preview_image, start
 from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct
-from mgf_blender.results import arrival, surface, switch
+from mgf_blender.results import async_import, surface, view_mode
 from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.scene_import.crop import crop_text
 from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_PT_source
@@ -94,10 +94,10 @@ class Walk:
 
     def step_arrive(self) -> None:
         """In any scene, with a step of the user's in between."""
-        arrival.begin(self.dice.choice(bpy.data.scenes), self.a_house().job)
+        async_import.begin(self.dice.choice(bpy.data.scenes), self.a_house().job)
         if self.dice.random() < 0.5:
             for _ in range(self.dice.randrange(6)):
-                arrival.pump()
+                async_import.pump()
             self.dice.choice((self.step_undo, self.step_switch, self.step_delete, self.step_cube))()
 
     def step_reconstruct(self) -> None:
@@ -112,7 +112,7 @@ class Walk:
         self.call("look_through", step=self.dice.randrange(-1, 3))
 
     def step_show(self) -> None:
-        self.call("show_in_camera", kind=self.dice.choice(switch.KINDS))
+        self.call("show_in_camera", kind=self.dice.choice(view_mode.KINDS))
 
     def step_paint(self) -> None:
         self.call("paint_mesh", kind=self.dice.choice(list(surface.KINDS)))
@@ -153,10 +153,10 @@ class Walk:
 
     def step_preview(self) -> None:
         """As the engine's message does: no undo step; then shown in an Image Editor."""
-        live.show(self.a_house().folder / "preview.png")
+        preview_image.show(self.a_house().folder / "preview.png")
         area = max(bpy.context.window.screen.areas, key=lambda a: a.width * a.height)
         if self.dice.random() < 0.5 and area.type == "IMAGE_EDITOR":
-            area.spaces.active.image = bpy.data.images[live.NAME]
+            area.spaces.active.image = bpy.data.images[preview_image.NAME]
 
     def step_editor(self) -> None:
         area = max(bpy.context.window.screen.areas, key=lambda a: a.width * a.height)
@@ -225,7 +225,7 @@ _WEIGHTS = {"undo": 12, "redo": 6, "result": 4, "arrive": 4, "show": 4, "paint":
 
 def pump() -> None:
     """What the timers do between two steps of the user."""
-    for timer in (runner._tick, arrival._tick):
+    for timer in (runner._tick, async_import._tick):
         timer()
 
 
@@ -251,7 +251,7 @@ def check() -> None:
         assert not any("mistake" in text for text in (job.text, *job.warnings)), (job.text, job.warnings)
         assert job.live or job.status == DONE, (job.status, job.text)
         assert scene is None or runner.jobs(scene.mgf.key or job.scene_key)
-    assert not any("mistake" in text for text in arrival._problems.values()), arrival._problems
+    assert not any("mistake" in text for text in async_import._problems.values()), async_import._problems
 
 
 def check_viewports(scene: bpy.types.Scene, tree: Tree) -> None:
@@ -289,10 +289,10 @@ def main(seed: int, count: int, folder: Path) -> None:
         pump()
         check()
     end = time.monotonic() + 20
-    while (runner.pump() or arrival.pump()) and time.monotonic() < end:
+    while (runner.pump() or async_import.pump()) and time.monotonic() < end:
         time.sleep(0.01)
     check()
-    assert not any(job.live for job in runner.jobs()) and not arrival._arrivals
+    assert not any(job.live for job in runner.jobs()) and not async_import._arrivals
 
 
 if __name__ == "__main__":

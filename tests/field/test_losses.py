@@ -244,7 +244,7 @@ def test_outside_of_mask_and_ring_has_no_gradient():
     target = make(100, 300)
     _, gradients = differentiate(total_loss, target, CONFIG, True, torch.float32, rendering(target))
     counts = torch.zeros(100, 300, dtype=torch.bool)
-    target.crop(counts).copy_((target.labels > 0) | target.ring)
+    target.crop(counts).copy_((target.labels > 0) | target.background_band)
     assert all(gradients[name][..., ~counts].abs().max() == 0 for name in MAPS)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.config import make_config
-from mgf_engine.field.schedule import geometry_at, haste_of, rates_at, reduction_at, work_at
+from mgf_engine.field.schedule import geometry_at, lr_scale_of, rates_at, reduction_at, work_at
 
 
 @pytest.mark.parametrize(("side", "levels"), [(750, [4, 2, 1]), (400, [2, 1]), (200, [1])])
@@ -40,9 +40,9 @@ def test_rates_only_fall() -> None:
 
 
 def test_a_run_cut_short_takes_larger_steps() -> None:
-    assert haste_of(2000, 2000) == haste_of(9000, 2000) == 1.0
-    assert haste_of(1000, 2000) == pytest.approx(2**0.5)
-    assert haste_of(1, 2000) == haste_of(2, 2000) > haste_of(1000, 2000)  # but not without limit
+    assert lr_scale_of(2000, 2000) == lr_scale_of(9000, 2000) == 1.0
+    assert lr_scale_of(1000, 2000) == pytest.approx(2**0.5)
+    assert lr_scale_of(1, 2000) == lr_scale_of(2, 2000) > lr_scale_of(1000, 2000)  # but not without limit
     assert rates_at(0.7, 1.5) == pytest.approx({name: 1.5 * rate for name, rate in rates_at(0.7).items()})
 
 

@@ -34,7 +34,7 @@ EMULATORS = {"linux-x86_64": "", "linux-aarch64": "qemu-aarch64", "windows-x86_6
 #: How to get them.
 PACKAGES = {"qemu-aarch64": "apt install qemu-user", "wine": "apt install wine wine64"}
 MOST_KNOWN = 300  # arrays whose addresses may be handed on: the latest
-_BEGINS, _ENDS = "collapse_begin", "collapse_end"  # what is given to the first is used until the last
+_BEGINS, _ENDS = "mgf_collapse_begin", "mgf_collapse_end"  # what is given to the first is used until the last
 _REFERENCE = type(ctypes.byref(ctypes.c_int32()))
 
 
@@ -111,7 +111,7 @@ def kernels_of(process: subprocess.Popen[bytes]) -> Iterator[Remote]:
 _ADDRESSES: list[tuple[Any, str, Callable[..., list[Any]]]] = [
     (loss._Pass, "_at_box", lambda self, map: [map]),
     (loss, "_address", lambda value: [value]),
-    (tsdf.FusedField, "_judge", lambda self, m: [m.mask, m.pixels, m.rows]),
+    (tsdf.TsdfField, "_judge", lambda self, m: [m.mask, m.pixels, m.rows]),
     (lines, "_by_reference", lambda segments: [segments.table, *segments.table.arrays]),
     (photometric, "_struct", lambda surfaces, first: [a for s in surfaces for a in (s.quads, s.depth)]),
 ]

@@ -77,7 +77,7 @@ def test_what_goes_through_the_host_is_what_comes_without(tmp_path: Path) -> Non
     expected = work()
     with kernels_of(start("linux-x86_64", tmp_path)) as remote:
         found = work()
-    assert remote.calls["fans_work"] == 1 and len(remote.calls) == 5
+    assert remote.calls["mgf_vertex_fans"] == 1 and len(remote.calls) == 5
     for a, b in zip(expected, found, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-14)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine.masks.geometry.building_extent import Extent, Sight, ground_depth, map_size, over_building
+from mgf_engine.masks.geometry.building_extent import Extent, Visibility, ground_depth, map_size, over_building
 from mgf_engine.masks.geometry.ground_plane import _draws, find_ground
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_shape, up_direction
 from mgf_engine.model.scene import Scene, Similarity, View
@@ -50,7 +50,7 @@ def scene() -> Scene:
 def extent(scene: Scene) -> Extent:
     shape = measure_shape(scene)
     ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
-    return Extent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, Sight(scene, shape))
+    return Extent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, Visibility(scene, shape))
 
 
 def at(plane: np.ndarray, view: View, point: list[float]) -> object:
@@ -104,7 +104,7 @@ def test_a_point_astray_adds_nothing(scene: Scene):
     astray.points[first] = [2.4, 0, 2.8]
     shape = measure_shape(astray)
     keep = np.repeat([True, False], [WALL, GROUND])
-    place = Extent(astray, shape, keep, None, Sight(astray, shape)).place(1)
+    place = Extent(astray, shape, keep, None, Visibility(astray, shape)).place(1)
     assert not at(place.reach, scene.views[1], [2.4, 0, 2.8]) and at(place.reach, scene.views[1], [1.8, 0, 2.8])
 
 
@@ -116,7 +116,7 @@ def test_ground_first(scene: Scene, extent: Extent):
 
 def test_within_is_what_is_seen_on_the_wall_or_through_it(scene: Scene, extent: Extent):
     within = extent.within(1, extent.place(1))
-    owner = extent.sight.owner[scene.track_view == 1]
+    owner = extent.visibility.owner[scene.track_view == 1]
     assert within[owner < WALL].mean() > 0.95
     before = (owner >= WALL) & (scene.points[owner, 1] < -0.5)
     assert before.sum() > 50 and not within[before].any()
@@ -159,7 +159,7 @@ def test_ground_depth_is_exact(scene: Scene, extent: Extent):
 
 def test_nothing_kept(scene: Scene):
     shape = measure_shape(scene)
-    empty = Extent(scene, shape, np.zeros(WALL + GROUND, bool), None, Sight(scene, shape)).place(0)
+    empty = Extent(scene, shape, np.zeros(WALL + GROUND, bool), None, Visibility(scene, shape)).place(0)
     assert not empty.core.any() and not empty.ground_first.any() and not empty.hidden.any()
 
 

@@ -3,7 +3,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mgf_engine.masks.image_ops import distance, enlarge, grow, mean_around, shrink
+from mgf_engine.masks.image_ops import distance, enlarge, grow, masked_mean, shrink
 
 
 def picture(height: int = 150, width: int = 230) -> tuple[np.ndarray, np.ndarray]:
@@ -19,7 +19,7 @@ def test_mean_is_that_of_the_whole_photo(sigma: float) -> None:
     colours, mask = picture()
     weight = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
     mean = cv2.GaussianBlur(colours * mask[..., None], (0, 0), sigma) / np.maximum(weight, 1e-6)[..., None]
-    found = mean_around(colours, mask, sigma)
+    found = masked_mean(colours, mask, sigma)
     # At the frame, where the reduced photo is mirrored half a pixel elsewhere, they differ most.
     assert np.abs(enlarge(found.weight, mask.shape) - weight).max() < 0.03
     told = weight > 0.01
@@ -30,7 +30,7 @@ def test_mean_is_that_of_the_whole_photo(sigma: float) -> None:
 
 def test_mean_of_nothing_has_no_weight() -> None:
     colours, mask = picture()
-    found = mean_around(colours, np.zeros_like(mask), 20.0)
+    found = masked_mean(colours, np.zeros_like(mask), 20.0)
     assert not found.weight.any() and np.isfinite(found.colour).all()
 
 

@@ -13,8 +13,8 @@ import pytest
 from benchmarks.synthetic.house import OFFSET, House
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.prompts import Clicks, Prompts
-from mgf_engine.masks.propagation.prompt_agreement import without_seconded
-from mgf_engine.masks.propagation.prompt_outliers import Doubt
+from mgf_engine.masks.propagation.prompt_agreement import drop_confirmed
+from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.model.scene import Scene
 from tests.masks.test_propagate import CONFIG
@@ -64,8 +64,8 @@ def prompts_on(scene: Scene, spots: dict[str, list[np.ndarray]]) -> Prompts:
 def test_doubted_clicks_second_each_other_where_their_rays_meet(scene: Scene, apart: float, left: int):
     roof, off = np.array([0.0, 0.0, 3.2]), np.array([0.0, apart, 0.0])
     prompts = prompts_on(scene, {CLICKED[0]: [SPOT, roof], CLICKED[1]: [SPOT + off, roof]})
-    doubts = [Doubt(index, True, 0, 0.05) for index in prompts]
-    assert len(without_seconded(doubts, scene, prompts)) == left
+    doubts = [OutlierPrompt(index, True, 0, 0.05) for index in prompts]
+    assert len(drop_confirmed(doubts, scene, prompts)) == left
 
 
 def test_a_photo_of_another_building_needs_two_others(scene: Scene):
@@ -73,15 +73,15 @@ def test_a_photo_of_another_building_needs_two_others(scene: Scene):
     names = (*CLICKED, "photo_01.png")
     for count, left in ((2, 2), (3, 0)):
         prompts = prompts_on(scene, {name: [SPOT] for name in names[:count]})
-        doubts = [Doubt(index, True, 0, 0.05) for index in prompts]
-        assert len(without_seconded(doubts, scene, prompts)) == left
+        doubts = [OutlierPrompt(index, True, 0, 0.05) for index in prompts]
+        assert len(drop_confirmed(doubts, scene, prompts)) == left
 
 
 def test_clicks_that_are_not_doubted_second_only_where_points_are(scene: Scene):
     wall, roof = np.array([0.0, 1.5, 1.0]), np.array([0.0, 0.0, 3.2])
     for other, left in ((wall, 0), (SPOT, 1)):  # where no points are, rays of many clicks would meet by chance
         prompts = prompts_on(scene, {"photo_03.png": [other, roof], "photo_06.png": [other, roof]})
-        doubt = Doubt(min(prompts), True, 0, 0.05)
-        assert without_seconded([doubt], scene, prompts) == [doubt] * left
-    beside = [Doubt(min(prompts), False, 0, 0.95)]
-    assert without_seconded(beside, scene, prompts) == beside
+        doubt = OutlierPrompt(min(prompts), True, 0, 0.05)
+        assert drop_confirmed([doubt], scene, prompts) == [doubt] * left
+    beside = [OutlierPrompt(min(prompts), False, 0, 0.95)]
+    assert drop_confirmed(beside, scene, prompts) == beside

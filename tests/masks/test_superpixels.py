@@ -48,7 +48,7 @@ def test_superpixels_are_those_of_opencv(size: tuple[int, int], grain: float):
     twin.iterate(ROUNDS)
     twin.enforceLabelConnectivity(SPECK)
     labels = np.empty(size, np.int32)
-    assert call("superpixels", *size, picture, REGION_SIDE, COMPACT, ROUNDS, SPECK, labels) == 0
+    assert call("mgf_superpixels", *size, picture, REGION_SIDE, COMPACT, ROUNDS, SPECK, labels) == 0
     np.testing.assert_array_equal(labels, twin.getLabels())
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 import trimesh
 
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
@@ -109,7 +109,7 @@ class PaintedScene(Scene):
 def scene_of(views: list[View], truth: Mesh, grow: int = 1) -> tuple[PaintedScene, MaskSet]:
     """A scene of these views with the silhouettes of ``truth`` as masks."""
     kernel = np.ones((2 * grow + 1, 2 * grow + 1), np.uint8)
-    labels = [cv2.dilate((look(truth, v).face >= 0).astype(np.uint8), kernel) for v in views]
+    labels = [cv2.dilate((render_mesh(truth, v).face >= 0).astype(np.uint8), kernel) for v in views]
     scene = PaintedScene(
         tuple(views), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32), np.zeros(1, np.int64),
         np.zeros(0, np.int32), np.zeros((0, 2), np.float32), Similarity(1.0, np.eye(3), np.zeros(3)),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from mgf_engine.geometry.rasterize import corners, look
+from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.mesh.colors import LEAST_FACING, SLACK, _samples, color_from_photos, sample, vertex_normals
 
 from .analytic import ball, camera, ring
@@ -20,14 +20,14 @@ def true_color(points: np.ndarray) -> np.ndarray:
 
 def photographed(mesh, view):
     """What a camera sees of a mesh painted with the pattern, and where."""
-    sight = look(mesh, view)
-    rows, columns = np.nonzero(sight.face >= 0)
-    depth = sight.depth[rows, columns]
+    buffers = render_mesh(mesh, view)
+    rows, columns = np.nonzero(buffers.face >= 0)
+    depth = buffers.depth[rows, columns]
     local = np.column_stack([(columns + 0.5 - view.cx) / view.fx, (rows + 0.5 - view.cy) / view.fy, np.ones(len(rows))])
     points = (local * depth[:, None] - view.translation) @ view.rotation
     photo = np.zeros((view.height, view.width, 3), np.uint8)
     photo[rows, columns] = true_color(points)
-    return photo, sight.face >= 0
+    return photo, buffers.face >= 0
 
 
 def test_vertices_take_the_colour_of_their_place():
@@ -88,7 +88,7 @@ def test_vertices_are_seen_as_the_plain_formulas_say() -> None:
     index, weight, shown = _samples(mesh, normals, view, photo, inside)
 
     at = corners(mesh.vertices, view)
-    farthest = cv2.dilate(look(mesh, view).depth, np.ones((3, 3), np.uint8))
+    farthest = cv2.dilate(render_mesh(mesh, view).depth, np.ones((3, 3), np.uint8))
     expected = []
     for i, (u, v, inverse) in enumerate(at):
         if not (inverse > 0 and 1 < u < view.width - 1 and 1 < v < view.height - 1 and inside[int(v), int(u)]):

@@ -238,11 +238,11 @@ def test_screening_follows_its_switches():
 @pytest.mark.parametrize("surface", ["fused", "opacity"])
 def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
     from mgf_engine.mesh import opacity, tsdf
-    from mgf_engine.mesh.extract import find_judges, surface_field
+    from mgf_engine.mesh.extract import find_trusted_views, surface_field
 
     scene, masks = scene_of(ring(8), ball())
     config = make_config({"surface": surface})
-    field = surface_field(sphere(200), find_judges(scene, masks, config), config, reporter())
+    field = surface_field(sphere(200), find_trusted_views(scene, masks, config), config, reporter())
     points = np.random.default_rng(0).normal(size=(1000, 3))
     shares: list[float] = []
     whole = field.classify(points), field.known(points)

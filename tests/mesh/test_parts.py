@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
 
 from .analytic import ball, mesh_of, ring, scene_of
@@ -20,10 +20,10 @@ def painted(truth, named):
     upper = truth.vertices[truth.faces].mean(1)[:, 2] > 0
     labels = []
     for i, view in enumerate(views):
-        sight = look(truth, view)
+        buffers = render_mesh(truth, view)
         label = masks.labels[i].copy()
         if i in named:
-            label[(sight.face >= 0) & upper[sight.face]] = 2 + i % 2
+            label[(buffers.face >= 0) & upper[buffers.face]] = 2 + i % 2
         labels.append(label)
     elements = {i: [2 + i % 2] for i in named}
     return scene, replace(masks, labels=tuple(labels)), elements, upper

@@ -57,7 +57,7 @@ def grid(mesh: Mesh, side: float) -> NDArray[np.int32]:
 def kernel(mesh: Mesh, cell: NDArray[np.int32], tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     at, into = mesh.vertices.copy(), np.empty(len(mesh.vertices), np.int32)
     allowed = np.full(len(at), tolerance, np.float32)
-    assert call("merge_flat", len(at), len(mesh.faces), at, mesh.faces, cell, allowed, EVEN, into) == 0
+    assert call("mgf_merge_flat", len(at), len(mesh.faces), at, mesh.faces, cell, allowed, EVEN, into) == 0
     return at, into
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mgf_engine.geometry.clean import smooth
-from mgf_engine.geometry.rasterize import look
+from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
-from mgf_engine.mesh.extract import extract_mesh, find_judges
+from mgf_engine.mesh.extract import extract_mesh, find_trusted_views
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.tsdf import Photos
@@ -68,7 +68,7 @@ def seen_well(setting) -> np.ndarray:
         uv, depth = view.project(truth.vertices)
         x, y = np.clip(uv, 0, (view.width - 1, view.height - 1)).astype(int).T
         facing = (vertex_normals(truth) * (view.centre - truth.vertices)).sum(1) > 2.0
-        seen += facing & (np.abs(look(truth, view).depth[y, x] - depth) < 0.05)
+        seen += facing & (np.abs(render_mesh(truth, view).depth[y, x] - depth) < 0.05)
     return seen >= 3
 
 
@@ -121,8 +121,8 @@ def test_no_round_changes_nothing(setting):
 def test_the_stage_refines_only_where_photos_are_matched():
     views = [camera((4.0 * np.cos(a), 4.0 * np.sin(a), 1.0), name=f"{a}.png") for a in np.arange(0, 6, 0.5)]
     scene, masks = scene_of(views, ball(1.05))
-    assert find_judges(scene, masks, make_config({"match_photos": False})).photos is None
-    assert find_judges(scene, masks, make_config({"surface": "opacity"})).photos is not None
+    assert find_trusted_views(scene, masks, make_config({"match_photos": False})).photos is None
+    assert find_trusted_views(scene, masks, make_config({"surface": "opacity"})).photos is not None
     rough = {"smoothing": 0, "face_error": 0.0, "refine_rounds": 0}
     plain = extract_mesh(sphere(400), scene, masks, make_config(rough), reporter())
     mesh = extract_mesh(sphere(400), scene, masks, make_config({**rough, "refine_rounds": 1}), reporter())

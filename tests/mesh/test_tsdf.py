@@ -11,7 +11,7 @@ from mesh.analytic import HEIGHT, WIDTH, camera, ring
 from mgf_engine.mesh import tsdf
 from mgf_engine.mesh.isosurface import FREE, SOLID
 from mgf_engine.mesh.photometric import Surface
-from mgf_engine.mesh.tsdf import JUMP, LEAST_SLOPE, DepthMap, FusedField
+from mgf_engine.mesh.tsdf import JUMP, LEAST_SLOPE, DepthMap, TsdfField
 from mgf_engine.model.scene import View
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
 
@@ -24,7 +24,7 @@ def wall_views() -> list[View]:
     return [camera((0.1 * (i - COUNT / 2), -4.0, 0.3), target=(0.1 * (i - COUNT / 2), 0.0, 0.3)) for i in range(COUNT)]
 
 
-def wall_field(deeper: int, masks: list[np.ndarray] | None = None) -> FusedField:
+def wall_field(deeper: int, masks: list[np.ndarray] | None = None) -> TsdfField:
     """A wall in which ``deeper`` of the views see a hole of some pixels around the origin."""
     views = wall_views()
 
@@ -39,7 +39,7 @@ def wall_field(deeper: int, masks: list[np.ndarray] | None = None) -> FusedField
         normal[..., 2] = -1
         return Surface(view, np.zeros(depth.shape, np.uint8), depth, normal, np.zeros(depth.shape, bool))
 
-    return FusedField(show, masks or [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT)
+    return TsdfField(show, masks or [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT)
 
 
 def behind(pixels: float) -> np.ndarray:
@@ -149,7 +149,7 @@ def test_beliefs_are_those_of_the_plain_sum_over_views() -> None:
         depth = np.linalg.norm(view.centre) * (0.85 + 0.2 * (rng.random(shape) < 0.1) + 0.004 * rng.random(shape))
         slope, weight = rng.uniform(LEAST_SLOPE, 1, shape), rng.uniform(0.5, 1, shape) * (rng.random(shape) < 0.9)
         maps.append(np.stack([depth, slope, weight, np.zeros(shape)], -1).astype(np.float32))
-    field = FusedField(lambda number: pytest.fail("nothing to show"), [])
+    field = TsdfField(lambda number: pytest.fail("nothing to show"), [])
     rows = np.arange(HEIGHT, dtype=np.int64) * WIDTH
     field.maps = [DepthMap(view, mask, rows, m.reshape(-1, 4)) for view, m in zip(views, maps, strict=True)]
     points = rng.uniform(-1, 1, (3000, 3)).astype(np.float32).astype(np.float64)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from mgf_engine.native import build, library
+from mgf_engine.native.parallel import parallel_map
 
 
 def test_best_variant_is_loaded_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,7 +89,7 @@ def test_pieces_side_by_side_come_in_order_and_few_are_ahead(count: int) -> None
         done.append(number)
         return number, library.own_threads()
 
-    for taken, result in enumerate(library.side_by_side(work, range(20))):
+    for taken, result in enumerate(parallel_map(work, range(20))):
         assert result == (taken, 1) and len(done) <= taken + 1 + 2 * count + 1
     assert sorted(done) == list(range(20)) and library.own_threads() == count
     library.set_threads(0)
@@ -102,7 +103,7 @@ def test_a_piece_that_fails_ends_the_others() -> None:
 
     taken = []
     with pytest.raises(ValueError, match="three"):
-        for number in library.side_by_side(work, range(1000)):
+        for number in parallel_map(work, range(1000)):
             taken.append(number)
     assert taken == [0, 1, 2]
-    assert list(library.side_by_side(work, [])) == []
+    assert list(parallel_map(work, [])) == []

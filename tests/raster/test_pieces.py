@@ -63,7 +63,7 @@ def test_pieces_are_as_large_as_the_kernels_say() -> None:
         (source,) = [text for p in build.KERNELS.rglob("*.c") if re.search(rf"\b{name}\(", text := p.read_text())]
         said = re.search(r"enum { PIECE = (\d+)", source)
         if said is None:
-            assert name == "match_photos_work" and "take_work(next) * GROUPS * VECTOR" in source
+            assert name == "mgf_match_photos" and "take_work(next) * GROUPS * VECTOR" in source
             assert "GROUPS = 4" in source and "VECTOR = 16" in (build.KERNELS / "common" / "vector.h").read_text()
         assert items == (int(said[1]) if said else 4 * 16), name
 
@@ -117,10 +117,10 @@ def comparison() -> None:
 WORK: dict[str, tuple[Callable[[], None], dict[str, int]]] = {
     "rendering": (render, {"mgf_project": 3, "mgf_blend": 13 * 7, "mgf_bin_count": 16, "mgf_project_backward": 3}),
     "a step": (step, {"mgf_adam": 3}),
-    "points": (opacity, {"points_locate_work": 3, "points_opacity_work": 38 * 10}),
-    "topology": (around, {"open_edges_work": 3, "fans_work": 3}),
-    "losses": (comparison, {"loss_prepare_work": 15, "loss_normals_work": 10, "loss_finish_work": 20}),
-    "corners": (triangles, {"corners_work": 3}),
+    "points": (opacity, {"mgf_locate_points": 3, "mgf_point_opacity": 38 * 10}),
+    "topology": (around, {"mgf_open_edges": 3, "mgf_vertex_fans": 3}),
+    "losses": (comparison, {"mgf_loss_prepare": 15, "mgf_loss_normals": 10, "mgf_loss_finish": 20}),
+    "corners": (triangles, {"mgf_project_vertices": 3}),
 }
 
 
@@ -136,5 +136,5 @@ def test_as_many_threads_as_pieces(name: str, woken: dict[str, list[tuple[int, A
 
 def test_bands_of_triangles_are_as_many_as_threads_may_take(woken: dict[str, list[tuple[int, Any]]]) -> None:
     draw_triangles(np.array([[[0.0, 0.0], [90.0, 0.0], [0.0, 70.0]]]), 100, 100)
-    ((threads, counter),) = woken["zbuffer_work"]
+    ((threads, counter),) = woken["mgf_zbuffer"]
     assert counter._obj.value - threads <= threads

@@ -99,7 +99,7 @@ def test_rays_pass_the_cells_that_the_twin_finds(shape: Tetrahedra, variant: Non
             face = np.zeros((len(shape.corners), 4), np.int32)
             one = np.ones(1, np.float32)
             parallel(
-                "cast_rays_work", 1, shape.reference, np.array([point], np.int32), np.array([number], np.int32),
+                "mgf_cast_rays", 1, shape.reference, np.array([point], np.int32), np.array([number], np.int32),
                 centres, one, 0 * one, 0.1, 0.2, free, solid, face,
             )  # fmt: skip
             cell, passed = reference.cast_ray(shape, int(point), centre, 0.1)
@@ -118,7 +118,7 @@ def test_what_lies_behind_a_point_is_inside(shape: Tetrahedra, variant: None) ->
     solid, face = np.zeros(len(shape.corners), np.int32), np.zeros((len(shape.corners), 4), np.int32)
     one = np.ones(1, np.float32)
     parallel(
-        "cast_rays_work", 1, shape.reference, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
+        "mgf_cast_rays", 1, shape.reference, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
         0.1, 0.05, np.zeros_like(solid), solid, face,
     )  # fmt: skip
     holds = (np.einsum("tkj,j->tk", shape.planes[..., :3], behind) + shape.planes[..., 3] <= 1e-9).all(1)
@@ -130,10 +130,10 @@ def test_pulled_rays_share_their_weight_by_length(shape: Tetrahedra, variant: No
     direction = np.array([[0.36, 0.48, 0.8]])
     shut = np.zeros(len(shape.corners), np.uint8)
     long, short = np.zeros(len(shut), np.int32), np.zeros(len(shut), np.int32)
-    parallel("pull_rays_work", 1, shape.reference, start, direction, shut, 0.5, 10.0, long)
+    parallel("mgf_pull_rays", 1, shape.reference, start, direction, shut, 0.5, 10.0, long)
     assert abs(int(long.sum()) - 512) < 4
-    parallel("pull_rays_work", 1, shape.reference, start, direction, shut, 0.5, 1e-3, short)
+    parallel("mgf_pull_rays", 1, shape.reference, start, direction, shut, 0.5, 1e-3, short)
     assert short.sum() < 4
     outside = np.zeros(len(shut), np.int32)
-    parallel("pull_rays_work", 1, shape.reference, start + 9, direction, shut, 0.5, 10.0, outside)
+    parallel("mgf_pull_rays", 1, shape.reference, start + 9, direction, shut, 0.5, 10.0, outside)
     assert not outside.any()

@@ -42,7 +42,7 @@ HIDDEN_BLUR = (5.0, 14.0)  # px on the map, smallest and largest window (standar
 
 
 @dataclass(frozen=True)
-class Place:
+class ViewRegions:
     """Maps of one photo on the reduced photo, bool [h, w]; see the module's text."""
 
     core: Map
@@ -64,11 +64,17 @@ class Extent:
     """
 
     def __init__(
-        self, scene: Scene, shape: Shape, keep: Map, ground: Ground | None, sight: Sight, others: Map | None = None
+        self,
+        scene: Scene,
+        shape: Shape,
+        keep: Map,
+        ground: Ground | None,
+        visibility: Visibility,
+        others: Map | None = None,
     ) -> None:
         keep = keep & _supported(shape, keep)
         self.scene, self.keep, self.ground = scene, keep, ground
-        self.sight = sight
+        self.visibility = visibility
         fine = FINE * _map_pixel(scene, keep)
         over = None
         if keep.any():
@@ -80,13 +86,13 @@ class Extent:
         self.others = make_surface(scene, shape, others, None, discs=True, coarse=fine)
         self.floor = ground or _lowest(scene, shape, keep)
 
-    def place(self, index: int) -> Place:
+    def place(self, index: int) -> ViewRegions:
         """All maps of view ``index``."""
         view = self.scene.views[index]
         h, w = map_size(view)
         if not len(self.posts.samples):
             empty, nowhere = np.zeros((h, w), bool), np.full((h, w), np.inf, np.float32)
-            return Place(empty, empty, empty.astype(np.float32), empty, empty, empty, nowhere)
+            return ViewRegions(empty, empty, empty.astype(np.float32), empty, empty, empty, nowhere)
         near = self.body.depth(view, h, w)
         places, _, radius = self.posts.project(view, h, w)
         core = _close(places, CORE * radius, h, w)
@@ -96,9 +102,9 @@ class Extent:
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
         behind = self.others.depth(view, h, w) + self.body.tolerance < near
         first, hidden = self._ground_first(view, near, h, w), self._hidden(index, h, w)
-        return Place(core, reach, away, first, hidden, behind, near)
+        return ViewRegions(core, reach, away, first, hidden, behind, near)
 
-    def within(self, index: int, place: Place) -> NDArray[np.bool_]:
+    def within(self, index: int, place: ViewRegions) -> NDArray[np.bool_]:
         """Which observations of view ``index`` lie on the building's surface or behind it, [N], in their order.
 
         What is seen through the surface that the points span is a recess or a window of it, nothing in front of it.
@@ -107,7 +113,7 @@ class Extent:
         here = self.scene.observations(index)
         x, y = np.floor(self.scene.track_uv[here] * (w / view.width, h / view.height)).astype(np.int64).T
         x, y = np.clip(x, 0, w - 1), np.clip(y, 0, h - 1)
-        depth = view.project(self.scene.points[self.sight.owner[here]])[1]
+        depth = view.project(self.scene.points[self.visibility.owner[here]])[1]
         return (place.core & ~place.ground_first)[y, x] & (depth > place.near[y, x] - self.body.tolerance)
 
     def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> Map:
@@ -122,8 +128,8 @@ class Extent:
     def _hidden(self, index: int, h: int, w: int) -> Map:
         """Many accepted points that cameras close by observed here, and hardly any observed in this photo."""
         view, points = self.scene.views[index], self.scene.points
-        observed = self.sight.observed(index)
-        expected = self.sight.expected(index) & self.keep
+        observed = self.visibility.observed(index)
+        expected = self.visibility.expected(index) & self.keep
         rows = np.flatnonzero(expected)
         uv, depth = view.project(points[rows])
         uv = uv * (w / view.width, h / view.height)
@@ -142,7 +148,7 @@ class Extent:
         return (local[0] > 0.6 * EXPECTED) & (local[1] < 0.2 * usual * local[0])
 
 
-class Sight:
+class Visibility:
     """Which points each photo observed, and which it should have: a camera close by did.
 
     Args:

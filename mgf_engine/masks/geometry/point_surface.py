@@ -46,7 +46,7 @@ class Surface:
         places, depth, radius = np.empty(count, np.int32), *np.empty((2, count), np.float32)
         unit = float(view.fx * w / view.width)
         given = count, self._columns, self._spacing, _matrix(view, h, w), h, w, unit
-        seen = call("project_samples", *given, places, depth, radius)
+        seen = call("mgf_project_samples", *given, places, depth, radius)
         return places[:seen], depth[:seen], radius[:seen]
 
     @cached_property
@@ -72,7 +72,7 @@ class Surface:
         limits = SPLAT * self.cell * view.fx * w / view.width / 2 ** ((np.arange(most) + 0.5) / 2)
         spots = np.full((most + 1, h, w), np.inf, np.float32)
         used = call(
-            "nearest_samples", len(self.samples), self._columns, _matrix(view, h, w), h, w, most + 1,
+            "mgf_nearest_samples", len(self.samples), self._columns, _matrix(view, h, w), h, w, most + 1,
             limits.astype(np.float32), spots,
         )  # fmt: skip
         result = np.full((h, w), np.inf, np.float32)

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 
 #: Expected scatter of each feature within one material; keeps components from collapsing onto few samples.
 FEATURE_SCALE = np.array([6.0, 2.5, 2.5, 0.25, 0.25, 0.3])
@@ -131,8 +131,7 @@ def log_ratio(
     x = features / scale
     stranger = -0.5 * x.shape[1] * np.log(2 * np.pi) - 12.0
     models = building, background
-    known = in_order(lambda k: np.logaddexp(models[k].log_density(x), stranger), range(2), threads)
-    first, second = (density for _, density in known)
+    first, second = parallel_map(lambda k: np.logaddexp(models[k].log_density(x), stranger), range(2), threads)
     return first - second
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.prompts import Prompts
-from mgf_engine.masks.propagation.prompt_outliers import Doubt, clicked_elsewhere
+from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt, clicked_elsewhere
 from mgf_engine.model.scene import Scene, View
 
 NEAR = 0.06  # share of the photo's width within which points tell the distance of a click
@@ -26,7 +26,7 @@ _Click = tuple[int, int]  # view, row among its clicks on the building
 _Range = tuple[float, float]
 
 
-def without_seconded(doubts: list[Doubt], scene: Scene, prompts: Prompts) -> list[Doubt]:
+def drop_confirmed(doubts: list[OutlierPrompt], scene: Scene, prompts: Prompts) -> list[OutlierPrompt]:
     """The doubts less those on clicks on the building that other photos second.
 
     One other photo is enough; two where all clicks on the building in a photo are doubted, as if it were clicked on

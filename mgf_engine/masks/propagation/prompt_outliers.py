@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mgf_engine.masks.prompts import Clicks, Prompts
-from mgf_engine.masks.propagation.random_walker import SceneGraph
-from mgf_engine.native.parallel import in_order
+from mgf_engine.masks.propagation.random_walker import LabelGraph
+from mgf_engine.native.parallel import parallel_map
 
 GROUPS = 5
 ROUNDS = 2
@@ -25,7 +25,7 @@ SURE = 0.12  # belief below which a positive click, and above one minus which a 
 
 
 @dataclass(frozen=True)
-class Doubt:
+class OutlierPrompt:
     """One doubted click: view, kind, its row among the clicks of that kind, and what the others believe there."""
 
     view: int
@@ -34,13 +34,13 @@ class Doubt:
     belief: float
 
 
-def doubtful_clicks(graph: SceneGraph, prompts: Prompts, seed: int) -> list[Doubt]:
+def find_outlier_prompts(graph: LabelGraph, prompts: Prompts, seed: int) -> list[OutlierPrompt]:
     """The clicks that the other photos' clicks contradict; empty with fewer than three clicked photos.
 
     Wrong clicks blur each other's test: what is found is left out and the rest tested again. The first pass, mostly
     the last, looks at the geometry of the clicked photos alone: a fifth of them, and of the time.
     """
-    found: list[Doubt] = []
+    found: list[OutlierPrompt] = []
     kept = prompts
     for number in range(PASSES):
         new = _one_pass(graph, kept, seed, clicked_alone=number == 0)
@@ -51,40 +51,40 @@ def doubtful_clicks(graph: SceneGraph, prompts: Prompts, seed: int) -> list[Doub
     return found
 
 
-def left_out(doubts: list[Doubt], prompts: Prompts) -> list[Doubt]:
+def left_out(doubts: list[OutlierPrompt], prompts: Prompts) -> list[OutlierPrompt]:
     """The doubted clicks that do not count: those on the building, and all of photos of another building."""
     elsewhere = {d.view for d in doubts if clicked_elsewhere(d.view, doubts, prompts)}
     return [d for d in doubts if d.positive or d.view in elsewhere]
 
 
-def clicked_elsewhere(view: int, doubts: list[Doubt], prompts: Prompts) -> bool:
+def clicked_elsewhere(view: int, doubts: list[OutlierPrompt], prompts: Prompts) -> bool:
     """Whether all clicks on the building in a photo are doubted."""
     return sum(d.positive for d in doubts if d.view == view) == len(prompts[view].positive) > 0
 
 
-def on_points(graph: SceneGraph, index: int, clicks: Clicks) -> bool:
+def on_points(graph: LabelGraph, index: int, clicks: Clicks) -> bool:
     """Whether half of the positive clicks of a view are in regions with a sparse point: only those tie it to others."""
     with_points = graph.observed[graph.scene.observations(index)] - graph.start[index]
     held = np.isin(graph.regions[index].at(clicks.positive), with_points)
     return bool(2 * held.sum() >= len(held))
 
 
-def _original_row(doubt: Doubt, prompts: Prompts, kept: Prompts) -> Doubt:
+def _original_row(doubt: OutlierPrompt, prompts: Prompts, kept: Prompts) -> OutlierPrompt:
     """The doubt with its row among all clicks, not only those still tested."""
     before, after = prompts[doubt.view], kept[doubt.view]
     all_clicks = before.positive if doubt.positive else before.negative
     click = (after.positive if doubt.positive else after.negative)[doubt.row]
     row = int(np.flatnonzero((all_clicks == click).all(1))[0])
-    return Doubt(doubt.view, doubt.positive, row, doubt.belief)
+    return OutlierPrompt(doubt.view, doubt.positive, row, doubt.belief)
 
 
-def _one_pass(graph: SceneGraph, prompts: Prompts, seed: int, clicked_alone: bool) -> list[Doubt]:
+def _one_pass(graph: LabelGraph, prompts: Prompts, seed: int, clicked_alone: bool) -> list[OutlierPrompt]:
     clicked = [i for i in sorted(prompts) if len(prompts[i].positive) or len(prompts[i].negative)]
     if len(clicked) < 3:
         return []
     count = min(GROUPS, len(clicked))
 
-    def against(group: int) -> list[Doubt]:
+    def against(group: int) -> list[OutlierPrompt]:
         held = clicked[group::count]
         others = {i: c for i, c in prompts.items() if i not in held}
         if not any(len(c.positive) for c in others.values()):
@@ -92,10 +92,10 @@ def _one_pass(graph: SceneGraph, prompts: Prompts, seed: int, clicked_alone: boo
         belief = graph.solve(others, seed, ROUNDS, clicked if clicked_alone else None)
         return [doubt for i in held for doubt in _against(graph, belief.regions[i], i, prompts[i])]
 
-    return [doubt for _, doubts in in_order(against, range(count), graph.threads) for doubt in doubts]
+    return [doubt for doubts in parallel_map(against, range(count), graph.threads) for doubt in doubts]
 
 
-def without(prompts: Prompts, doubts: list[Doubt]) -> Prompts:
+def without(prompts: Prompts, doubts: list[OutlierPrompt]) -> Prompts:
     """The prompts less the doubted clicks."""
     result = dict(prompts)
     for index in {d.view for d in doubts}:
@@ -107,7 +107,7 @@ def without(prompts: Prompts, doubts: list[Doubt]) -> Prompts:
     return result
 
 
-def _against(graph: SceneGraph, regions: np.ndarray, index: int, clicks: Clicks) -> list[Doubt]:
+def _against(graph: LabelGraph, regions: np.ndarray, index: int, clicks: Clicks) -> list[OutlierPrompt]:
     doubts = []
     around = np.array([[0, 0], [10, 0], [-10, 0], [0, 10], [0, -10]])
     for positive, points in ((True, clicks.positive), (False, clicks.negative)):
@@ -116,5 +116,5 @@ def _against(graph: SceneGraph, regions: np.ndarray, index: int, clicks: Clicks)
             here = regions[graph.regions[index].at(click + around)]
             belief = float(here.max() if positive else here.min())
             if (belief < SURE) if positive else (belief > 1 - SURE):
-                doubts.append(Doubt(index, positive, row, belief))
+                doubts.append(OutlierPrompt(index, positive, row, belief))
     return doubts

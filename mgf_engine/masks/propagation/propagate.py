@@ -23,16 +23,16 @@ from mgf_engine.masks.geometry.visual_hull import hull_agreement
 from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of, plants
-from mgf_engine.masks.propagation.prompt_agreement import without_seconded
+from mgf_engine.masks.propagation.prompt_agreement import drop_confirmed
 from mgf_engine.masks.propagation.prompt_outliers import (
-    Doubt,
+    OutlierPrompt,
     clicked_elsewhere,
-    doubtful_clicks,
+    find_outlier_prompts,
     left_out,
     on_points,
     without,
 )
-from mgf_engine.masks.propagation.random_walker import Belief, SceneGraph
+from mgf_engine.masks.propagation.random_walker import Belief, LabelGraph
 from mgf_engine.masks.propagation.sky_regions import draw_skyline
 from mgf_engine.masks.propagation.superpixels import Regions, cut_regions
 from mgf_engine.masks.refinement.even_regions import missing_patches
@@ -46,7 +46,7 @@ from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, UNKNOWN, MaskSet, building
 from mgf_engine.model.scene import Scene
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.system import cores
 
@@ -108,7 +108,7 @@ class _Work:
         self.full = with_bare_points(self.scene, self._leafy, self.threads, self.reporter.check)
         self.reporter.progress(0.4)
         self.shape = measure_shape(self.scene)
-        self.graph = SceneGraph(self.scene, self.regions, self.shape, self.threads, self.full)
+        self.graph = LabelGraph(self.scene, self.regions, self.shape, self.threads, self.full)
         doubts = self._drop_doubtful()
         self.belief = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
@@ -121,24 +121,24 @@ class _Work:
         disagreement = self._second_vote()
         return self._finish(disagreement, doubts)
 
-    def _drop_doubtful(self) -> list[Doubt]:
+    def _drop_doubtful(self) -> list[OutlierPrompt]:
         """Leave out clicks that the other photos contradict; returns all doubted ones, also those that count."""
-        found = doubtful_clicks(self.graph, self.prompts, self.config.seed)
-        doubts = without_seconded(found, self.scene, self.prompts)
-        self.seconded = [d for d in found if d not in doubts]
+        found = find_outlier_prompts(self.graph, self.prompts, self.config.seed)
+        doubts = drop_confirmed(found, self.scene, self.prompts)
+        self.confirmed = [d for d in found if d not in doubts]
         kept = without(self.prompts, left_out(doubts, self.prompts))
         self.original = self.prompts
         if any(len(c.positive) for c in kept.values()):
             self.prompts = kept
         return doubts
 
-    def _doubt_texts(self, doubts: list[Doubt]) -> list[str]:
+    def _doubt_texts(self, doubts: list[OutlierPrompt]) -> list[str]:
         """Sentences for each photo with doubted clicks, or one for all when they were kept for want of others."""
         out = left_out(doubts, self.original)
         if out and self.prompts is self.original:
             names = ", ".join(self.scene.views[i].name for i in sorted({d.view for d in doubts}))
             return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
-        counting, missed = [d for d in doubts if d not in out], [d for d in self.seconded if self._misses(d)]
+        counting, missed = [d for d in doubts if d not in out], [d for d in self.confirmed if self._misses(d)]
         texts = (out, self._left_out_text), (counting, self._counting_text), (missed, self._missed_text)
         return [
             sentence(index, [d for d in chosen if d.view == index])
@@ -146,7 +146,7 @@ class _Work:
             for index in sorted({d.view for d in chosen})
         ]
 
-    def _left_out_text(self, index: int, doubts: list[Doubt]) -> str:
+    def _left_out_text(self, index: int, doubts: list[OutlierPrompt]) -> str:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
         evidence = on_points(self.graph, index, self.original[index])
         if evidence and clicked_elsewhere(index, doubts, self.original):
@@ -156,26 +156,26 @@ class _Work:
             "click the same thing in a second photo."
         )
 
-    def _counting_text(self, index: int, doubts: list[Doubt]) -> str:
+    def _counting_text(self, index: int, doubts: list[OutlierPrompt]) -> str:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
         return (
             f"The clicks {spots} in '{name}' are beside the building for you and on it for the other photos; they "
             "count all the same, so take them away if they are slips."
         )
 
-    def _misses(self, doubt: Doubt) -> bool:
+    def _misses(self, doubt: OutlierPrompt) -> bool:
         """Whether a click on the building lies outside of its photo's mask."""
         labels, uv = self.labels[doubt.view], self.original[doubt.view].positive[doubt.row]
         return bool((labels[pixel_at(labels.shape, uv[None])] == BACKGROUND).all())
 
-    def _missed_text(self, index: int, doubts: list[Doubt]) -> str:
+    def _missed_text(self, index: int, doubts: list[OutlierPrompt]) -> str:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
         return (
             f"The clicks {spots} in '{name}' are on what was clicked in other photos, too, and the mask does not reach "
             "it; click more of it, there and in other photos."
         )
 
-    def _spots(self, index: int, doubts: list[Doubt]) -> str:
+    def _spots(self, index: int, doubts: list[OutlierPrompt]) -> str:
         """Where clicks lie in the user's photo."""
         clicks = self.original[index]
         chosen = [(clicks.positive if d.positive else clicks.negative)[d.row] for d in doubts]
@@ -257,7 +257,7 @@ class _Work:
         differ = (mine != accepted[points]) & sure & (self.labels[index][y, x] != UNKNOWN)
         return float(differ.sum() / max(1, sure.sum())), accepted
 
-    def _finish(self, disagreement: NDArray[np.float64], doubts: list[Doubt]) -> Propagation:
+    def _finish(self, disagreement: NDArray[np.float64], doubts: list[OutlierPrompt]) -> Propagation:
         reasons = [_reason(self.labels[i], float(self.scores[i]), float(disagreement[i])) for i in self.views]
         reasons = self._without_points(reasons)
         used = np.array([not r for r in reasons], bool)
@@ -372,7 +372,8 @@ class _Work:
         return np.asarray(wide, np.float32)
 
     def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
-        return in_order(task, indices, self.threads)
+        indices = list(indices)
+        return zip(indices, parallel_map(task, indices, self.threads), strict=True)
 
 
 def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:

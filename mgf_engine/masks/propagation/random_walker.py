@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import cKDTree
 
-from mgf_engine.masks.geometry.building_extent import Extent, Place, Sight, over_building
+from mgf_engine.masks.geometry.building_extent import Extent, ViewRegions, Visibility, over_building
 from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
 from mgf_engine.masks.geometry.point_features import Shape, clicked_groups, measure_shape
 from mgf_engine.masks.prompts import Prompts
@@ -30,7 +30,7 @@ from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, Mixture, fit_
 from mgf_engine.masks.propagation.sky_regions import find_sky
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ class _Placed:
     ground: Ground | None
 
 
-class SceneGraph:
+class LabelGraph:
     """The graph of a scene and the solver on it; built once, asked with different clicks.
 
     Args:
@@ -102,7 +102,7 @@ class SceneGraph:
         self.threads = threads
         self.full = scene if full is None else full
         self.full_shape = shape if full is None else measure_shape(full)
-        self.sight = Sight(self.full, self.full_shape, len(scene.points))
+        self.visibility = Visibility(self.full, self.full_shape, len(scene.points))
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
         self.features = np.concatenate([r.features for r in regions])
@@ -181,7 +181,8 @@ class SceneGraph:
         others = apart | (away & self._far_from(keep))
         extent = self.extent(np.concatenate([keep, self._added(belief) & (added_ground < 0.5)]), ground, others)
         within = np.zeros(self.point_count)
-        for index, (region_odds, first, inside) in in_order(lambda i: self._geometry(extent, i), views, self.threads):
+        geometry = parallel_map(lambda i: self._geometry(extent, i), views, self.threads)
+        for index, (region_odds, first, inside) in zip(views, geometry, strict=True):
             part = slice(self.start[index], self.start[index + 1])
             odds[part] += region_odds
             grounded[part] = first & (ground is not None)
@@ -195,7 +196,7 @@ class SceneGraph:
         """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
         place = extent.place(index)
         odds, first = self._region_odds(place, self.regions[index], self.scene.views[index])
-        seen = self.sight.owner[self.full.observations(index)][extent.within(index, place)]
+        seen = self.visibility.owner[self.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.full.points))[: self.point_count]
 
     def extent(self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None) -> Extent:
@@ -207,7 +208,7 @@ class SceneGraph:
         """
         if others is not None:
             others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
-        return Extent(self.full, self.full_shape, keep, ground, self.sight, others)
+        return Extent(self.full, self.full_shape, keep, ground, self.visibility, others)
 
     def _added(self, belief: Array) -> NDArray[np.bool_]:
         """Which of the added points are seen in regions of the building, [A]."""
@@ -268,7 +269,7 @@ class SceneGraph:
         return negative > positive or negative == positive == 0
 
     @staticmethod
-    def _region_odds(place: Place, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:
+    def _region_odds(place: ViewRegions, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:
         """Log-odds of each region, and whether its ray meets the ground first, [S] each."""
         h, w = place.core.shape
         x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
@@ -297,8 +298,8 @@ class SceneGraph:
         """Which kind of click is nearer (random walks that fade), and how far that can be trusted."""
         stiffness = pull + LEAK * np.maximum(self.degree, 0.1)
         wanted = target, 1.0 - target
-        flows = in_order(lambda k: self._flow(stiffness, pull * wanted[k], None), range(2), self.threads)
-        near = [np.maximum(flow, 1e-9) for _, flow in flows]
+        flows = parallel_map(lambda k: self._flow(stiffness, pull * wanted[k], None), range(2), self.threads)
+        near = [np.maximum(flow, 1e-9) for flow in flows]
         trust = np.clip(np.log(np.maximum(near[0], near[1]) / 1e-4) / np.log(1e4), 0, 1)
         return near[0] / (near[0] + near[1]), trust
 
@@ -327,7 +328,7 @@ class SceneGraph:
             own = weight[part] * area
             return fit_mixture(features, own / max(own.max(initial=0.0), 1e-12), components, seed, scale)
 
-        models = [model for _, model in in_order(fit, range(4), self.threads)]
+        models = list(parallel_map(fit, range(4), self.threads))
         ratios = [log_ratio(k[0], models[2 * n], models[2 * n + 1], k[3], self.threads) for n, k in enumerate(kinds)]
         return np.clip(np.concatenate(ratios) / 2, -LOOKS_LIMIT, LOOKS_LIMIT)
 

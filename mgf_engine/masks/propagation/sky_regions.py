@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from mgf_engine.masks.image_ops import distance, enlarge, grow, mean_around, shrink
+from mgf_engine.masks.image_ops import distance, enlarge, grow, masked_mean, shrink
 from mgf_engine.masks.propagation.superpixels import Regions
 
 #: CIELAB steps between regions that the sky may pass; the largest at which it stays free of points is taken.
@@ -100,8 +100,8 @@ def _like_sky(
     if not sure.any():
         none = np.zeros_like(mask)
         return none, none, none
-    above = mean_around(lab, sure, 2.0 * reach)
-    below = mean_around(lab, shrink(mask, reach), 2.0 * reach)
+    above = masked_mean(lab, sure, 2.0 * reach)
+    below = masked_mean(lab, shrink(mask, reach), 2.0 * reach)
     told = below.weight > SEEN
     contrast = distance(above.colour, below.colour)
     most = np.where(told, np.clip(0.4 * contrast, SKYLINE_STEPS[0], step), np.float32(SKYLINE_STEPS[0]))

@@ -96,7 +96,7 @@ def _superpixels(small: NDArray[np.uint8]) -> NDArray[np.int32]:
     smooth = cv2.GaussianBlur(small, (3, 3), 0.7)
     labels = np.empty(small.shape[:2], np.int32)
     picture = np.ascontiguousarray(cv2.cvtColor(smooth, cv2.COLOR_RGB2LAB))
-    if call("superpixels", *labels.shape, picture, REGION_SIDE, COMPACT, ROUNDS, SPECK, labels):
+    if call("mgf_superpixels", *labels.shape, picture, REGION_SIDE, COMPACT, ROUNDS, SPECK, labels):
         raise MemoryError("Not enough memory to cut the photo into regions; work at a lower resolution.")
     return labels
 

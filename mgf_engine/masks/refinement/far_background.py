@@ -22,7 +22,7 @@ from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.sky_silhouette import elevation
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 
 #: Degrees over the horizon between which colours are compared, in steps: farther below, ground is near enough for other
 #: photos to confirm it; above is sky.
@@ -76,8 +76,8 @@ def cut_distant(
             labels[index][alike] = BACKGROUND
 
     views = range(len(labels))
-    levels = _agreed([found for _, found in in_order(learn, views, threads)])
-    for _ in in_order(cut, views, threads):
+    levels = _agreed(list(parallel_map(learn, views, threads)))
+    for _ in parallel_map(cut, views, threads):
         pass
 
 

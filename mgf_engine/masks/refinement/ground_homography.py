@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.building_extent import ground_depth
 from mgf_engine.masks.geometry.ground_plane import Ground
-from mgf_engine.masks.image_ops import distance, enlarge, mean_around
+from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
 from mgf_engine.masks.refinement.patch_ncc import Patches
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.native.parallel import in_order
+from mgf_engine.native.parallel import parallel_map
 
 PHOTOS, FEWEST = 12, 4  # compared with at most, and at least
 #: Degrees between the directions in which two photos see the ground: nearer ones see the building in the same place
@@ -88,7 +88,7 @@ class GroundSeen:
             return int((self.within(index, mask) & inside).sum()), int(inside.sum())
 
         tried = list(views)[:: max(1, len(views) // TRIED)]
-        found = [counts for _, counts in in_order(share, tried, threads)]
+        found = list(parallel_map(share, tried, threads))
         return sum(ground for ground, _ in found) > OPEN * sum(total for _, total in found)
 
     def through(self, index: int, mask: NDArray[np.bool_]) -> Through:
@@ -206,7 +206,7 @@ def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[
     top, left = max(0, box.top - 5 * REACH), max(0, box.left - 5 * REACH)
     part = slice(top, box.top + box.height + 5 * REACH), slice(left, box.left + box.width + 5 * REACH)
     here, colour = ground[part], _smooth(np.ascontiguousarray(lab[part]))
-    away = distance(colour, enlarge(mean_around(colour, here, REACH).colour, here.shape))
+    away = distance(colour, enlarge(masked_mean(colour, here, REACH).colour, here.shape))
     result[part] = near[part] & (away < np.percentile(away[here], USUAL))
     return result
 

@@ -62,8 +62,8 @@ class Patches:
         most: float, last: int, count_last: int, alone: Map,
     ) -> None:  # fmt: skip
         failed = call(
-            "compare_patches", len(others), *self.lightness.shape, 1 if others.ndim == 3 else others.shape[3], others,
-            seen, self.lightness, self.average, self.variance, None if fits is None else self.smooth, TEXTURE,
+            "mgf_compare_patches", len(others), *self.lightness.shape, 1 if others.ndim == 3 else others.shape[3],
+            others, seen, self.lightness, self.average, self.variance, None if fits is None else self.smooth, TEXTURE,
             float(most), count, fits, colours, last, count_last, alone,
         )  # fmt: skip
         if failed:

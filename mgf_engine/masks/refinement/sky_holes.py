@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from mgf_engine.masks.image_ops import distance, enlarge, mean_around
+from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.refinement.sky_silhouette import OVER_HORIZON, outline, over_horizon
 from mgf_engine.model.scene import View
@@ -100,7 +100,7 @@ def _contrasts(
     lab: NDArray[np.float32], gaps: NDArray[np.bool_], body: NDArray[np.bool_], pieces: NDArray[Any], count: int
 ) -> NDArray[np.float64]:
     """CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
-    around = mean_around(lab, body, AROUND * max(body.shape))
+    around = masked_mean(lab, body, AROUND * max(body.shape))
     away = distance(lab, enlarge(around.colour, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
     sums = np.bincount(pieces[gaps], away[gaps], minlength=count)
     return np.asarray(sums / np.maximum(np.bincount(pieces[gaps], minlength=count), 1), np.float64)

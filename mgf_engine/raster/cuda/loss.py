@@ -40,7 +40,7 @@ class DevicePhoto:
     image: Tensor
     labels: Tensor
     edges: Tensor
-    ring: Tensor
+    background_band: Tensor
     area: Tensor
     shares: Tensor
     sizes: tuple[int, int]
@@ -48,18 +48,19 @@ class DevicePhoto:
     @property
     def maps(self) -> tuple[Tensor, ...]:
         """struct Labels."""
-        return self.labels, self.edges, self.ring
+        return self.labels, self.edges, self.background_band
 
 
 def photo_on(device: torch.device, photo: PhotoSide, weights: LossWeights) -> DevicePhoto:
     """The photo on the device; uploaded on first use and kept with the photo."""
     key = (str(device), weights.labels.tobytes())
     if key not in photo.copies:
-        image, labels, edges, ring = (m.to(device) for m in (photo.image, photo.labels, photo.edges, photo.ring))
+        maps = photo.image, photo.labels, photo.edges, photo.background_band
+        image, labels, edges, background_band = (m.to(device) for m in maps)
         area = torch.from_numpy(photo.area).to(device, torch.int32).contiguous()
         shares = torch.from_numpy(weights.labels).to(device, torch.float64)
         height, width = photo.labels.shape
-        photo.copies[key] = DevicePhoto(image, labels, edges, ring, area, shares, (height, width))
+        photo.copies[key] = DevicePhoto(image, labels, edges, background_band, area, shares, (height, width))
     found: DevicePhoto = photo.copies[key]
     return found
 
@@ -138,7 +139,7 @@ class DevicePass:
         self._finish(slopes, edge)
         parts, total = self._empty(torch.float32, 3), self._empty(torch.float32, 1)
         w = self.weights
-        factors = (w.distortion / self.inside, w.normals, w.background / max(self.photo.ring_area, 1))
+        factors = (w.distortion / self.inside, w.normals, w.background / max(self.photo.band_area, 1))
         summed = (self.others, self.sums, similarity, tuple(map(float, factors)))
         self.launcher.launch("loss_total", 1, *summed, parts, total)
         return total[0], parts
@@ -211,7 +212,7 @@ class DevicePass:
         l1[1 : self.photo.elements + 1] += per_pixel[:1]
         l1[:1].zero_()  # l1[0] = 0.0 would copy a number from the host, and wait for it
         l1 = (w.l1 / 3 * l1).to(torch.float32)
-        rates = (w.l1 * edge / 3, w.background / max(self.photo.ring_area, 1), w.distortion / self.inside, w.normals)
+        rates = (w.l1 * edge / 3, w.background / max(self.photo.band_area, 1), w.distortion / self.inside, w.normals)
         factors = tuple(map(float, (*self.backdrop, *rates)))
         images = (photo.maps, self._maps, self.ids, (slopes, float(edge_slope)), l1, factors, self.scratch)
         goals = (self._gradient, At(self.error, 0), self.error.stride(0), self.sums)

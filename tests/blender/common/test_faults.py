@@ -12,9 +12,9 @@ import pytest
 from mgf_blender.common import runner
 from mgf_blender.common.job import CANCELLED, DONE, FAILED, Job
 from mgf_blender.prompts import files, preview
-from mgf_blender.reconstruct import live
+from mgf_blender.reconstruct import preview_image
 from mgf_blender.reconstruct.start import make_job
-from mgf_blender.results import arrival
+from mgf_blender.results import async_import
 from mgf_blender.scene_import.tree import Tree
 
 WORDS = "The add-on made a mistake"
@@ -43,7 +43,7 @@ def tick(until, seconds: float = 20.0) -> None:
 
 
 def test_a_listener_that_raises_stops_nothing(ready, monkeypatch, tmp_path):
-    monkeypatch.setattr(live, "show", broken)
+    monkeypatch.setattr(preview_image, "show", broken)
     monkeypatch.setenv("FAKE_PREVIEW", str(tmp_path / "p.png"))
     job = make_job(bpy.context.scene)
     runner.submit(job)
@@ -87,17 +87,17 @@ def test_cancelled_before_its_start_with_a_broken_listener(tmp_path):
 def test_an_arrival_that_raises_is_dropped_and_said(ready, house, monkeypatch, place):
     scene = bpy.context.scene
     with monkeypatch.context() as patch:
-        patch.setattr(arrival, place, broken)
-        arrival.begin(scene, house.job)
+        patch.setattr(async_import, place, broken)
+        async_import.begin(scene, house.job)
         end = time.monotonic() + 20
-        while arrival._tick() is not None and time.monotonic() < end:
+        while async_import._tick() is not None and time.monotonic() < end:
             time.sleep(0.002)
-    assert not arrival.under_way(scene) and WORDS in arrival.problem(scene)
+    assert not async_import.under_way(scene) and WORDS in async_import.problem(scene)
     assert not [m for m in bpy.data.meshes if "mgf_arriving" in m]
-    arrival.begin(scene, house.job)  # and can be tried again
-    while arrival.pump():
+    async_import.begin(scene, house.job)  # and can be tried again
+    while async_import.pump():
         time.sleep(0.002)
-    assert len(Tree.find(scene).objects("Mesh")) == 1 and not arrival.problem(scene)
+    assert len(Tree.find(scene).objects("Mesh")) == 1 and not async_import.problem(scene)
 
 
 def test_a_preview_that_raises_is_said(ready, monkeypatch, engine):

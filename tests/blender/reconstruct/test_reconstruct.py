@@ -17,10 +17,10 @@ from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.job import CANCELLED, DONE, FAILED, Job
 from mgf_blender.properties import scene_key, scene_of
-from mgf_blender.reconstruct import live, start
+from mgf_blender.reconstruct import preview_image, start
 from mgf_blender.reconstruct.operators import interrupted, last_job
 from mgf_blender.reconstruct.start import make_job
-from mgf_blender.results import arrival
+from mgf_blender.results import async_import
 from mgf_blender.scene_import.tree import Tree
 
 
@@ -175,9 +175,9 @@ def test_result_comes_from_the_job_s_folder(ready, engine, house, monkeypatch, w
     pump(lambda: job.stage == "scene")
     ready.job_folder = str(house.folder.parent / "next")
     pump(lambda: not job.live)
-    while arrival.pump():
+    while async_import.pump():
         time.sleep(0.002)
-    assert job.status == DONE and not job.warnings[1:] and not arrival.problem(bpy.context.scene)
+    assert job.status == DONE and not job.warnings[1:] and not async_import.problem(bpy.context.scene)
     assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
     assert ready.job_folder == str(house.folder.parent / "next")
     with pytest.raises(RuntimeError, match=r"The job has no gone\.txt yet"):
@@ -323,11 +323,11 @@ def test_preview_follows_the_engine(ready, engine, house, tmp_path):
     write_png(tmp_path / "p.png", np.full((4, 6, 3), 200, np.uint8))
     engine("ok", FAKE_RESULT=house.job, FAKE_PREVIEW=tmp_path / "p.png")
     bpy.ops.mgf.reconstruct()
-    image = bpy.data.images[live.NAME]
+    image = bpy.data.images[preview_image.NAME]
     assert tuple(image.size) == (6, 4) and abs(image.pixels[0] - 200 / 255) < 0.01
     write_png(tmp_path / "q.png", np.full((2, 2, 3), 10, np.uint8))
-    live.show(tmp_path / "q.png")
-    assert tuple(image.size) == (2, 2) and live.show(tmp_path / "gone.png") is None
+    preview_image.show(tmp_path / "q.png")
+    assert tuple(image.size) == (2, 2) and preview_image.show(tmp_path / "gone.png") is None
 
 
 def test_undo_does_not_blank_the_preview(ready, engine, house, tmp_path):
@@ -338,14 +338,14 @@ def test_undo_does_not_blank_the_preview(ready, engine, house, tmp_path):
     bpy.ops.ed.undo_push(message="two")
     area = max(bpy.context.window.screen.areas, key=lambda a: a.width * a.height)
     area.type = "IMAGE_EDITOR"
-    live.show(tmp_path / "p.png")
-    area.spaces.active.image = bpy.data.images[live.NAME]
+    preview_image.show(tmp_path / "p.png")
+    area.spaces.active.image = bpy.data.images[preview_image.NAME]
     for turn in (bpy.ops.ed.undo, bpy.ops.ed.redo):
         turn()
         image = area.spaces.active.image
-        assert image is not None and image.name == live.NAME and tuple(image.size) == (6, 4)
+        assert image is not None and image.name == preview_image.NAME and tuple(image.size) == (6, 4)
     synthetic.write_png(tmp_path / "q.png", np.full((2, 2, 3), 10, np.uint8))
-    live.show(tmp_path / "q.png")
+    preview_image.show(tmp_path / "q.png")
     assert tuple(area.spaces.active.image.size) == (2, 2) and len([i for i in bpy.data.images if "MGF" in i.name]) == 1
     area.spaces.active.image = None
     bpy.ops.ed.undo()

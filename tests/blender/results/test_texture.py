@@ -14,7 +14,7 @@ from layouts import draw
 
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.textures import show_texture, texture_of
-from mgf_blender.results import arrival
+from mgf_blender.results import async_import
 from mgf_blender.results.load import import_result
 from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.results.picture import render_picture
@@ -236,11 +236,11 @@ def test_a_material_the_user_made_his_own_is_left_alone(panel):
 
 
 def test_arrives_in_short_steps_like_an_import_in_one_go(addon, textured):
-    arrival.begin(bpy.context.scene, textured.job)
+    async_import.begin(bpy.context.scene, textured.job)
     end = time.monotonic() + 20
-    while arrival.pump() and time.monotonic() < end:
+    while async_import.pump() and time.monotonic() < end:
         time.sleep(0.002)
-    assert not arrival.problem(bpy.context.scene)
+    assert not async_import.problem(bpy.context.scene)
     (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
     np.testing.assert_array_equal(uv_of(obj.data), height_uv())
     assert shown(obj.data) == "TEXTURE" and drawn_in() == {"TEXTURE"}

@@ -107,7 +107,7 @@ def state():
             found["jobs"] = [[j.kind, j.status, j.stage, j.overall, j.text] for j in runner.jobs()]
             found["longest_tick"] = runner.longest_tick()
             found["pids"] = [j.process.pid for j in runner.jobs() if j.process is not None]
-        arrival = addon_module("results.arrival")
+        arrival = addon_module("results.async_import")
         if arrival is not None:
             found["longest_step"] = arrival.longest_step()
         surface = addon_module("results.surface")

@@ -126,7 +126,7 @@ static int covers(const Segments *s, int32_t m, const Line *line) {
 
 /* lines [n][2][3] and score [n]: of each segment the line in space that most photos see, score 0 where there is none.
    neighbours [views][count]: photos each photo is compared with, -1 for none; box [2][3]: lines must lie in it. */
-MGF_API void match_segments_work(int32_t *next, int64_t n, const Segments *s, const int32_t *neighbours, int64_t count,
+MGF_API void mgf_match_segments(int32_t *next, int64_t n, const Segments *s, const int32_t *neighbours, int64_t count,
                                  const double *box, float least_sine, double *lines, double *score) {
     for (int64_t i = take_work(next); i < n; i = take_work(next)) {
         const int32_t *others = neighbours + count * s->view[i];
@@ -264,7 +264,7 @@ static void extend(const Segments *s, const int32_t *rows, int64_t views, Line *
 /* Lines [n][2][3] of the segments `own` [n] put where all photos want them; rows [n][views]: the segment of each photo
    that supports it, -1 for none; residuals [n][views]: px, the larger of both ends, INFINITY for none; ends
    [n][views][2]: what of the line each photo shows, from its first point. pixel: of the ground, in units of space. */
-MGF_API void fit_segments_work(int32_t *next, int64_t n, const Segments *s, const int32_t *own, float pixel,
+MGF_API void mgf_fit_segments(int32_t *next, int64_t n, const Segments *s, const int32_t *own, float pixel,
                                double *lines, int32_t *rows, float *residuals, double *ends) {
     for (int64_t i = take_work(next); i < n; i = take_work(next)) {
         Line line;

@@ -148,10 +148,10 @@ static void sweep(Mesh *m, const int32_t *vertex, int64_t count, int64_t stop) {
         try_collapse(m, e.a, e.b);
     }
 }
-/* Begins to reduce a mesh in place; the arrays must live until collapse_end. Returns a handle, 0: no memory.
+/* Begins to reduce a mesh in place; the arrays must live until mgf_collapse_end. Returns a handle, 0: no memory.
    at, colors: [vertices][3], near the origin. given: the same places as float32, tolerance: [vertices] distance that a
    given vertex may have from the result. color_tolerance: root mean square per channel; negative: any. */
-MGF_API int64_t collapse_begin(int64_t vertices, int64_t faces, Point *at, int32_t *face, const float *samples,
+MGF_API int64_t mgf_collapse_begin(int64_t vertices, int64_t faces, Point *at, int32_t *face, const float *samples,
                                const float *tolerances, const uint8_t *colors, float color_tolerance) {
     Mesh *m = calloc(1, sizeof *m);
     if (!m) return 0;
@@ -164,7 +164,7 @@ MGF_API int64_t collapse_begin(int64_t vertices, int64_t faces, Point *at, int32
 }
 
 /* From now on distances may be `loose` times the tolerances, and every edge is tried again. */
-MGF_API void collapse_loosen(int64_t handle, float loose, float color_tolerance) {
+MGF_API void mgf_collapse_loosen(int64_t handle, float loose, float color_tolerance) {
     Mesh *m = (Mesh *)(intptr_t)handle;
     m->loose = loose, m->color_tolerance = color_tolerance;
     memset(m->touched, 1, (size_t)m->vertices);
@@ -172,7 +172,7 @@ MGF_API void collapse_loosen(int64_t handle, float loose, float color_tolerance)
 
 /* Collapses edges within slabs number first to last - 1, a piece of work each, until `stop` faces are left (exact only
    for a single slab). slab: [vertices]; order: [vertices] by slab; start: [slabs + 1], where each begins in `order`. */
-MGF_API void collapse_work(int32_t *next, int64_t handle, const uint8_t *slab, const int32_t *order,
+MGF_API void mgf_collapse(int32_t *next, int64_t handle, const uint8_t *slab, const int32_t *order,
                            const int64_t *start, int64_t first, int64_t last, int64_t stop) {
     Mesh *whole = (Mesh *)(intptr_t)handle;
     for (int64_t k; (k = first + take_work(next)) < last;) {
@@ -188,13 +188,13 @@ MGF_API void collapse_work(int32_t *next, int64_t handle, const uint8_t *slab, c
 }
 
 /* Faces left, -1: out of memory on the way. */
-MGF_API int64_t collapse_live(int64_t handle) {
+MGF_API int64_t mgf_collapse_live(int64_t handle) {
     const Mesh *m = (const Mesh *)(intptr_t)handle;
     return m->failed ? -1 : m->live;
 }
 
 /* Ends the work: faces that are gone have corner 0 = -1, colors [vertices][3] are those of the vertices left. */
-MGF_API void collapse_end(int64_t handle, uint8_t *colors) {
+MGF_API void mgf_collapse_end(int64_t handle, uint8_t *colors) {
     Mesh *m = (Mesh *)(intptr_t)handle;
     for (int64_t i = 0; i < m->vertices; i++)
         for (int k = 0; k < 3; k++) colors[3 * i + k] = (uint8_t)fminf(fmaxf(m->color[i][k] + 0.5f, 0), 255);

@@ -21,7 +21,7 @@ typedef struct {
     float likeness;                        // of the photos of the `near` views at the surface, added up
     int32_t covered, outside, seen, near;  // number of views; near: that show a surface within half a band,
     int32_t judging, behind;               // that say how far off it is, that cover the point closely
-} Belief;
+} TsdfSample;
 
 // A camera that judges, with what it shows: labels [height][width]; pixel (x, y) of its map is map[rows[y] + x], there for
 // all pixels labelled INSIDE and those around them; pose, intrinsics as in view.h.
@@ -33,10 +33,10 @@ typedef struct {
     int64_t height, width;
     double band;         // per unit of depth
     double least_slope;  // of its pixels
-} Judge;
+} TrustedView;
 
 // Between four pixels of one surface; the nearest pixel where they belong to several.
-static inline Pixel sample(const Judge *j, Pixel nearest, double u, double v, float jump) {
+static inline Pixel sample(const TrustedView *j, Pixel nearest, double u, double v, float jump) {
     const double fx = u - 0.5, fy = v - 0.5;
     const int64_t x = (int64_t)__builtin_floor(fx), y = (int64_t)__builtin_floor(fy);
     if (x < 0 || y < 0 || x + 1 >= j->width || y + 1 >= j->height) return nearest;
@@ -59,7 +59,7 @@ typedef struct {
 } Places;
 
 // Without branches, so that several points go side by side.
-static void find_places(const Judge *j, const float *points, int64_t count, float near, Places *at) {
+static void find_places(const TrustedView *j, const float *points, int64_t count, float near, Places *at) {
     const double *k = j->intrinsics, width = (double)j->width, height = (double)j->height;
     for (int64_t i = 0; i < count; i++) {
         double c[3];
@@ -71,53 +71,53 @@ static void find_places(const Judge *j, const float *points, int64_t count, floa
 }
 
 // Whether a point lies so far behind a pixel's surface that what lies between it and the next pixels does not matter.
-static inline int far_behind(const Judge *j, const Pixel *nearest, double depth, float jump) {
+static inline int far_behind(const TrustedView *j, const Pixel *nearest, double depth, float jump) {
     const double farthest = (1.001 + jump) * nearest->depth;  // all is rounded: a little more than needed
     return (depth - farthest) * j->least_slope > 1.001 * CLOSELY * j->band * farthest;
 }
 
 // Adds what a view shows at a point that lies so deep.
-static void weigh(const Judge *j, Pixel here, double depth, Belief *belief) {
+static void add_view(const TrustedView *j, Pixel here, double depth, TsdfSample *tsdf) {
     const float limit = (float)j->band * here.depth;
     const float s = (float)(here.depth - depth) * here.slope;
-    if (s < 0.5f * limit && s > -0.5f * limit) belief->near++, belief->likeness += here.likeness;
+    if (s < 0.5f * limit && s > -0.5f * limit) tsdf->near++, tsdf->likeness += here.likeness;
     if (s < -limit) {
-        belief->covered++, belief->behind += s > -CLOSELY * limit;
+        tsdf->covered++, tsdf->behind += s > -CLOSELY * limit;
         return;
     }
-    belief->judging++, belief->weight += here.weight;
-    belief->sum += here.weight * (s < limit ? s / limit : 1.0f);
+    tsdf->judging++, tsdf->weight += here.weight;
+    tsdf->sum += here.weight * (s < limit ? s / limit : 1.0f);
 }
 
 // What one view says of up to TOGETHER points.
-static void ask(const Judge *j, const float *points, int64_t count, float near, float jump, Belief *beliefs) {
+static void ask_view(const TrustedView *j, const float *points, int64_t count, float near, float jump, TsdfSample *samples) {
     Places at;
     int32_t inside[TOGETHER], inside_count = 0;
     find_places(j, points, count, near, &at);
     for (int64_t i = 0; i < count; i++) {
         if (!at.in_frame[i]) continue;
         const uint8_t label = j->labels[(int64_t)at.v[i] * j->width + (int64_t)at.u[i]];
-        beliefs[i].outside += label == OUTSIDE, beliefs[i].seen += label == INSIDE;
+        samples[i].outside += label == OUTSIDE, samples[i].seen += label == INSIDE;
         inside[inside_count] = (int32_t)i, inside_count += label == INSIDE;
     }
     for (int32_t n = 0; n < inside_count; n++) {
         const int32_t i = inside[n];
         const Pixel nearest = j->map[j->rows[(int64_t)at.v[i]] + (int64_t)at.u[i]];
         if (!(nearest.weight > 0)) continue;
-        if (far_behind(j, &nearest, at.depth[i], jump)) beliefs[i].covered++;
-        else weigh(j, sample(j, nearest, at.u[i], at.v[i], jump), at.depth[i], beliefs + i);
+        if (far_behind(j, &nearest, at.depth[i], jump)) samples[i].covered++;
+        else add_view(j, sample(j, nearest, at.u[i], at.v[i], jump), at.depth[i], samples + i);
     }
 }
 
-/* What `count` judges together believe of points [n][3]: beliefs [n], given as zeros.
+/* What `count` views together tell of points [n][3]: samples [n], given as zeros.
    jump: share of the depth by which neighbouring pixels of one surface differ at most. */
-MGF_API void fuse_judges_work(int32_t *next, int64_t n, const float *points, const Judge *judges, int64_t count,
-                              float near, float jump, Belief *beliefs) {
+MGF_API void mgf_integrate_depths(int32_t *next, int64_t n, const float *points, const TrustedView *views, int64_t count,
+                              float near, float jump, TsdfSample *samples) {
     for (;;) {
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
         if (start >= n) return;
         for (int64_t k = 0; k < count; k++)  // the points of a piece fall close together, mostly
             for (int64_t i = start; i < end; i += TOGETHER)
-                ask(judges + k, points + 3 * i, end - i < TOGETHER ? end - i : TOGETHER, near, jump, beliefs + i);
+                ask_view(views + k, points + 3 * i, end - i < TOGETHER ? end - i : TOGETHER, near, jump, samples + i);
     }
 }

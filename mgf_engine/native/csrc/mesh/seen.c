@@ -13,7 +13,7 @@ typedef struct {
    corners [n][3]: (u, v, 1 / depth), 1 / depth <= 0 for what is not in front; points, normals [n][3]; farthest: depth of
    the surface there, times `slack` that beyond which a vertex is hidden; inside: pixels that count. Those on the outermost
    pixels are left out. */
-MGF_API int64_t seen_vertices(int64_t n, const double *corners, const Point *points, const Point *normals,
+MGF_API int64_t mgf_seen_vertices(int64_t n, const double *corners, const Point *points, const Point *normals,
                               const Camera *camera, const float *farthest, const uint8_t *inside, int64_t height,
                               int64_t width, float slack, int64_t *index, float *weight) {
     int64_t count = 0;

@@ -25,7 +25,7 @@ static inline int uses(const Around *a, int64_t v, int32_t w) {
 }
 
 /* Lists the corners around each vertex: start [vertices + 1], corner [3 * count], ascending around each. */
-MGF_API void corners_around(int64_t vertices, int64_t count, const int32_t *faces, int32_t *start, int32_t *corner) {
+MGF_API void mgf_corners_around(int64_t vertices, int64_t count, const int32_t *faces, int32_t *start, int32_t *corner) {
     for (int64_t v = 0; v <= vertices; v++) start[v] = 0;
     for (int64_t c = 0; c < 3 * count; c++) start[faces[c]]++;
     int32_t sum = 0;
@@ -55,7 +55,7 @@ static int join_fans(const Around *a, int64_t v, int32_t *parent) {
 }
 
 /* Numbers the fans around each vertex, from 0: fan [3 * count] in the order of `corner`, fans [vertices] how many. */
-MGF_API void fans_work(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
+MGF_API void mgf_vertex_fans(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
                        const int32_t *corner, int32_t *fan, int32_t *fans) {
     const Around a = {faces, start, corner};
     for (;;) {
@@ -87,7 +87,7 @@ MGF_API void fans_work(int32_t *next, int64_t vertices, const int32_t *faces, co
 }
 
 /* Numbers the parts of a mesh that hang together by edges, in the order of their first faces: part [count]. */
-MGF_API void parts_of_faces(int64_t vertices, int64_t count, const int32_t *faces, const int32_t *start,
+MGF_API void mgf_face_components(int64_t vertices, int64_t count, const int32_t *faces, const int32_t *start,
                             const int32_t *corner, int32_t *part) {
     for (int64_t f = 0; f < count; f++) part[f] = (int32_t)f;
     for (int64_t v = 0; v < vertices; v++)
@@ -107,7 +107,7 @@ MGF_API void parts_of_faces(int64_t vertices, int64_t count, const int32_t *face
 }
 
 /* Marks the corners whose edge no other face uses: open [3 * count]. */
-MGF_API void open_edges_work(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
+MGF_API void mgf_open_edges(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
                              const int32_t *corner, uint8_t *open) {
     const Around a = {faces, start, corner};
     for (;;) {
@@ -120,7 +120,7 @@ MGF_API void open_edges_work(int32_t *next, int64_t vertices, const int32_t *fac
 }
 
 /* Moves vertices [vertices][3] half way to the mean of their neighbours, but for those that are fixed. */
-MGF_API void smooth_work(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
+MGF_API void mgf_smooth_vertices(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
                          const int32_t *corner, const uint8_t *fixed, const double *at, double *moved) {
     for (;;) {
         const int64_t from = take_work(next) * (int64_t)PIECE, to = from + PIECE < vertices ? from + PIECE : vertices;
@@ -151,7 +151,7 @@ MGF_API void smooth_work(int32_t *next, int64_t vertices, const int32_t *faces, 
 }
 
 /* Sums of the normals of the faces around each vertex, weighted by twice their areas: normal [vertices][3]. */
-MGF_API void vertex_normals_work(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
+MGF_API void mgf_vertex_normals(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
                                  const int32_t *corner, const double *at, double *normal) {
     for (;;) {
         const int64_t from = take_work(next) * (int64_t)PIECE, to = from + PIECE < vertices ? from + PIECE : vertices;

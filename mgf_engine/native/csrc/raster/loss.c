@@ -29,7 +29,7 @@ static void halve(const float *fine, const Level *from, float *coarse, const Lev
 
 /* Colour and photo of all levels. colour [3] planes and alpha: rows `row` floats apart, first pixel of the box; photo uint8
    [3][h][w] and labels uint8 [h][w] of the box; backdrop: three floats. */
-MGF_API void loss_prepare_work(int32_t *next, const Level *levels, int64_t count, const float *colour, int64_t plane,
+MGF_API void mgf_loss_prepare(int32_t *next, const Level *levels, int64_t count, const float *colour, int64_t plane,
                                int64_t row, const float *alpha, int64_t alpha_row, const uint8_t *photo,
                                const uint8_t *labels, const float *backdrop, float *scratch) {
   const int64_t h = levels->height, w = levels->width, tiles = levels->tiles_y * levels->tiles_x;
@@ -128,7 +128,7 @@ static double edge_sum(const float *restrict ssim, const uint8_t *restrict edges
 
 /* Similarities of all tiles with a label, pooled: sums [tiles][2 * ids + 1], given as zeros, of ssim and of cs per label and of
    ssim over labelled edges (level 0), each three times too large (channels are added up). labels, edges: uint8 [h][w]. */
-MGF_API void loss_forward_work(int32_t *next, const Level *levels, int64_t count, const uint8_t *flags,
+MGF_API void mgf_loss_forward(int32_t *next, const Level *levels, int64_t count, const uint8_t *flags,
                                const uint8_t *labels, const uint8_t *edges, int64_t ids, float *scratch, double *sums,
                                int32_t *failed) {
   void *block;

@@ -84,7 +84,7 @@ static void image_gradient(const float *restrict work, const float *restrict x, 
 enum { WORK = 3 * HALO * TILE_W + 3 * LINE, SLOPES = HALO * LINE };
 
 /* Gradients of the similarities of levels > 0 at their own pixels. slopes: float [levels][2][ids]. */
-MGF_API void loss_coarse_work(int32_t *next, const Level *levels, int64_t count, const uint8_t *flags,
+MGF_API void mgf_loss_coarse(int32_t *next, const Level *levels, int64_t count, const uint8_t *flags,
                               const uint8_t *labels, int64_t ids, const float *slopes, float *scratch, int32_t *failed) {
   void *block;
   float *work = worker_scratch(WORK + 2 * SLOPES, &block), *g_ssim = work + WORK, *g_cs = g_ssim + SLOPES;
@@ -128,7 +128,7 @@ static void gather_levels(const Level *levels, int64_t count, const Tile *t, int
   }
 }
 
-/* Everything loss_finish_work reads and writes besides the levels; packed by raster/loss.py in this order. */
+/* Everything mgf_loss_finish reads and writes besides the levels; packed by raster/loss.py in this order. */
 typedef struct {
   const float *alpha, *distortion, *depth;                             /* of the render, at the box; null: term is off */
   const uint8_t *labels, *edges, *ring;                                /* [h][w] */
@@ -232,7 +232,7 @@ static void pixel_row(const Finish *f, const Factors *k, int64_t y, int64_t x, i
 
 /* Terms of single pixels and all gradients, of the tiles of level 0 and of the frame around the box.
    sums: [tiles of level 0][3], given as zeros, see pixel_row. */
-MGF_API void loss_finish_work(int32_t *next, const Level *levels, int64_t count, const uint8_t *flags, int64_t ids,
+MGF_API void mgf_loss_finish(int32_t *next, const Level *levels, int64_t count, const uint8_t *flags, int64_t ids,
                               const Finish *f, const Factors *k, const float *scratch, double *sums, int32_t *failed) {
   enum { PLANE = TILE_H * TILE_W };
   void *block;

@@ -20,7 +20,7 @@ enum { BACKGROUND = 0, SEEN = 1, UNSEEN = 2 };
 /* Where points [n][3] fall: place [n][3] = (u, v, depth), verdict [n] BACKGROUND, SEEN or UNSEEN (out of frame, behind,
    unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]: OUTSIDE, INSIDE or
    unknown. pose, intrinsics: as in view.h. */
-MGF_API void points_locate_work(int32_t *next, int64_t n, const float *points, const double *pose,
+MGF_API void mgf_locate_points(int32_t *next, int64_t n, const float *points, const double *pose,
                                 const double *intrinsics, float near, const uint8_t *labels, int64_t height,
                                 int64_t width, float *place, uint8_t *verdict, int32_t *block) {
     const int64_t tiles_x = (width + TILE - 1) / TILE;
@@ -45,7 +45,7 @@ MGF_API void points_locate_work(int32_t *next, int64_t n, const float *points, c
 }
 
 /* Counting sort: order [number of points with a block], starts [blocks + 1]. */
-MGF_API void points_sort(int64_t n, const int32_t *block, int64_t blocks, int32_t *order, int32_t *starts) {
+MGF_API void mgf_sort_points(int64_t n, const int32_t *block, int64_t blocks, int32_t *order, int32_t *starts) {
     memset(starts, 0, (size_t)(blocks + 1) * sizeof *starts);
     for (int64_t i = 0; i < n; i++)
         if (block[i] >= 0) starts[block[i] + 1]++;
@@ -58,7 +58,7 @@ MGF_API void points_sort(int64_t n, const int32_t *block, int64_t blocks, int32_
 
 /* Tile lists are made for pixel centres; points lie anywhere. Grow footprints [n] by at least half a pixel (ellipses
    thinner than half a pixel: about as much along their short axis only). */
-MGF_API void points_grow_footprints(int64_t n, const float *records, Footprint *footprints) {
+MGF_API void mgf_grow_footprints(int64_t n, const float *records, Footprint *footprints) {
     for (int64_t i = 0; i < n; i++) {
         Footprint *p = footprints + i;
         const float *r = records + i * REC_SIZE;
@@ -185,9 +185,9 @@ static void sort_by_depth(int32_t *order, int64_t count, const float *place) {
 
 /* Opacity in front of each located point, kept as the two smallest so far: lowest [n][2].
    gid, ranges: lists of the tiles (bin.c) from grown footprints. front [Gaussians]: depth where a Gaussian begins.
-   order, starts: from points_sort (order is sorted further). stop: transmittance at which a point is dark enough.
+   order, starts: from mgf_sort_points (order is sorted further). stop: transmittance at which a point is dark enough.
    Sets *failed when memory is short. */
-MGF_API void points_opacity_work(int32_t *next, int64_t tiles, const float *records, const int32_t *gid,
+MGF_API void mgf_point_opacity(int32_t *next, int64_t tiles, const float *records, const int32_t *gid,
                                  const int32_t *ranges, const float *front, const float *place, int32_t *order,
                                  const int32_t *starts, float near, float stop, float *lowest, int32_t *failed) {
     List list = {0};

@@ -182,7 +182,7 @@ static v16 step_of(const Photo *others, int64_t count, const Pixels *pixels, flo
    scores [n][steps] are set to the sums of the correlations with the neighbours that had a say at every depth, counts
    [n] to their number. jump: share of the depth by which pixels of one surface differ from its plane at most; hidden: by
    which the neighbour's own depth may differ; texture: least deviation of brightness. */
-MGF_API void match_photos_work(int32_t *next, int64_t n, const int32_t *pixels, const float *normals, float length,
+MGF_API void mgf_match_photos(int32_t *next, int64_t n, const int32_t *pixels, const float *normals, float length,
                                int64_t steps, const Photo *first, const float *inverse_intrinsics,
                                const Photo *others, int64_t neighbours, float jump, float hidden, float texture,
                                float *step, float *scores, float *counts) {

@@ -4,12 +4,12 @@
 import bpy
 
 from ..common.text import draw_sentence, tr
-from . import arrival
+from . import async_import
 
 
 def draw_waiting(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The state of an import that is not part of a job shown elsewhere."""
-    if arrival.under_way(scene):
+    if async_import.under_way(scene):
         draw_sentence(layout, tr("Bringing the results in"), "SORTTIME")
-    elif arrival.problem(scene):
-        draw_sentence(layout, arrival.problem(scene), "ERROR")
+    elif async_import.problem(scene):
+        draw_sentence(layout, async_import.problem(scene), "ERROR")

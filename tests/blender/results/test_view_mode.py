@@ -12,7 +12,7 @@ import pytest
 import synthetic
 
 from mgf_blender.common.ply import read_ply
-from mgf_blender.results import switch
+from mgf_blender.results import view_mode
 from mgf_blender.scene_import.tree import Tree
 
 
@@ -92,13 +92,13 @@ def test_a_camera_without_render_says_so(tree):
 
 def test_error_map_measures_the_difference(tree):
     camera = bpy.context.scene.camera
-    image = switch.make_error_map(camera)
+    image = view_mode.make_error_map(camera)
     width, height = image.size
     pixels = np.array(image.pixels[:]).reshape(height, width, 4)
     # The render is the photo upside down: equal in the middle row, far apart at top and bottom.
     assert pixels[height // 2, :, :3].mean() < 0.1 < 0.5 < pixels[2, :, :3].mean()
     assert image.packed_file is not None
-    again = switch.make_error_map(camera)
+    again = view_mode.make_error_map(camera)
     assert again == image and sum(s.image == image for s in camera.data.background_images) == 1
 
 
@@ -136,13 +136,13 @@ def test_a_new_result_leaves_no_picture_of_the_old_one(tree, house):
     (house.job / "deliver.json").write_text(json.dumps(content))
     bpy.ops.mgf.show_in_camera(kind="ERROR")
     bpy.ops.mgf.import_result()
-    assert switch.available(bpy.context.scene.camera) == {"MESH", "PHOTO"} and shown() == ["photo"]
+    assert view_mode.available(bpy.context.scene.camera) == {"MESH", "PHOTO"} and shown() == ["photo"]
     assert not tree.objects("Mesh")[0].hide_get() and "mgf_shown" not in bpy.context.scene.camera
 
 
 def test_box_filter_keeps_the_mean():
     pixels = np.random.default_rng(1).random((40, 60, 3)).astype(np.float32)
-    small = switch._resized(pixels, 30, 20)
+    small = view_mode._resized(pixels, 30, 20)
     assert small.shape == (20, 30, 3)
     np.testing.assert_allclose(small[0, 0], pixels[:2, :2].mean(axis=(0, 1)), atol=1e-6)
     np.testing.assert_allclose(small.mean(), pixels.mean(), atol=1e-6)

@@ -14,7 +14,7 @@ _GRID = (24, 16)
 _FEWEST = 3  # clicks on the building that tell its extent in a photo
 
 
-def filled_share(clicks: PromptsFile, size: tuple[int, int]) -> float | None:
+def building_share(clicks: PromptsFile, size: tuple[int, int]) -> float | None:
     """Share of the pixels of the clicked photos that shows the building; None where the clicks do not tell.
 
     A place counts that is nearer to a click on the building than to one beside it, and no further from it than those

@@ -14,7 +14,7 @@ import synthetic
 
 from mgf_blender.common.meshes import edges_of, make_mesh, prepare_mesh
 from mgf_blender.reconstruct.start import make_job
-from mgf_blender.results import arrival
+from mgf_blender.results import async_import
 from mgf_blender.scene_import.tree import Tree
 
 
@@ -25,10 +25,10 @@ def ready(addon, house):
     return addon
 
 
-def pump(until=lambda: not arrival._arrivals, seconds: float = 20.0) -> None:
+def pump(until=lambda: not async_import._arrivals, seconds: float = 20.0) -> None:
     end = time.monotonic() + seconds
     while not until() and time.monotonic() < end:
-        arrival.pump()
+        async_import.pump()
         time.sleep(0.002)
     assert until()
 
@@ -42,19 +42,19 @@ def pending() -> list[str]:
 
 
 def test_arrives_like_an_import_in_one_go(ready, house):
-    arrival.begin(bpy.context.scene, house.job)
-    assert arrival.under_way(bpy.context.scene) and not meshes()
+    async_import.begin(bpy.context.scene, house.job)
+    assert async_import.under_way(bpy.context.scene) and not meshes()
     pump()
     (obj,) = meshes()
     truth, faces, _ = synthetic.house_mesh()
     assert (len(obj.data.vertices), len(obj.data.polygons)) == (len(truth), len(faces))
-    assert obj.name == obj.data.name == "job" and not pending() and not arrival.problem(bpy.context.scene)
+    assert obj.name == obj.data.name == "job" and not pending() and not async_import.problem(bpy.context.scene)
     assert len(Tree.find(bpy.context.scene).objects("Renders")) == 4
 
 
 def test_again_replaces_and_leaves_no_blocks(ready, house):
     for _ in range(2):
-        arrival.begin(bpy.context.scene, house.job)
+        async_import.begin(bpy.context.scene, house.job)
         pump()
     assert [m.name for m in bpy.data.meshes] == ["job", "Sparse Points"]
 
@@ -86,14 +86,14 @@ def test_the_mesh_is_called_as_its_job_is(ready, house, tmp_path, folder, name):
 
 def test_whole_import_is_one_undo_step(ready, house):
     bpy.ops.ed.undo_push(message="before")
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     pump()
     bpy.ops.ed.undo()
     assert not meshes() and len(Tree.find(bpy.context.scene).objects("Cameras")) == 12
 
 
 def test_objects_deleted_or_undone_while_it_arrives(ready, house):
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     pump(lambda: pending())
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
@@ -105,11 +105,11 @@ def test_objects_deleted_or_undone_while_it_arrives(ready, house):
 
 def test_an_undo_to_a_half_made_mesh_begins_it_anew(ready, house):
     """An undo step in between holds the mesh as it was then; going on where the steps are would write beyond it."""
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     pump(lambda: pending())
     bpy.ops.ed.undo_push(message="half made")
     for _ in range(4):
-        arrival.pump()
+        async_import.pump()
     bpy.ops.ed.undo_push(message="further")
     bpy.ops.ed.undo()
     assert not pending()
@@ -119,24 +119,24 @@ def test_an_undo_to_a_half_made_mesh_begins_it_anew(ready, house):
 
 
 def test_a_mesh_that_is_removed_each_time_is_a_sentence(ready, house):
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     end = time.monotonic() + 20
-    while arrival._arrivals and time.monotonic() < end:
-        arrival.pump()
+    while async_import._arrivals and time.monotonic() < end:
+        async_import.pump()
         for name in pending():
             bpy.data.meshes.remove(bpy.data.meshes[name])
-    assert "made a mistake" in arrival.problem(bpy.context.scene) and not meshes()
+    assert "made a mistake" in async_import.problem(bpy.context.scene) and not meshes()
 
 
 def test_an_import_by_script_while_it_arrives_takes_no_half_made_mesh(ready, house):
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     pump(lambda: pending())
     bpy.ops.mgf.import_result()
-    assert len(meshes()[0].data.polygons) == 16 and not pending() and not arrival.under_way(bpy.context.scene)
+    assert len(meshes()[0].data.polygons) == 16 and not pending() and not async_import.under_way(bpy.context.scene)
 
 
 def test_another_file_while_it_arrives(ready, house):
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     pump(lambda: pending())
     bpy.ops.wm.read_homefile(use_empty=True)
     pump()
@@ -145,16 +145,16 @@ def test_another_file_while_it_arrives(ready, house):
 
 def test_a_damaged_mesh_is_a_sentence_in_the_panel(ready, house):
     (house.job / "mesh.ply").write_bytes(b"ply\nend_header\n")
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     pump()
-    assert "damaged" in arrival.problem(bpy.context.scene) and not meshes()
+    assert "damaged" in async_import.problem(bpy.context.scene) and not meshes()
 
 
 def test_add_on_disabled_while_it_arrives(ready, house):
-    arrival.begin(bpy.context.scene, house.job)
+    async_import.begin(bpy.context.scene, house.job)
     pump(lambda: pending())
-    arrival.unregister()
-    assert not pending() and not arrival._arrivals
+    async_import.unregister()
+    assert not pending() and not async_import._arrivals
 
 
 def test_edges_are_those_blender_finds(scene):
@@ -188,7 +188,7 @@ def test_a_large_mesh_comes_array_by_array(ready, house, monkeypatch):
     a, b, c, d = (x.ravel() for x in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     synthetic.write_mesh(house.job / "mesh.ply", xyz, faces, np.full((n * n, 3), 99), confidence=xyz[:, 2])
-    steps, filled, at_once = arrival.mesh_steps, [(0, 0, 0, 0, 0)], [0]
+    steps, filled, at_once = async_import.mesh_steps, [(0, 0, 0, 0, 0)], [0]
 
     def watched(name, *arguments):
         for _ in steps(name, *arguments):
@@ -197,11 +197,11 @@ def test_a_large_mesh_comes_array_by_array(ready, house, monkeypatch):
             at_once[-1] += 1
             yield
 
-    monkeypatch.setattr(arrival, "mesh_steps", watched)
-    monkeypatch.setattr(arrival, "_longest", 0.0)
-    arrival.begin(bpy.context.scene, house.job)
-    pump(lambda: at_once.append(0) or not arrival.under_way(bpy.context.scene))
-    assert len(meshes()[0].data.polygons) == len(faces) > 190_000 and arrival.longest_step() > 0
+    monkeypatch.setattr(async_import, "mesh_steps", watched)
+    monkeypatch.setattr(async_import, "_longest", 0.0)
+    async_import.begin(bpy.context.scene, house.job)
+    pump(lambda: at_once.append(0) or not async_import.under_way(bpy.context.scene))
+    assert len(meshes()[0].data.polygons) == len(faces) > 190_000 and async_import.longest_step() > 0
     assert max(at_once) == 1 and sum(at_once) >= 6
     for before, after in itertools.pairwise(filled):
         assert sum(a != b for a, b in zip(before, after, strict=True)) <= 2, (before, after)
@@ -213,7 +213,7 @@ def test_the_job_starts_it_in_the_window(ready, house, monkeypatch, engine):
     ready.photos[0].clicks.add().uv = (5, 5)
     started = []
     monkeypatch.setattr(start, "in_background", lambda: False)
-    monkeypatch.setattr(arrival, "begin", lambda scene, folder: started.append(folder))
+    monkeypatch.setattr(async_import, "begin", lambda scene, folder: started.append(folder))
     job = make_job(bpy.context.scene)
     job.status = "DONE"
     start.ended(job)
