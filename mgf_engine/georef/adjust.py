@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import logging
+from collections.abc import Callable
 from pathlib import Path
 
 from mgf_engine.config import Config
@@ -13,19 +13,27 @@ from mgf_engine.georef.doubts import check_points
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.triangulate import place_points
 from mgf_engine.masks.geometry.point_features import up_direction
+from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.sparse import SparseModel
 
-log = logging.getLogger("mgf")
+#: Share of the control points' extent by which a scene that was not adjusted yet may be bent.
+BENT = 0.05
 
 
-def fit_to_control(model: SparseModel, scene: Scene, config: Config) -> SparseModel:
+def fit_to_control(
+    model: SparseModel, scene: Scene, rebuilt: Callable[[SparseModel], Scene], config: Config, reporter: Reporter
+) -> SparseModel:
     """The model adjusted to the user's control points, in its own frame.
 
-    What is wrong with points and marks is said where the georeference is found, from the scene that this leads to.
+    A bent scene fits even points that are right badly, so all that are not far off take part at first, and points that
+    are wrong count less; those that do not fit the straightened scene are left out the second time. What is wrong with
+    points and marks is said where the georeference is found, from the scene that this leads to.
 
     Args:
         scene: made of the model, with all its images as views.
+        rebuilt: makes such a scene of a model.
+        reporter: for a warning where the adjustment fails, and the request to cancel.
 
     Raises:
         BadInput: the points cannot be used, or do not fit at all.
@@ -33,6 +41,12 @@ def fit_to_control(model: SparseModel, scene: Scene, config: Config) -> SparseMo
     marks = Path(config.marks) if config.marks else None
     control = read_control(Path(config.control), marks, [view.name for view in scene.views])
     check_points(control.points, None, None)
-    placed, failed = place_points(scene, control.marks)
-    fit = fit_control(scene, control.points, placed, failed, up_direction(scene))
-    return adjusted_to_control(model, scene, control, placed, fit, config.resolution)
+    for share, robust in ((BENT, True), (None, False)):
+        placed, failed = place_points(scene, control.marks)
+        how = {} if share is None else {"share": share}
+        fit = fit_control(scene, control.points, placed, failed, up_direction(scene), **how)
+        found = adjusted_to_control(model, scene, control, placed, fit, config.resolution, reporter, robust)
+        if found is model:
+            break
+        model, scene = found, rebuilt(found)
+    return model

@@ -2,35 +2,46 @@
 """Bundle adjustment with control points: cameras and sparse points of a COLMAP model move so that the points fit, too.
 
 COLMAP's own adjustment (Ceres) of its tracks, with the marks as further observations and the known coordinates of the
-control points as observations weighted by their accuracy; pyceres adds the latter to COLMAP's problem. Check points
-take no part. The model stays in its own frame, only its shape changes.
+control points as observations weighted by their accuracy; pyceres adds the latter to COLMAP's problem, in a process of
+its own, whose crash is no end of the job. Check points take no part. The model stays in its own frame, only its shape
+changes.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import logging
+import subprocess
+import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.control import CONTROL, Control
+from mgf_engine.georef.bundle_worker import KNOWN
+from mgf_engine.georef.control import CONTROL, USUAL_MARK, Control
 from mgf_engine.georef.crs import SURVEY
-from mgf_engine.georef.fit_control import ControlFit
+from mgf_engine.georef.fit_control import ControlFit, mark_error
 from mgf_engine.georef.triangulate import Placed
+from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.adjust import STRAY, take_part
-from mgf_engine.scene.adjust_worker import replaced_points
-from mgf_engine.scene.colmap_bundle import Bundle, moved, projection_errors
+from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
+from mgf_engine.scene.colmap_bundle import moved, projection_errors
 from mgf_engine.scene.sparse import SparseModel
+from mgf_engine.subprocesses import wait_for, worker
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")
-_LEAST_SIGMA, _LEAST_LOSS = 0.1, 0.5  # working pixels
+_LEAST_SIGMA = 0.1  # working pixels
+_ROBUST = 3.0  # standard deviations of a coordinate, where Cauchy's loss begins to bend at least
+_MEDIAN_OF_RAYLEIGH = 1.1774  # of lengths of errors, whose x and y have standard deviation 1
+COMMAND = (sys.executable, "-m", "mgf_engine.georef.bundle_worker")
 
 
 @dataclass(frozen=True)
@@ -57,34 +68,47 @@ def adjusted_to_control(
     placed: dict[str, Placed],
     fit: ControlFit,
     resolution: int,
+    reporter: Reporter,
+    robust: bool = False,
 ) -> SparseModel:
     """The model with its shape changed by the control points that fit, in its own frame.
+
+    Where the adjustment fails the model stays as it is, and a warning says so.
 
     Args:
         scene: made of the model; its views are the model's images, in the same order.
         placed, fit: its points and the similarity, from before.
         resolution: longest side of the working photos, in whose pixels errors are counted.
+        reporter: for the warning and the request to cancel.
+        robust: points far from their places count less, in the measure of how far all of them are.
 
     Raises:
         BadInput: the package for it is missing.
     """
-    pyceres = _pyceres()
+    if importlib.util.find_spec("pyceres") is None:
+        raise BadInput(
+            f"Moving the cameras to control points needs the package pyceres, which is not installed; get it by "
+            f"{SURVEY}, or give --no-control-adjust."
+        )
     to_world = _similarity(fit, scene)
-    known = _known(model, scene, control, placed, fit)
     with np.errstate(all="ignore"):
         here = moved(model, to_world)
         errors = projection_errors(here, resolution)
     sound = np.isfinite(errors) & (errors < STRAY)
     chosen = take_part(here, sound)
+    sigma = max(_LEAST_SIGMA, float(np.median(errors[chosen])) / _MEDIAN_OF_RAYLEIGH) if len(chosen) else 0.0
+    known = _known(model, scene, control, placed, fit, sigma)
     if not len(chosen) or len(known) < 3:
         return model
-    sigma = max(_LEAST_SIGMA, 1.4826 * float(np.median(errors[chosen])))
     larger, first = _with_points(here, known)
     observations = np.concatenate([chosen, np.arange(first, len(larger.points.image_ids))])
-    bundle = Bundle(larger, resolution, observations)
-    _solve(bundle, known, sigma, pyceres)
-    found = _without_points(bundle.adjusted(), here)
-    result = moved(replaced_points(found, resolution), to_world.inverse())
+    task = Task(larger, resolution, observations, np.arange(len(larger.points.ids)), sigma)
+    off = np.array([np.abs((k.position - k.target) / k.sd).max() for k in known])
+    loss = max(_ROBUST, float(np.median(off))) if robust else np.inf
+    found = _in_a_process(task, known, loss, reporter)
+    if found is None:
+        return model
+    result = moved(_without_points(found, here), to_world.inverse())
     after = projection_errors(result, resolution)[chosen]
     log.info(
         "georeference: bundle adjustment with %d control points and %d observations; median error %.2f, then %.2f px",
@@ -93,15 +117,26 @@ def adjusted_to_control(
     return result
 
 
-def _pyceres() -> Any:
-    try:
-        import pyceres
-    except ImportError as error:
-        raise BadInput(
-            f"Moving the cameras to control points needs the package pyceres, which is not installed; get it by "
-            f"{SURVEY}, or give --no-control-adjust."
-        ) from error
-    return pyceres
+def _in_a_process(task: Task, known: Sequence[Known], loss: float, reporter: Reporter) -> SparseModel | None:
+    """The adjusted model from :mod:`bundle_worker`; None where that failed, after a warning."""
+    with tempfile.TemporaryDirectory(prefix="mgf-") as name:
+        folder = Path(name)
+        write_task(task, folder / TASK)
+        targets, sd = np.array([k.target for k in known]), np.array([k.sd for k in known])
+        np.savez(folder / KNOWN, targets=targets, sd=sd, loss=np.array(loss))
+        quiet = subprocess.DEVNULL
+        with worker([*COMMAND, name], stdin=subprocess.PIPE, stdout=quiet, stderr=quiet) as process:
+            try:
+                wait_for(process, reporter.check)
+            finally:
+                process.kill()
+        if process.returncode != 0:
+            reporter.warning(
+                f"The bundle adjustment with control points ended with code {process.returncode}; the cameras stay as "
+                "they are, and the scene is only laid onto the points."
+            )
+            return None
+        return read_result(folder / RESULT, task.model)
 
 
 def _similarity(fit: ControlFit, scene: Scene) -> pycolmap.Sim3d:
@@ -113,9 +148,14 @@ def _similarity(fit: ControlFit, scene: Scene) -> pycolmap.Sim3d:
 
 
 def _known(
-    model: SparseModel, scene: Scene, control: Control, placed: dict[str, Placed], fit: ControlFit
+    model: SparseModel, scene: Scene, control: Control, placed: dict[str, Placed], fit: ControlFit, sigma: float
 ) -> list[Known]:
-    """The control points that took part in the fit."""
+    """The control points that took part in the fit.
+
+    COLMAP's problem takes marks for as good as its own observations (``sigma`` working pixels); what they are worse
+    is added to the accuracy of the coordinates.
+    """
+    scale = float(np.cbrt(np.linalg.det(fit.matrix[:3, :3])))
     used = {row.point.name for row in fit.rows if row.used}
     found = []
     for point in (p for p in control.points if p.role == CONTROL and p.name in used):
@@ -127,7 +167,10 @@ def _known(
                 marks.append((mark.view, np.array(mark.pixel) * factor))
         position = fit.matrix[:3, :3] @ own.position + fit.matrix[:3, 3]
         target = np.array(point.position) - fit.offset
-        found.append(Known(target, point.accuracy, position, tuple(marks)))
+        view = scene.views[own.marks[0].view]
+        worse = np.sqrt(max(0.0, USUAL_MARK**2 - (sigma * view.original_width / view.width) ** 2))
+        sd = np.hypot(point.accuracy, scale * mark_error(scene, own, worse))
+        found.append(Known(target, sd, position, tuple(marks)))
     return found
 
 
@@ -169,21 +212,3 @@ def _without_points(model: SparseModel, before: SparseModel) -> SparseModel:
     )
     points = replace(before.points, xyz=model.points.xyz[: len(before.points.xyz)])
     return replace(before, cameras=model.cameras, images=images, points=points)
-
-
-def _solve(bundle: Bundle, known: Sequence[Known], sigma: float, pyceres: Any) -> None:
-    """Adjust all images, focal lengths and points, the last points held near their known places.
-
-    Residuals are working pixels whose standard deviation is ``sigma``; those of coordinates are brought to the same.
-    """
-    config = pycolmap.BundleAdjustmentConfig()
-    for number in bundle.reconstruction.images:
-        config.add_image(number)
-    adjuster = bundle.adjuster(config, max(_LEAST_LOSS, 2 * sigma))
-    problem, kept = adjuster.problem, []  # what is added is not Ceres' to keep
-    for number, item in zip(bundle.numbers[len(bundle.numbers) - len(known) :].tolist(), known, strict=True):
-        cost, loss = pyceres.factors.NormalPrior(item.target, np.diag((item.sd / sigma) ** 2)), pyceres.TrivialLoss()
-        place = bundle.reconstruction.point3D(number).xyz
-        problem.add_residual_block(cost, loss, [place])
-        kept.append((cost, loss, place))
-    adjuster.solve()

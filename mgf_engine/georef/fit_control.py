@@ -62,13 +62,19 @@ class ControlFit:
 
 
 def fit_control(
-    scene: Scene, points: Sequence[Point], placed: Mapping[str, Placed], failed: Mapping[str, str], up: Array | None
+    scene: Scene,
+    points: Sequence[Point],
+    placed: Mapping[str, Placed],
+    failed: Mapping[str, str],
+    up: Array | None,
+    share: float = _SHARE,
 ) -> ControlFit:
     """Lay the scene onto its control points.
 
     Args:
         placed, failed: marked points in the normalised frame, and why others could not be placed.
         up: roughly, in the normalised frame; None where nobody knows.
+        share: of their extent by which points may be off; more where the scene itself may be bent.
 
     Raises:
         BadInput: too few points, points on a line, or points that do not fit; with the guess what is wrong.
@@ -87,11 +93,12 @@ def fit_control(
     if straightness(target) < LINE or straightness(source) < LINE:
         raise BadInput("The control points lie on a line; add one beside it, else the scene can turn about them.")
     sd = np.array([p.accuracy for p in own])
-    matrix, good = _fit(source, target, sd)
-    swapped = not good.all() and _fit(source, target[:, [1, 0, 2]], sd)[1].sum() > good.sum()
+    matrix, good = _fit(source, target, sd, share)
+    swapped = not good.all() and _fit(source, target[:, [1, 0, 2]], sd, share)[1].sum() > good.sum()
     if swapped or 2 * good.sum() <= len(own) or _upside_down(matrix, up):
         raise BadInput(_misfit_text(source, target, sd, own, up))
-    pixel = np.array([[_mark_error(scene, placed[p.name])] for p in own]) * np.cbrt(np.linalg.det(matrix[:3, :3]))
+    marks = [mark_error(scene, placed[p.name], max(USUAL_MARK, placed[p.name].rms)) for p in own]
+    pixel = np.array(marks)[:, None] * np.cbrt(np.linalg.det(matrix[:3, :3]))
     matrix = adjusted(matrix, source[good], target[good], np.hypot(sd, pixel)[good])
     used = {p.name for p, ok in zip(own, good, strict=True) if ok}
     return ControlFit(matrix, offset, control_rows(points, placed, failed, matrix, offset, used))
@@ -120,10 +127,10 @@ def control_rows(
     return tuple(rows)
 
 
-def _fit(source: Array, target: Array, sd: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _fit(source: Array, target: Array, sd: Array, share: float = _SHARE) -> tuple[Array, NDArray[np.bool_]]:
     """The similarity, and which points it explains, bool [N]; all False where it explains fewer than three."""
     extent = float(np.linalg.norm(np.ptp(target, axis=0)))
-    tolerance = np.maximum(_TOLERANCE * np.sqrt((sd**2).sum(1)), _SHARE * extent)
+    tolerance = np.maximum(_TOLERANCE * np.sqrt((sd**2).sum(1)), share * extent)
     good = consensus(source, target, tolerance)
     if good.sum() < 3 or straightness(target[good]) < LINE:
         return umeyama(source, target), np.zeros(len(source), bool)
@@ -150,9 +157,9 @@ def _misfit_text(source: Array, target: Array, sd: Array, points: Sequence[Point
     )
 
 
-def _mark_error(scene: Scene, placed: Placed) -> float:
-    """How far marks of the usual error move a point, normalised units."""
+def mark_error(scene: Scene, placed: Placed, sd: float) -> float:
+    """How far marks with errors of ``sd`` pixels of the photos as taken move a point, normalised units."""
     kept = [mark.view for mark, ok in zip(placed.marks, placed.good, strict=True) if ok]
     views = [scene.views[index] for index in kept]
     pixel = [np.linalg.norm(placed.position - v.centre) / v.fx * v.width / v.original_width for v in views]
-    return float(max(USUAL_MARK, placed.rms) * np.mean(pixel) / np.sqrt(len(views)))
+    return float(sd * np.mean(pixel) / np.sqrt(len(views)))

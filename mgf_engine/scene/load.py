@@ -32,8 +32,8 @@ from mgf_engine.system import cores, put_in_place
 
 log = logging.getLogger("mgf")
 
-#: A model, the scene of it and the options -> the model with other cameras.
-Adjust = Callable[[SparseModel, Scene, Config], SparseModel]
+#: A model, the scene of it, what makes a scene of another model, options, reporter -> the model with other cameras.
+Adjust = Callable[[SparseModel, Scene, Callable[[SparseModel], Scene], Config, Reporter], SparseModel]
 _SFM_SHARE = 0.9
 
 
@@ -113,8 +113,13 @@ def _load(
 
     scene = build_scene(model, photos, folder, config)
     if adjust is not None:
-        model = adjust(model, scene, config)
-        photos = plan_photos(model, paths, config.resolution, Reporter())  # what it has to say was said
+
+        def rebuilt(model: SparseModel) -> Scene:
+            quiet = Reporter()  # what planning has to say was said
+            return build_scene(model, plan_photos(model, paths, config.resolution, quiet), folder, config)
+
+        model = adjust(model, scene, rebuilt, config, reporter)
+        photos = plan_photos(model, paths, config.resolution, Reporter())
         scene = build_scene(model, photos, folder, config)
     used = _used(scene, config.max_photos, clicked)
 

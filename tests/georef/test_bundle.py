@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Control points straighten a model that bundle adjustment alone bent."""
 
-import builtins
+import sys
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ import pytest
 from georef.strip import write_strip
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.georef import bundle
 from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.messages import Reporter
@@ -50,13 +51,7 @@ def test_the_model_stays_in_its_frame(strip, tmp_path):
 
 
 def test_without_pyceres_the_command_says_how_to_get_it(strip, tmp_path, monkeypatch):
-    real = builtins.__import__
-
-    def refuse(name, *args, **kwargs):
-        if name == "pyceres":
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
+    monkeypatch.setitem(sys.modules, "pyceres", None)
+    monkeypatch.setattr(bundle.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(BadInput, match=r"pip install 'mgf-engine\[survey\]'"):
         _survey(strip, tmp_path)

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bundle adjustment with control points in a process of its own: ``python -m mgf_engine.georef.bundle_worker FOLDER``.
+
+COLMAP and pyceres share Ceres' problem here, each with a build of Ceres of its own; what goes wrong between them ends
+this process and not the job. One thread and fixed seeds: the result is always the same.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_task, write_result
+from mgf_engine.scene.adjust_worker import replaced_points
+from mgf_engine.scene.colmap_bundle import Bundle
+from mgf_engine.scene.sparse import SparseModel
+from mgf_engine.subprocesses import end_with_the_job
+
+Array = NDArray[np.float64]
+#: Known coordinates of the model's last points, and their standard deviations.
+KNOWN = "known.npz"
+_LOSS = 2.0  # standard deviations of an observation, where Cauchy's loss begins to bend
+_LEAST_LOSS = 0.5  # working pixels
+
+
+def main(folder: Path) -> int:
+    """Do the task in ``folder`` and write the adjusted model beside it; exit code 0."""
+    pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+    pycolmap.set_random_seed(0)
+    task = read_task(folder / TASK)
+    with np.load(folder / KNOWN, allow_pickle=False) as file:
+        model = adjust(task, file["targets"], file["sd"], float(file["loss"]))
+    write_result(replaced_points(model, task.resolution), folder / RESULT)
+    return 0
+
+
+def adjust(task: Task, targets: Array, sd: Array, loss: float = np.inf) -> SparseModel:
+    """All images, focal lengths and points, the last points held near their known places.
+
+    Residuals are working pixels whose standard deviation is ``task.before``; those of coordinates are brought to that.
+
+    Args:
+        targets, sd: of the last points, [N, 3] each.
+        loss: standard deviations where Cauchy's loss of the coordinates begins to bend; infinite for least squares.
+    """
+    import pyceres
+
+    bundle = Bundle(task.model, task.resolution, task.chosen)
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in bundle.reconstruction.images:
+        config.add_image(number)
+    adjuster = bundle.adjuster(config, max(_LEAST_LOSS, _LOSS * task.before))
+    problem, kept = adjuster.problem, []  # what is added is not Ceres' to keep
+    for number, target, own in zip(bundle.numbers[-len(targets) :].tolist(), targets, sd, strict=True):
+        cost = pyceres.factors.NormalPrior(target, np.diag((own / task.before) ** 2))
+        bent = pyceres.CauchyLoss(loss * task.before) if np.isfinite(loss) else pyceres.TrivialLoss()
+        place = bundle.reconstruction.point3D(number).xyz
+        problem.add_residual_block(cost, bent, [place])
+        kept.append((cost, bent, place))
+    adjuster.solve()
+    return bundle.adjusted()
+
+
+if __name__ == "__main__":
+    threading.Thread(target=end_with_the_job, daemon=True).start()
+    sys.exit(main(Path(sys.argv[1])))
