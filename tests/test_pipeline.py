@@ -20,7 +20,7 @@ import pytest
 import torch
 import trimesh
 
-from benchmarks.synthetic.house import House, build_house
+from benchmarks.synthetic.house import OFFSET, House, build_house, ring_view
 
 OPTIONS = ["--iterations", "250", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
 ENVIRONMENT = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
@@ -71,6 +71,54 @@ def finished(house: House, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
 def test_the_mesh_is_the_house(house: House, finished) -> None:
     job, _ = finished
     assert f1(job / "mesh.ply", house, 0.1) > 0.9
+
+
+def _write_survey(folder: Path, house: House) -> np.ndarray:
+    """Control and check points on the house's corners, and their marks; returns the true similarity [4, 4]."""
+    origin, angle = np.array([691_234.0, 5_334_876.0, 519.0]), np.radians(30.0)
+    true = np.eye(4)
+    true[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    true[:3, :3] *= 2.5
+    true[:3, 3] = origin - true[:3, :3] @ OFFSET
+    points, marks = ["name,east,north,height,accuracy,role"], ["name,photo,x,y"]
+    for name, corner in zip(("P1", "P2", "P3", "P4", "P5", "C1", "C2"), (0, 1, 2, 7, 8, 9, 4), strict=True):
+        at = house.mesh.vertices[corner]
+        east, north, height = true[:3, :3] @ at + true[:3, 3]
+        role = "check" if name[0] == "C" else "control"
+        points.append(f"{name},{east:.5f},{north:.5f},{height:.5f},0.01,{role}")
+        for view in (ring_view(k, 14) for k in range(0, 14, 2)):
+            x, y = view.project(at[None])[0][0]
+            marks.append(f"{name},{view.name},{x:.3f},{y:.3f}")
+    (folder / "points.csv").write_text("\n".join(points))
+    (folder / "marks.csv").write_text("\n".join(marks))
+    return true
+
+
+def test_georef_gives_a_finished_job_true_coordinates(house: House, finished, tmp_path: Path) -> None:
+    job, true = Path(shutil.copytree(finished[0], tmp_path / "job")), _write_survey(tmp_path, house)
+    before = (job / "mesh.ply").read_bytes()
+    given = ("--crs", "EPSG:25832", "--control", tmp_path / "points.csv", "--marks", tmp_path / "marks.csv")
+    run = start("georef", job, *given)
+    messages = finish(run)
+    assert run.returncode == 0 and messages[-1]["type"] == "result"
+    assert messages[-1]["figures"]["RMSE of check points"] in {f"{k / 10:.1f} mm" for k in range(6)}
+    found = json.loads((job / "georef.json").read_text())
+    assert found["crs"] == "EPSG:25832" and found["method"] == "control"
+    local = trimesh.load(job / "georeferenced" / "mesh.ply", process=False).vertices
+    world = trimesh.load(job / "mesh.ply", process=False).vertices @ true[:3, :3].T + true[:3, 3]
+    assert np.abs(local + found["offset"] - world).max() < 2e-3
+    assert (job / "mesh.ply").read_bytes() == before and "EPSG:25832" in (job / "report.html").read_text()
+    rows = json.loads((job / "report.json").read_text())["georeference"]["points"]
+    assert len(rows) == 7 and all(np.abs(row["residual"]).max() < 1e-3 for row in rows)
+    text = (tmp_path / "points.csv").read_text().splitlines()
+    swapped = [",".join([name, north, east, *rest]) for name, east, north, *rest in (row.split(",") for row in text)]
+    swapped[0] = text[0]
+    (tmp_path / "points.csv").write_text("\n".join(swapped))
+    kept = {p: p.read_bytes() for p in (job / "georef.json", job / "job.json", job / "report.json")}
+    run = start("georef", job, *given)
+    failed = finish(run)[-1]
+    assert run.returncode == 2 and failed["type"] == "failed" and "seem swapped" in failed["text"]
+    assert {p: p.read_bytes() for p in kept} == kept
 
 
 def test_quick_gives_the_mesh_without_training(house: House, tmp_path: Path) -> None:

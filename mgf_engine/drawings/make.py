@@ -44,6 +44,8 @@ from mgf_engine.texture.texture_pipeline import Painting, choose_painting
 STAGE = "drawings"
 INDEX = "drawings.json"
 FORMAT = 1
+#: Marks of the section in the job's report.
+BEGIN, END = "<!-- quantities -->", "<!-- /quantities -->"
 _CHOSEN, _PAINTED = 0.3, 0.8  # shares of the work
 
 
@@ -114,10 +116,30 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
         work = Work(survey, facades, wanted, beside, reporter, cost)
         _draw(work)
         write_json(beside / INDEX, _index(work))
+        work.folder = folder
+        if work.rows:
+            _report(work, job)
     files = {name: str(folder / name) for name in work.files}
     figures = {"facades": len(facades), "CPU seconds": round(sum(cost.seconds.values()))}
     reporter.send("result", path=str(folder), files=files, figures=figures)
     return folder
+
+
+def _report(work: Work, job: Path) -> None:
+    """Put the quantities into the job's report, in the place of those of an earlier run."""
+    from jinja2 import Environment, FileSystemLoader
+
+    from mgf_engine.georef.report import replace_section
+
+    report = job / "report.html"
+    if not report.is_file():
+        return
+    page = work.folder / "drawings.html"
+    inside = page.is_relative_to(job.resolve())
+    link = page.relative_to(job.resolve()).as_posix() if inside else page.as_uri()
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True)
+    text = environment.get_template("report.html.j2").render(rows=work.rows, page=link)
+    replace_section(report, f"{BEGIN}\n{text}\n{END}", BEGIN, END)
 
 
 def _facades(survey: Survey, wanted: DrawingOptions) -> list[Facade]:

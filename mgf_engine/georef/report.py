@@ -54,15 +54,19 @@ def survey_figures(survey: GeoreferenceFit) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def replace_section(page: Path, html: str) -> None:
-    """Put a new section into a finished page, in the place of the old one; before its end where it has none."""
+def replace_section(page: Path, html: str, begin: str = BEGIN, end: str = END) -> None:
+    """Put a new section into a finished page, in the place of the old one; before its end where it has none.
+
+    Args:
+        html: from its mark ``begin`` to its mark ``end``, by which the next one finds it.
+    """
     text = page.read_text(encoding="utf-8")
-    first, last = text.find(BEGIN), text.find(END)
+    first, last = text.find(begin), text.find(end)
     if first < 0 or last < first:
         first = last = text.rfind("</main>")
-        html, last = html + "\n", last - len(END)
+        html, last = html + "\n", last - len(end)
     with atomic_path(page) as temporary:
-        temporary.write_text(text[:first] + html + text[last + len(END) :], encoding="utf-8")
+        temporary.write_text(text[:first] + html + text[last + len(end) :], encoding="utf-8")
 
 
 def facts(survey: GeoreferenceFit) -> list[tuple[str, str]]:

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 import rasterio
 
+from mgf_engine.drawings.make import DrawingOptions, make_drawings
 from mgf_engine.drawings.sheets import choose_scale
 from mgf_engine.errors import BadInput
+from mgf_engine.messages import Reporter
+from tests.drawings.job_of_house import FinishedJob
 
 
 @pytest.fixture
@@ -48,6 +51,20 @@ def test_sheets_and_page_are_there(drawings: Path, index: dict[str, Any]) -> Non
     assert index["files"]["sheet-lines-A.pdf"]["scale"] == choose_scale(np.array([4.0, 3.2]), "A3") == 20
     page = (drawings / "drawings.html").read_text(encoding="utf-8")
     assert all(name in page for name in index["files"] if name != "drawings.html")
+
+
+def test_quantities_stand_in_the_jobs_report_once(finished: FinishedJob, tmp_path: Path) -> None:
+    report = finished.folder / "report.html"
+    report.write_text("<html><main><h1>Report</h1></main></html>", encoding="utf-8")
+    try:
+        for _ in range(2):
+            wanted = DrawingOptions(kinds=frozenset({"quantities"}))
+            make_drawings(finished.folder, tmp_path / "out", wanted, Reporter())
+        text = report.read_text(encoding="utf-8")
+    finally:
+        report.unlink()
+    assert text.count("<h2>Quantities</h2>") == 1 and "share of window" in text
+    assert (tmp_path / "out" / "drawings.html").as_uri() in text and text.endswith("</main></html>")
 
 
 def test_what_fits_on_no_sheet_is_refused() -> None:
