@@ -144,6 +144,30 @@ class MGF_OT_next_marked_photo(Operator):
         show_listed(scene, cameras[names[at % len(names)]])
 
 
+class MGF_OT_use_in_reconstruction(Operator):
+    """Give CRS, points and marks to the next reconstruction, which adjusts the cameras to the control points, too"""
+
+    bl_idname = "mgf.use_in_reconstruction"
+    bl_label = "Use in Reconstruction"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        state = context.scene.mgf.georef
+        return cls.needs(state.control_file or state.scale_bars, "Choose a file of control points first") and cls.needs(
+            len(state.marks), "There are no marks yet"
+        )
+
+    def run(self, context: bpy.types.Context) -> None:
+        state, values = context.scene.mgf.georef, context.scene.mgf.options
+        marks = files.marks_path(job_folder(context.scene))
+        files.write_marks(context.scene, marks)
+        values.crs, values.marks = state.crs.strip(), str(marks)
+        values.control = bpy.path.abspath(state.control_file) if state.control_file else ""
+        values.scale_bars = bpy.path.abspath(state.scale_bars) if state.scale_bars else ""
+        self.report({"INFO"}, tr("The next reconstruction adjusts the cameras to the points"))
+
+
 class MGF_OT_export_marks(FileOperator):
     """Write the marks to a CSV, as mgf georef reads them"""
 
@@ -191,7 +215,8 @@ def show_listed(scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
 
 CLASSES = (
     MGF_OT_georeference, MGF_OT_predict_places, MGF_OT_take_control_points, MGF_OT_place_scene,
-    MGF_OT_mark_control_points, MGF_OT_next_marked_photo, MGF_OT_export_marks, MGF_OT_import_marks,
+    MGF_OT_mark_control_points, MGF_OT_next_marked_photo, MGF_OT_use_in_reconstruction, MGF_OT_export_marks,
+    MGF_OT_import_marks,
 )  # fmt: skip
 
 

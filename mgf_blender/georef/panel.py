@@ -63,6 +63,8 @@ class MGF_PT_georef(bpy.types.Panel):
             row = layout.row()
             row.scale_y = 1.4
             row.operator("mgf.georeference", icon="WORLD")
+            if len(state.marks):
+                layout.operator("mgf.use_in_reconstruction", icon="HOME")
         job = last_job(scene, ("georef", "places"))
         if job is not None:
             draw_job(layout, job)

@@ -143,10 +143,16 @@ def _upside_down(matrix: Array, up: Array | None) -> bool:
 
 
 def _misfit_text(source: Array, target: Array, sd: Array, points: Sequence[Point], up: Array | None) -> str:
-    """What is wrong with points that do not fit: swapped axes, or marks and names."""
+    """What is wrong with points that do not fit: swapped axes, heights, or marks and names."""
     matrix, fits = _fit(source, target[:, [1, 0, 2]], sd)
     if 2 * fits.sum() > len(points) and not _upside_down(matrix, up):
         return "East and north of the control points seem swapped; exchange the two columns."
+    matrix, fits = _fit(source, target, sd)
+    if 2 * fits.sum() > len(points) and _upside_down(matrix, up):
+        return (
+            "By the control points the building would lie on its side or stand on its head; check the signs of their "
+            "heights, and that east, north and height stand in their columns."
+        )
     matrix = umeyama(source, target)
     away = np.linalg.norm(applied(matrix, source) - target, axis=1)
     worst = points[int(np.argmax(away))].name

@@ -130,6 +130,13 @@ def test_swapped_axes_are_guessed(site):
     _refused(site, points, "seem swapped", gps="off")  # by the shape of the points alone
 
 
+def test_heights_in_the_place_of_eastings_are_guessed(site):
+    turned = {k: (ORIGIN + v)[[2, 0, 1]] for k, v in TARGETS.items()}
+    _refused(
+        site, site.write_control(name="turned.csv", **turned), "would lie on its side or stand on its head", gps="off"
+    )
+
+
 def test_degrees_are_guessed(site):
     from mgf_engine.georef.crs import Projection
 

@@ -190,6 +190,21 @@ def test_what_the_user_gave_wrong_is_said(finished, engine, house):
         bpy.ops.mgf.predict_places()
 
 
+def test_the_next_reconstruction_gets_points_and_marks(finished, house):
+    with pytest.raises(RuntimeError, match="There are no marks yet"):
+        bpy.ops.mgf.use_in_reconstruction()
+    set_mark(bpy.context.scene, "P1", finished.photos[0].name, (1, 2))
+    finished.georef.crs = "EPSG:25832"
+    assert "Use in Reconstruction" in draw(MGF_PT_georef).said
+    bpy.ops.mgf.use_in_reconstruction()
+    finished.photos[0].clicks.add().uv = (100.5, 80.25)
+    bpy.ops.mgf.reconstruct()
+    line = arguments(house)
+    assert f"control={house.folder / 'points.csv'}" in line and "crs=EPSG:25832" in line
+    marks = next(text for text in line if text.startswith("marks=")).removeprefix("marks=")
+    assert Path(marks).read_text().splitlines()[1].startswith("P1,")
+
+
 def test_gps_alone_needs_no_marks(finished, house):
     finished.georef.control_file, finished.georef.crs = "", "auto"
     bpy.ops.mgf.georeference()
