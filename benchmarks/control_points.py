@@ -17,13 +17,14 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
+from mgf_engine.evaluate.surfaces import Surface, read_surface
 from numpy.typing import NDArray
 from PIL import Image
 
 from benchmarks.arguments import count
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluate.surfaces import Surface, read_surface
+from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.crs import Projection
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.triangulate import place_points
@@ -139,7 +140,8 @@ def errors_of(inputs: Path, method: str, targets: Sequence[Target], resolution: 
     config = make_config({**options, "control": str(inputs / "points.csv"), "marks": str(inputs / "marks.csv")})
     reading = make_config(options) if method == "GPS" else config
     with tempfile.TemporaryDirectory() as folder:
-        scene = load_scene(inputs, Path(folder) / "scene", reading, reporter)
+        adjust = fit_to_control if reading.control and reading.control_adjust else None
+        scene = load_scene(inputs, Path(folder) / "scene", reading, reporter, adjust=adjust)
         found = find_georeference(scene, reading, lambda text: None)
         from mgf_engine.georef.control import read_marks
 

@@ -57,7 +57,7 @@ def test_a_crash_is_one_sentence_and_no_end_of_the_job(strip, tmp_path, monkeypa
     config = make_config({"control": str(points), "marks": str(marks), "resolution": 800})
     reporter = Reporter()
     reporter.stage("scene")
-    scene = load_scene(folder, tmp_path / "scene", config, reporter)
+    scene = load_scene(folder, tmp_path / "scene", config, reporter, adjust=fit_to_control)
     (text,) = [text for text in reporter.warnings if text.startswith("The bundle adjustment with control points")]
     assert "ended with code -6; the cameras stay as they are" in text
     assert find_georeference(scene, config, pytest.fail).georeference.method == "control"
