@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
-from mgf_engine.evaluate.surfaces import Surface, read_surface
 from numpy.typing import NDArray
 from PIL import Image
 
 from benchmarks.arguments import count
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.crs import Projection
 from mgf_engine.georef.find import find_georeference
