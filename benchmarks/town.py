@@ -190,7 +190,9 @@ def make_town(folder: Path, photos: int, width: int, blender: Path | None, threa
             ids = cv2.imread(str(folder / "work/ids" / stem), cv2.IMREAD_UNCHANGED)
             assert ids is not None
             ids = ids if ids.ndim == 2 else ids[..., 0]
-            cv2.imwrite(str(folder / "buildings" / name / "masks" / stem), np.where(ids == number, 255, 0))
+            cv2.imwrite(
+                str(folder / "buildings" / name / "masks" / stem), np.where(ids == number, 255, 0).astype(np.uint8)
+            )
     write_footprints(folder / "footprints.geojson", rng)
     if not painted:
         model = sfm_model(folder, shots, photo_frame(spec))

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import Survey
 from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.model import Georeference
 
 Array = NDArray[np.float64]
 
@@ -18,16 +21,28 @@ ARM = 100.0  # metres along each axis over which a projection counts as linear; 
 def to_geocentric(survey: Survey) -> Array | None:
     """Local frame of the drawings -> geocentric coordinates in metres, [4, 4]; None where nobody knows the place.
 
-    From a projected CRS the matrix carries the projection's scale and the convergence of its meridians, too; from
-    GPS alone it is a rotation and a translation.
-
     Raises:
         BadInput: the job has a CRS, and pyproj is not installed.
     """
-    georeference = survey.georeference
+    return place_on_earth(survey.georeference, survey.world, survey.turn)
+
+
+def place_on_earth(georeference: Georeference, world: Callable[[Array], Array], turn: Array) -> Array | None:
+    """A metric frame with z up -> geocentric coordinates in metres, [4, 4]; None where nobody knows the place.
+
+    From a projected CRS the matrix carries the projection's scale and the convergence of its meridians, too; from
+    GPS alone it is a rotation and a translation.
+
+    Args:
+        world: points of the frame [N, 3] -> coordinates of the georeference's CRS.
+        turn: axes of the frame -> axes of the georeference's local frame, [3, 3].
+
+    Raises:
+        BadInput: there is a CRS, and pyproj is not installed.
+    """
     if georeference.crs is not None:
         ends = np.concatenate([np.zeros((1, 3)), ARM * np.eye(3), -ARM * np.eye(3)])
-        places = Projection(georeference.crs).places(survey.world(ends))
+        places = Projection(georeference.crs).places(world(ends))
         if not np.isfinite(places).all():
             return None
         at = _geocentric(places)
@@ -37,7 +52,7 @@ def to_geocentric(survey: Survey) -> Array | None:
     latitude, longitude, _ = np.radians(georeference.origin)
     (sp, cp), (sl, cl) = (np.sin(latitude), np.cos(latitude)), (np.sin(longitude), np.cos(longitude))
     axes = np.array([[-sl, -sp * cl, cp * cl], [cl, -sp * sl, cp * sl], [0.0, cp, sp]])  # east, north, up
-    return _matrix(axes @ survey.turn.T, _geocentric(np.array([georeference.origin]))[0])
+    return _matrix(axes @ turn.T, _geocentric(np.array([georeference.origin]))[0])
 
 
 def _geocentric(places: Array) -> Array:

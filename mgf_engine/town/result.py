@@ -18,10 +18,14 @@ from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.system import atomic_path
 from mgf_engine.town.plan import BUILDINGS, read_plan
+from mgf_engine.town.tiles import FILE as TILESET
+from mgf_engine.town.tiles import FOLDER as TILES_FOLDER
+from mgf_engine.town.tiles import write_tiles
 from mgf_engine.town.worker import DONE, FAILED, FINISHED, JOB, RUNNING, STATUS, WAITING
 
 Array = NDArray[np.float64]
 GLB, TABLE, PAGE = "town.glb", "town.gpkg", "town.html"
+TILES = f"{TILES_FOLDER}/{TILESET}"
 _CELL = 0.5  # metres: cells in which the top of a building is looked for
 
 
@@ -53,8 +57,8 @@ def _json(path: Path) -> dict[str, Any]:
         return {}
 
 
-def gather(town: Path, rows: list[dict[str, Any]], most_faces: int) -> None:
-    """Write ``town.glb`` and ``town.gpkg``, and put what the meshes tell into the rows.
+def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool = False) -> None:
+    """Write ``town.glb``, ``town.gpkg`` and 3D Tiles where wanted, and put what the meshes tell into the rows.
 
     Args:
         most_faces: of each building in ``town.glb``.
@@ -76,6 +80,8 @@ def gather(town: Path, rows: list[dict[str, Any]], most_faces: int) -> None:
     write_table(town / TABLE, town, rows, georeference)
     if meshes:
         write_town(town / GLB, meshes, georeference)
+        if tiles:
+            write_tiles(town / TILES_FOLDER, meshes, georeference)
 
 
 def measure(mesh: Mesh, row: dict[str, Any], metre: float) -> dict[str, float]:

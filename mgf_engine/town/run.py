@@ -25,7 +25,7 @@ from mgf_engine.town.command import plan_town, time_and_memory
 from mgf_engine.town.footprints import TOWN
 from mgf_engine.town.page import write_page
 from mgf_engine.town.plan import BUILDINGS
-from mgf_engine.town.result import GLB, PAGE, TABLE, gather, read_rows
+from mgf_engine.town.result import GLB, PAGE, TABLE, TILES, gather, read_rows
 from mgf_engine.town.worker import FAILED, FINISHED, RUNNING, STATUS, STOPPED
 
 SNAKEFILE = Path(__file__).with_name("Snakefile")
@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--faces-per-building", type=int, default=MOST_FACES, metavar="N", help=f"in town.glb (default {MOST_FACES})"
     )
+    parser.add_argument("--tiles", action="store_true", default=False, help="write 3D Tiles of the town as well")
     parser.add_argument(
         "--plan-only", action="store_true", default=False, help="stop before the jobs, as mgf buildings"
     )
@@ -66,7 +67,7 @@ def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
             return EXIT_DONE
         clean_status(args.out, ready)
         code = run_jobs(args.out, args.cores or cores(), len(ready), given)
-        return finish(args.out, code, args.faces_per_building)
+        return finish(args.out, code, args.faces_per_building, args.tiles)
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -205,7 +206,7 @@ def table(rows: list[dict[str, Any]]) -> Any:
     return shown
 
 
-def finish(town: Path, code: int, most_faces: int) -> int:
+def finish(town: Path, code: int, most_faces: int, tiles: bool = False) -> int:
     """Gather the results, print the table, and say what failed.
 
     Raises:
@@ -214,13 +215,12 @@ def finish(town: Path, code: int, most_faces: int) -> int:
     from rich.console import Console
 
     rows = read_rows(town, running=False)
-    gather(town, rows, most_faces)
+    gather(town, rows, most_faces, tiles)
     write_page(town / PAGE, town, rows)
-    console = Console()
-    console.print(table(rows), width=None if console.is_terminal else 140)
+    Console(width=None if sys.stdout.isatty() else 140).print(table(rows))
     ready = [row for row in rows if row["job"]]
     bad = [row for row in ready if row["job"] != FINISHED]
-    made = [name for name in (PAGE, TABLE, GLB) if (town / name).is_file()]
+    made = [name for name in (PAGE, TABLE, GLB, TILES) if (town / name).is_file()]
     print(f"{len(ready) - len(bad)} of {len(ready)} buildings are done; written to {town}: {', '.join(made)}")
     if bad and all(row["job"] == "waiting" for row in bad) and code:
         raise BadInput(f"Snakemake could not run the jobs; '{town / LOG}' says why.")

@@ -30,6 +30,7 @@ OPTIONS = [
     "--no-texture",
     "--photos-per-building",
     "12",
+    "--tiles",
     "--cores",
     "1",
 ]
@@ -83,6 +84,11 @@ def test_a_town_goes_on_after_a_kill_and_comes_back_whole(
     scene = trimesh.load(town / "town.glb")
     assert set(scene.geometry) == set(PLACES)
     assert abs(scene.extents[1] - 3.2) < 0.3  # y is up
+    tileset = json.loads((town / "tiles" / "tileset.json").read_text())
+    assert len(tileset["root"]["children"]) == 2
+    for tile in tileset["root"]["children"]:
+        assert tile["geometricError"] > tile["children"][0]["geometricError"] == 0
+        assert all((town / "tiles" / t["content"]["uri"]).is_file() for t in (tile, tile["children"][0]))
     meta, _, shapes, columns = pyogrio.raw.read(town / "town.gpkg", layer="buildings")
     table = dict(zip(meta["fields"], columns, strict=True))
     assert list(table["job"]) == ["done", "done", ""] and len(shapes) == 3

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The small town without Blender: photos, masks, model and map belong together."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import shapely
+
+from benchmarks.town import FOOTPRINT_ERROR, HOUSES, ORIGIN, make_town, moved
+from benchmarks.town_scores import make_clicks
+from mgf_engine.georef.gps import read_place
+from mgf_engine.scene.colmap import read_model
+
+
+def test_a_painted_town_has_photos_masks_cameras_and_a_map(tmp_path: Path) -> None:
+    make_town(tmp_path, 10, 120, None, 1, painted=True)
+    model = read_model(tmp_path / "sparse/0")
+    assert len(model.images) == 10 and len(model.points.ids) > 300
+    assert all(read_place(tmp_path / "images" / image.name) is not None for image in model.images)
+    masks = {h.id: [cv2.imread(str(p), 0) for p in sorted((tmp_path / "buildings" / h.id / "masks").iterdir())]
+             for h in HOUSES}  # fmt: skip
+    assert all(max((m > 0).mean() for m in own) > 0.02 for own in masks.values())
+    stacked = np.stack([np.stack(own) > 0 for own in masks.values()])
+    assert stacked.sum(0).max() == 1  # no pixel shows two houses
+    features = json.loads((tmp_path / "footprints.geojson").read_text())["features"]
+    found = {f["properties"]["id"]: shapely.geometry.shape(f["geometry"]) for f in features}
+    assert set(found) == {h.id for h in HOUSES if h.mapped} | {"torn_down"}
+    for house in HOUSES:
+        if house.mapped:
+            true = shapely.Polygon(moved(np.array(house.outline, float), house.place) + ORIGIN[:2])
+            assert abs(found[house.id].centroid.distance(true.centroid) - FOOTPRINT_ERROR) < 0.01
+
+
+def test_clicks_by_hand_lie_in_the_true_masks(tmp_path: Path) -> None:
+    make_town(tmp_path, 10, 120, None, 1, painted=True)
+    scene = tmp_path / "town" / "buildings" / "villa" / "scene"
+    scene.mkdir(parents=True)
+    (scene / "sparse").symlink_to(tmp_path / "sparse")
+    make_clicks(tmp_path, tmp_path / "town", tmp_path / "clicks")
+    clicks = json.loads((tmp_path / "clicks" / "villa.json").read_text())
+    assert len(clicks) >= 3
+    for photo, entry in clicks.items():
+        mask = cv2.imread(str(tmp_path / "buildings/villa/masks" / (Path(photo).stem + ".png")), 0) > 127
+        assert all(mask[int(v), int(u)] for u, v in entry["positive"])
+        assert not any(mask[int(v), int(u)] for u, v in entry["negative"])
