@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The random walker on graphs so small that their answers are known: resistors in a row, photos joined by a point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mgf_engine.masks.geometry.building_extent import ViewRegions
+from mgf_engine.masks.geometry.point_features import Shape
+from mgf_engine.masks.prompts import Clicks
+from mgf_engine.masks.propagation import random_walker as walker
+from mgf_engine.masks.propagation.random_walker import LabelGraph
+from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.model.scene import Scene, Similarity, View
+
+SIDE = 20  # px; every region is a column of SIDE x SIDE pixels
+BORDER = 8.0  # the length of border at which a tie without contrast weighs 1
+SMALL = 0.002  # what every tie weighs more
+NONE = np.zeros((0, 2))
+HOLD = 10.0
+
+
+def strip(contrast: Sequence[float], features: Sequence[Sequence[float]] | None = None) -> Regions:
+    """A photo of columns in a row, with these colour steps between them."""
+    count = len(contrast) + 1
+    labels = np.repeat(np.arange(count, dtype=np.int32), SIDE)[None].repeat(SIDE, 0)
+    return Regions(
+        labels=labels,
+        scale=(1.0, 1.0),
+        features=np.zeros((count, 6), np.float32) if features is None else np.array(features, np.float32),
+        centres=np.stack([(np.arange(count) + 0.5) * SIDE, np.full(count, SIDE / 2)], 1).astype(np.float32),
+        area=np.full(count, 1 / count, np.float32),
+        top=np.zeros(count, np.float32),
+        pairs=np.stack([np.arange(count - 1), np.arange(1, count)], 1).astype(np.int32),
+        border=np.full(count - 1, BORDER, np.float32),
+        contrast=np.array(contrast, np.float32),
+    )
+
+
+def graph_of(
+    photos: Sequence[Regions], tracks: Sequence[Sequence[tuple[int, int]]] = (), pairs: Sequence[tuple[int, int]] = ()
+) -> LabelGraph:
+    """A graph of photos and points.
+
+    Args:
+        tracks: of each point, the (photo, column) pairs that observed it.
+        pairs: points that are neighbours in space, at closeness 1.
+    """
+    views = tuple(
+        View(f"{k}.jpg", f"{k}.jpg", p.labels.shape[1], SIDE, 100, 100, p.labels.shape[1] / 2, SIDE / 2, np.eye(3),
+             np.array([0.0, 0.0, 5.0 + k]), p.labels.shape[1], SIDE)
+        for k, p in enumerate(photos)
+    )  # fmt: skip
+    count = len(tracks)
+    seen = [(view, column) for track in tracks for view, column in track]
+    scene = Scene(
+        views, np.arange(3 * count, dtype=float).reshape(-1, 3), np.zeros((count, 3), np.uint8),
+        np.zeros(count, np.float32), np.cumsum([0, *map(len, tracks)]).astype(np.int64),
+        np.array([view for view, _ in seen], np.int32),
+        np.array([((column + 0.5) * SIDE, SIDE / 2) for _, column in seen], np.float32).reshape(-1, 2),
+        Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), Path(),
+    )  # fmt: skip
+    shape = Shape(
+        np.array([0.0, -1.0, 0.0]), np.ones(count), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros(count),
+        np.zeros(count), np.array(pairs, np.int64).reshape(-1, 2), np.ones(len(pairs)), np.zeros(count, bool),
+    )  # fmt: skip
+    return LabelGraph(scene, photos, shape)
+
+
+def joined(graph: LabelGraph, values: dict[int, float]) -> np.ndarray:
+    """The share of building at each node where some are tied to a value, with HOLD, and the others are free."""
+    stiffness, source = np.full(len(graph.degree), 1e-9), np.zeros(len(graph.degree))
+    for node, value in values.items():
+        stiffness[node], source[node] = HOLD, HOLD * value
+    return graph._flow(stiffness, source, None)
+
+
+def row_of_resistors(ties: Sequence[float]) -> np.ndarray:
+    """Potentials between the ties of a row from potential 1 to 0."""
+    resistance = 1 / np.array(ties)
+    return 1 - np.cumsum(resistance)[:-1] / resistance.sum()
+
+
+def clicks_at(columns: Sequence[int]) -> np.ndarray:
+    return np.array([((c + 0.5) * SIDE, SIDE / 2) for c in columns]).reshape(-1, 2)
+
+
+def test_between_two_clicks_belief_falls_evenly() -> None:
+    wanted = row_of_resistors([HOLD, *[1 + SMALL] * 4, HOLD])
+    assert joined(graph_of([strip([0.0] * 4)]), {0: 1.0, 4: 0.0}) == pytest.approx(wanted, abs=1e-3)
+    assert np.diff(wanted) == pytest.approx([(wanted[-1] - wanted[0]) / 4] * 4)
+
+
+def test_an_edge_in_the_photo_is_a_weak_tie() -> None:
+    """Two resistors in a row: the contrast of the second is twice the mean square, so its tie weighs exp(-2)."""
+    graph = graph_of([strip([0.0, 30.0])])
+    first, second = 1 + SMALL, np.exp(-2) + SMALL
+    assert joined(graph, {0: 1.0, 2: 0.0}) == pytest.approx(row_of_resistors([HOLD, first, second, HOLD]), abs=1e-3)
+
+
+def test_ties_are_symmetric_and_the_laplacian_holds_back_nothing() -> None:
+    graph = graph_of([strip([0.0, 5.0]), strip([3.0])], [[(0, 0), (1, 1)], [(0, 2)]], [(0, 1)])
+    dense = graph.laplacian.toarray()
+    assert np.allclose(dense, dense.T) and np.allclose(dense.sum(0), 0)
+    assert np.allclose(np.diag(dense), graph.degree)
+    assert dense[5, 0] == dense[5, 4] == -walker.TRACK_TIE == dense[6, 2]  # points to the regions that saw them
+    assert dense[5, 6] == -walker.SPACE_TIE and dense[0, 3] == 0  # and to each other; photos meet in points alone
+
+
+def test_a_point_carries_a_click_from_one_photo_to_another() -> None:
+    """Region, point, region in a row with ties of 1, each node losing LEAK times its ties."""
+    graph = graph_of([strip([]), strip([])], [[(0, 0), (1, 0)]])
+    pull, target = graph.click_pull({0: Clicks(clicks_at([0]), NONE)})
+    first, _, point = graph._flow(pull + walker.LEAK * graph.degree, pull * target, None)[[0, 1, 2]]
+    second = graph._flow(pull + walker.LEAK * graph.degree, pull * target, None)[1]
+    loss = 1 + walker.LEAK
+    assert point / second == pytest.approx(loss, rel=1e-3)
+    assert first / second == pytest.approx(2 * loss * loss - 1, rel=1e-3)
+    belief, trust = graph._first_guess(pull, target)
+    assert belief[1] > 0.999 and trust[0] > trust[2] > trust[1] > 0
+
+
+def test_a_click_pulls_at_five_places() -> None:
+    graph = graph_of([strip([0.0, 0.0])])
+    pull, target = graph.click_pull({0: Clicks(np.array([[22.0, 5.0]]), NONE)})  # 5 px to the left is the next column
+    assert pull.tolist() == [walker.CLICK_WEIGHT, 4 * walker.CLICK_WEIGHT, 0] and target.tolist() == [1, 1, 0]
+
+
+def test_clicks_of_both_kinds_in_one_region_cancel() -> None:
+    graph = graph_of([strip([0.0])])
+    pull, target = graph.click_pull({0: Clicks(clicks_at([0, 1]), clicks_at([0]))})
+    assert target == pytest.approx([0.5, 1.0]) and pull[0] == 2 * pull[1] == 10 * walker.CLICK_WEIGHT
+
+
+def test_both_kinds_of_clicks_are_treated_alike() -> None:
+    graph = graph_of([strip([0.0, 4.0, 1.0, 0.0])])
+    one, other = Clicks(clicks_at([0]), clicks_at([3])), Clicks(clicks_at([3]), clicks_at([0]))
+    (belief, trust), (mirrored, same) = (graph._first_guess(*graph.click_pull({0: c})) for c in (one, other))
+    assert mirrored == pytest.approx(1 - belief, abs=1e-3) and same == pytest.approx(trust, abs=1e-2)
+    assert (np.diff(belief[:4]) < 0).all()
+
+
+def test_what_no_click_reaches_stays_unknown() -> None:
+    graph = graph_of([strip([0.0]), strip([0.0])])
+    belief, trust = graph._first_guess(*graph.click_pull({0: Clicks(clicks_at([0]), NONE)}))
+    assert belief[2:] == pytest.approx([0.5, 0.5]) and trust[2:] == pytest.approx([0, 0])
+    assert belief[0] > 0.99 and trust[0] > 0.5
+
+
+BRICK, LAWN = (45.0, 25.0, 20.0, 0.5, 0.5, 0.5), (60.0, -4.0, 2.0, 2.0, 2.0, 2.0)
+
+
+def test_colour_reaches_a_photo_without_clicks_and_ties() -> None:
+    rng = np.random.default_rng(0)
+
+    def two_materials() -> Regions:
+        scatter = np.array([1.5, 0.6, 0.6, 0.05, 0.05, 0.05])
+        features = [np.array(BRICK if k < 12 else LAWN) + rng.normal(0, scatter) for k in range(24)]
+        return strip([1.0] * 11 + [40.0] + [1.0] * 11, features)
+
+    graph = graph_of([two_materials(), two_materials()], [[(0, 3)], [(0, 20)]])
+    belief = graph.solve({0: Clicks(clicks_at([2, 7]), clicks_at([15, 21]))}, rounds=1)
+    clicked, other = belief.regions
+    assert clicked[:12].min() > 0.9 and clicked[12:].max() < 0.1
+    assert other[:12].min() > 0.7 and other[12:].max() < 0.3
+    assert belief.points[0] > 0.8 and belief.points[1] < 0.2 and belief.ground is None
+    assert (belief.looks[1][:12] > 0.9).all() and (belief.looks[1][12:] < 0.1).all()
+
+
+def test_sky_is_given_up_piece_by_piece_where_it_is_clicked() -> None:
+    graph = graph_of([strip([0.0, 0.0]), strip([0.0])])
+    graph.sky = np.array([1, 1, 2, 3, 0])
+    assert graph._unclicked_sky({}).tolist() == [True, True, True, True, False]
+    left = graph._unclicked_sky({0: Clicks(clicks_at([1]), clicks_at([2]))})
+    assert left.tolist() == [False, False, True, True, False]
+
+
+def test_a_click_is_on_the_nearest_point_that_its_own_photo_saw() -> None:
+    graph = graph_of([strip([0.0] * 9), strip([0.0] * 9)], [[(0, 2)], [(0, 5)], [(1, 3)]])
+    near, middle = walker.NEAR_CLICK * 10 * SIDE, SIDE / 2
+    uv = np.array([[50 + 0.9 * near, middle], [50 + 1.1 * near, middle], [70.0, middle], [110.0, middle]])
+    assert graph._points_at(0, uv).tolist() == [0, 1]
+    assert graph._points_at(1, uv[2:]).tolist() == [2] and graph._points_at(0, NONE).tolist() == []
+
+
+def test_evidence_of_where_the_building_is() -> None:
+    """One region for each case: on the building, at its rim, far away, hidden, behind the ground, behind others."""
+    names = ("core", "reach", "hidden", "ground_first", "behind")
+    maps = {name: np.zeros((1, 6), bool) for name in names}
+    maps["core"][0, [0, 4]] = maps["reach"][0, [0, 1, 4]] = True
+    maps["hidden"][0, 3] = maps["ground_first"][0, 4] = maps["behind"][0, 5] = True
+    away = np.array([[0, 1, 3.2, 0, 0, 0]], np.float32)
+    place = ViewRegions(**maps, away=away, near=np.ones((1, 6), np.float32))
+    regions = strip([0.0] * 5)
+    view = graph_of([regions]).scene.views[0]
+    odds, first = LabelGraph._region_odds(place, regions, view)
+    w = walker
+    wanted = [w.CORE_ODDS, w.RIM_ODDS, 2 * w.FAR_ODDS, w.HIDDEN_ODDS, w.FIRST_ODDS, w.OTHER_ODDS]
+    assert odds == pytest.approx(wanted) and first.tolist() == [False] * 4 + [True, False]
