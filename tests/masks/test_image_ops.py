@@ -58,3 +58,15 @@ def test_the_frame_is_no_edge_and_nothing_stays_nothing() -> None:
     half = full.copy()
     half[:, :15] = False
     assert shrink(half, 5)[:, 22:].all() and not shrink(half, 5)[:, :19].any()
+
+
+@pytest.mark.parametrize("radius", [1, 3, 9])
+def test_what_grows_on_one_side_shrinks_on_the_other(radius: int) -> None:
+    _, mask = picture()
+    assert np.array_equal(shrink(mask, radius), ~grow(~mask, radius))
+
+
+def test_half_pixels_at_the_rim_belong_to_a_disc() -> None:
+    dot = np.zeros((9, 9), bool)
+    dot[4, 4] = True
+    assert grow(dot, 3)[4, 7] and grow(dot, 3)[5, 7] and not grow(dot, 3)[4, 8] and not grow(dot, 3)[6, 7]
