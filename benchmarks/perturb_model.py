@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from benchmarks.perturb_copy import SceneCopy
 from benchmarks.prompts import spread_photos
@@ -43,7 +44,7 @@ def shake_poses(copy: SceneCopy, pixels: float) -> None:
         pose, focal = image.cam_from_world(), float(image.camera.mean_focal_length())
         angle = copy.pixels(pixels) / focal / math.sqrt(2)
         distance = float(np.linalg.norm(image.projection_center() - middle))
-        turn = _rotation(copy.rng.normal(0, angle / math.sqrt(2), 3))
+        turn = Rotation.from_rotvec(copy.rng.normal(0, angle / math.sqrt(2), 3)).as_matrix()
         move = copy.rng.normal(0, angle * distance / math.sqrt(2), 3)
         rotation = turn @ pose.rotation.matrix()
         centre = image.projection_center() + move
@@ -97,13 +98,3 @@ def offset(copy: SceneCopy, metres: float) -> None:
 
 def _points(copy: SceneCopy) -> NDArray[np.float64]:
     return np.array([point.xyz for point in copy.model.points3D.values()])
-
-
-def _rotation(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation matrix of an axis times an angle (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-15:
-        return np.eye(3)
-    x, y, z = vector / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)

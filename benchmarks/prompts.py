@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.model.masks import BACKGROUND, BUILDING
+from mgf_engine.sampling import farthest_point_sampling
 from mgf_engine.system import write_json
 
 
@@ -33,12 +34,7 @@ def spread_photos(poses: NDArray[np.float64], count: int) -> list[int]:
     """Farthest-point sampling on camera centre (scaled by the orbit) and viewing direction; sorted indices."""
     centres = poses[:, :3] - poses[:, :3].mean(0)
     feature = np.concatenate([centres / np.median(np.linalg.norm(centres, axis=1)), poses[:, 3:]], axis=1)
-    chosen = [0]
-    gap = np.linalg.norm(feature - feature[0], axis=1)
-    while len(chosen) < min(count, len(poses)):
-        chosen.append(int(gap.argmax()))
-        gap = np.minimum(gap, np.linalg.norm(feature - feature[chosen[-1]], axis=1))
-    return sorted(chosen)
+    return sorted(farthest_point_sampling(feature, count, [0]))
 
 
 def inside_points(region: NDArray[np.bool_], count: int) -> list[list[float]]:

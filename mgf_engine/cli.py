@@ -18,8 +18,7 @@ from typing import Any
 
 from mgf_engine import __version__
 from mgf_engine.config import Config, option_pairs, options_schema, read_config, renamed_values
-from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
-from mgf_engine.failures import explain
+from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Reporter
 from mgf_engine.option_list import default_text, options_text
 from mgf_engine.reported import watch_for_cancel

@@ -1,12 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The two ways a job ends early on purpose, and the exit codes people's scripts rely on."""
+"""How a job ends early: the two errors it raises on purpose, exit codes, and a sentence for every other error."""
 
+from __future__ import annotations
+
+import errno
 import re
+
+from mgf_engine.system import near_memory_limit
 
 EXIT_DONE = 0
 EXIT_FAULT = 1
 EXIT_BAD_INPUT = 2
 EXIT_CANCELLED = 3
+_FULL_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NO_ACCESS = (errno.EACCES, errno.EPERM, errno.EROFS)
+_BAD_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EISDIR, errno.ENOTDIR)
+#: What libraries say in errors of their own when memory is short.
+_NO_MEMORY = re.compile(
+    r"can(?:'t|not) allocate memory|not enough memory|insufficient memory|bad_alloc|failed to map segment"
+    r"|can't start new thread|unable to allocate", re.IGNORECASE
+)  # fmt: skip
 
 
 class BadInput(Exception):
@@ -24,3 +37,31 @@ class BadInput(Exception):
 
 class Cancelled(Exception):
     """The user asked the job to stop; what was done so far stays resumable."""
+
+
+def explain(error: BaseException, resumable: bool = True) -> tuple[int, str]:
+    """Exit code and sentence of an error.
+
+    Args:
+        resumable: it ended a job, which goes on from where it was.
+    """
+    again = "run again with --resume" if resumable else "run again"
+    if isinstance(error, BadInput):
+        return EXIT_BAD_INPUT, str(error)
+    if isinstance(error, Cancelled | KeyboardInterrupt):
+        return EXIT_CANCELLED, str(error) or f"Cancelled; {again} to continue."
+    if isinstance(error, BrokenPipeError):
+        return EXIT_CANCELLED, f"Nobody reads the progress any more; {again} to continue."
+    if isinstance(error, OSError) and error.errno in _FULL_DISK:
+        return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
+    if isinstance(error, OSError) and error.errno in _NO_ACCESS:
+        return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
+    if isinstance(error, OSError) and error.errno in _BAD_PATH:
+        path = str(error.filename)[-60:]
+        return EXIT_BAD_INPUT, f"Cannot use the path '{path}' ({error.strerror}); give another one."
+    if type(error).__name__ == "OutOfMemoryError":  # torch's, for cards
+        return EXIT_BAD_INPUT, "The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
+    if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) or near_memory_limit():
+        remedy = "lower --resolution or --max-gaussians" if resumable else "close other programs or give smaller files"
+        return EXIT_BAD_INPUT, f"Out of memory; {remedy} and {again}."
+    return EXIT_FAULT, f"Unexpected fault: {type(error).__name__}: {error}"

@@ -11,8 +11,7 @@ import threading
 import traceback
 from collections.abc import Callable
 
-from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT
-from mgf_engine.failures import explain
+from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, explain
 from mgf_engine.messages import Reporter
 from mgf_engine.terminal import drop_output, make_sink
 

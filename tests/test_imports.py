@@ -15,9 +15,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: Packages and modules of ``mgf_engine``, from the bottom up: each may import those before it.
 ORDER = (
-    *("errors", "stages", "system", "subprocesses", "timing", "memory", "morton", "safe_npz"),
+    *("system", "errors", "stages", "subprocesses", "timing", "memory", "morton", "safe_npz", "sampling"),
     *("images", "output_folder"),
-    *("costs", "config", "option_list", "messages", "terminal", "failures", "reported"),  # options and reports
+    *("costs", "config", "option_list", "messages", "terminal", "reported"),  # options and reports
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
     *("runs", "inputs", "job", "results", "estimate"),  # the job folder

@@ -17,7 +17,7 @@ _MAKING = {"misfits", "plain_text", "missing_text", "_doubt_texts", "_left_out_t
            "_missed_text", "weak_surface", "renamed_values", "choose_device", "poor_photos", "shortage", "weaknesses",
            "check_card", "_misfit_text", "_outside_text", "_far_text", "_wrong_mark_text"}  # fmt: skip
 #: A file whose every sentence is said.
-_ALL_SAID = "failures.py"
+_ALL_SAID = ROOT / "mgf_engine" / "errors.py"
 
 
 def messages() -> dict[str, str]:
@@ -25,7 +25,7 @@ def messages() -> dict[str, str]:
     found: dict[str, str] = {}
     for package in ("mgf_engine", "mgf_blender"):
         for path in sorted((ROOT / package).rglob("*.py")):
-            for text in _texts(ast.parse(path.read_text(encoding="utf-8")), path.name == _ALL_SAID):
+            for text in _texts(ast.parse(path.read_text(encoding="utf-8")), path == _ALL_SAID):
                 found.setdefault(text, str(path.relative_to(ROOT)))
     return found
 

@@ -39,7 +39,7 @@ def draw_wall(view: View, wall: np.ndarray) -> np.ndarray:
     """The wall z = 0 (x and y in -3..3) as the view sees it, RGB."""
     # continuous wall pixel (u, v) -> world ((u / scale - 3), (v / scale - 3), 0)
     to_world = np.array([[1 / _TEXTURE_SCALE, 0, -3], [0, 1 / _TEXTURE_SCALE, -3], [0, 0, 1]])
-    k = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]])
+    k = view.intrinsics
     matrix = k @ np.c_[view.rotation[:, :2], view.translation] @ to_world
     half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
     return cv2.warpPerspective(wall, np.linalg.inv(half) @ matrix @ half, (view.width, view.height))

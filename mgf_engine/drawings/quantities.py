@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.drawings.model import Array, Facade, Line, Survey
+from mgf_engine.drawings.model import Facade, Line, Survey
 from mgf_engine.drawings.project import Seen
+from mgf_engine.drawings.section import ring_area
 from mgf_engine.drawings.vector_files import layer_name
 from mgf_engine.mesh.planar import Planes
 from mgf_engine.system import atomic_path
@@ -48,7 +49,7 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
         rows.append((facade.name, "deviation, 1st percentile", f"{low:.1f}", small))
         rows.append((facade.name, "deviation, 99th percentile", f"{high:.1f}", small))
     for layer in sorted({line.layer for line in parts}):
-        area = sum(_ring_area(line.points) for line in parts if line.layer == layer)
+        area = sum(ring_area(line.points) for line in parts if line.layer == layer)
         name = layer_name(layer)
         rows.append((facade.name, f"area of {name}", f"{area:.2f}", f"{unit}2"))
         if all_walls > 0:
@@ -123,8 +124,3 @@ def write_csv(path: Path, rows: Sequence[Row]) -> None:
     csv.writer(text).writerows([("of", "quantity", "value", "unit"), *rows])
     with atomic_path(path) as temporary:
         temporary.write_text(text.getvalue(), encoding="utf-8", newline="")
-
-
-def _ring_area(ring: Array) -> float:
-    x, y = (ring - ring[0]).T
-    return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))

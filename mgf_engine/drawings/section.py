@@ -73,7 +73,7 @@ def cut(survey: Survey, frame: Frame) -> Cut:
     areas = _areas(straight, LEAST * pixel**2)
     lines = [Line(ring, CUT) for area in areas for ring in (area.outer, *area.holes)]
     lines += [Line(straighten(_resampled(path, SPACING * pixel), (0, 1), pixel).points, CUT) for path in loose]
-    total = sum(_ring_area(a.outer) - sum(map(_ring_area, a.holes)) for a in areas)
+    total = sum(ring_area(a.outer) - sum(map(ring_area, a.holes)) for a in areas)
     return Cut(LineDrawing(frame, lines, areas), total, not loose)
 
 
@@ -211,7 +211,8 @@ def _areas(rings: list[Array], least: float) -> list[Area]:
     ]
 
 
-def _ring_area(ring: Array) -> float:
+def ring_area(ring: Array) -> float:
+    """Area inside a closed ring [N, 2]."""
     x, y = (ring - ring[0]).T
     return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from mgf_engine.evaluation.surfaces import Points, Surface
 
@@ -43,18 +44,8 @@ def _plane_step(points: Points, spot: Points, normal: Points, gap: Points, scale
     soft = max(float(np.median(gap)), 1e-12 * size)
     weight = np.sqrt(1.0 / (1.0 + (gap / soft) ** 2))
     x, *_ = np.linalg.lstsq(matrix * weight[:, None], residual * weight, rcond=None)
-    turn = _rotation(x[:3] / size) * (1.0 + (x[6] / size if scale else 0.0))
+    turn = Rotation.from_rotvec(x[:3] / size).as_matrix() * (1.0 + (x[6] / size if scale else 0.0))
     step = np.eye(4)
     step[:3, :3] = turn
     step[:3, 3] = middle + x[3:6] - turn @ middle
     return step
-
-
-def _rotation(vector: Points) -> Points:
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-15:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

@@ -21,6 +21,7 @@ from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.raster import points as kernel
+from mgf_engine.sampling import farthest_point_sampling
 
 ENOUGH = 50  # triangulated points from which the level is calibrated,
 LEVELS = 0.05, 0.95  # and between which levels
@@ -132,13 +133,8 @@ def _share_of(progress: Progress, part: slice, count: int) -> Progress:
 
 
 def spread_order(centres: NDArray[np.float64]) -> list[int]:
-    """Indices [V] so that every beginning of the list is spread out (farthest point first, ties by index)."""
+    """Indices [V] so that every beginning of the list is spread out (farthest from the mean first, ties by index)."""
     if len(centres) == 0:
         return []
-    order = [int(np.linalg.norm(centres - centres.mean(0), axis=1).argmax())]
-    nearest = np.full(len(centres), np.inf)
-    while len(order) < len(centres):
-        nearest = np.minimum(nearest, np.linalg.norm(centres - centres[order[-1]], axis=1))
-        nearest[order] = -1.0
-        order.append(int(nearest.argmax()))
-    return order
+    first = int(np.linalg.norm(centres - centres.mean(0), axis=1).argmax())
+    return farthest_point_sampling(centres, len(centres), [first])

@@ -136,12 +136,8 @@ def between(first: View, second: View) -> NDArray[np.float64]:
     """M [3, 3] and b [3], flat [12]: a pixel (x, y) at a depth lies in the second photo at M (x, y, 1) + b / depth."""
     rotation = second.rotation @ first.rotation.T
     translation = second.translation - rotation @ first.translation
-    to_second = _intrinsics(second)
-    return np.concatenate([(to_second @ rotation @ np.linalg.inv(_intrinsics(first))).ravel(), to_second @ translation])
-
-
-def _intrinsics(view: View) -> NDArray[np.float64]:
-    return np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]])
+    to_second = second.intrinsics
+    return np.concatenate([(to_second @ rotation @ np.linalg.inv(first.intrinsics)).ravel(), to_second @ translation])
 
 
 def _peak(scores: Array, counts: Array) -> tuple[Array, Array, Array]:

@@ -83,6 +83,11 @@ class View:
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     @property
+    def intrinsics(self) -> NDArray[np.float64]:
+        """The calibration matrix K, [3, 3]: camera frame -> homogeneous pixels."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
+
+    @property
     def centre(self) -> NDArray[np.float64]:
         """Camera centre in the normalised frame, [3]."""
         return -self.rotation.T @ self.translation

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.model.scene import View
+from mgf_engine.sampling import farthest_point_sampling
 from mgf_engine.scene.normalise import CAMERA_DISTANCE
 
 _FEWEST_ROOTS = 3
@@ -60,15 +61,7 @@ def spread_out(
         wanted: views that are taken in any case, however many.
     """
     feature = np.concatenate([centres / CAMERA_DISTANCE, directions], 1)
-    chosen = sorted(wanted) or [int(np.argmax(seen))]
-    distance = np.full(len(feature), np.inf)
-    for view in chosen[:-1]:
-        distance = np.minimum(distance, np.linalg.norm(feature - feature[view], axis=1))
-    while len(chosen) < min(count, len(feature)):
-        distance = np.minimum(distance, np.linalg.norm(feature - feature[chosen[-1]], axis=1))
-        distance[chosen] = -1.0
-        chosen.append(int(np.argmax(distance)))
-    return chosen
+    return farthest_point_sampling(feature, count, sorted(wanted) or [int(np.argmax(seen))])
 
 
 def choose_held_out(count: int, roots: tuple[int, ...], every: int) -> tuple[int, ...]:

@@ -24,8 +24,8 @@ _CONTRADICTED = (10.0, 4, 2.0)  # px around, points at least, px: median distanc
 
 
 @dataclass(frozen=True)
-class Planes:
-    """Planes [K, 4] (unit normal, offset), strongest first.
+class LinePlanes:
+    """Planes through lines, [K, 4] (unit normal, offset), strongest first.
 
     Attributes:
         members: of each plane the numbers of its lines.
@@ -62,13 +62,13 @@ def dominant_directions(directions: NDArray[np.float64], lengths: NDArray[np.flo
     return np.array(found).reshape(-1, 3)
 
 
-def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> Planes:
+def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> LinePlanes:
     """Planes that carry lines, each taken for the length of line that no earlier one explains.
 
     Candidates are pairs of dominant directions at each line parallel to both, and pairs of lines that lie in one plane.
     """
     if len(lines) < 2:
-        return Planes(np.zeros((0, 4)), [], np.zeros(0))
+        return LinePlanes(np.zeros((0, 4)), [], np.zeros(0))
     a, b = np.stack([line.ends[0] for line in lines]), np.stack([line.ends[1] for line in lines])
     d, length = _unit(b - a), np.linalg.norm(b - a, axis=1)
     regular, pairs = _regular(a, b, d, length), _pairs(a, b, d, length, pixel, o.near)
@@ -102,7 +102,7 @@ def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> Planes:
         taken[mine] += 1
         crossing = turned[mine[weight[mine].argmax()]][mine]
         strength.append(min(weight[mine].sum(), 3 * weight[mine][crossing].sum() + 0.2 * weight[mine].sum()))
-    return Planes(np.array(planes).reshape(-1, 4), members, np.array(strength))
+    return LinePlanes(np.array(planes).reshape(-1, 4), members, np.array(strength))
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -187,7 +187,7 @@ def _fitted(
 
 
 def snap(
-    points: NDArray[np.float64], planes: Planes, near: NDArray[np.float64]
+    points: NDArray[np.float64], planes: LinePlanes, near: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Points [N, 3] moved onto all planes within ``near`` [N], to their common point where there are several.
 
@@ -214,7 +214,7 @@ def snap(
 
 
 def plane_points(
-    planes: Planes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, o: PlaneOptions
+    planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, o: PlaneOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Points every ``o.grid`` px on each plane over the convex hull of its lines [N, 3], and the plane of each.
 
@@ -272,7 +272,7 @@ def _grid(uv: NDArray[np.float64], step: float, reach: float) -> NDArray[np.floa
 
 
 def crease_points(
-    planes: Planes, points: NDArray[np.float64], owner: NDArray[np.int64], step: float, reach: float
+    planes: LinePlanes, points: NDArray[np.float64], owner: NDArray[np.int64], step: float, reach: float
 ) -> NDArray[np.float64]:
     """Points every ``step`` where two planes meet and both have points of their own within ``reach``, [N, 3]."""
     if not len(points):

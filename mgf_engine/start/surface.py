@@ -20,7 +20,7 @@ from mgf_engine.start.cut import Evidence, cut_surface
 from mgf_engine.start.dense import dense_points
 from mgf_engine.start.lines import Line, find_lines, line_points
 from mgf_engine.start.options import StartOptions
-from mgf_engine.start.planes import Planes, crease_points, find_planes, plane_points, snap
+from mgf_engine.start.planes import LinePlanes, crease_points, find_planes, plane_points, snap
 from mgf_engine.start.segments import find_segments
 from mgf_engine.start.views import StartViews, start_views
 from mgf_engine.system import cores
@@ -121,7 +121,7 @@ def gather(
 
 
 def _shaping(
-    views: StartViews, planes: Planes, lines: Sequence[Line], dense: NDArray[np.float64], options: StartOptions
+    views: StartViews, planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], options: StartOptions
 ) -> list[NDArray[np.float64]]:
     """Points on creases and planes in the hull, and coarse ones in all of it: what no photo shows has a volume, too."""
     o, pixel = options.planes, views.pixel
@@ -146,7 +146,7 @@ def _apart(cells: NDArray[np.float64], others: Sequence[NDArray[np.float64]]) ->
     return coarse[tree.query(coarse, distance_upper_bound=2 * size)[0] == np.inf] if tree.n else coarse
 
 
-def _relative(planes: Planes) -> NDArray[np.float64]:
+def _relative(planes: LinePlanes) -> NDArray[np.float64]:
     """Strengths beside the mean of the strongest, 0..1."""
     if not len(planes.strength):
         return planes.strength

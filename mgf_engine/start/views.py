@@ -83,8 +83,7 @@ class StartViews:
 
 def projection(view: View) -> NDArray[np.float64]:
     """[3, 4], pixels of points in the normalised frame."""
-    intrinsics = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]])
-    return np.asarray(intrinsics @ np.c_[view.rotation, view.translation])
+    return np.asarray(view.intrinsics @ np.c_[view.rotation, view.translation])
 
 
 def count_outside(

@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.config import make_config
-from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput
-from mgf_engine.failures import explain
+from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.system import write_json
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Planes through lines, and the points that shape the tetrahedra."""
+"""LinePlanes through lines, and the points that shape the tetrahedra."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from mgf_engine.start.lines import Line, line_points
 from mgf_engine.start.options import PlaneOptions
-from mgf_engine.start.planes import Planes, crease_points, dominant_directions, find_planes, plane_points, snap
+from mgf_engine.start.planes import LinePlanes, crease_points, dominant_directions, find_planes, plane_points, snap
 
 PIXEL = 0.01
 
@@ -42,7 +42,7 @@ def test_directions_are_those_of_the_lines() -> None:
 
 
 def test_points_snap_to_the_common_place_of_their_planes() -> None:
-    planes = Planes(np.array([[0, 0, 1.0, 0], [1.0, 0, 0, 0]]), [], np.ones(2))
+    planes = LinePlanes(np.array([[0, 0, 1.0, 0], [1.0, 0, 0, 0]]), [], np.ones(2))
     points = np.array([[0.005, 3, 0.004], [0.5, 3, 0.004], [0.5, 3, 0.5]])
     moved, on = snap(points, planes, np.full(3, 0.01))
     np.testing.assert_allclose(moved, [[0, 3, 0], [0.5, 3, 0], [0.5, 3, 0.5]], atol=1e-12)
@@ -64,7 +64,7 @@ def test_a_plane_is_covered_by_points_but_not_where_dense_ones_lie_beside_it() -
 
 
 def test_creases_lie_on_both_planes() -> None:
-    planes = Planes(np.array([[0, 0, 1.0, 0], [1.0, 0, 0, 0]]), [], np.ones(2))
+    planes = LinePlanes(np.array([[0, 0, 1.0, 0], [1.0, 0, 0, 0]]), [], np.ones(2))
     grid = np.stack(np.meshgrid(np.arange(0, 1, 0.1), np.arange(0, 1, 0.1), indexing="ij"), -1).reshape(-1, 2)
     flat = np.c_[grid, np.zeros(len(grid))]
     points = np.concatenate([flat, flat[:, [2, 1, 0]]])

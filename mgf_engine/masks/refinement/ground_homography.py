@@ -223,8 +223,8 @@ def homography(view: View, other: View, ground: Ground) -> NDArray[np.float64]:
     height = float(ground.height(view.centre[None])[0])
     # A ray d of the view meets the plane at d * (height / -(normal . d)).
     matrix = turn * height - np.outer(shift, view.rotation @ ground.normal)
-    own = np.array([[view.fx, 0, view.cx - 0.5], [0, view.fy, view.cy - 0.5], [0, 0, 1]])
-    others = np.array([[other.fx, 0, other.cx - 0.5], [0, other.fy, other.cy - 0.5], [0, 0, 1]])
+    to_index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # of the pixel whose centre is there
+    own, others = to_index @ view.intrinsics, to_index @ other.intrinsics
     return np.asarray(others @ matrix @ np.linalg.inv(own), np.float64)
 
 
