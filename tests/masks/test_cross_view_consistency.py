@@ -45,6 +45,16 @@ def test_wrong_masks_are_found_and_only_they(scene: Scene, wrong: int) -> None:
     assert all(score < 0 for score in found.values())
 
 
+def test_a_right_mask_that_shares_points_with_wrong_ones_is_kept() -> None:
+    """Half of what the last photo sees only the two wrong ones see, too: until they are out, it looks wrong itself."""
+    uv = np.random.default_rng(2).uniform(2, SIDE - 2, (120, 2))
+    views = [view(f"{i}.jpg", i, width=SIDE, height=SIDE) for i in range(VIEWS)]
+    seen_by = [range(VIEWS)] * 60 + [(0, 1, VIEWS - 1)] * 60
+    tracks = [[(v, float(u), float(w)) for v in who] for (u, w), who in zip(uv, seen_by, strict=True)]
+    found = contradicted_masks(make_scene(views, np.zeros((len(uv), 3)), tracks), masks(2), ALL, 0)
+    assert set(found) == {0, 1}
+
+
 def test_no_majority_is_refused(scene: Scene) -> None:
     with pytest.raises(BadInput, match="contradict each other"):
         contradicted_masks(scene, masks(5), ALL, 0)
