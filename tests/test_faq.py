@@ -6,7 +6,7 @@ from __future__ import annotations
 import ast
 import re
 
-from user_messages import GAP, ROOT, messages, template
+from support.user_messages import GAP, ROOT, messages, template
 
 FAQ = (ROOT / "docs" / "faq.md").read_text(encoding="utf-8")
 LISTED = re.findall(r"^- “(.*)”$", FAQ, re.MULTILINE)

@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from support import wall
 
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
-from tests import wall
 
 
 @pytest.fixture

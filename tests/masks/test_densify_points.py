@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.wall import make_wall
 
 from benchmarks.synthetic.house import OFFSET, House
 from mgf_engine.config import make_config
@@ -15,7 +16,6 @@ from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.scene_checks import keep_points
 from tests.masks.conftest import quiet
-from tests.wall import make_wall
 
 CENTRES = [[x, y, -3.0] for x in (-0.5, 0, 0.5) for y in (0, 0.4)]
 

@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.analytic import as_trimesh, ball, cuboid, ring
 
 from mgf_engine.geometry import clean
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import boundary_loops, cap_rims, fill_holes
 from mgf_engine.model.mesh import Mesh
-
-from .analytic import as_trimesh, ball, cuboid, ring
 
 
 def merged(*meshes: Mesh) -> Mesh:

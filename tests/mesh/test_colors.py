@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+from support.analytic import ball, camera, ring
 
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.mesh.colors import LEAST_FACING, SLACK, _samples, color_from_photos, sample, vertex_normals
 
-from .analytic import ball, camera, ring
 from .test_clean import empty, merged
 
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.analytic import camera, cuboid
 
-from mesh.analytic import camera, cuboid
 from mgf_engine.mesh.component_filter import NEAR, belongs
 from mgf_engine.model.mesh import Mesh
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
 
-from mesh.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
 from mgf_engine.errors import Cancelled
 from mgf_engine.geometry import clean
 from mgf_engine.mesh import decimate

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from support.analytic import as_trimesh, ball, box, cuboid, discs, mesh_of, ring, scene_of, sphere
 
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput, Cancelled
@@ -16,8 +17,6 @@ from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.timing import PartTimes
-
-from .analytic import as_trimesh, ball, box, cuboid, discs, mesh_of, ring, scene_of, sphere
 
 
 def reporter(sink=lambda message: None) -> Reporter:

@@ -5,12 +5,11 @@ import itertools
 
 import numpy as np
 import pytest
+from support.analytic import as_trimesh
 
 from mgf_engine.geometry.delaunay import delaunay
 from mgf_engine.mesh.isosurface import FREE, INVALID, NEAR_ENOUGH, SOLID, find_level, march
 from mgf_engine.model.mesh import Mesh
-
-from .analytic import as_trimesh
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])  # positive volume
 

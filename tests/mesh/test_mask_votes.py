@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
+from support.analytic import ball, ring, scene_of
 
-from mesh.analytic import ball, ring, scene_of
 from mgf_engine.geometry.clean import drop_small_parts
 from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.model.masks import BACKGROUND, UNKNOWN

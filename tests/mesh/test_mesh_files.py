@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from support.analytic import ball
 
-from mesh.analytic import ball
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.mesh_files import (
     IMAGE,

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.analytic import ball, camera, ring, scene_of, sphere
 
 from mgf_engine.mesh.hull import judging_mask, judging_masks, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
@@ -12,8 +13,6 @@ from mgf_engine.model.masks import UNKNOWN
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
 from mgf_engine.raster.points import UNKNOWN as UNKNOWN_PIXEL
 from mgf_engine.raster.reference_points import opacity_of_points
-
-from .analytic import ball, camera, ring, scene_of, sphere
 
 
 @pytest.fixture(scope="module")

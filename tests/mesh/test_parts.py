@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import trimesh
+from support.analytic import ball, mesh_of, ring, scene_of
 
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
-
-from .analytic import ball, mesh_of, ring, scene_of
 
 
 def painted(truth, named):

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from support.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
 
-from mesh.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.clean import weld
 from mgf_engine.mesh.planar_clustering import EVEN, OFF, merge_cells, merge_flat, nearest_pixels

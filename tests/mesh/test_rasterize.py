@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.analytic import ball, camera, cuboid, ring
+from support.rays import pixel_rays
 
-from mesh.analytic import ball, camera, cuboid, ring
-from mesh.rays import pixel_rays
 from mgf_engine.geometry.rasterize import NEAR, corners, face_normals, render_mesh, scaled_view, shaded
 from mgf_engine.mesh.face_visibility import count_pixels, count_uncovered
 from mgf_engine.model.masks import BACKGROUND, UNKNOWN

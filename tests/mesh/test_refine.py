@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.analytic import as_trimesh, ball, camera, scene_of, sphere
+from support.rays import pixel_rays
 
 from mgf_engine.geometry.clean import smooth
 from mgf_engine.geometry.rasterize import render_mesh
@@ -17,8 +19,6 @@ from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.tsdf import Photos
 
-from .analytic import as_trimesh, ball, camera, scene_of, sphere
-from .rays import pixel_rays
 from .test_extract import make_config, reporter
 
 FINE = 6  # subdivisions of the ball

@@ -4,12 +4,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from support.analytic import discs, sphere
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.delaunay import delaunay
 from mgf_engine.mesh.tetrahedra import tetra_points
-
-from .analytic import discs, sphere
 
 
 def volumes(points, tetrahedra):

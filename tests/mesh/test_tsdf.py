@@ -6,8 +6,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from support.analytic import HEIGHT, WIDTH, camera, ring
 
-from mesh.analytic import HEIGHT, WIDTH, camera, ring
 from mgf_engine.mesh import tsdf
 from mgf_engine.mesh.isosurface import FREE, SOLID
 from mgf_engine.mesh.photometric import Surface

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.analytic import ball
 
-from mesh.analytic import ball
 from mgf_engine.mesh.unobserved_volumes import THICK, THICK_SHARE, drop_shadows
 
 PIXEL = 0.02

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pycolmap
 import pytest
-from foreign_names import PLAIN
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from model_places import SEVERAL, write_project
+from support.foreign_names import PLAIN
+from support.model_places import SEVERAL, write_project
 
 from benchmarks.synthetic.colmap_scene import photo_of, reconstruction, write_model, write_photo, write_scene
 from mgf_engine.errors import BadInput

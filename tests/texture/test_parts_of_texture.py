@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.analytic import ball, camera, ring
 
 from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.model.mesh import Mesh
@@ -17,7 +18,6 @@ from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
 from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
 from mgf_engine.texture.visibility import FAIR, Sights, _Found, find_sights
-from tests.mesh.analytic import ball, camera, ring
 
 SIDE = 12
 

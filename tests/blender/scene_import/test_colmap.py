@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 import synthetic
-from foreign_names import ANSI, ANSI_NAME, PLAIN
-from model_places import SEVERAL, write_project
+from support.foreign_names import ANSI, ANSI_NAME, PLAIN
+from support.model_places import SEVERAL, write_project
 
 from mgf_blender.common.errors import UserError
 from mgf_blender.scene_import.colmap import make_camera, quaternion_to_matrix, read_model

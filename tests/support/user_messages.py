@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 GAP = "…"  # where a value goes
 #: Calls that say their first text to people, and those that do so with whole sentences only.
 _SAYING, _SENTENCES = {"BadInput", "UserError", "warning", "warn", "_warn", "Choice"}, {"tr", "N_"}
