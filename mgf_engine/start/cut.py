@@ -41,6 +41,7 @@ _ONE = 1024.0  # the kernels' sums are whole numbers
 _SURE = 1e9  # capacity that nothing exceeds
 _PAD = 0.5  # of the points' box, to the outermost points
 _SAMPLES = np.array([[0.25] * 4, *(np.eye(4) * 0.6 + 0.1)])  # places in a tetrahedron that are compared with the masks
+_BLOCK = 1 << 17  # tetrahedra whose faces are looked at together, which bounds the memory
 _SHUT = 0.5  # share of them outside from which all of it is
 
 Array = NDArray[np.float64]
@@ -189,10 +190,12 @@ def _positive(points: Array, corners: NDArray[np.int32]) -> NDArray[np.int32]:
 def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array:
     """Share of each tetrahedron outside of the visual hull, [T]."""
     share = np.zeros(len(shape.corners))
-    corners = [shape.points[shape.corners[:, k]] for k in range(4)]
-    for row in _SAMPLES:
-        at = sum(w * c for w, c in zip(row, corners, strict=True))
-        share += views.outside_views(at, o.margin, o.outside_views) >= o.outside_views
+    for begin in range(0, len(share), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        corners = shape.points[shape.corners[block]]
+        for row in _SAMPLES:
+            outside = views.outside_views(row @ corners, o.margin, o.outside_views)
+            share[block] += outside >= o.outside_views
     return share / len(_SAMPLES)
 
 
@@ -229,13 +232,10 @@ class _Graph:
     """The faces between tetrahedra with what they cost in either direction."""
 
     def __init__(self, shape: Tetrahedra, rays: Array, evidence: Evidence, pixel: float, o: CutOptions) -> None:
-        self.points, neighbours = shape.points, shape.neighbours
-        cell, k = np.nonzero(neighbours > np.arange(len(neighbours))[:, None])
-        other = neighbours[cell, k]
-        back = np.argmax(neighbours[other] == cell[:, None], 1)
-        faces = np.take_along_axis(shape.corners[cell], _CORNERS[k], 1)
-        a, b, c = (self.points[faces[:, n]] for n in range(3))
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2 / pixel**2
+        self.points = shape.points
+        blocks = [_faces_between(shape, rays, begin) for begin in range(0, len(shape.corners), _BLOCK)]
+        self.cell, self.other, self.faces, area, there, back = map(np.concatenate, zip(*blocks, strict=True))
+        faces, area = self.faces, area / pixel**2
         bits = np.r_[evidence.planes, np.zeros(len(self.points) - len(evidence.planes), np.uint64)]
         self.bits = bits[faces[:, 0]] & bits[faces[:, 1]] & bits[faces[:, 2]]
         factor = np.ones(len(faces))
@@ -243,8 +243,7 @@ class _Graph:
             on = (self.bits >> np.uint64(n)) & np.uint64(1) == 1
             factor[on] = np.minimum(factor[on], min(1.0, o.flat / strength**o.slope))
         cost = o.area * area * factor
-        self.cell, self.other, self.faces = cell, other, faces.astype(np.int32)
-        self.costs = rays[cell, k] + cost, rays[other, back] + cost
+        self.costs = there + cost, back + cost
 
     def inside(self, source: Array, sink: Array) -> NDArray[np.bool_]:
         """Which tetrahedra are inside, by the least cut; capacities [T] from outside and to inside."""
@@ -264,6 +263,22 @@ class _Graph:
         kept, index = np.unique(faces, return_inverse=True)
         colors = np.zeros((len(kept), 3), np.uint8)
         return Mesh(self.points[kept], index.reshape(-1, 3).astype(np.int32), colors), self.bits[cut]
+
+
+def _faces_between(shape: Tetrahedra, rays: Array, begin: int) -> tuple[NDArray[Any], ...]:
+    """Faces from ``_BLOCK`` tetrahedra to those with higher numbers.
+
+    Returns:
+        Numbers of both tetrahedra [F], corners [F, 3], area [F], and what rays say against either direction, [F] each.
+    """
+    neighbours = shape.neighbours[begin : begin + _BLOCK]
+    cell, k = np.nonzero(neighbours > np.arange(begin, begin + len(neighbours))[:, None])
+    other, cell = neighbours[cell, k], cell + begin
+    back = np.argmax(shape.neighbours[other] == cell[:, None], 1)
+    faces = np.take_along_axis(shape.corners[cell], _CORNERS[k], 1)
+    a, b, c = (shape.points[faces[:, n]] for n in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return cell.astype(np.int32), other, faces.astype(np.int32), area, rays[cell, k], rays[other, back]
 
 
 def _uncovered(views: StartViews, mesh: Mesh) -> tuple[Array, Array]:

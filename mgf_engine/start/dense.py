@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import cv2
@@ -19,6 +20,8 @@ from mgf_engine.start.views import StartViews
 
 _FAR = 50.0  # degrees: photos further around confirm nothing
 _PER_CUBE = 2  # points at least in a cube
+_SEEN = 0.4  # share of a cube's points that a view must have seen
+_BATCH = 8  # photos whose points are added up together
 
 
 def dense_points(
@@ -29,11 +32,13 @@ def dense_points(
     inside = lambda i: building(masks.labels[i])  # noqa: E731
     depths = match_photos(scene, views.indices, kept, inside, o.neighbours, o.longest_side, threads, check)
     numbers = [n for n, i in enumerate(views.indices) if i in depths.maps]
-    found = list(parallel_map(lambda n: _confirmed(views, depths, n, o), numbers, threads))
-    if not any(len(points) for points, _ in found):
-        return np.zeros((0, 3)), []
-    points, seen = (np.concatenate(part) for part in zip(*found, strict=True))
-    return _thin(points, seen, o.size * views.pixel)
+    size = o.size * views.pixel
+    parts = [Cubes.of(np.zeros((0, 3)), np.zeros((0, len(views.views)), bool), views.low, size)]
+    for found in parallel_map(lambda n: Cubes.of(*_confirmed(views, depths, n, o), views.low, size), numbers, threads):
+        parts.append(found)
+        if len(parts) > _BATCH:
+            parts = [Cubes.joined(parts)]
+    return Cubes.joined(parts).means()
 
 
 def _confirmed(
@@ -65,20 +70,48 @@ def _texture(light: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(np.sqrt(least) / 2, np.float32)
 
 
-def _thin(
-    points: NDArray[np.float64], seen: NDArray[np.bool_], size: float
-) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Means over cubes that hold enough points, and the views that saw nearly half of them."""
-    if not len(points):
-        return points, []
-    cell = np.floor((points - points.min(0)) / size).astype(np.int64)
-    spans = cell.max(0) + 1
-    key = (cell[:, 0] * spans[1] + cell[:, 1]) * spans[2] + cell[:, 2]
-    order = np.argsort(key, kind="stable")
-    start = np.flatnonzero(np.diff(key[order], prepend=-1))
-    count = np.diff(np.r_[start, len(key)])
-    mean = np.add.reduceat(points[order], start) / count[:, None]
-    share = np.add.reduceat(seen[order].astype(np.float32), start) / count[:, None]
-    keep = (count >= _PER_CUBE) & (share.max(1) > 0.4)
-    rows, number = np.nonzero(share[keep] > 0.4)
-    return mean[keep], np.split(number, np.searchsorted(rows, np.arange(1, keep.sum())))
+@dataclass(frozen=True)
+class Cubes:
+    """Points added up in the cubes of a grid, so that those of all photos never lie in memory together.
+
+    Attributes:
+        key: index of each cube in the grid, ascending, int64 [C, 3].
+        total: sum of its points, [C, 3].
+        count: number of its points, [C].
+        votes: how many of them each view saw, uint32 [C, V].
+    """
+
+    key: NDArray[np.int64]
+    total: NDArray[np.float64]
+    count: NDArray[np.int64]
+    votes: NDArray[np.unsignedinteger]
+
+    @classmethod
+    def of(cls, points: NDArray[np.float64], seen: NDArray[np.bool_], low: NDArray[np.float64], size: float) -> Cubes:
+        """Add up points [N, 3] in cubes of a size; ``seen``: which views saw each, bool [N, V]."""
+        key = np.floor((points - low) / size).astype(np.int64)
+        return cls(key, points, np.ones(len(points), np.int64), seen.view(np.uint8))._summed()
+
+    @classmethod
+    def joined(cls, parts: Sequence[Cubes]) -> Cubes:
+        """Add up cubes of one grid."""
+        whole = ([getattr(part, field.name) for part in parts] for field in fields(cls))
+        return cls(*map(np.concatenate, whole))._summed()
+
+    def _summed(self) -> Cubes:
+        """One entry for each cube."""
+        order = np.lexsort(self.key.T)
+        key = self.key[order]
+        start = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(1)][: len(key)])
+        if not len(start):
+            return replace(self, votes=self.votes.astype(np.uint32))
+        total, count = (np.add.reduceat(values[order], start) for values in (self.total, self.count))
+        return Cubes(key[start], total, count, np.add.reduceat(self.votes[order], start, dtype=np.uint32))
+
+    def means(self) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
+        """Mean points of cubes that hold enough, and the views that saw nearly half of each."""
+        share = (self.votes > _SEEN * self.count[:, None]) & (self.count >= _PER_CUBE)[:, None]
+        keep = share.any(1)
+        rows, number = np.nonzero(share[keep])
+        mean = self.total[keep] / self.count[keep, None]
+        return mean, np.split(number, np.searchsorted(rows, np.arange(1, keep.sum()))) if keep.any() else []
