@@ -78,7 +78,7 @@ def _draw_rows(layout: bpy.types.UILayout, rows: list[files.Row]) -> None:
     if not rows:
         return
     box = layout.box().column(align=True)
-    _draw_cells(box, (tr("mm"), tr("East"), tr("North"), tr("Height"), tr("px")), "BLANK1")
+    _draw_cells(box, (tr("mm"), tr("East"), tr("North"), tr("Up"), tr("px")), "BLANK1")
     for row in rows:
         values = [_number(1000 * v, "+.0f") for v in row.residual]
         icon = "ERROR" if row.note else "RADIOBUT_OFF" if row.role == "check" else "RADIOBUT_ON"

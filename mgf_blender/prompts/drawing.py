@@ -34,7 +34,7 @@ def draw() -> None:
     view = context.region.view2d
     if not overlay.job_knows(scene, photo):
         preview.notice(scene, photo)
-    if scene.mgf.show_mask:
+    if scene.mgf.show_mask and not scene.mgf.georef.marking:  # which needs the photo's own edges
         overlay.draw(scene, photo, view)
     scale = context.preferences.system.ui_scale
     width, height = space.image.size
