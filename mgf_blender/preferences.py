@@ -26,9 +26,9 @@ class MGF_Preferences(bpy.types.AddonPreferences):
 
     engine_source: bpy.props.EnumProperty(
         name="Engine",
-        description="Where the engine runs",
+        description="Environment of the engine",
         items=[
-            ("MANAGED", "Installed Here", "Use the environment that Install Engine makes"),
+            ("MANAGED", "Installed Here", "Use the environment made by Install Engine"),
             ("EXISTING", "Existing Environment", "Use a Python environment that has the engine already"),
         ],
         default="MANAGED",
@@ -36,7 +36,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
     )
     engine_path: bpy.props.StringProperty(
         name="Environment",
-        description="Folder of a virtual environment with the engine, or its Python program",
+        description="Virtual environment with the engine, or its Python executable",
         subtype="FILE_PATH",
         update=_other_engine,
     )
@@ -47,7 +47,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
     )
     torch_build: bpy.props.EnumProperty(
         name="Torch",
-        description="Which build of torch to install",
+        description="Build of torch to install",
         items=[
             ("AUTO", "Automatic", "The CUDA build where an NVIDIA driver is found, else the CPU build"),
             ("CPU", "CPU", "The small build without GPU support"),
@@ -57,13 +57,13 @@ class MGF_Preferences(bpy.types.AddonPreferences):
     )
     default_index: bpy.props.BoolProperty(
         name="Use the Configured Package Index",
-        description="Take torch from the package index this machine is configured for, whatever build that has",
+        description="Install torch from the package index configured on this machine, whichever build it offers",
         default=False,
     )
     install_weights: bpy.props.BoolProperty(
         name="EfficientSAM Weights (41 MB, Apache-2.0)",
-        description="Install the weights of EfficientSAM, too, which the paper draws its masks with; "
-        "the masks are drawn by a random walker without them",
+        description="Also install the weights of EfficientSAM, the paper's segmenter; without them a random walker "
+        "makes the masks",
         default=True,
     )
     install_survey: bpy.props.BoolProperty(
@@ -73,7 +73,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
     )
     weights_folder: bpy.props.StringProperty(
         name="Mask Weights",
-        description="Folder with the weights of the mask model; empty uses the engine's own cache folder",
+        description="Folder of the weights of the mask model; empty uses the engine's cache folder",
         subtype="DIR_PATH",
     )
 
@@ -106,7 +106,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         if there or left:
             row.operator("mgf.remove_engine", text="", icon="TRASH")
         if left and not operators.installing():
-            text = tr("An installation did not end; install again, or remove what is left of it")
+            text = tr("An installation was interrupted; install again, or remove what is left of it")
             draw_sentence(layout, text, "INFO")
         if not there and not self.wheel_folder and not bpy.app.online_access:
             layout.label(text="Online access is off: allow it or choose a wheel folder", icon="INFO")

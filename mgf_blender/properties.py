@@ -31,7 +31,7 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
     )
     photo_folder: bpy.props.StringProperty(
         name="Photo Folder",
-        description="Where the photos lie; searched near the model when empty",
+        description="Folder of the photos; searched near the model when empty",
         subtype="DIR_PATH",
         options=PATH,
     )
@@ -41,7 +41,7 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
     )  # fmt: skip
     job_folder: bpy.props.StringProperty(
         name="Job Folder",
-        description="Where the engine keeps its work and results; chosen beside the file when empty",
+        description="Folder for working files and results; beside the .blend file when empty",
         subtype="DIR_PATH",
         options=PATH,
     )
@@ -52,7 +52,7 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
     photo_index: bpy.props.IntProperty(name="Photo", description="The photo to click on", update=show_photo)
     show_mask: bpy.props.BoolProperty(name="Show Mask", description="Draw the mask over the photo", default=True)
     mask_opacity: bpy.props.FloatProperty(
-        name="Opacity", description="How strongly the mask covers the photo", default=0.45, min=0.0, max=1.0,
+        name="Opacity", description="Opacity of the mask over the photo", default=0.45, min=0.0, max=1.0,
         subtype="FACTOR",
     )  # fmt: skip
     auto_preview: bpy.props.BoolProperty(
@@ -60,16 +60,16 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
         default=False, update=_take_key,
     )  # fmt: skip
     part: bpy.props.StringProperty(
-        name="Part", description="What new clicks mark: the building, or a part of it such as window or door",
+        name="Part", description="Part that new clicks mark: the building, or for example window or door",
         default=BUILDING, search=lambda self, context, text: PARTS,
     )  # fmt: skip
     fit_render: bpy.props.BoolProperty(
         name="Fit Render to Camera",
-        description="Give the render the size and pixel aspect of the photo whenever the camera changes",
+        description="Set render size and pixel aspect to those of the photo when the camera changes",
         default=True,
     )
     import_when_done: bpy.props.BoolProperty(
-        name="Import When Done", description="Bring the results into the scene as soon as the job ends", default=True
+        name="Import When Done", description="Import the results when the job ends", default=True
     )
     figures: bpy.props.StringProperty(options={"HIDDEN"}, description="Figures of the imported job, as JSON")
 

@@ -208,7 +208,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 #: What a preset is, where the values that it sets would say little.
-PRESET_HELP = {"paper": "The method as the paper prints it, and nothing of ours: to compare with"}
+PRESET_HELP = {"paper": "The method exactly as in the paper, for comparison"}
 #: Option -> value it had in an earlier version -> value it has now; taken for one version, with a warning.
 RENAMED: dict[str, dict[str, str]] = {"segmenter": {"grabcut": "random_walker"}}
 _SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
@@ -294,7 +294,7 @@ def options_schema() -> dict[str, Any]:
 def renamed_values(given: dict[str, Any]) -> list[str]:
     """A sentence for each value that :data:`RENAMED` still takes."""
     return [
-        f"{name}={value} is called {name}={RENAMED[name][value]} now; the old value works in this version only."
+        f"{name}={value} has been renamed to {name}={RENAMED[name][value]}; the old value works in this version only."
         for name, value in given.items()
         if isinstance(value, str) and value in RENAMED.get(name, {})
     ]

@@ -170,7 +170,7 @@ def test_evaluate_leaves_a_part_of_the_truth_out(tmp_path: Path, triangle: str, 
 
 def test_evaluate_says_what_it_needs(triangle: str, capsys) -> None:
     for given, part in (
-        ([], "nothing to measure"),
+        ([], "Nothing to compare"),
         (["--scene", "x", "--picture", "a.png"], "compare with a true mesh"),
     ):
         assert main(["evaluate", triangle, *given]) == 2

@@ -64,5 +64,5 @@ def test_given_masks_without_a_place_in_common_are_refused(plain: PlainHouse, tm
         cv2.imwrite(str(given / view.name), sky)
     reporter = Reporter()
     reporter.stage("masks")
-    with pytest.raises(BadInput, match="nothing in common"):
+    with pytest.raises(BadInput, match="no common volume"):
         build_masks(plain.scene, None, given, tmp_path / "masks", make_config(), reporter)

@@ -55,7 +55,7 @@ def engine_python() -> Path:
     if not python.is_file():
         if unfinished(managed_environment()).exists():
             raise UserError(
-                "The engine's installation did not end; press Install Engine in the preferences to repeat it."
+                "The engine's installation was interrupted; press Install Engine in the preferences to repeat it."
             )
         raise UserError("The engine is not installed; press Install Engine in the preferences of the add-on.")
     return python

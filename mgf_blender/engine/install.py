@@ -136,7 +136,7 @@ def _steps(plan: Plan) -> list[Step]:
                "-c", str(plan.constraints)]  # fmt: skip
     folder = ["--no-index", "--find-links", str(plan.wheel_folder)] if plan.wheel_folder is not None else []
     return [
-        Step(N_("Making the environment"), [str(plan.python), "-I", "-m", "venv", "--clear", str(place)], 0.5),
+        Step(N_("Creating the environment"), [str(plan.python), "-I", "-m", "venv", "--clear", str(place)], 0.5),
         # torch alone from the index of its builds: with a second index beside it, pip takes the gigabytes of CUDA
         # from there when the first does not answer. What torch needs comes with the engine.
         Step(N_("Installing torch"), [*install, *(folder or _torch_index(plan)), "--no-deps", "torch"], 6),
@@ -182,7 +182,7 @@ def explain(step: Step, lines: list[str]) -> str:
     if "No space left on device" in output or "not enough space" in output:
         return tr("The disk is full; free some space and install again.")
     if any(sign in output for sign in _PATH_TOO_LONG):
-        return tr("A file's path is too long; switch long paths on in Windows and install again.")
+        return tr("A file's path is too long; enable long paths in Windows and install again.")
     if any(sign in output for sign in _NO_NETWORK):
         if _TORCH_INDEX in " ".join(step.command):
             return tr("The index of torch's builds ({url}) cannot be reached, and other indexes have other builds; "
@@ -228,7 +228,7 @@ def check_length(target: str) -> None:
     excess = len(target) + len("\\Lib\\site-packages\\") + _LONGEST_NAME - _LONGEST_PATH
     if excess > 0:
         raise UserError(
-            "The path '{folder}' is {count} letter(s) too long for the engine on Windows; switch long paths on in "
+            "The path '{folder}' is {count} character(s) too long for the engine on Windows; enable long paths in "
             "Windows (LongPathsEnabled), or use an existing environment in a shorter folder.",
             folder=target,
             count=excess,

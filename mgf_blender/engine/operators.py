@@ -88,7 +88,7 @@ class _ReplacesEngine(_EngineOperator):
 
 
 class MGF_OT_install_engine(_ReplacesEngine):
-    """Make an environment for the engine and install it there with its pinned packages"""
+    "Create a virtual environment and install the engine with its pinned packages"
 
     bl_idname = "mgf.install_engine"
     bl_label = "Install Engine"
@@ -106,7 +106,7 @@ class MGF_OT_install_engine(_ReplacesEngine):
 
 
 class MGF_OT_check_engine(_EngineOperator):
-    """Ask the engine for its versions, device and kernel variant"""
+    "Show versions, device and kernel variant of the engine"
 
     bl_idname = "mgf.check_engine"
     bl_label = "Check Engine"
@@ -163,7 +163,7 @@ class MGF_OT_cancel_engine_task(Operator):
 
 
 class MGF_OT_remove_engine(_ReplacesEngine):
-    """Delete the environment that Install Engine made"""
+    "Delete the environment of the installed engine"
 
     bl_idname = "mgf.remove_engine"
     bl_label = "Remove Engine"

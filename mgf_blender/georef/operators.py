@@ -120,7 +120,7 @@ class MGF_OT_next_marked_photo(Operator):
     bl_label = "Next Photo with Point"
     bl_options = {"REGISTER", "UNDO"}
 
-    step: bpy.props.IntProperty(name="Step", description="How many photos to go on", default=1)
+    step: bpy.props.IntProperty(name="Step", description="Number of photos to advance", default=1)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

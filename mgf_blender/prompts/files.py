@@ -60,7 +60,7 @@ def read(path: Path) -> dict[str, list[tuple[float, float, bool, str]]]:
         return {str(name): list(_clicks(entry)) for name, entry in data.items()}
     except (AttributeError, TypeError, ValueError) as error:
         raise UserError(
-            "'{path}' is no prompts file; it should map photos to lists of positive and negative points.", path=path
+            "'{path}' is not a prompts file; it should map photos to lists of positive and negative points.", path=path
         ) from error
 
 

@@ -18,7 +18,7 @@ from .properties import active_photo, photo_image
 
 
 class MGF_OT_mark_building(Operator):
-    """Show the photos to click on in an Image Editor, with the point tool ready"""
+    "Open the photos to mark in an Image Editor, with the point tool active"
 
     bl_idname = "mgf.mark_building"
     bl_label = "Mark Building"
@@ -54,7 +54,7 @@ class MGF_OT_next_photo(Operator):
     bl_label = "Next Photo"
     bl_options = {"REGISTER", "UNDO"}
 
-    step: bpy.props.IntProperty(name="Step", description="How many photos to go on", default=1)
+    step: bpy.props.IntProperty(name="Step", description="Number of photos to advance", default=1)
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -127,7 +127,7 @@ class MGF_OT_clear_clicks(Operator):
 
 
 class MGF_OT_import_prompts(FileOperator):
-    """Read points from a prompts.json file; they replace those of the same photos"""
+    "Import points from a prompts.json file; they replace those of the same photos"
 
     bl_idname = "mgf.import_prompts"
     bl_label = "Import Prompts"
@@ -174,7 +174,7 @@ class MGF_OT_export_prompts(FileOperator):
 
 
 class MGF_OT_preview_mask(Operator):
-    """Show within seconds what the points of this photo alone mark as the building"""
+    "Preview the mask that the points of this photo alone give, within seconds"
 
     bl_idname = "mgf.preview_mask"
     bl_label = "Preview Mask"
@@ -210,7 +210,7 @@ class MGF_OT_cancel_preview(Operator):
 
 
 class MGF_OT_find_masks(JobOperator):
-    """Find the building in all photos with the points so far; the work is kept for the reconstruction"""
+    "Make the masks of all photos from the points so far; the reconstruction reuses them"
 
     bl_idname = "mgf.find_masks"
     bl_label = "Find Masks in All Photos"

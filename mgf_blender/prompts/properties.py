@@ -16,7 +16,7 @@ class MGF_PG_click(bpy.types.PropertyGroup):
     uv: bpy.props.FloatVectorProperty(name="Pixel", description="Position in pixels from the top left", size=2)
     negative: bpy.props.BoolProperty(name="Negative", description="The point is not on the building")
     part: bpy.props.StringProperty(
-        name="Part", description="The part of the building that the point marks", default=BUILDING
+        name="Part", description="Part of the building that the point marks", default=BUILDING
     )
 
 

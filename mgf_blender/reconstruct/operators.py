@@ -45,7 +45,7 @@ class JobOperator(Operator):
 
 
 class MGF_OT_reconstruct(JobOperator):
-    """Start the engine on the photos; the mesh comes into the scene when it is done"""
+    "Reconstruct the building; the mesh is imported when the job ends"
 
     bl_idname = "mgf.reconstruct"
     bl_label = "Reconstruct Building"
@@ -89,7 +89,7 @@ class MGF_OT_resume(JobOperator):
 
 
 class MGF_OT_cancel_job(Operator):
-    """Ask the job to stop; what it has done stays and can be resumed"""
+    "Stop the job; finished work is kept, and Resume continues it"
 
     bl_idname = "mgf.cancel_job"
     bl_label = "Cancel"
@@ -149,14 +149,14 @@ class MGF_OT_import_sfm(Operator):
 
 
 class MGF_OT_show_preview(Operator):
-    """Show the newest picture of the job in an Image Editor: the masks, then a photo beside its render in training"""
+    "Show the latest picture of the job in an Image Editor: the masks, or a photo beside its render during training"
 
     bl_idname = "mgf.show_preview"
     bl_label = "Show Preview"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(preview_image.NAME in bpy.data.images, "The job has shown nothing yet")
+        return cls.needs(preview_image.NAME in bpy.data.images, "The job has no picture yet")
 
     def run(self, context: bpy.types.Context) -> None:
         show_image(context, bpy.data.images[preview_image.NAME])

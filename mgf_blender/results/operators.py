@@ -30,7 +30,7 @@ class _NeedsJob(Operator):
 
 
 class MGF_OT_import_result(FileOperator):
-    """Bring mesh and renders of the job into the scene; replaces only what an earlier import made"""
+    "Import mesh and renders of the job; replaces only the objects of an earlier import"
 
     bl_idname = "mgf.import_result"
     bl_label = "Import Result"
@@ -75,7 +75,7 @@ class MGF_OT_import_result(FileOperator):
 
 
 class MGF_OT_import_field(_NeedsJob):
-    """Bring the Gaussian field in as colored points"""
+    "Import the Gaussian field as colored points"
 
     bl_idname = "mgf.import_field"
     bl_label = "Import Field as Points"
@@ -90,7 +90,7 @@ class MGF_OT_import_field(_NeedsJob):
 
 
 class MGF_OT_show_in_camera(Operator):
-    """Choose what the camera shows: its photo, the render, the error between them, or the mesh before the photo"""
+    "Show photo, render, error map, or mesh over photo in the camera view"
 
     bl_idname = "mgf.show_in_camera"
     bl_label = "Show in Camera"
@@ -98,11 +98,11 @@ class MGF_OT_show_in_camera(Operator):
 
     kind: bpy.props.EnumProperty(
         name="Show",
-        description="What the camera shows",
+        description="Content of the camera view",
         items=[
             ("PHOTO", "Photo", "The photo alone"),
-            ("RENDER", "Render", "The rendering of the trained field"),
-            ("ERROR", "Error", "Where photo and render differ"),
+            ("RENDER", "Render", "Render of the trained field"),
+            ("ERROR", "Error", "Difference between photo and render"),
             ("MESH", "Mesh", "The mesh, with the photo behind it"),
         ],
     )
@@ -122,7 +122,7 @@ class MGF_OT_show_in_camera(Operator):
 
 
 class MGF_OT_paint_mesh(Operator):
-    """Choose what the mesh is painted with, in the viewport and in renders"""
+    "Set the colors of the mesh in the viewport and in renders"
 
     bl_idname = "mgf.paint_mesh"
     bl_label = "Paint Mesh"
@@ -130,12 +130,12 @@ class MGF_OT_paint_mesh(Operator):
 
     kind: bpy.props.EnumProperty(
         name="Paint",
-        description="What the colors of the mesh show",
+        description="Content of the mesh colors",
         items=[
-            ("TEXTURE", "Texture", "The texture made of the photos, in their full detail"),
-            ("COLOR", "Colors", "The colors of the photos"),
-            ("CONFIDENCE", "Confidence", "How far each spot can be trusted, from violet (guessed) to yellow (certain)"),
-            ("VIEWS", "Views", "How many photos show each spot, from violet (none) to yellow (most)"),
+            ("TEXTURE", "Texture", "Texture from the photos at full size"),
+            ("COLOR", "Colors", "Colors of the photos"),
+            ("CONFIDENCE", "Confidence", "Confidence of the mesh, from violet (low) to yellow (high)"),
+            ("VIEWS", "Views", "Number of photos that show each vertex, from violet (none) to yellow (most)"),
         ],
         default="COLOR",
     )
@@ -172,7 +172,7 @@ class MGF_OT_export_field(_NeedsJob, FileOperator):
 
 
 class MGF_OT_remove_old_runs(Operator):
-    """Delete what earlier runs of the job left, but what this file shows; other files that show them lose textures"""
+    "Delete results of earlier runs, except those this file shows; other files that show them lose their textures"
 
     bl_idname = "mgf.remove_old_runs"
     bl_label = "Remove Old Runs"

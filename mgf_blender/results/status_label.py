@@ -10,6 +10,6 @@ from . import async_import
 def draw_waiting(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The state of an import that is not part of a job shown elsewhere."""
     if async_import.under_way(scene):
-        draw_sentence(layout, tr("Bringing the results in"), "SORTTIME")
+        draw_sentence(layout, tr("Importing the results"), "SORTTIME")
     elif async_import.problem(scene):
         draw_sentence(layout, async_import.problem(scene), "ERROR")

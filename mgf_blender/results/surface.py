@@ -57,7 +57,7 @@ def show(mesh: bpy.types.Mesh, kind: str) -> None:
     """
     if kind not in available(mesh):
         if kind == "TEXTURE":
-            raise UserError("The mesh has no texture; switch the option Texture on and run the job again.")
+            raise UserError("The mesh has no texture; enable the option Texture and run the job again.")
         raise UserError(
             "The mesh carries no {kind}; run the job again with this version of the engine.", kind=kind.lower()
         )
@@ -85,7 +85,7 @@ def _show_colors(mesh: bpy.types.Mesh, kind: str) -> None:
 def scale_text(mesh: bpy.types.Mesh, kind: str) -> str:
     """What the ends of the ramp mean, for the panel; hues, because the viewport's light makes bright spots dark."""
     if kind == "CONFIDENCE":
-        return tr("Violet: guessed, yellow: certain")
+        return tr("Violet: low, yellow: high")
     return tr("Violet: no photo, yellow: {count:.0f} or more", count=mesh.get("mgf_top_views", 1.0))
 
 

@@ -102,7 +102,7 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
     found = {s.image.get(IMAGE_KEY): s.image for s in camera.data.background_images if s.image is not None}
     if not {"photo", "render"} <= set(found):
         raise UserError(
-            "'{name}' has no render to compare with its photo; switch Render All on and run the job again.",
+            "'{name}' has no render to compare with its photo; enable Render All and run the job again.",
             name=camera.name,
         )
     if found["render"].has_data and not found["render"].is_dirty:

@@ -46,7 +46,7 @@ class MGF_OT_import_colmap(FileOperator):
     )
     replace: bpy.props.BoolProperty(
         name="Replace Earlier Import",
-        description="Replace what an earlier import made; other objects stay",
+        description="Replace the objects of an earlier import; other objects are kept",
         default=True,
     )
 
@@ -65,7 +65,7 @@ class MGF_OT_import_colmap(FileOperator):
 
 
 class MGF_OT_reload_scene(Operator):
-    """Import the source again; replaces only what the add-on made"""
+    "Import the source again; replaces only the add-on's own objects"
 
     bl_idname = "mgf.reload_scene"
     bl_label = "Import Again"
@@ -86,7 +86,9 @@ class MGF_OT_look_through(_NeedsScene):
     bl_label = "Look Through Camera"
     bl_options = {"REGISTER", "UNDO"}
 
-    step: bpy.props.IntProperty(name="Step", description="How many photos to go on from the active camera", default=0)
+    step: bpy.props.IntProperty(
+        name="Step", description="Number of photos to advance from the active camera", default=0
+    )
 
     def run(self, context: bpy.types.Context) -> None:
         tree = Tree.find(context.scene)
@@ -145,7 +147,7 @@ class MGF_OT_set_scale(_NeedsScene):
 
 
 class MGF_OT_set_up_axis(_NeedsScene):
-    """Choose which direction of the scene points up"""
+    "Set the direction of the scene that points up"
 
     bl_idname = "mgf.set_up_axis"
     bl_label = "Set Up Axis"
@@ -179,7 +181,7 @@ class MGF_OT_set_up_axis(_NeedsScene):
 
 
 class MGF_OT_add_crop_box(_NeedsScene):
-    """Put a box around the points; only what lies in it is meshed. Move, turn and scale it as any object"""
+    "Add a box around the points; only its inside is meshed. Move, rotate and scale it like any object"
 
     bl_idname = "mgf.add_crop_box"
     bl_label = "Add Crop Box"

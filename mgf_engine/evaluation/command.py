@@ -74,7 +74,7 @@ def evaluate_command(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     if args.truth is None and args.scene is None:
-        raise BadInput("There is nothing to measure the mesh by; give --truth MESH, --scene FOLDER or both.")
+        raise BadInput("Nothing to compare the mesh with; give --truth MESH, --scene FOLDER or both.")
     if args.truth is None and (args.picture or args.leave_out or args.align != "none"):
         raise BadInput("--picture, --leave-out and --align compare with a true mesh; give --truth MESH, too.")
     if not 1 <= args.photo_size <= 100_000:

@@ -37,10 +37,10 @@ def check_card() -> int:
     seconds = time.perf_counter() - started
     if failed:
         withdraw(found)
-        print(f"Problem: The card did not pass: {'; '.join(failed)}. '--device auto' stays on the CPU.")
+        print(f"Problem: The card did not pass: {'; '.join(failed)}. '--device auto' keeps using the CPU.")
         return EXIT_FAULT
     approve(found)
-    print(f"The card passed in {seconds:.0f} s; '--device auto' takes it from now on.")
+    print(f"The card passed in {seconds:.0f} s; '--device auto' uses it from now on.")
     return EXIT_DONE
 
 

@@ -58,7 +58,7 @@ def start_field(
         try:
             parts = _on_surface(scene, masks, views, limit, config, folder, reporter)
         except BadInput as error:
-            reporter.warning(f"There is no starting surface, training starts from points alone. {error}")
+            reporter.warning(f"No starting surface could be made; training starts from points. {error}")
     if not parts:
         parts = [_sparse(scene, masks, config)]
         if config.start != "sparse":

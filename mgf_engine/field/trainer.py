@@ -178,7 +178,7 @@ class _Trainer:
             grow = config.densify_from <= share < config.densify_until
             refine(self.optimiser, self.stats, keep, budget, config, grow)
             if len(self.optimiser.field) == 0:
-                raise BadInput("The field has died out: no Gaussian explains the masks; check the masks and cameras.")
+                raise BadInput("All Gaussians were pruned: none explains the masks; check the masks and the cameras.")
             self._update_filter(self.optimiser.field)
             self.stats = RenderStats.zeros(len(self.optimiser.field), self.device)
 

@@ -212,8 +212,8 @@ def _check_clicks(clicks: Prompts, masks: MaskSet) -> None:
         count += len(photo.positive)
     if 2 * held < count:
         raise BadInput(
-            f"The masks miss {count - held} of the {count} clicks on the building, so they show something else (the "
-            "contact sheet shows what); click it in more photos, and what is not the building beside it."
+            f"The masks miss {count - held} of the {count} clicks on the building. Check the contact sheet, "
+            "then add clicks on the building and beside it in more photos."
         )
 
 

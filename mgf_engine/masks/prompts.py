@@ -85,8 +85,8 @@ def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], 
     unplaced = [name for name in data if name not in left_out and _is_unplaced(name, scene)]
     if unplaced:
         warn(
-            f"{len(unplaced)} of {len(data)} photos with clicks are not in the COLMAP model "
-            f"(first: '{unplaced[0]}'); their clicks are passed over."
+            f"{len(unplaced)} of {len(data)} photos with clicks are not in the COLMAP model (first: "
+            f"'{unplaced[0]}'); their clicks are ignored."
         )
     for name, entry in data.items():
         if name in left_out or name in unplaced:
@@ -209,7 +209,9 @@ def _read_points(values: Any, view: View, where: str) -> Points:
             )
     points = from_original(view, np.array(values, np.float64).reshape(-1, 2))
     if not np.isfinite(points).all():
-        raise BadInput(f"{_upper(where)} holds a click beyond what the lens shows; click nearer the photo's centre.")
+        raise BadInput(
+            f"{_upper(where)} holds a click outside the field of view of the lens; click nearer the photo's centre."
+        )
     return np.clip(points, 0, (view.width - 1e-3, view.height - 1e-3))
 
 

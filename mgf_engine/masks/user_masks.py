@@ -56,7 +56,7 @@ def _read_one(folder: Path, view: View) -> NDArray[np.uint8] | None:
     try:
         size = png_size(path.read_bytes())
     except OSError as error:
-        raise BadInput(f"The mask '{path}' cannot be read ({error.strerror}); check its rights.") from error
+        raise BadInput(f"The mask '{path}' cannot be read ({error.strerror}); check its permissions.") from error
     if size is not None and size not in (original, working):
         raise BadInput(
             f"The mask '{path}' has {size[0]} x {size[1]} pixels, but its photo has {original[0]} x {original[1]}; "

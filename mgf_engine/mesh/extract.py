@@ -212,7 +212,7 @@ def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:
     """
     near = box.contains(gaussians.positions.detach().double().numpy(), BESIDE_BOX)
     if not near.any():
-        raise BadInput("No Gaussian lies in the crop box; make it larger or move it over the building.")
+        raise BadInput("No Gaussian lies in the crop box; enlarge it or move it over the building.")
     return gaussians.select(torch.from_numpy(near))
 
 
@@ -302,8 +302,8 @@ def of_the_clicked(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter)
         return mesh
     areas = clean.face_areas(mesh)
     reporter.warning(
-        f"Part of the mesh ({areas[~kept].sum() / areas.sum():.1%} of it) stands apart from all that was clicked "
-        "and was left out; if it is the building, click it, too."
+        f"A part of the mesh ({areas[~kept].sum() / areas.sum():.1%} of it) is apart from everything that was "
+        "clicked and was removed; if it belongs to the building, click it as well."
     )
     return clean.with_faces(mesh, mesh.faces[kept])
 
@@ -338,5 +338,5 @@ def trimmed(mesh: Mesh, config: Config, box: CropBox | None = None) -> Mesh:
     if box is not None:
         mesh = clip(mesh, box.planes())
         if len(mesh.faces) == 0:
-            raise BadInput("No surface lies in the crop box; make it larger or move it over the building.")
+            raise BadInput("No surface lies in the crop box; enlarge it or move it over the building.")
     return cap_rims(mesh) if config.close_bottom else mesh

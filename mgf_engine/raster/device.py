@@ -63,8 +63,8 @@ def choose_device(wanted: str) -> Choice:
         return Choice(torch.device("cpu"), f"Device: CPU. {error}", torch.cuda.is_available())
     if wanted == "auto" and not is_approved(found):
         text = (
-            f"Device: CPU. A card was found, {found.name}: 'mgf doctor --card' checks it in a minute, then auto takes "
-            "it; '--device cuda' takes it unchecked."
+            f"Device: CPU. Found the card {found.name}: run 'mgf doctor --card' (a minute) so that auto uses it, "
+            "or use it unchecked by '--device cuda'."
         )
         return Choice(torch.device("cpu"), text, surprising=True)
     memory = f"{found.memory / 2**30:.0f} GiB"

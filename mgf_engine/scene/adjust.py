@@ -54,9 +54,9 @@ def agreeing(model: SparseModel, resolution: int, reporter: Reporter) -> SparseM
         return model
     change = max(abs(new.params[0] / model.cameras[i].params[0] - 1) for i, new in adjusted.cameras.items())
     reporter.warning(
-        f"Cameras and points of the COLMAP model disagreed by {before:.1f} pixels of the working photos and were "
-        f"adjusted; {after:.1f} are left, and focal lengths changed by up to {change:.0%}. A model "
-        "built anew from the photos, with the right lens, would be surer."
+        f"The COLMAP model had a reprojection error of {before:.1f} working pixels; bundle adjustment reduced it "
+        f"to {after:.1f} and changed focal lengths by up to {change:.0%}. Building it again with the right "
+        "camera model would be safer."
     )
     return adjusted
 

@@ -103,8 +103,8 @@ def _load(
         unplaced = sorted(set(names) - {image.name for image in model.images})
         if unplaced:
             reporter.warning(
-                f"{len(unplaced)} of {len(names)} photos could not be placed and are left out; "
-                "photos taken closer together, with more overlap, would help."
+                f"{len(unplaced)} of {len(names)} photos could not be registered and are left out; photos taken "
+                "closer together, with more overlap, would help."
             )
     else:
         model = agreeing(read_model(model_folder), config.resolution, reporter)

@@ -133,7 +133,7 @@ def original_photo(view: View) -> NDArray[np.uint8]:
         raise BadInput("The job's scene was made by an earlier version and does not say where its photos are.")
     image = _turned(Path(view.photo), view.orientation)
     if image.shape[:2] != (view.original_height, view.original_width):
-        raise BadInput(f"The photo '{view.photo}' is not the one the job began with; put that one back.")
+        raise BadInput(f"The photo '{view.photo}' has changed since the job began; put the original back.")
     return image
 
 

@@ -117,13 +117,13 @@ def poor_photos(quality: Quality) -> list[str]:
     noise, sharpness = _median(quality.noise), _median(quality.sharpness)
     if noise > NOISY:
         found.append(
-            f"The photos are noisy ({noise:.0f} of 255 grey values at their working size): the mesh will be rough and "
-            "lose detail; take them in more light or with a lower ISO."
+            f"The photos are noisy ({noise:.0f} of 255 grey values at working resolution); the mesh will be rough "
+            "and lose detail. Take them in more light or with a lower ISO."
         )
     if sharpness < BLURRED:
         found.append(
-            "The photos are blurred over three pixels or more of their working size: the mesh will lose detail; take "
-            "them again with a shorter exposure and in focus."
+            "The photos are blurred by three pixels or more at working resolution; the mesh will lose detail. Take "
+            "them again in focus, with a shorter exposure."
         )
     return found
 

@@ -51,8 +51,8 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter,
         scene = keep_points(scene, ~stray)
         if share > 0.05:
             reporter.warning(
-                f"{share:.0%} of the sparse points are not where the photos see them and are left out; "
-                "building the COLMAP model again would give better ones."
+                f"{share:.0%} of the sparse points have large reprojection errors and are left out; build the "
+                "COLMAP model again for better ones."
             )
     scene = _without_foreign(scene, observed_colors(scene, folder, threads).mean(1), every, reporter)
     quality = photo_quality(scene, folder, threads)
@@ -67,13 +67,13 @@ def _without_foreign(scene: Scene, brightness: Array, every: int, reporter: Repo
     uncertain = others < FAMILIAR or len(foreign) > MOST_FOREIGN * len(scene.views)
     if (foreign and uncertain) or (not foreign and usual_likeness(brightness, scene) < FAMILIAR):
         reporter.warning(
-            "The photos show the same points in very different brightness: shadows that moved, clipped exposures or "
-            "photos of another place; leave out those that differ."
+            "The photos show the same points at very different brightness: moving shadows, clipped exposure or "
+            "photos of another place. Remove the photos that differ."
         )
     elif foreign:
         reporter.warning(
-            f"{len(foreign)} of {len(scene.views)} photos do not show what the COLMAP model saw in them and are left "
-            f"out ({_names(scene, foreign)}); check whether they are of another place."
+            f"{len(foreign)} of {len(scene.views)} photos do not match the COLMAP model and are left out "
+            f"({_names(scene, foreign)}); check whether they show another place."
         )
         return drop_views(scene, foreign, every)
     return scene
@@ -175,7 +175,7 @@ def keep_points(scene: Scene, keep: NDArray[np.bool_]) -> Scene:
         BadInput: none is left.
     """
     if not keep.any():
-        raise BadInput("No sparse point is left that the photos agree on; build the COLMAP model again.")
+        raise BadInput("No sparse point with a small reprojection error is left; build the COLMAP model again.")
     kept = np.repeat(keep, np.diff(scene.track_start))
     lengths = np.diff(scene.track_start)[keep]
     return replace(
@@ -215,26 +215,26 @@ def weaknesses(scene: Scene) -> list[str]:
     median = float(np.median(errors)) if len(errors) else 0.0
     if median > UNSTEADY:
         found.append(
-            f"Cameras and points of the COLMAP model disagree by {median:.1f} pixels of the working photos, so the "
-            "mesh will be inaccurate, and adjusting them did not help; build the model anew with the right lens."
+            f"The COLMAP model has a reprojection error of {median:.1f} working pixels, and bundle adjustment did "
+            "not help; the mesh will be inaccurate. Build the model again with the right camera model."
         )
     spacing = degrees_apart(scene)
     if spacing > SPACING or len(scene.views) < FEW_PHOTOS:
         found.append(
-            f"There are {len(scene.views)} photos, {spacing:.0f} degrees apart as seen from the building: the mesh "
-            "will have holes and errors of depth; photos 5 to 15 degrees apart do better."
+            f"There are only {len(scene.views)} photos, {spacing:.0f} degrees apart seen from the building: "
+            "expect holes and depth errors. Photos 5 to 15 degrees apart would help."
         )
     seen = float(np.median(np.bincount(scene.track_view, minlength=len(scene.views))))
     if seen < FEW_POINTS:
         found.append(
-            f"Half of the photos see fewer than {seen + 1:.0f} sparse points, which say where things stand: masks and "
-            "mesh will be poor; build the COLMAP model again with more features, or from sharper photos."
+            f"Half of the photos see fewer than {seen + 1:.0f} sparse points; masks and mesh will be poor. Build "
+            "the COLMAP model again with more features or from sharper photos."
         )
     around = degrees_around(scene)
     if around < ONE_SIDED:
         found.append(
-            f"The photos stand within {around:.0f} degrees around the building; sides that no photo shows will be "
-            "missing or made up."
+            f"The photos cover only {around:.0f} degrees around the building; the other sides will be missing or "
+            "interpolated."
         )
     return found
 

@@ -143,7 +143,7 @@ def _check_camera(camera: SparseCamera, folder: Path) -> None:
     if not (0 < camera.width <= _LARGEST_SIDE and 0 < camera.height <= _LARGEST_SIDE):
         raise BadInput(f"{where} has the size {camera.width} x {camera.height}; export the COLMAP model again.")
     if camera.model in _NOT_PLANAR:
-        raise BadInput(f"{where} is {camera.model}, which has no picture plane; cut perspective views from it first.")
+        raise BadInput(f"{where} is {camera.model}, which has no image plane; cut perspective views from it first.")
     if not np.isfinite(camera.params).all():
         raise BadInput(f"{where} has parameters that are not finite; export the COLMAP model again.")
     focal = camera.params[: 1 if _single_focal(camera.model) else 2]

@@ -82,7 +82,7 @@ def start_surface(
     with times.part("cut"):
         mesh, bits = cut_surface(views, evidence, options.cut, reporter.check)
     if not len(mesh.faces):
-        raise BadInput("The masks and photos leave no surface to start from; check the masks and the cameras.")
+        raise BadInput("Masks and photos give no starting surface; check the masks and the cameras.")
     first = np.array([views.indices[s[0]] for s in seen], np.int64)
     return StartSurface(mesh, _sure(bits, evidence.strength), dense, first, views.pixel)
 

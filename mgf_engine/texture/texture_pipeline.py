@@ -58,8 +58,9 @@ def make_texture(
     )  # fmt: skip
     if originals.gone:
         warn(
-            f"{len(originals.gone)} of {len(views)} photos cannot be read any more (first: {originals.gone[0]}); "
-            "their smaller working copies paint the texture. Put them back and run again for a sharper one."
+            f"{len(originals.gone)} of {len(views)} photos cannot be read any more (first: "
+            f"{originals.gone[0]}); the texture uses their smaller working copies. Put the photos back and run "
+            "again for a sharper texture."
         )
     log.info(
         "texture: %d x %d, %.2f pixels per working pixel, %d photos, %.1f %% of the faces without",

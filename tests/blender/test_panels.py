@@ -160,7 +160,7 @@ def test_results_on_their_way_and_broken(addon, engine, house):
     addon.job_folder = str(house.job)
     (house.job / "mesh.ply").write_bytes(b"solid")
     async_import.begin(bpy.context.scene, house.job)
-    assert "Bringing the results in" in draw(MGF_PT_results).said
+    assert "Importing the results" in draw(MGF_PT_results).said
     while async_import.pump():
         time.sleep(0.005)
     assert "not a PLY file" in " ".join(draw(MGF_PT_results).said.split())
@@ -195,9 +195,9 @@ def test_preferences(addon, engine, source, monkeypatch):
     assert said().index("Everything a job needs") < said().index("2.13.0")  # the verdict comes first
     preferences._other_engine(None, bpy.context)
     assert "2.13.0" not in said()  # said of the engine before
-    task = Task([Step("Making the environment", ["false"])], engine_operators.log_path(), lambda s, t: "It failed.")
+    task = Task([Step("Creating the environment", ["false"])], engine_operators.log_path(), lambda s, t: "It failed.")
     monkeypatch.setattr(engine_operators, "_task", task)
-    assert "Making the environment" in said()
+    assert "Creating the environment" in said()
     task.run()
     assert "It failed." in said()
     task.status, task.text = "CANCELLED", "Cancelled; the engine from before is kept."

@@ -29,4 +29,4 @@ def test_plain_walls_are_spoken_of(source: Path, tmp_path: Path, level: float, p
     masks = build_masks(scene, None, folder / "masks", tmp_path / "job/masks", config, messages.reporter)
     share = plain_share(scene, masks)
     assert (share > PLAIN) == plain, share
-    assert any("of the building is plain" in text for text in messages.warnings) == plain
+    assert any("of the building has neither texture" in text for text in messages.warnings) == plain

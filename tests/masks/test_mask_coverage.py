@@ -52,7 +52,7 @@ def test_sound_masks_are_left_as_they_are(source: Path, tmp_path: Path, scene: S
     [
         ("masks_eroded", 25, "cut off parts of the building"),
         ("masks_holes", 0.2, "fill their holes"),
-        ("masks_dilated", 25, "take in more than the building"),
+        ("masks_dilated", 25, "include more than the building"),
     ],
 )
 def test_masks_that_do_not_fit_are_spoken_of(

@@ -148,7 +148,7 @@ def test_a_neighbour_in_the_masks_that_nobody_clicked_goes_and_is_spoken_of():
         mesh = extract_mesh(field, scene, replace(masks, clicks=tuple(clicks)), config, reporter(said.append))
         assert reach - 0.3 < mesh.vertices[:, 0].max() < reach
     (warning,) = [m["text"] for m in said if m["type"] == "warning"]
-    assert "apart from all that was clicked" in warning
+    assert "apart from everything that was clicked" in warning
 
 
 def test_face_count_is_kept():

@@ -330,7 +330,7 @@ def test_a_zero_quaternion_is_no_pose(tmp_path: Path) -> None:
 def test_spherical_cameras_are_refused(tmp_path: Path) -> None:
     write_model(reconstruction(), tmp_path, ".txt")
     (tmp_path / "cameras.txt").write_text("1 EQUIRECTANGULAR 160 120 160 120\n")
-    with pytest.raises(BadInput, match="no picture plane"):
+    with pytest.raises(BadInput, match="no image plane"):
         read_model(tmp_path)
 
 

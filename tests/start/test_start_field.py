@@ -42,5 +42,5 @@ def test_without_a_surface_it_says_so_and_starts_from_points(plain_house: PlainH
     with pytest.raises(BadInput, match="0 points lie on the building"):
         masks = replace(plain_house.masks, labels=empty)
         start_field(plain_house.scene, masks, list(range(16)), make_config(), tmp_path, reporter)
-    assert any("no starting surface" in text for text in reporter.warnings)
+    assert any("No starting surface" in text for text in reporter.warnings)
     assert not (tmp_path / FILE).exists()

@@ -114,7 +114,7 @@ def test_masks_with_nothing_in_common_are_one_sentence(plain_house: PlainHouse) 
     for k, label in enumerate(plain_house.masks.labels):
         labels.append(np.zeros_like(label))
         labels[-1][(k * 37) % 170 : (k * 37) % 170 + 6, (k * 53) % 230 : (k * 53) % 230 + 6] = 1
-    with pytest.raises(BadInput, match="nothing in common"):
+    with pytest.raises(BadInput, match="no common volume"):
         start_surface(plain_house.scene, replace(plain_house.masks, labels=tuple(labels)), range(16), Reporter(), 2)
 
 

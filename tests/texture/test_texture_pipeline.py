@@ -131,7 +131,7 @@ def test_a_photo_that_was_replaced_by_another_is_not_painted_with(house: House, 
     warnings: list[str] = []
     mesh = in_frame(scene, house.mesh)
     texture = make_texture(mesh, scene, masks_of(scene, house), 512, warnings.append)
-    assert len(warnings) == 1 and "is not the one the job began with" in warnings[0]
+    assert len(warnings) == 1 and "has changed since the job began" in warnings[0]
     assert texture.image.mean() > 40
 
 

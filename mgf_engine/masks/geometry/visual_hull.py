@@ -39,8 +39,8 @@ def hull_cells(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[NDAr
         found = cells[_on_building(cells, scene, masks, views, size)]
         if not len(found):
             raise BadInput(
-                "The masks of the photos have nothing in common: no place in space lies inside most of them; "
-                "check the masks, the clicks and the cameras."
+                "The masks have no common volume: no point in space lies inside most of them; check the masks, the "
+                "clicks and the cameras."
             )
         low, high = found.min(0) - 2 * size, found.max(0) + 2 * size
     return found, size

@@ -150,17 +150,17 @@ class _Work:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
         evidence = on_points(self.graph, index, self.original[index])
         if evidence and clicked_elsewhere(index, doubts, self.original):
-            return f"'{name}' seems to be clicked on another building; its clicks {spots} were left out."
+            return f"'{name}' seems to be clicked on another building; its clicks {spots} are ignored."
         return (
-            f"The clicks {spots} in '{name}' contradict the other photos and were left out; if they are right, "
-            "click the same thing in a second photo."
+            f"The clicks {spots} in '{name}' contradict the other photos and are ignored; if they are right, "
+            "click the same spot in a second photo."
         )
 
     def _counting_text(self, index: int, doubts: list[OutlierPrompt]) -> str:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
         return (
-            f"The clicks {spots} in '{name}' are beside the building for you and on it for the other photos; they "
-            "count all the same, so take them away if they are slips."
+            f"The background clicks {spots} in '{name}' contradict the other photos. They are still used; "
+            "delete them if they are mistakes."
         )
 
     def _misses(self, doubt: OutlierPrompt) -> bool:
@@ -171,8 +171,8 @@ class _Work:
     def _missed_text(self, index: int, doubts: list[OutlierPrompt]) -> str:
         name, spots = self.scene.views[index].name, self._spots(index, doubts)
         return (
-            f"The clicks {spots} in '{name}' are on what was clicked in other photos, too, and the mask does not reach "
-            "it; click more of it, there and in other photos."
+            f"The mask of '{name}' misses the clicks {spots}, although other photos confirm them; add clicks "
+            "around them, in this and in other photos."
         )
 
     def _spots(self, index: int, doubts: list[OutlierPrompt]) -> str:

@@ -144,7 +144,7 @@ def copy_weights(source: Path, model: str | None, folder: Path | None) -> tuple[
         BadInput: the folder does not hold both files of a model unharmed, or they cannot be written.
     """
     if not source.is_dir():
-        raise BadInput(f"'{source}' is no folder; give the one that holds the weights.")
+        raise BadInput(f"'{source}' is not a folder; give the folder of the weights.")
     folder = folder or default_folder()
     wanted = (model,) if model else ("vits", "vitt")
     for name in wanted:

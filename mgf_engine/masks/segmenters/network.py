@@ -69,8 +69,8 @@ class Network:
     def refusal(self, reason: str) -> BadInput:
         """The sentence for a file that does something else than EfficientSAM."""
         return BadInput(
-            f"'{self._path}' does not work as EfficientSAM's ({reason}); use the files of 'mgf weights', or choose "
-            "segmenter=random_walker, which needs none."
+            f"'{self._path}' is not a working EfficientSAM model ({reason}); use the files of 'mgf weights', or "
+            "choose segmenter=random_walker, which needs none."
         )
 
     def _open(self) -> Any:

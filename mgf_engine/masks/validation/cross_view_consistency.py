@@ -47,8 +47,8 @@ def contradicted_masks(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_],
             return found
         if np.nanpercentile(score, 75) < BELIEVED:
             raise BadInput(
-                "The given masks contradict each other: points that one photo calls building, others call background; "
-                "check that each mask belongs to its photo and shows the same building."
+                "The given masks contradict each other about which points are on the building; check that each "
+                "mask belongs to its photo and shows the same building."
             )
         worst = low[np.argsort(score[low], kind="stable")][: -(-len(low) // 3)]
         found |= {int(i): float(score[i]) for i in worst}

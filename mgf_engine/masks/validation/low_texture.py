@@ -43,6 +43,6 @@ def _seen(scene: Scene, index: int, shape: tuple[int, ...]) -> np.ndarray:
 def plain_text(share: float) -> str:
     """What to say of it."""
     return (
-        f"{share:.0%} of the building is plain: the photos show neither texture nor sparse points there, and the mesh "
-        "is guessed from what is around; photos from closer by, more pixels (--resolution) or slanting light show more."
+        f"{share:.0%} of the building has neither texture nor sparse points; the mesh is interpolated there. "
+        "Closer photos, a higher --resolution or slanting light would help."
     )

@@ -116,14 +116,14 @@ def misfits(scene: Scene, fit: Fit) -> list[str]:
         return []
     if lacking / LACKING > excess / EXCESS:
         return [
-            f"The given masks cut off parts of the building or have holes: {lacking:.1%} of its points, where photos "
-            f"show them, lie outside the masks (most in {_most(scene, fit.lacking)}); draw the masks larger and fill "
-            "their holes, or those parts will be missing from the mesh."
+            f"The given masks cut off parts of the building or have holes: {lacking:.1%} of its visible points "
+            f"lie outside (most in {_most(scene, fit.lacking)}). Enlarge the masks and fill their holes, or those "
+            "parts will be missing from the mesh."
         ]
     return [
-        f"The given masks take in more than the building: {excess:.1%} of the points around it, where photos show "
-        f"them, lie inside the masks (most in {_most(scene, fit.excess)}); draw the masks closer, or ground and "
-        "neighbours will stick to the mesh."
+        f"The given masks include more than the building: {excess:.1%} of the visible points around it lie inside "
+        f"(most in {_most(scene, fit.excess)}). Draw the masks tighter, or ground and neighbours will be part of "
+        "the mesh."
     ]
 
 

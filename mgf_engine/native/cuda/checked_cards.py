@@ -40,7 +40,9 @@ def approve(found: Found) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, {**_passes(), _key(found): time.strftime("%Y-%m-%d %H:%M:%S")})
     except OSError as error:
-        raise BadInput(f"The pass cannot be remembered in '{path}' ({error.strerror}); make room there.") from error
+        raise BadInput(
+            f"Cannot store the result of the check in '{path}' ({error.strerror}); free some space."
+        ) from error
 
 
 def withdraw(found: Found) -> None:

@@ -118,7 +118,7 @@ def test_too_long_a_path_is_said_before_anything_is_written(tmp_path, monkeypatc
     monkeypatch.setattr(install.sys, "platform", "win32")
     monkeypatch.setattr(install, "_long_paths_allowed", lambda: False)
     deep = tmp_path / ("x" * 80)
-    with pytest.raises(UserError, match="switch long paths on"):
+    with pytest.raises(UserError, match="enable long paths"):
         install.make_task(plan(tmp_path, target=deep / "engine"), tmp_path / "log.txt")
     assert not deep.exists() and not (tmp_path / "log.txt").exists()
     monkeypatch.setattr(install, "_long_paths_allowed", lambda: True)
@@ -204,7 +204,7 @@ def test_blender_ended_in_the_middle_of_an_installation(tmp_path, monkeypatch):
     task = shortened(tmp_path, "import time; time.sleep(60)")
     while task.title != "Checking the engine":
         task.drain()
-    with pytest.raises(UserError, match="installation did not end"):
+    with pytest.raises(UserError, match="installation was interrupted"):
         environment.engine_python()
     task.cancel()
     task.run()
@@ -247,7 +247,7 @@ def test_a_real_environment_is_made_and_a_failing_step_stops(tmp_path):
     python = tmp_path / "environment" / "bin" / "python"
     steps = [
         Step(
-            "Making the environment",
+            "Creating the environment",
             [sys.executable, "-I", "-m", "venv", "--without-pip", str(tmp_path / "environment")],
         ),
         Step("Asking it", [str(python), "-c", "print('hello from it')"]),

@@ -177,7 +177,7 @@ def test_viewports_turned_to_the_scene_go_on_with_the_texture(panel, textured):
 def test_texture_asked_of_a_mesh_without_is_a_sentence(addon, house):
     addon.job_folder = str(house.job)
     bpy.ops.mgf.import_result()
-    with pytest.raises(RuntimeError, match="has no texture; switch"):
+    with pytest.raises(RuntimeError, match="has no texture; enable"):
         bpy.ops.mgf.paint_mesh(kind="TEXTURE")
 
 

@@ -171,7 +171,7 @@ def test_a_stick_with_damaged_or_no_files_is_refused_and_nothing_written(
     target = tmp_path / "weights"
     with (stick / "encoder.onnx").open("r+b") as file:
         file.write(b"x")
-    for folder, words in ((stick, "does not hold"), (tmp_path / "nowhere", "is no folder")):
+    for folder, words in ((stick, "does not hold"), (tmp_path / "nowhere", "is not a folder")):
         assert main(["weights", "--from", str(folder), "--folder", str(target)]) == 2
         said = capsys.readouterr().err
         assert words in said and said.count("\n") == 1 and not target.exists()
