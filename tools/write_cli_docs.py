@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Write docs/cli.md from the command line itself: every command, argument and option with its default.
+
+    .venv/bin/python tools/write_cli_docs.py          (tests/test_docs.py checks that the page is current)
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+REPO = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(REPO))
+
+from mgf_engine.cli import _parser  # noqa: E402
+from mgf_engine.config import Config, options_schema  # noqa: E402
+from mgf_engine.option_list import default_text  # noqa: E402
+
+PAGE = REPO / "docs" / "cli.md"
+_HEAD = """\
+# Command line
+
+<!-- Written by tools/write_cli_docs.py; change the help texts in the sources and run it again. -->
+
+```
+mgf COMMAND [ARGUMENTS]          python -m mgf_engine is the same
+```
+
+| exit code | meaning |
+|---|---|
+| 0 | finished |
+| 1 | an error of MGF; the message names the log |
+| 2 | a problem with the input; one sentence says what is wrong and what to do |
+| 3 | cancelled; `--resume` continues |
+
+`Ctrl-C` cancels a job at its next step, a second `Ctrl-C` at once. `MGF_CACHE` names another cache folder,
+`MGF_KERNEL_VARIANT` another variant of the kernels. `mgf bench` runs benchmarks from a checkout; see
+[benchmark.md](benchmark.md).
+"""
+_OPTIONS = """
+## Options of a job
+
+`mgf reconstruct`, the stage commands and `mgf estimate` take these options: as flags (`--max-photos 60`,
+`--no-texture`), after `--set` (`--set max_photos=60`), or in a JSON file after `--config` (`{"max_photos": 60}`). A flag
+wins over `--set`, `--set` over the file, and all of them over the preset. The panel in Blender shows the same options.
+"""
+
+
+def cli_page() -> str:
+    """Compose the whole page."""
+    commands = _commands()
+    same = [name for name in commands if name != "reconstruct" and _rows(commands, name) == _rows(commands, "reconstruct")]
+    parts = [_HEAD, "## Commands", "", "| command | purpose |", "|---|---|"]
+    for name, (_, help) in commands.items():
+        anchor = "mgf-reconstruct" if name in same else f"mgf-{name}"
+        parts.append(f"| [`mgf {name}`](#{anchor}) | {_cell(help)} |")
+    for name, (parser, help) in commands.items():
+        if name not in same:
+            parts += ["", f"## mgf {name}", "", _sentence(help), *_arguments(parser, _rows(commands, name))]
+        if name == "reconstruct":
+            parts += ["", f"`mgf {'`, `mgf '.join(same)}` take the same arguments and stop after their stage."]
+    return "\n".join([*parts, _OPTIONS.rstrip("\n"), *_preset_table(), *_option_tables()]) + "\n"
+
+
+def _commands() -> dict[str, tuple[argparse.ArgumentParser, str]]:
+    """Name -> parser and help of every command that has arguments of its own here."""
+    (group,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    helps = {choice.dest: choice.help or "" for choice in group._choices_actions}
+    return {name: (parser, helps[name]) for name, parser in group.choices.items() if name != "bench"}
+
+
+def _rows(commands: dict[str, tuple[argparse.ArgumentParser, str]], name: str) -> list[str]:
+    """The table rows of a command's own arguments; options of a job have tables of their own."""
+    actions = [a for a in commands[name][0]._actions if not isinstance(a, argparse._HelpAction)]
+    helps = tuple(f.metadata["help"] for f in fields(Config))
+    own = [a for a in actions if not (a.help or "").startswith(helps)]
+    return [f"| `{_cell(_usage(action))}` | {_cell(action.help or '')} |" for action in own]
+
+
+def _arguments(parser: argparse.ArgumentParser, rows: list[str]) -> Iterator[str]:
+    if rows:
+        yield from ("", "| argument | meaning |", "|---|---|", *rows)
+    taken = {a.dest for a in parser._actions}
+    sections = {f.metadata["section"] for f in fields(Config) if f.name in taken}
+    if "mesh" in sections:
+        yield from ("", "It also takes all [options of a job](#options-of-a-job).")
+    elif "georef" in sections:
+        yield from ("", "It also takes the options of the section [georef](#georef).")
+
+
+def _usage(action: argparse.Action) -> str:
+    """An argument as it is typed."""
+    value = str(action.metavar or ("|".join(map(str, action.choices)) if action.choices else action.dest.upper()))
+    if not action.option_strings:
+        return value
+    return action.option_strings[0] if action.nargs == 0 else f"{action.option_strings[0]} {value}"
+
+
+def _preset_table() -> Iterator[str]:
+    schema = options_schema()
+    yield from ("", "| preset | changes from the defaults |", "|---|---|")
+    for name, values in schema["presets"].items():
+        changes = ", ".join(f"`{option}={_value(value)}`" for option, value in values.items())
+        yield f"| `{name}` | {changes or 'none'} |"
+
+
+def _option_tables() -> Iterator[str]:
+    schema = options_schema()
+    for section in schema["sections"]:
+        yield from ("", f"### {section}", "", "| option | default | meaning |", "|---|---|---|")
+        for entry in (o for o in schema["options"] if o["section"] == section):
+            choices = f" (`{'`, `'.join(entry['choices'])}`)" if entry["choices"] else ""
+            flag = "--" + entry["name"].replace("_", "-")
+            yield f"| `{flag}` | {default_text(entry['default'], entry['unit'])} | {_cell(entry['help'])}{choices} |"
+
+
+def _value(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else f"{value}"
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("%%", "%")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(cli_page(), encoding="utf-8")
+    print(f"Wrote {PAGE}")
