@@ -95,7 +95,7 @@ def test_an_option_value_of_an_earlier_version_is_warned_of(tmp_path: Path, caps
     args = ["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job"), "--progress", "plain"]
     assert main([*args, "--segmenter", "grabcut"]) == 2  # no photos
     said = capsys.readouterr()
-    assert "grabcut is called segmenter=random_walker now" in said.out + said.err
+    assert "grabcut has been renamed to segmenter=random_walker" in said.out + said.err
 
 
 def test_terminals_without_unicode_get_escapes(tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the documents name is there: files, options, variables and modules."""
+"""What the documents name is there: files, options, variables and modules; generated pages are current."""
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -38,7 +39,7 @@ def options() -> set[str]:
     """Every flag that some command of ours takes."""
     named = {"--" + f.name.replace("_", "-") for f in fields(Config)}
     switches = {"--no-" + f.name.replace("_", "-") for f in fields(Config) if isinstance(f.default, bool)}
-    return named | switches | set(re.findall(r'add_argument\(\s*"(--[a-z-]+)"', SOURCES))
+    return named | switches | set(re.findall(r'add_argument\(\s*"(--[a-z0-9-]+)"', SOURCES))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda p: p.name)
@@ -56,7 +57,7 @@ def test_files_of_the_code_are_where_they_are_said_to_be(document: Path) -> None
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda p: p.name)
 def test_options_exist(document: Path) -> None:
-    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", document.read_text(encoding="utf-8")))
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]+", document.read_text(encoding="utf-8")))
     assert sorted(named - options() - OTHERS) == []
 
 
@@ -67,3 +68,11 @@ def test_variables_and_modules_exist(document: Path) -> None:
     modules = re.findall(r"python -m (mgf_engine[\w.]*|benchmarks[\w.]*)", text)
     places = [ROOT / name.replace(".", "/") for name in modules]
     assert [str(place) for place in places if not (place.is_dir() or place.with_suffix(".py").exists())] == []
+
+
+def test_the_command_line_page_is_current() -> None:
+    spec = importlib.util.spec_from_file_location("write_cli_docs", ROOT / "tools" / "write_cli_docs.py")
+    assert spec is not None and spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.cli_page(), "run tools/write_cli_docs.py"

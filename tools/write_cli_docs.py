@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Write docs/cli.md from the command line itself: every command, argument and option with its default.
 
-    .venv/bin/python tools/write_cli_docs.py          (tests/test_docs.py checks that the page is current)
+.venv/bin/python tools/write_cli_docs.py          (tests/test_docs.py checks that the page is current)
 """
 
 from __future__ import annotations
@@ -45,15 +45,18 @@ _OPTIONS = """
 ## Options of a job
 
 `mgf reconstruct`, the stage commands and `mgf estimate` take these options: as flags (`--max-photos 60`,
-`--no-texture`), after `--set` (`--set max_photos=60`), or in a JSON file after `--config` (`{"max_photos": 60}`). A flag
-wins over `--set`, `--set` over the file, and all of them over the preset. The panel in Blender shows the same options.
+`--no-texture`), after `--set` (`--set max_photos=60`), or in a JSON file after `--config` (`{"max_photos": 60}`). A
+flag wins over `--set`, `--set` over the file, and all of them over the preset. The panel in Blender shows the same
+options.
 """
 
 
 def cli_page() -> str:
     """Compose the whole page."""
     commands = _commands()
-    same = [name for name in commands if name != "reconstruct" and _rows(commands, name) == _rows(commands, "reconstruct")]
+    same = [
+        name for name in commands if name != "reconstruct" and _rows(commands, name) == _rows(commands, "reconstruct")
+    ]
     parts = [_HEAD, "## Commands", "", "| command | purpose |", "|---|---|"]
     for name, (_, help) in commands.items():
         anchor = "mgf-reconstruct" if name in same else f"mgf-{name}"

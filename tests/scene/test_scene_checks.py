@@ -145,7 +145,7 @@ def test_cameras_that_cannot_be_adjusted_are_spoken_of(source: Path, tmp_path: P
 def test_few_photos_and_photos_from_one_side_are_spoken_of(source: Path, tmp_path: Path) -> None:
     few, warnings, _ = loaded(source, tmp_path / "few", "photos", 4)
     assert abs(degrees_apart(few) - 80) < 25
-    assert any("photos 5 to 15 degrees apart" in text for text in warnings)
+    assert any("Photos 5 to 15 degrees apart" in text for text in warnings)
     side, warnings, _ = loaded(source, tmp_path / "side", "side", 120)
     assert 80 < degrees_around(side) < 140
     assert any("degrees around the building" in text for text in warnings)
