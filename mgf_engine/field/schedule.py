@@ -85,7 +85,7 @@ def geometry_at(iteration: int, share: float, config: Config) -> float:
     """Factor on the distortion and normal terms, at an iteration and its share of the run.
 
     Their maps and gradients are a quarter of an iteration's time. In every third one with three times the weight they
-    say the same on average, and the mesh is as good (docs/benchmark.md).
+    say the same on average, and the mesh is as good (docs/decisions/021-draft-preset.md).
     """
     acts = share >= config.geometry_from and iteration % config.geometry_every == 0
     return float(config.geometry_every) if acts else 0.0

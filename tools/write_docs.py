@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Write docs/cli.md from the command line itself: every command, argument and option with its default.
 
-.venv/bin/python tools/write_cli_docs.py          (tests/test_docs.py checks that the page is current)
+.venv/bin/python tools/write_docs.py          (tests/test_docs.py checks that the page is current)
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ sys.path.insert(0, str(REPO))
 from mgf_engine.cli import _parser  # noqa: E402
 from mgf_engine.config import Config, options_schema  # noqa: E402
 from mgf_engine.option_list import default_text  # noqa: E402
+from mgf_engine.stages import STAGES  # noqa: E402
 
-PAGE = REPO / "docs" / "cli.md"
+CLI, ARCHITECTURE = REPO / "docs" / "cli.md", REPO / "docs" / "architecture.md"
+_BEGIN, _END = "<!-- stages: begin -->", "<!-- stages: end -->"
 _HEAD = """\
 # Command line
 
-<!-- Written by tools/write_cli_docs.py; change the help texts in the sources and run it again. -->
+<!-- Written by tools/write_docs.py; change the help texts in the sources and run it again. -->
 
 ```
 mgf COMMAND [ARGUMENTS]          python -m mgf_engine is the same
@@ -67,6 +69,18 @@ def cli_page() -> str:
         if name == "reconstruct":
             parts += ["", f"`mgf {'`, `mgf '.join(same)}` take the same arguments and stop after their stage."]
     return "\n".join([*parts, _OPTIONS.rstrip("\n"), *_preset_table(), *_option_tables()]) + "\n"
+
+
+def architecture_page() -> str:
+    """Compose docs/architecture.md: the page as it is, with the table of stages between its marks."""
+    head, _, rest = ARCHITECTURE.read_text(encoding="utf-8").partition(_BEGIN)
+    tail = rest.partition(_END)[2]
+    rows = ["| stage | what it does | reads | writes | function |", "|---|---|---|---|---|"]
+    for stage in STAGES:
+        reads = ", ".join(f"`{name}`" for name in stage.reads) or "the user's files"
+        writes = ", ".join(f"`{path}`" for path in stage.written)
+        rows.append(f"| `{stage.name}` | {_cell(stage.help)} | {reads} | {writes} | `{stage.run}` |")
+    return head + "\n".join([_BEGIN, "", *rows, "", _END]) + tail
 
 
 def _commands() -> dict[str, tuple[argparse.ArgumentParser, str]]:
@@ -134,5 +148,6 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(cli_page(), encoding="utf-8")
-    print(f"Wrote {PAGE}")
+    for page, text in ((CLI, cli_page()), (ARCHITECTURE, architecture_page())):
+        page.write_text(text, encoding="utf-8")
+        print(f"Wrote {page}")
