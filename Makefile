@@ -2,10 +2,11 @@
 PYTHON ?= $(shell for p in python3.11 python3.13 python3.12 python3; do command -v $$p >/dev/null && $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' && echo $$p && break; done)
 VENV := .venv
 BPY := .venv-bpy
+DOCS := .venv-docs
 RUN := $(VENV)/bin/python
 DEMO ?= demo
 
-.PHONY: env env-blender kernels test lint demo extension test-window clean
+.PHONY: env env-blender kernels test lint demo docs extension test-window clean
 
 env: $(VENV)/.ready
 env-blender: $(BPY)/.ready
@@ -37,6 +38,14 @@ test: $(VENV)/.ready $(BPY)/.ready kernels lint
 demo: $(VENV)/.ready $(BPY)/.ready kernels
 	$(RUN) tools/demo.py --blender-python $(BPY)/bin/python --out $(DEMO) $(if $(SCENE),--scene "$(SCENE)") $(if $(PROMPTS),--prompts "$(PROMPTS)") $(ARGS)
 
+$(DOCS)/.ready: constraints-docs.txt
+	$(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/python -m pip install -q -c constraints-docs.txt mkdocs-material
+	@touch $@
+
+docs: $(DOCS)/.ready
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/python -m mkdocs build --strict
+
 extension: $(VENV)/.ready $(BPY)/.ready
 	$(BPY)/bin/python tools/build_extension.py --engine-python $(RUN)
 
@@ -46,4 +55,4 @@ test-window: extension
 		--out build/window $(if $(WHEELS),--wheels "$(WHEELS)",--engine "$(or $(ENGINE),$(RUN))") $(ARGS)
 
 clean:
-	rm -rf $(VENV) $(BPY) build dist demo
+	rm -rf $(VENV) $(BPY) $(DOCS) build dist demo
