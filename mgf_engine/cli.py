@@ -193,7 +193,13 @@ def _add_suggest_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_config_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set any option by name")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="set any option by name, as max_faces=5 or mesh.max_faces=5",
+    )
     _add_options(parser)
 
 

@@ -239,12 +239,21 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
 
 
 def option_pairs(texts: Sequence[str]) -> dict[str, str]:
-    """Options from texts NAME=VALUE as ``--set`` takes them, not converted yet.
+    """Read options from texts NAME=VALUE or SECTION.NAME=VALUE as ``--set`` takes them, not converted yet.
 
     Raises:
-        BadInput: a text is no such pair.
+        BadInput: a text is no such pair, or the option is in another section.
     """
-    return {name.replace("-", "_"): value for name, value in named_values("--set", texts).items()}
+    return {_without_section(name): value for name, value in named_values("--set", texts).items()}
+
+
+def _without_section(name: str) -> str:
+    """Return the name of an option given as ``name`` or ``section.name``; an unknown one is told of later."""
+    section, dot, own = name.replace("-", "_").rpartition(".")
+    true = {f.name: f.metadata["section"] for f in fields(Config)}.get(own)
+    if dot and true is not None and section != true:
+        raise BadInput(f"Option {own} is in the section '{true}', not '{section}'; give --set {true}.{own}=VALUE.")
+    return own
 
 
 def named_values(flag: str, texts: Sequence[str]) -> dict[str, str]:

@@ -13,6 +13,7 @@ from mgf_engine.config import (
     Config,
     as_dict,
     make_config,
+    option_pairs,
     options_schema,
     read_config,
     renamed_values,
@@ -114,3 +115,13 @@ def test_a_value_of_an_earlier_version_is_taken_with_a_warning() -> None:
     assert renamed_values({"segmenter": "random_walker"}) == []
     assert all(new in Config.__dataclass_fields__[name].metadata["choices"] and old != new
                for name, values in RENAMED.items() for old, new in values.items())  # fmt: skip
+
+
+def test_options_may_be_set_with_their_section() -> None:
+    assert option_pairs(["mesh.max-faces=5", "scene.resolution=300", "seed=2"]) == {
+        "max_faces": "5", "resolution": "300", "seed": "2",
+    }  # fmt: skip
+    with pytest.raises(BadInput, match=r"'mesh', not 'field'; give --set mesh\.max_faces=VALUE\.$"):
+        option_pairs(["field.max_faces=5"])
+    with pytest.raises(BadInput, match="Unknown option"):
+        make_config(option_pairs(["mesh.colour=5"]))
