@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -90,8 +91,22 @@ def test_the_readme_is_one_page() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
 
 
+def test_every_page_is_in_the_menu() -> None:
+    menu = set(re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8")))
+    assert {p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md")} == menu, "list it in mkdocs.yml"
+
+
 def test_the_tour_names_every_file_once_and_each_is_there() -> None:
     text = (DOCS / "architecture.md").read_text(encoding="utf-8")
     tour = re.findall(r"`(mgf_engine/[\w./]+)`", text.partition("tour: begin")[2].partition("tour: end")[0])
     assert len(tour) > 40 and len(set(tour)) == len(tour)
     assert [path for path in tour if not (ROOT / path).is_file()] == []
+
+
+def test_generated_pages_are_current() -> None:
+    spec = importlib.util.spec_from_file_location("write_docs", ROOT / "tools" / "write_docs.py")
+    assert spec is not None and spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    assert tool.CLI.read_text(encoding="utf-8") == tool.cli_page(), "run tools/write_docs.py"
+    assert tool.ARCHITECTURE.read_text(encoding="utf-8") == tool.architecture_page(), "run tools/write_docs.py"
