@@ -51,11 +51,11 @@ def explain(error: BaseException, resumable: bool = True) -> tuple[int, str]:
     if isinstance(error, Cancelled | KeyboardInterrupt):
         return EXIT_CANCELLED, str(error) or f"Cancelled; {again} to continue."
     if isinstance(error, BrokenPipeError):
-        return EXIT_CANCELLED, f"Nobody reads the progress any more; {again} to continue."
+        return EXIT_CANCELLED, f"The reader of the progress messages has closed; {again} to continue."
     if isinstance(error, OSError) and error.errno in _FULL_DISK:
         return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:
-        return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its rights or give another folder."
+        return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its permissions or give another folder."
     if isinstance(error, OSError) and error.errno in _BAD_PATH:
         path = str(error.filename)[-60:]
         return EXIT_BAD_INPUT, f"Cannot use the path '{path}' ({error.strerror}); give another one."
@@ -64,4 +64,4 @@ def explain(error: BaseException, resumable: bool = True) -> tuple[int, str]:
     if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) or near_memory_limit():
         remedy = "lower --resolution or --max-gaussians" if resumable else "close other programs or give smaller files"
         return EXIT_BAD_INPUT, f"Out of memory; {remedy} and {again}."
-    return EXIT_FAULT, f"Unexpected fault: {type(error).__name__}: {error}"
+    return EXIT_FAULT, f"Unexpected error: {type(error).__name__}: {error}"

@@ -207,7 +207,7 @@ def test_evaluate_writes_its_figures_where_no_folder_is_yet(tmp_path: Path, tria
         (PermissionError(errno.EACCES, "Permission denied", "x"), 2, "No permission for 'x'"),
         (MemoryError(), 2, "Out of memory"),
         (KeyboardInterrupt(), 3, "Cancelled"),
-        (ZeroDivisionError("oops"), 1, "Unexpected fault: ZeroDivisionError: oops"),
+        (ZeroDivisionError("oops"), 1, "Unexpected error: ZeroDivisionError: oops"),
     ],
 )
 def test_commands_without_a_job_end_in_a_sentence_too(monkeypatch, capsys, error, code, part) -> None:

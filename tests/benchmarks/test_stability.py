@@ -37,7 +37,7 @@ def test_the_options_of_every_run_exist() -> None:
         (row("pose", 0), "silent"),
         (row("pose", 0, warnings=["Something."]), "warned"),
         (row("pose", 0, f1=None, code=2, failed="No."), "refused"),
-        (row("pose", 0, f1=None, code=1, failed="Unexpected fault: X"), "fault"),
+        (row("pose", 0, f1=None, code=1, failed="Unexpected error: X"), "fault"),
         (row("pose", 0, f1=None, code=-11, failed=""), "fault"),
         (row("pose", 0, f1=float("nan")), "fault"),
     ],
@@ -94,7 +94,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         assert prepared.folder.is_dir()
         assert (prepared.scale, prepared.offset) == (2.0, (1.0, 0, 0))
         if "4" in run.variant:
-            return {"code": 1, "failed": "Unexpected fault: X", "cpu_seconds": 1.0}
+            return {"code": 1, "failed": "Unexpected error: X", "cpu_seconds": 1.0}
         return row("x", 0, f1=90.0 if "undisturbed" in run.variant else 45.0, masks=run.masks)
 
     monkeypatch.setattr(stability, "perturb", fake_perturb)
