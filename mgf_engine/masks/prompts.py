@@ -157,7 +157,7 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _is_unplaced(name: str, scene: Scene) -> bool:
-    """Whether a photo lies beside those of the scene without being among them."""
+    """Tell whether a photo lies beside those of the scene without being among them."""
     relative = PurePosixPath(name.replace("\\", "/"))
     if named_like(name, [view.name for view in scene.views]) or relative.is_absolute() or ".." in relative.parts:
         return False

@@ -113,7 +113,7 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
 
 
 def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
-    """Where each view was clicked on the building, [K, 2]; () where the masks are not from clicks."""
+    """Read the clicks on the building in each view, [K, 2]; () where the masks are not from clicks."""
     if not all("clicks" in view for view in views):
         return ()
     clicks = tuple(np.array(view["clicks"], np.float64).reshape(-1, 2).clip(-1e9, 1e9) for view in views)

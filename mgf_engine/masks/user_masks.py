@@ -80,7 +80,7 @@ def find_mask(folder: Path, name: str) -> Path | None:
 
 
 def to_labels(image: NDArray[Any], path: Path) -> NDArray[np.uint8]:
-    """What an image file means as a mask; image as stored, [H, W] or [H, W, C] -> labels uint8 [H, W].
+    """Convert an image to labels; image as stored, [H, W] or [H, W, C] -> uint8 [H, W].
 
     Raises:
         BadInput: the pixels are neither 8 nor 16 bit, or a colour mask has no black.

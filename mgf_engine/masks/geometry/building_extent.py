@@ -105,7 +105,7 @@ class Extent:
         return ViewRegions(core, reach, away, first, hidden, behind, near)
 
     def within(self, index: int, place: ViewRegions) -> NDArray[np.bool_]:
-        """Which observations of view ``index`` lie on the building's surface or behind it, [N], in their order.
+        """Find the observations of view ``index`` that lie on the building's surface or behind it; bool [N].
 
         What is seen through the surface that the points span is a recess or a window of it, nothing in front of it.
         """

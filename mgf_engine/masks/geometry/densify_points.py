@@ -76,7 +76,7 @@ def _cell(shape: tuple[int, ...]) -> int:
 
 
 def _seen(points: NDArray[np.float64], index: int, depths: Depths, count: int) -> Flags:
-    """Which of ``count`` views show points [N, 3] of one view, [N, count]: it, its neighbours, and theirs."""
+    """Find which of ``count`` views show points [N, 3] of one view: it, its neighbours, and theirs; bool [N, count]."""
     result = np.zeros((len(points), count), bool)
     beside = depths.neighbours[index]
     for other in {k for i in beside for k in (i, *depths.neighbours[i])} - {index}:

@@ -47,7 +47,7 @@ class Overhangs:
         self._over = walls_seen & (inside == 0) & (cv2.dilate(inside, _round(round(OVERHANG))) > 0)
 
     def __call__(self, samples: Points) -> Map:
-        """Whether samples [K, 3] overhang, [K]."""
+        """Tell whether samples [K, 3] overhang, bool [K]."""
         return np.asarray(self._over[self._cells(samples, self._over)], bool)
 
     def _cells(self, samples: Points, plan: NDArray) -> tuple[NDArray[np.int64], ...]:

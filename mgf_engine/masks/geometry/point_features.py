@@ -65,7 +65,7 @@ def up_direction(scene: Scene) -> NDArray[np.float64]:
 
 
 def looking_down(scene: Scene) -> NDArray[np.float64] | None:
-    """Where a grid of photos that all look the same way looks, [3]; None where they do not.
+    """Return the common viewing direction of a grid of photos, [3]; None without one.
 
     Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.
     """

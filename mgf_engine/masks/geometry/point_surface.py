@@ -163,7 +163,7 @@ def _highest(samples: Points, up: Points, cell: float) -> NDArray[np.int64]:
 
 
 def _columns(top: Points, height: Points, up: Points, cell: float) -> tuple[Points, NDArray[np.int64]]:
-    """What is below the samples [K, 3], so far down [K], and how many that are for each, [K]."""
+    """Sample columns below the samples [K, 3], down to depths [K]; returns them and their number per sample, [K]."""
     step = np.maximum(cell, height / MAX_COLUMN)
     count = np.floor(height / step).astype(np.int64) + 1
     rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
@@ -178,7 +178,7 @@ def _thin(samples: Points, owner: NDArray[np.int64], cell: float) -> tuple[Point
 
 
 def _first_of_each(keys: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Where each value of keys >= 0 comes first, by ascending value: ``np.unique``, whose stable sort takes longer."""
+    """Find the first index of each value of keys >= 0, by ascending value: a faster ``np.unique``."""
     bits = len(keys).bit_length()
     if int(keys.max()) >> (63 - bits):
         return np.unique(keys, return_index=True)[1]

@@ -69,7 +69,7 @@ def with_hull_points(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tupl
 
 
 def hull_agreement(scene: Scene, masks: MaskSet, others: Sequence[int], index: int) -> float | None:
-    """How far a mask is what the masks of other views make of the building: intersection over union with their hull.
+    """Compute the intersection over union of a mask and the visual hull of the other views' masks.
 
     Returns:
         0..1; None where the others leave no hull, or none of it lies in this view's frame.

@@ -55,7 +55,7 @@ def drop_confirmed(doubts: list[OutlierPrompt], scene: Scene, prompts: Prompts) 
 
 
 def _distance(scene: Scene, index: int, uv: NDArray[np.float64]) -> _Range | None:
-    """How far along its ray a click may lie, by the sparse points seen beside it; None where there are too few."""
+    """Bound the depth of a click along its ray by the sparse points seen beside it; None where there are too few."""
     rows, view = scene.observations(index), scene.views[index]
     beside = np.linalg.norm(scene.track_uv[rows] - uv, axis=1) < NEAR * view.width
     if beside.sum() < FEWEST:
@@ -67,7 +67,7 @@ def _distance(scene: Scene, index: int, uv: NDArray[np.float64]) -> _Range | Non
 def _same_thing(
     scene: Scene, prompts: Prompts, first: _Click, second: _Click, distances: dict[_Click, _Range | None] | None
 ) -> bool:
-    """Whether the rays of two clicks meet, and, with ``distances``, where the points beside both say."""
+    """Tell whether the rays of two clicks meet and, with ``distances``, at the depth of the points beside both."""
     (a, along_a), (b, along_b) = (_ray(scene.views[i], prompts[i].positive[row]) for i, row in (first, second))
     meeting = np.linalg.lstsq(np.stack([along_a, -along_b], 1), b - a, rcond=None)[0]
     if meeting.min() <= 0:

@@ -58,12 +58,12 @@ def left_out(doubts: list[OutlierPrompt], prompts: Prompts) -> list[OutlierPromp
 
 
 def clicked_elsewhere(view: int, doubts: list[OutlierPrompt], prompts: Prompts) -> bool:
-    """Whether all clicks on the building in a photo are doubted."""
+    """Tell whether all clicks on the building in a photo are doubted."""
     return sum(d.positive for d in doubts if d.view == view) == len(prompts[view].positive) > 0
 
 
 def on_points(graph: LabelGraph, index: int, clicks: Clicks) -> bool:
-    """Whether half of the positive clicks of a view are in regions with a sparse point: only those tie it to others."""
+    """Tell whether half of the positive clicks of a view are in regions with a sparse point, which tie it to others."""
     with_points = graph.observed[graph.scene.observations(index)] - graph.start[index]
     held = np.isin(graph.regions[index].at(clicks.positive), with_points)
     return bool(2 * held.sum() >= len(held))

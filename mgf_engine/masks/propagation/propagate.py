@@ -164,7 +164,7 @@ class _Work:
         )
 
     def _misses(self, doubt: OutlierPrompt) -> bool:
-        """Whether a click on the building lies outside of its photo's mask."""
+        """Tell whether a click on the building lies outside of its photo's mask."""
         labels, uv = self.labels[doubt.view], self.original[doubt.view].positive[doubt.row]
         return bool((labels[pixel_at(labels.shape, uv[None])] == BACKGROUND).all())
 
@@ -176,7 +176,7 @@ class _Work:
         )
 
     def _spots(self, index: int, doubts: list[OutlierPrompt]) -> str:
-        """Where clicks lie in the user's photo."""
+        """List the clicks' pixels in the user's photo, as text."""
         clicks = self.original[index]
         chosen = [(clicks.positive if d.positive else clicks.negative)[d.row] for d in doubts]
         return ", ".join(f"({u:.0f}, {v:.0f})" for u, v in to_original(self.scene.views[index], np.stack(chosen)))
@@ -345,18 +345,18 @@ class _Work:
         return np.asarray(stray[pieces] if holds[1:].any() else np.zeros_like(mask), bool)
 
     def _observed(self, index: int) -> NDArray[np.float32]:
-        """Where a photo observed sparse points, [N, 2]."""
+        """Return the pixels at which a photo observed sparse points, [N, 2]."""
         return self.scene.track_uv[self.scene.observations(index)]
 
     def _seen_points(self, index: int, accepted: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Where a photo observed the accepted ones, [N, 2]."""
+        """Return the pixels at which a photo observed accepted points, [N, 2]."""
         return self._observed(index)[accepted[self.owner[self.scene.observations(index)]]]
 
     def _positive(self, index: int) -> NDArray[np.float64]:
         return self.prompts.get(index, Clicks()).positive
 
     def _sky(self, index: int) -> NDArray[np.bool_]:
-        """What is sky in a photo, [H, W]."""
+        """Return the sky of a photo, bool [H, W]."""
         return self._of_regions(index, self.graph.sky > 0) > 0
 
     def _leafy(self, index: int) -> NDArray[np.bool_]:
@@ -365,7 +365,7 @@ class _Work:
         return np.asarray(plants(regions.features)[regions.labels] > LEAFY, bool)
 
     def _of_regions(self, index: int, values: NDArray[np.generic]) -> NDArray[np.float32]:
-        """What the graph's nodes say of a photo's regions, for each of its pixels, float32 [H, W]."""
+        """Spread values of the graph's nodes over a photo's pixels by their regions, float32 [H, W]."""
         view, graph = self.scene.views[index], self.graph
         small = values[graph.start[index] : graph.start[index + 1]].astype(np.float32)[self.regions[index].labels]
         wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
@@ -393,7 +393,7 @@ def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
 def make_hints(
     scene: Scene, index: int, clicks: Clicks, regions: Regions, belief: Belief, good: NDArray[np.bool_]
 ) -> Hints:
-    """What the segmenter is told about view ``index``; ``good`` says which of its observations are the building."""
+    """Make the segmenter's hints for view ``index``; ``good`` marks its observations of the building."""
     view = scene.views[index]
     uv = scene.track_uv[scene.observations(index)]
     small = belief.regions[index][regions.labels]

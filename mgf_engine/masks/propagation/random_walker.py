@@ -152,7 +152,7 @@ class LabelGraph:
         return self._split(belief, looks, ground)
 
     def _place(self, belief: Array, prompts: Prompts, seed: int, views: Sequence[int]) -> _Placed:
-        """What the geometry says in these views."""
+        """Compute the odds that the geometry gives in these views."""
         points = belief[self.region_count :]
         odds, grounded, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
         added_ground = np.zeros(self.added_count)
@@ -200,7 +200,7 @@ class LabelGraph:
         return odds, first, np.bincount(seen, minlength=len(self.full.points))[: self.point_count]
 
     def extent(self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None) -> Extent:
-        """Where the building is.
+        """Return the extent of the building.
 
         Args:
             keep: of the full scene's points, those of the building.
@@ -211,7 +211,7 @@ class LabelGraph:
         return Extent(self.full, self.full_shape, keep, ground, self.visibility, others)
 
     def _added(self, belief: Array) -> NDArray[np.bool_]:
-        """Which of the added points are seen in regions of the building, [A]."""
+        """Find the added points that are seen in regions of the building, bool [A]."""
         seen = np.bincount(self.added_owner, belief[self.added_observed], minlength=self.added_count)
         tracks = np.bincount(self.added_owner, minlength=self.added_count)
         return np.asarray(seen > BUILT * tracks, bool)
@@ -259,7 +259,7 @@ class LabelGraph:
         return self.scene.track_point[here][nearest[near]]
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
-        """Whether the ground is background: more negative than positive clicks lie on it, or none of either kind.
+        """Tell whether the ground is background: more negative than positive clicks lie on it, or none at all.
 
         Nobody has to click beside the building: what stands on the ground is not the ground.
         """
@@ -295,7 +295,7 @@ class LabelGraph:
         return pull, wanted / np.maximum(pull, 1e-12)
 
     def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
-        """Which kind of click is nearer (random walks that fade), and how far that can be trusted."""
+        """Compare positive and negative clicks by fading random walks; returns which is nearer, and how reliably."""
         stiffness = pull + LEAK * np.maximum(self.degree, 0.1)
         wanted = target, 1.0 - target
         flows = parallel_map(lambda k: self._flow(stiffness, pull * wanted[k], None), range(2), self.threads)

@@ -74,7 +74,7 @@ def rows(shape: tuple[int, ...], points: Points) -> tuple[NDArray[np.int64], NDA
 
 
 def _nearer(shape: tuple[int, ...], clicks: Clicks) -> Mask:
-    """Whether the nearest click is one on the building, [H, W]."""
+    """Tell whether the nearest click is one on the building, bool [H, W]."""
     if not len(clicks.negative) or not len(clicks.positive):
         return np.full(shape, bool(len(clicks.positive)))
     away = []

@@ -125,7 +125,7 @@ def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: Levels) -
 
 
 def _holds_points(alike: NDArray[np.bool_], level: NDArray[np.int16], points: NDArray[np.floating]) -> bool:
-    """Whether the building's own points lie in what looks like background."""
+    """Tell whether the building's own points lie in what looks like background."""
     y, x = pixel_at(alike.shape, points)
     here = shrink(alike, RIM)[y, x][level[y, x] >= 0]
     return bool(len(here) >= ENOUGH_POINTS and here.mean() > ALIKE_POINTS)

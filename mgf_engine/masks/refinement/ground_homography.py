@@ -80,7 +80,7 @@ class GroundSeen:
     def shows_through(
         self, views: Sequence[int], mask_of: Callable[[int], NDArray[np.bool_]], threads: int = 1
     ) -> bool:
-        """Whether the building is an open one, from some of the views and their masks [H, W]."""
+        """Tell whether the building is an open structure, from some of the views and their masks [H, W]."""
 
         def share(index: int) -> tuple[int, int]:
             mask = mask_of(index)
@@ -138,7 +138,7 @@ class GroundSeen:
         return [int(i) for i in np.argsort(angle, kind="stable") if good[i]][:PHOTOS]
 
     def _raised(self, index: int, others: list[int], box: _Box, patches: Patches, depth: float) -> NDArray[np.float32]:
-        """How well planes a little over the ground fit at best, -1..1, [h, w]: the feet of walls lie on one of them."""
+        """Compute the best correlation of planes a little over the ground, -1..1, [h, w]: feet of walls lie on one."""
         view = self.scene.views[index]
         aside = np.median([np.linalg.norm(self.scene.views[i].centre - view.centre) for i in others])
         over = float(self.ground.height(view.centre[None])[0])
@@ -192,7 +192,7 @@ def spans_inside(matrix: NDArray[np.float64], view: View, size: tuple[int, int])
 
 
 def _counting(photos: int) -> int:
-    """How many of so many photos, the best, count: at least :data:`FEWEST` are compared."""
+    """Return how many of the best photos count; at least :data:`FEWEST` are compared."""
     return max(FEWEST - 1, round(BEST * photos))
 
 

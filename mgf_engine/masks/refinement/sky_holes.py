@@ -76,7 +76,7 @@ def sky_through(
 
 
 def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int) -> NDArray[np.bool_]:
-    """Where points lie in a piece and not on its edge, [H, W]; all of it where hardly anything is farther in."""
+    """Erode a piece to where points count, off its edge, bool [H, W]; all of it where hardly anything is left."""
     deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * RIM + 1,) * 2, np.uint8), borderValue=1) > 0
     large = np.bincount(pieces[deep], minlength=count) >= DEEP
     return np.asarray(gaps & (deep | ~large[pieces]), bool)

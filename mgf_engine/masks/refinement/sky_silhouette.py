@@ -84,7 +84,7 @@ def elevation(view: View, up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _rays(view: View, up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How far each pixel's ray rises at depth 1, and its length there, [H, W] each."""
+    """Compute the rise of each pixel's ray at depth 1, and its length there, [H, W] each."""
     x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     y = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     normal = view.rotation @ up

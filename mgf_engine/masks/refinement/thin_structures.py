@@ -106,7 +106,7 @@ def _missed(prompts: Prompts, labels: Sequence[NDArray[np.uint8]]) -> list[tuple
 
 
 def _hull(scene: Scene, outlines: Sequence[Outline], accepted: NDArray[np.bool_]) -> Hull:
-    """Where the unexplained can be, around the building."""
+    """Carve the hull of the unexplained silhouettes around the building."""
     low, high = np.percentile(scene.points[accepted], (1, 99), axis=0)
     centre, size = (low + high) / 2, SPACE * float((high - low).max())
     pixel = float(np.median([np.linalg.norm(v.centre - centre) / v.fx for v in scene.views]))

@@ -68,7 +68,7 @@ def _share(mask: NDArray[np.bool_], points: Points, clicks: Points, doubt: int) 
 
 
 def inside(mask: NDArray[np.bool_], points: Points) -> NDArray[np.bool_]:
-    """Which points [N, 2] fall on the mask -> [N]."""
+    """Find the points [N, 2] that fall on the mask, bool [N]."""
     x = np.clip(np.floor(points[:, 0]).astype(np.int64), 0, mask.shape[1] - 1)
     y = np.clip(np.floor(points[:, 1]).astype(np.int64), 0, mask.shape[0] - 1)
     return mask[y, x]

@@ -89,7 +89,7 @@ def find_weights(folder: Path) -> tuple[str, Path, Path] | None:
 
 
 def missing_text(folder: Path) -> str:
-    """What to say when the weights are asked for and absent."""
+    """Compose the message for missing weights."""
     names = " and ".join(f.name for f in WEIGHTS["vitt"])
     return (
         f"The EfficientSAM weights are not in '{folder}'; run 'mgf weights', or fetch {names} "

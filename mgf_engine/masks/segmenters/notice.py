@@ -12,7 +12,7 @@ TITLES = {"efficientsam": "EfficientSAM", "random_walker": "random walker, which
 
 
 def offer() -> str:
-    """How to get EfficientSAM, as half a sentence."""
+    """Say how to get EfficientSAM, as half a sentence."""
     size = sum(f.size for f in WEIGHTS["vitt"]) / 1e6
     return f"'mgf weights' fetches those of EfficientSAM, the paper's segmenter ({size:.0f} MB, Apache-2.0)"
 
@@ -25,7 +25,7 @@ def notice(segmenter: str) -> str:
 
 
 def standing(folder: Path) -> str:
-    """What ``auto`` takes with the weights in a folder, for ``mgf doctor``.
+    """Say which segmenter ``auto`` takes with the weights in a folder, for ``mgf doctor``.
 
     Raises:
         BadInput: weights are there, but damaged.
@@ -35,7 +35,7 @@ def standing(folder: Path) -> str:
 
 
 def used(masks_folder: Path) -> str:
-    """What drew the masks of a job, for its report."""
+    """Say which segmenter made the masks of a job, for its report."""
     try:
         name = json.loads((masks_folder / "scores.json").read_text(encoding="utf-8")).get("segmenter")
     except (OSError, ValueError, AttributeError):

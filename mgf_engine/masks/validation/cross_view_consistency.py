@@ -55,7 +55,7 @@ def contradicted_masks(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_],
 
 
 def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int) -> NDArray[np.int8]:
-    """What the mask says of each observation, [T]: 1 building, -1 background, 0 nothing."""
+    """Look up each observation in the mask, [T]: 1 building, -1 background, 0 unknown."""
     result = np.zeros(len(scene.track_view), np.int8)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * dilation + 1, 2 * dilation + 1))
     for index in np.flatnonzero(used).tolist():
@@ -70,7 +70,7 @@ def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: in
 def _agreement(
     index: int, says: NDArray[np.int8], owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_]
 ) -> float:
-    """How far a view agrees with the majority of the trusted others: share right inside plus share right outside, less
+    """Rate how a view agrees with the majority of the trusted others: share right inside plus share right outside, less
     1; where few points tell of one side, the other's share doubled, less 1. NaN where too few points tell.
     """
     own = scene.track_view == index

@@ -41,7 +41,7 @@ def _seen(scene: Scene, index: int, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def plain_text(share: float) -> str:
-    """What to say of it."""
+    """Compose the warning for a share of textureless surface."""
     return (
         f"{share:.0%} of the building has neither texture nor sparse points; the mesh is interpolated there. "
         "Closer photos, a higher --resolution or slanting light would help."
