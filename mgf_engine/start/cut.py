@@ -246,7 +246,7 @@ class _Graph:
         self.costs = there + cost, back + cost
 
     def inside(self, source: Array, sink: Array) -> NDArray[np.bool_]:
-        """Which tetrahedra are inside, by the least cut; capacities [T] from outside and to inside."""
+        """Find the inside tetrahedra by the minimum cut; capacities [T] from outside and to inside."""
         graph = maxflow.Graph[float](len(source), len(self.cell))
         graph.add_nodes(len(source))
         graph.add_grid_tedges(np.arange(len(source)), source, sink)

@@ -116,7 +116,7 @@ def _within(
     b: NDArray[np.float64],
     near: float,
 ) -> NDArray[np.bool_]:
-    """Which lines lie in which planes, bool [K, N]."""
+    """Find which lines lie in which planes, bool [K, N]."""
     return np.asarray(np.all([np.abs(normal @ p.T + offset[:, None]) < near for p in (a, b)], axis=0))
 
 

@@ -29,7 +29,7 @@ def _image_line(segments: Segments, view: int, line: Array) -> tuple[Array, Arra
 
 
 def support(segments: Segments, m: int, line: Array, reach: float) -> float:
-    """How well segment ``m`` covers a line [2, 3] in its photo, 0..1."""
+    """Compute how far segment ``m`` covers a line [2, 3] in its photo, 0..1."""
     found = _image_line(segments, int(segments.view[m]), line)
     if found is None:
         return 0.0
@@ -43,7 +43,7 @@ def support(segments: Segments, m: int, line: Array, reach: float) -> float:
 
 
 def same_colour(segments: Segments, n: int, m: int) -> bool:
-    """Whether at least one side of two segments has the same colour."""
+    """Tell whether at least one side of two segments has the same colour."""
     off = (segments.sides[n].astype(float) - segments.sides[m]) / np.array([3.0, 1, 1])
     return bool(((off**2).sum(1) < segments.options.colour**2).any())
 

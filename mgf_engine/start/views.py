@@ -77,7 +77,7 @@ class StartViews:
         return np.asarray(cv2.resize(photo, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8)
 
     def outside_views(self, points: NDArray[np.float64], margin: float, enough: int = 255) -> NDArray[np.uint8]:
-        """How many views call points [N, 3] outside by more than ``margin`` px, counted to ``enough``; uint8 [N]."""
+        """Count the views that call points [N, 3] outside by more than ``margin`` px, up to ``enough``; uint8 [N]."""
         return count_outside(points, self.projections, self.outside, margin, enough)
 
 
