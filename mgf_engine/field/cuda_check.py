@@ -45,7 +45,7 @@ def check_card() -> int:
 
 
 def differences(n: int, width: int, height: int, rounds: int) -> list[str]:
-    """What differs between card and CPU, in words; every figure is printed. Empty: all is well."""
+    """Compare card and CPU and print every figure; returns the differences in words, none if all is well."""
     figures = cuda_compare.compare(n, width, height)
     for name, value in figures.items():
         print(f"  {name:<32} {value:.2g}")

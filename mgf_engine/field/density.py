@@ -95,7 +95,7 @@ def split(parents: Gaussians) -> Gaussians:
 
 
 def budget_at(share: float, start: int, config: Config) -> int:
-    """How many Gaussians the field may have at a share of the run: from ``start`` up to the maximum."""
+    """Return the maximum number of Gaussians at a share of the run: from ``start`` up to the maximum."""
     span = max(config.densify_until - config.densify_from, 1e-6)
     grown = min(max((share - config.densify_from) / span, 0.0), 1.0)
     first = min(start, config.max_gaussians)

@@ -59,7 +59,7 @@ def write_splats(field: Gaussians, to_normalised: Similarity, path: Path) -> Non
 
 
 def offset_of(field: Gaussians, to_normalised: Similarity) -> tuple[float, float, float]:
-    """What ``field.ply`` leaves off the positions: zero, or near their middle where float32 would be too coarse.
+    """Return the offset of ``field.ply``: zero, or near the middle where float32 would be too coarse.
 
     Whole numbers, in scenes smaller than one unit as many decimals as their size has.
     """
