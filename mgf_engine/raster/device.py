@@ -84,7 +84,7 @@ def rendered_nothing(device: torch.device) -> int:
 
 
 def room_state(device: torch.device) -> dict[str, Any] | None:
-    """What a run that goes on later needs to know about the room of tile lists, as plain numbers; None on the CPU."""
+    """Return the state of the tile-list capacity as plain numbers, for a checkpoint; None on the CPU."""
     room = _room(device)
     return None if room is None else room.state()
 

@@ -91,7 +91,7 @@ def _in_tiles(mask: NDArray[np.bool_], factor: int) -> NDArray[np.int64]:
 
 
 def _blocks(mask: NDArray[np.bool_], height: int, width: int) -> NDArray[np.bool_]:
-    """Whether each block of the given size holds a true pixel."""
+    """Tell whether each block of the given size holds a true pixel."""
     rows, columns = -(-mask.shape[0] // height), -(-mask.shape[1] // width)
     full = np.zeros((rows * height, columns * width), bool)
     full[: mask.shape[0], : mask.shape[1]] = mask

@@ -47,7 +47,7 @@ class PhotoSide:
 
     @cached_property
     def copies(self) -> dict[Any, Any]:
-        """What cards keep of this photo (:func:`mgf_engine.raster.cuda.loss.photo_on`)."""
+        """Hold the copies of this photo on cards (:func:`mgf_engine.raster.cuda.loss.photo_on`)."""
         return {}
 
 

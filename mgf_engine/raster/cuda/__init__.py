@@ -11,7 +11,7 @@ from mgf_engine.raster.cuda.blending import Rasterizer
 
 @cache
 def launcher_on(backend: str) -> Launcher:
-    """What starts the kernels: backend ``cuda`` on the card, ``cuda-source-on-cpu`` on the CPU.
+    """Return the launcher of the kernels: backend ``cuda`` on the card, ``cuda-source-on-cpu`` on the CPU.
 
     Raises:
         BadInput: ``cuda``, and there is no card, driver or compiler to use; the sentence says which.
