@@ -75,7 +75,7 @@ def barycentric(triangle: NDArray[np.float64], at: NDArray[np.floating]) -> NDAr
 
 
 def look_up(view: View, source: Source, points: NDArray[np.float64], scale: float) -> NDArray[np.uint8]:
-    """What a photo of a view shows at points [n, 3], RGB uint8 [n, 3].
+    """Look up the photo of a view at points [n, 3]; RGB uint8 [n, 3].
 
     Args:
         scale: pixels wanted per pixel of the working photo; a photo that has more is made smaller first.

@@ -94,7 +94,7 @@ def _flat(mesh: Mesh, pairs: NDArray[np.int64]) -> Array:
 
 
 def _samples(mesh: Mesh, ends: NDArray[np.int64], label: NDArray[np.int32], views: Sequence[View]) -> NDArray[np.int64]:
-    """How many samples each seam has, [K], by its length in the photos.
+    """Return the number of samples of each seam, [K], by its length in the photos.
 
     Args:
         ends: vertices at the ends of the seams, [K, 2]; label: the views on both sides, [K, 2].

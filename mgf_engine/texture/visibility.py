@@ -48,7 +48,7 @@ def find_sights(
     inside: Callable[[int], NDArray[np.bool_]],
     progress: Callable[[float], None] = lambda share: None,
 ) -> Sights:
-    """What every view shows.
+    """Find the faces that each view shows.
 
     Args:
         mesh: normalised frame.
@@ -77,7 +77,7 @@ class _Found:
         self._count, self._limit = 0, 2 * faces
 
     def add(self, view: int, faces: NDArray[np.int32], sizes: NDArray[np.float32]) -> None:
-        """What one view shows; views come in their order."""
+        """Add what one view shows; views come in their order."""
         self._best[faces] = np.maximum(self._best[faces], sizes)
         self._parts.append((view, faces, sizes))
         self._count += len(faces)
@@ -129,7 +129,7 @@ def _at_vertices(
     photo: NDArray[np.uint8],
     inside: NDArray[np.bool_],
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Which vertices a view shows, and how far the photo's colour is from theirs (largest channel); [N] both."""
+    """Find the vertices a view shows, and the colour difference of the photo there (largest channel); [N] both."""
     around = np.ones((3, 3), np.uint8)  # vertices on a rim lie half beside it
     x, y = at[framed, :2].astype(np.int64).T
     near = cv2.dilate(depth, around)[y, x] * (1 + SLACK) * at[framed, 2] >= 1
