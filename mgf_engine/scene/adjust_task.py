@@ -52,7 +52,7 @@ def write_task(task: Task, path: Path) -> None:
 
 
 def read_task(path: Path) -> Task:
-    """What :func:`write_task` wrote."""
+    """Read what :func:`write_task` wrote."""
     with np.load(path, allow_pickle=False) as file:
         data = dict(file)
     words = json.loads(data["words"].tobytes())
@@ -72,7 +72,7 @@ def read_task(path: Path) -> Task:
 
 
 def write_result(model: SparseModel, path: Path) -> None:
-    """What adjusting changes: poses, camera parameters, points."""
+    """Write what the adjustment changes: poses, camera parameters, points."""
     params = np.concatenate([camera.params for camera in model.cameras.values()])
     np.savez(path, params=params, xyz=model.points.xyz, **_poses(model))
 

@@ -157,14 +157,14 @@ def _undistorted(camera: SparseCamera, original: pycolmap.Camera) -> pycolmap.Ca
 
 
 def _is_straight(lens: Lens) -> bool:
-    """Whether the lens is a pinhole for all that pixels can tell (COLMAP's own test also says so of plain fisheyes)."""
+    """Tell whether the lens is a pinhole within a pixel (COLMAP's own test also says so of plain fisheyes)."""
     grid = _pixel_centres(lens.width, lens.height, _STEP)
     fx, fy, cx, cy = _pinhole(lens_camera(lens))
     return bool((np.abs(lens_rays(lens, grid) * (fx, fy) + (cx, cy) - grid) < 1e-6).all())
 
 
 def _make_maps(view: WorkingCamera, width: int, height: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Where each pixel of a ``width`` x ``height`` picture of the pinhole camera lies in the shrunk photo."""
+    """Map each pixel of a ``width`` x ``height`` picture of the pinhole camera into the shrunk photo."""
     assert view.lens is not None
     columns = np.empty((height, width), np.float32)
     rows = np.empty((height, width), np.float32)

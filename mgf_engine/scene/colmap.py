@@ -224,7 +224,7 @@ def _common(a: list[str], b: list[str]) -> int:
 
 
 def _of_a_job(folder: Path, own: Path | None = None) -> bool:
-    """Whether a folder is the job's own or another's: its pictures are results, not photos.
+    """Tell whether a folder is a job's: its pictures are results, not photos.
 
     Here as all through this file ``os.path.isfile``, not ``Path.is_file``: the latter raises at folders that one may
     not look into, such as those that Windows and macOS keep at the root of a drive.

@@ -30,7 +30,7 @@ class CropBox:
     to_cube: NDArray[np.float64]
 
     def contains(self, points: NDArray[np.float64], grow: float = 0.0) -> NDArray[np.bool_]:
-        """Which points [N, 3] lie in the box, made larger by the share ``grow`` on every side; bool [N]."""
+        """Find the points [N, 3] in the box, enlarged by the share ``grow`` on every side; bool [N]."""
         local = points @ self.to_cube[:3, :3].T + self.to_cube[:3, 3]
         return np.asarray((np.abs(local) <= 1.0 + grow).all(1))
 

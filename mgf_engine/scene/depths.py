@@ -49,7 +49,7 @@ class Depths:
         return np.stack([rows, columns], 1)[keep], points[keep]
 
     def confirms(self, index: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether a view's depth says the same as points [N, 3], [N]."""
+        """Tell whether a view's depth confirms points [N, 3], bool [N]."""
         if index not in self.maps:
             return np.zeros(len(points), bool)
         photo, depth = self.photos[index], self.maps[index]

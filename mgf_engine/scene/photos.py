@@ -151,7 +151,7 @@ def _make_photo(photo: Photo, folder: Path) -> None:
 
 
 def _orientation(info: PhotoInfo, camera: SparseCamera, image: SparseImage, path: Path, colors: _Colors) -> int:
-    """Whether the camera was calibrated on the stored pixels (1) or on the photo as EXIF turns it.
+    """Return the orientation that the camera was calibrated with: 1 for the stored pixels, else EXIF's.
 
     The aspect ratio decides; where it cannot (half turns, square photos), the colours of the points do.
 

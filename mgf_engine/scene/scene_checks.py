@@ -136,7 +136,7 @@ def foreign_views(brightness: Array, scene: Scene) -> tuple[list[int], float]:
 
 
 def usual_likeness(brightness: Array, scene: Scene) -> float:
-    """What the better quarter of the photos reaches of :func:`likeness`; 1 where too few points tell."""
+    """Return the upper quartile of :func:`likeness` over the photos; 1 where too few points tell."""
     alike = likeness(brightness, scene, np.ones(len(brightness), bool))
     known = alike[np.isfinite(alike)]
     return float(np.percentile(known, 75)) if len(known) >= 3 else 1.0

@@ -111,7 +111,7 @@ def damaged(path: Path, detail: str) -> NoReturn:
 
 
 def parameter_count(model: str, path: Path) -> int:
-    """How many parameters a camera model has.
+    """Return the number of parameters of a camera model.
 
     Raises:
         BadInput: COLMAP has no such model.
@@ -178,7 +178,7 @@ def _check_images(model: SparseModel) -> None:
 
 
 def _sane(values: NDArray[np.float64]) -> bool:
-    """Whether all numbers are finite and small enough to be squared and added up."""
+    """Tell whether all numbers are finite and small enough to be squared and added up."""
     return bool((np.abs(values) < _LARGEST_VALUE).all())
 
 
