@@ -202,7 +202,7 @@ def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array
 def _rays(
     views: StartViews, shape: Tetrahedra, evidence: Evidence, o: CutOptions
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """What the points' rays say: free [T], solid [T] and face [T, 4], as ``mgf_cast_rays`` sums them."""
+    """Cast the points' rays: free [T], solid [T] and face [T, 4], as ``mgf_cast_rays`` sums them."""
     point = np.repeat(np.arange(len(evidence.points), dtype=np.int32), [len(s) for s in evidence.seen])
     view = np.concatenate([np.zeros(0, np.int64), *evidence.seen]).astype(np.int32)
     weight = evidence.weight[point].astype(np.float32)

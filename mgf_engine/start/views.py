@@ -90,7 +90,7 @@ def count_outside(
     points: NDArray[np.float64], projections: NDArray[np.float64], outside: NDArray[np.uint8], margin: float,
     enough: int = 255,
 ) -> NDArray[np.uint8]:  # fmt: skip
-    """How many views call each point outside (kernel ``mgf_count_outside``); arguments as in :class:`StartViews`."""
+    """Count views that call each point outside (kernel ``mgf_count_outside``); arguments as in :class:`StartViews`."""
     result = np.zeros(len(points), np.uint8)
     points, (views, height, width) = np.ascontiguousarray(points, dtype=np.float64), outside.shape
     parallel(
