@@ -15,8 +15,11 @@ def align_to(source: Surface, target: Surface, scale: bool, rounds: int = 60, co
     Each round linearises the point-to-plane distance in rotation, translation and (if ``scale``) scale, with
     weights 1 / (1 + (r / c)^2) and c the median distance, so that parts without a counterpart pull little.
     """
-    rng = np.random.default_rng(0)
-    points, _ = source.sample(count, rng)
+    return align_points(source.sample(count, np.random.default_rng(0))[0], target, scale, rounds)
+
+
+def align_points(points: Points, target: Surface, scale: bool, rounds: int = 60) -> Points:
+    """The same for points [n, 3], such as those of a laser scan."""
     corners = target.vertices[target.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)

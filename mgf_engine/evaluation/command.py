@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.system import write_json
@@ -18,7 +21,14 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``mgf evaluate``."""
-    parser.add_argument("mesh", type=Path, help="mesh to evaluate (PLY, OBJ or GLB)")
+    parser.add_argument("mesh", type=Path, help="mesh to evaluate (PLY, OBJ or GLB), or a job folder")
+    parser.add_argument(
+        "--scan", type=Path, help="laser scan to measure the mesh by (LAS, LAZ, E57 or PLY), registered by ICP first"
+    )
+    parser.add_argument(
+        "--reach", type=float, default=None,
+        help="distance beyond which scan points belong to something else (default: 2%% of the size of the mesh)",
+    )  # fmt: skip
     parser.add_argument(
         "--truth", type=Path,
         help="true mesh in the same coordinates; NAME_materials.json and .npy beside it add scores by material",
@@ -38,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="longest side of the photos whose pixels are the unit of evenness (default 750)",
     )
     parser.add_argument("--leave-out", type=Path, help="mesh of a part of the truth to exclude from the scores")
-    parser.add_argument("--align", choices=("none", "rigid", "similarity"), default="none", help="align first (ICP)")
+    parser.add_argument("--align", choices=("none", "rigid", "similarity"), default=None,
+                        help="align first (ICP; default: rigid for a scan, else none)")  # fmt: skip
     parser.add_argument("--picture", type=Path, help="write a picture of both meshes coloured by distance (z is up)")
     parser.add_argument("--json", type=Path, help="also write the scores to this JSON file")
 
@@ -52,10 +63,11 @@ def evaluate_command(args: argparse.Namespace) -> int:
     # The command line asks this module for its arguments; it need not load scipy and igl for that.
     from mgf_engine.evaluation.evenness import measure_evenness
     from mgf_engine.evaluation.geometry import colmap_pixel
-    from mgf_engine.evaluation.surfaces import read_surface
 
     _check(args)
-    mesh, figures = read_surface(args.mesh), dict[str, Any]()
+    mesh, figures = _read_mesh(args.mesh), dict[str, Any]()
+    if args.scan is not None:
+        figures["scan"] = _compare_with_scan(args, mesh)
     if args.truth is not None:
         scores = _compare(args, mesh)
         print(table(scores))
@@ -73,10 +85,17 @@ def evaluate_command(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    if args.truth is None and args.scene is None:
-        raise BadInput("Nothing to compare the mesh with; give --truth MESH, --scene FOLDER or both.")
-    if args.truth is None and (args.picture or args.leave_out or args.align != "none"):
-        raise BadInput("--picture, --leave-out and --align compare with a true mesh; give --truth MESH, too.")
+    if args.truth is None and args.scene is None and args.scan is None:
+        raise BadInput("Nothing to compare the mesh with; give --truth MESH, --scan FILE or --scene FOLDER.")
+    if args.truth is not None and args.scan is not None:
+        raise BadInput("A mesh is measured by a true mesh or by a scan; give --truth or --scan, not both.")
+    other = args.truth or args.scan
+    if other is None and (args.picture or args.align is not None):
+        raise BadInput("--picture and --align compare with a true mesh or a scan; give --truth or --scan, too.")
+    if args.truth is None and args.leave_out:
+        raise BadInput("--leave-out compares with a true mesh; give --truth MESH, too.")
+    if args.reach is not None and not 0 < args.reach < float("inf"):
+        raise BadInput(f"--reach takes a distance above 0, not {args.reach:g}.")
     if not 1 <= args.photo_size <= 100_000:
         raise BadInput(f"--photo-size must be 1 to 100000 pixels, not {args.photo_size}.")
 
@@ -93,11 +112,52 @@ def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
     materials = read_materials(args.truth, len(truth.faces))
     leave_out = read_surface(args.leave_out) if args.leave_out else None
     scores = score_surface(
-        mesh, truth, args.thresholds, args.samples, cameras, align=args.align, leave_out=leave_out, materials=materials
+        mesh,
+        truth,
+        args.thresholds,
+        args.samples,
+        cameras,
+        align=args.align or "none",
+        leave_out=leave_out,
+        materials=materials,
     )
     if args.picture:
         write_error_map(args.picture, moved(mesh, scores.alignment), truth, min(args.thresholds))
     return scores
+
+
+def _read_mesh(path: Path) -> Surface:
+    """A mesh file, or the mesh of a job: in the coordinates of its CRS where it has true ones."""
+    from mgf_engine.evaluation.surfaces import Surface, read_surface
+
+    if not path.is_dir():
+        return read_surface(path)
+    folder = path / "georeferenced"
+    if not (folder / "mesh.ply").is_file():
+        return read_surface(path / "mesh.ply")
+    found = read_surface(folder / "mesh.ply")
+    try:
+        offset = np.array(json.loads((folder / "georef.json").read_text(encoding="utf-8"))["offset"], np.float64)
+        return Surface(found.vertices + offset, found.faces, str(path))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"The georeference in '{folder}' cannot be used ({error}); run 'mgf georef' again.") from error
+
+
+def _compare_with_scan(args: argparse.Namespace, mesh: Surface) -> dict[str, Any]:
+    """Print what a scan says about the mesh, and draw it where that was asked for; returns the figures."""
+    from mgf_engine.evaluation.scan import compare_with_scan, scan_table
+    from mgf_engine.evaluation.scan_files import read_scan
+    from mgf_engine.evaluation.scan_picture import write_scan_picture
+    from mgf_engine.evaluation.surfaces import Surface
+
+    scan = read_scan(args.scan)
+    origin = mesh.vertices.mean(0)  # near which ICP is exact, also at the size of UTM
+    local = Surface(mesh.vertices - origin, mesh.faces, str(args.mesh))
+    scores, found = compare_with_scan(local, scan - origin, args.align or "rigid", args.thresholds, args.reach)
+    print(scan_table(scores))
+    if args.picture:
+        write_scan_picture(args.picture, local, found, scores.reach)
+    return {**scores.as_dict(), "origin": origin.tolist()}
 
 
 def table(scores: GeometryScores) -> str:

@@ -24,6 +24,7 @@ from mgf_engine.texture.charts import BLOCK
 LEAST_SIDE = 256
 PADDING = 3  # pixels between charts
 SHRINK = 4.0  # what the gutters between the patches of the full texture allow
+BLOCK_FACES = 5000  # for which charts are made together
 AT_ONCE = 500_000  # pixels looked up together
 
 Array = NDArray[np.float64]
@@ -60,16 +61,35 @@ def _charts(mesh: Mesh, side: int) -> tuple[Array, int]:
     """Places of the faces' corners in a picture of this width, 0..1 from the top left, [F, 3, 2], and its height."""
     import xatlas
 
-    atlas = xatlas.Atlas()
+    atlas, blocks = xatlas.Atlas(), _blocks(mesh.vertices[mesh.faces].mean(1))
     local = (mesh.vertices - mesh.vertices.mean(0)).astype(np.float32)
-    atlas.add_mesh(local, mesh.faces.astype(np.uint32))
+    for rows in blocks:
+        used, index = np.unique(mesh.faces[rows], return_inverse=True)
+        atlas.add_mesh(local[used], index.reshape(-1, 3).astype(np.uint32))
     charts, packing = xatlas.ChartOptions(), xatlas.PackOptions()
     charts.max_iterations = 1
     packing.padding, packing.resolution, packing.bilinear = PADDING, side, True
     atlas.generate(charts, packing)
-    _, corners, uv = atlas.get_mesh(0)
     height = max(BLOCK, BLOCK * round(side * atlas.height / max(atlas.width, 1) / BLOCK))
-    return np.asarray(uv[corners], np.float64), int(height)
+    places = np.empty((len(mesh.faces), 3, 2))
+    for number, rows in enumerate(blocks):
+        _, corners, uv = atlas.get_mesh(number)
+        places[rows] = uv[corners]
+    return places, int(height)
+
+
+def _blocks(middles: Array) -> list[NDArray[np.int64]]:
+    """Rows of faces in blocks of at most :data:`BLOCK_FACES` that lie together: xatlas gets slow with many."""
+    left, blocks = [np.arange(len(middles))], list[NDArray[np.int64]]()
+    while left:
+        rows = left.pop()
+        if len(rows) <= BLOCK_FACES:
+            blocks.append(rows)
+            continue
+        axis = int(np.ptp(middles[rows], axis=0).argmax())
+        order = rows[np.argsort(middles[rows, axis], kind="stable")]
+        left += [order[: len(order) // 2], order[len(order) // 2 :]]
+    return blocks
 
 
 def _shrunk(texture: Texture, pixels: int) -> Texture:
@@ -90,6 +110,15 @@ def _shrunk(texture: Texture, pixels: int) -> Texture:
 def _colors(points: Array, surface: Surface, texture: Texture) -> NDArray[np.uint8]:
     """What the texture of a surface shows at the places nearest to points [n, 3], RGB uint8 [n, 3]."""
     _, face, spot = surface.closest(points)
+    return colors_at(spot, face, surface, texture)
+
+
+def colors_at(spot: Array, face: NDArray[np.integer], surface: Surface, texture: Texture) -> NDArray[np.uint8]:
+    """What the texture of a surface shows at points on it, RGB uint8 [n, 3].
+
+    Args:
+        spot: the points, [n, 3]; face: which face each lies on, [n].
+    """
     a, b, c = (surface.vertices[surface.faces[face, k]] for k in range(3))
     first, second, off = b - a, c - a, spot - a
     normal = np.cross(first, second)

@@ -20,6 +20,9 @@ NEEDED: dict[str, dict[str, str]] = {
     "lod": _LEVELS,
     "tiles": _LEVELS,
     "solid": {"shapely": "shapely"},
+    "ifc": {"shapely": "shapely", "ifcopenshell": "ifcopenshell"},
+    "usd": {**_LEVELS, "pxr": "usd-core"},
+    "points": {"laspy": "laspy", "lazrs": "lazrs"},
 }
 MOST_ERRORS = 9
 
@@ -42,6 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave steps and offsets below this size in centimetres out of the solid (default: 8 pixels of the "
         "photos, or 1 %% of the building)",
     )  # fmt: skip
+    parser.add_argument(
+        "--spacing", default=None, metavar="CM",
+        help="distance between the points in centimetres (default: a pixel of the working photos)",
+    )  # fmt: skip
     add_reporting_arguments(parser)
 
 
@@ -58,13 +65,20 @@ def _make(args: argparse.Namespace, reporter: Reporter) -> None:
     """
     kinds = read_kinds(args.only)
     errors = [] if args.error is None else [error / 100 for error in read_errors(args.error)]
-    centimetres = read_number("--detail", args.detail, "a length in CM")
-    detail = None if centimetres is None else centimetres / 100
+    detail = _read_centimetres("--detail", args.detail)
+    spacing = _read_centimetres("--spacing", args.spacing)
     require_packages(kinds)
-    from mgf_engine.models.make import ModelOptions, make_models
+    from mgf_engine.models.make import make_models
+    from mgf_engine.models.work import ModelOptions
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
-    make_models(args.job, args.out, ModelOptions(kinds, errors, detail), reporter)
+    make_models(args.job, args.out, ModelOptions(kinds, errors, detail, spacing), reporter)
+
+
+def _read_centimetres(flag: str, text: str | None) -> float | None:
+    """A length given in centimetres, in metres."""
+    centimetres = read_number(flag, text, "a length in CM")
+    return None if centimetres is None else centimetres / 100
 
 
 def read_kinds(text: str) -> tuple[str, ...]:

@@ -18,7 +18,8 @@ from mgf_engine.georef.model import METRE, Georeference, write_georeference
 from mgf_engine.masks.store import read_masks
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.models.make import ModelOptions, make_models
+from mgf_engine.models.make import make_models
+from mgf_engine.models.work import ModelOptions
 from mgf_engine.scene.store import read_scene
 from mgf_engine.texture.texture_pipeline import make_texture
 from tests.drawings.job_of_house import FinishedJob, finish_job

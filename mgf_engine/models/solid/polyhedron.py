@@ -20,6 +20,7 @@ from mgf_engine.models.solid.evidence import Line2
 from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Array, Solid, SolidFace
 
 LEVEL = 2.5  # steps of the plan's grid: heights this near at one corner are one
+SHORT = 6.0  # steps of the grid: shorter edges become one corner
 
 Ring = list[int]
 
@@ -76,6 +77,7 @@ def make_polyhedron(
             faces[(WALL, *_line_of(cells, start, end, lines))].append(wall)
     vertices = np.array(corners.places).reshape(-1, 3)
     made = [face for (kind, plane, _), rings in faces.items() for face in _merged(vertices, kind, plane, rings)]
+    made = _without_short(vertices, made, SHORT * cells.step)
     return _compact(vertices, _without_straight(vertices, made, cells.step))
 
 
@@ -268,6 +270,29 @@ def _simple(walk: Ring) -> list[Ring]:
             path.append(node)
     loops.append(path)
     return [loop for loop in loops if len(loop) > 2]
+
+
+def _without_short(vertices: Array, faces: list[SolidFace], least: float) -> list[SolidFace]:
+    """The faces with both ends of edges shorter than ``least`` made one corner, as where three lines nearly meet."""
+    into = list(range(len(vertices)))
+
+    def first(row: int) -> int:
+        while into[row] != row:
+            row = into[row]
+        return row
+
+    for face in faces:
+        for ring in face.rings:
+            for u, v in zip(ring, ring[1:] + ring[:1], strict=True):
+                if np.linalg.norm(vertices[u] - vertices[v]) < least:
+                    into[max(first(u), first(v))] = min(first(u), first(v))
+    kept = []
+    for face in faces:
+        rings = [tuple(_without_repeats([first(row) for row in ring])) for ring in face.rings]
+        rings = [ring for k, ring in enumerate(rings) if len(ring) > 2 or k == 0]
+        if len(rings[0]) > 2:
+            kept.append(SolidFace(face.kind, tuple(rings), face.plane))
+    return kept
 
 
 def _without_straight(vertices: Array, faces: list[SolidFace], step: float) -> list[SolidFace]:

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What ``mgf models`` was asked for, and what the parts of a run share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.drawings.model import Survey
+from mgf_engine.messages import Reporter
+from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.output_folder import Cost
+
+KINDS = ("lod", "tiles", "solid", "ifc", "usd", "points")
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """What ``mgf models`` was asked for.
+
+    Attributes:
+        kinds: what to make, of :data:`KINDS`.
+        errors: distances of the coarser levels of detail from the mesh in the local unit; empty takes shares of faces.
+        detail: of the solid in the local unit: what is smaller is left out; None takes it from photos and size.
+        spacing: of points in the local unit; None takes the size of a working pixel on the building.
+    """
+
+    kinds: Sequence[str] = KINDS
+    errors: Sequence[float] = ()
+    detail: float | None = None
+    spacing: float | None = None
+
+
+@dataclass
+class Work:
+    """What the parts of a run share.
+
+    Attributes:
+        folder: where files go; files: name -> what is known about it, for ``models.json``.
+        levels: levels of detail and their textures, the full mesh first.
+    """
+
+    job: Path
+    survey: Survey
+    texture: Texture | None
+    wanted: ModelOptions
+    folder: Path
+    reporter: Reporter
+    cost: Cost = field(default_factory=Cost)
+    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+    levels: list[tuple[Mesh, Texture | None]] = field(default_factory=list)
+
+    def add(self, name: str, **facts: Any) -> Path:
+        """The path of a file to write, on record with what is known about it."""
+        self.files[name] = facts
+        return self.folder / name
