@@ -111,7 +111,7 @@ def kernels_of(process: subprocess.Popen[bytes]) -> Iterator[Remote]:
 _ADDRESSES: list[tuple[Any, str, Callable[..., list[Any]]]] = [
     (loss._Pass, "_at_box", lambda self, map: [map]),
     (loss, "_address", lambda value: [value]),
-    (tsdf.TsdfField, "_judge", lambda self, m: [m.mask, m.pixels, m.rows]),
+    (tsdf.TsdfField, "_view_struct", lambda self, m: [m.mask, m.pixels, m.rows]),
     (lines, "_by_reference", lambda segments: [segments.table, *segments.table.arrays]),
     (photometric, "_struct", lambda surfaces, first: [a for s in surfaces for a in (s.quads, s.depth)]),
 ]

@@ -15,6 +15,7 @@ from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.model import write_georeference
 from mgf_engine.georef.predict import write_places
 from mgf_engine.messages import Reporter
+from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.store import save_scene
 
 
@@ -37,7 +38,7 @@ def predict(site, **given):
 def errors(site, point) -> np.ndarray:
     """Pixels from each predicted place to the true one."""
     at, views = site.normalised(ORIGIN + TARGETS[point["name"]]), {v.name: v for v in site.scene.views}
-    true = {name: views[name].to_original(views[name].project(at[None])[0])[0] for name in point["photos"]}
+    true = {name: to_original(views[name], views[name].project(at[None])[0])[0] for name in point["photos"]}
     return np.array([np.hypot(*(np.array(point["photos"][name][:2]) - true[name])) for name in true])
 
 

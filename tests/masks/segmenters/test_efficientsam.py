@@ -205,7 +205,7 @@ def test_a_decoder_that_takes_something_else_has_a_sentence(pair: tuple[Path, Pa
         other.write_bytes(model.SerializeToString())
         sam = EfficientSam(pair[0], other, tmp_path / "cache", threads=1, gpu=False)
         with pytest.raises(
-            BadInput, match=r"^'.*other\.onnx' does not work as EfficientSAM's \(.*random_walker[^\n]*$"
+            BadInput, match=r"^'.*other\.onnx' is not a working EfficientSAM model \(.*random_walker[^\n]*$"
         ):
             sam.segment(0, photo, hints((160, 240), positive=np.array([[120.0, 80]])))
 
