@@ -113,7 +113,7 @@ def test_too_long_a_path_is_said_before_anything_is_written(tmp_path, monkeypatc
     # The longest name in the pinned wheel of torch has 167 letters, Windows allows 259 in all.
     fits = "C:\\" + "x" * (259 - 167 - len("C:\\" + "\\Lib\\site-packages\\"))
     install.check_length(fits)
-    with pytest.raises(UserError, match=r"1 letter.s. too long"):
+    with pytest.raises(UserError, match=r"1 character.s. too long"):
         install.check_length(fits + "x")
     monkeypatch.setattr(install.sys, "platform", "win32")
     monkeypatch.setattr(install, "_long_paths_allowed", lambda: False)

@@ -65,7 +65,7 @@ def test_bad_files_change_nothing(state, tmp_path, text):
     files.add_click(state.photos[0], 1, 2, False, "building")
     path = tmp_path / "p.json"
     path.write_text(text)
-    with pytest.raises(RuntimeError, match=r"Cannot read|no prompts file"):
+    with pytest.raises(RuntimeError, match=r"Cannot read|not a prompts file"):
         bpy.ops.mgf.import_prompts(filepath=str(path))
     assert len(state.photos[0].clicks) == 1
 
