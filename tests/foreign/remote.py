@@ -80,7 +80,8 @@ def start(target: str, folder: Path, variant: str = "") -> subprocess.Popen[byte
         flags = [f for f in build.FLAGS if f not in ("-shared", "-fPIC", "-O1")]
         cpu = build.VARIANTS["aarch64"]["neon"]
         sources = [str(p) for p in sorted(build.KERNELS.rglob("*.c"))]
-        given = ["-static", "-target", "aarch64-linux-musl", f"-mcpu={cpu}", f'-DTABLE="{table}"', *flags, *sources]
+        flags += ["-I", str(build.KERNELS), f'-DTABLE="{table}"']
+        given = ["-static", "-target", "aarch64-linux-musl", f"-mcpu={cpu}", *flags, *sources]
         arguments: list[str] = []
     else:
         (path,) = build.build([target], [variant or next(iter(build.VARIANTS[build.TARGETS[target].family]))])
@@ -174,7 +175,7 @@ class Remote:
         if name == _BEGINS:
             self._held = {}
         self._held |= sent
-        keep = name.startswith("collapse") and name != _ENDS
+        keep = name.startswith("mgf_collapse") and name != _ENDS
         request = [struct.pack("<Q", len(name)), name.encode(), struct.pack("<QQ", keep, len(sent))]
         for base, (size, _) in sent.items():
             request += [struct.pack("<QQ", base, size), ctypes.string_at(base, size)]
