@@ -5,20 +5,19 @@ from pathlib import Path
 
 import bpy
 
-from ..common import runner
 from ..common.editors import show_image
 from ..common.errors import UserError
 from ..common.job import Job
 from ..common.operators import Operator
 from ..engine.environment import engine_command
-from ..properties import key_of, scene_key
-from ..reconstruct.operators import submit
-from ..reconstruct.start import ended, has_job_file, job_folder
+from ..properties import scene_key
+from ..reconstruct.operators import FinishedJobOperator, submit
+from ..reconstruct.start import ended, job_folder
 from ..results.load import job_name
 from ..scene_import.operators import select_only
 from ..scene_import.tree import Tree
 from .index import read_index
-from .sections import add_section, find_sections, may_be_section, remove_section, section_texts
+from .sections import ROLE_KEY, THEIRS, add_section, find_sections, may_be_section, remove_section, section_texts
 
 
 def drawings_job(scene: bpy.types.Scene) -> Job:
@@ -47,19 +46,11 @@ def drawings_job(scene: bpy.types.Scene) -> Job:
     )  # fmt: skip
 
 
-class MGF_OT_make_drawings(Operator):
+class MGF_OT_make_drawings(FinishedJobOperator):
     """Draw the finished job: facade orthophotos, elevations, sections, sheets, quantities"""
 
     bl_idname = "mgf.make_drawings"
     bl_label = "Make Drawings"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(
-            has_job_file(context.scene, "deliver.json"), "The job folder holds no finished job"
-        ) and cls.needs(
-            not runner.live_job(key_of(context.scene)), "A job of this scene is running; wait for it or cancel it"
-        )
 
     def run(self, context: bpy.types.Context) -> set[str]:
         context.view_layer.update()  # planes may have been moved by a script
@@ -107,8 +98,6 @@ class MGF_OT_use_as_section(Operator):
         return cls.needs(chosen, "Select a plane or an empty of your own first")
 
     def run(self, context: bpy.types.Context) -> None:
-        from .sections import ROLE_KEY, THEIRS
-
         for obj in context.selected_objects:
             if may_be_section(obj):
                 obj[ROLE_KEY] = THEIRS

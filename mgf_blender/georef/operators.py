@@ -5,16 +5,13 @@ from pathlib import Path
 
 import bpy
 
-from ..common import runner
-from ..common.editors import image_editor, show_image
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
-from ..prompts.operators import list_photo
-from ..prompts.properties import active_photo, photo_image
-from ..properties import key_of
-from ..reconstruct.operators import submit
-from ..reconstruct.start import has_job_file, job_folder
+from ..prompts.operators import choose_photo, open_photo
+from ..prompts.properties import active_photo
+from ..reconstruct.operators import FinishedJobOperator, submit
+from ..reconstruct.start import job_folder
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.tree import Tree
 from . import files
@@ -23,17 +20,7 @@ from .properties import active_point
 from .start import georef_job, places_job
 
 
-class _RunsEngine(Operator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(
-            has_job_file(context.scene, "deliver.json"), "The job folder holds no finished job"
-        ) and cls.needs(
-            not runner.live_job(key_of(context.scene)), "A job of this scene is running; wait for it or cancel it"
-        )
-
-
-class MGF_OT_georeference(_RunsEngine):
+class MGF_OT_georeference(FinishedJobOperator):
     """Find the true coordinates of the finished job, from its photos' GPS or from the marked control points"""
 
     bl_idname = "mgf.georeference"
@@ -43,7 +30,7 @@ class MGF_OT_georeference(_RunsEngine):
         return submit(self, georef_job(context.scene))
 
 
-class MGF_OT_predict_places(_RunsEngine):
+class MGF_OT_predict_places(FinishedJobOperator):
     """Read the control points, and predict where they appear in the photos as soon as enough is known"""
 
     bl_idname = "mgf.predict_places"
@@ -102,15 +89,8 @@ class MGF_OT_mark_control_points(Operator):
         return read and cls.needs(active_photo(context.scene) is not None, "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
-        image = photo_image(active_photo(context.scene))
-        if image is None:
-            raise UserError("The photo was not found; set the photo folder and import again.")
+        open_photo(context)
         context.scene.mgf.georef.marking = True
-        show_image(context, image)
-        area = image_editor(context)
-        if area is not None:
-            with context.temp_override(area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
-                bpy.ops.mgf.use_point_tool()
 
 
 class MGF_OT_next_marked_photo(Operator):
@@ -141,7 +121,7 @@ class MGF_OT_next_marked_photo(Operator):
         before = [n for n in names if here is not None and n <= here.name]
         on_it = here is not None and here.name in names
         at = len(before) - 1 + self.step + (0 if on_it or self.step > 0 else 1)
-        show_listed(scene, cameras[names[at % len(names)]])
+        choose_photo(scene.mgf, cameras[names[at % len(names)]])
 
 
 class MGF_OT_use_in_reconstruction(Operator):
@@ -201,16 +181,6 @@ class MGF_OT_import_marks(FileOperator):
     def run(self, context: bpy.types.Context) -> None:
         count = files.read_marks(context.scene, Path(bpy.path.abspath(self.filepath)))
         self.report({"INFO"}, tr("{count} marks read", count=count))
-
-
-def show_listed(scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
-    """Make a camera's photo the chosen one of the list, which gets it where it lacks it."""
-    photos = scene.mgf.photos
-    at = next((i for i, photo in enumerate(photos) if photo.name == camera[PHOTO_KEY]), -1)
-    if at < 0:
-        list_photo(scene.mgf, camera)
-        at = len(photos) - 1
-    scene.mgf.photo_index = at
 
 
 CLASSES = (

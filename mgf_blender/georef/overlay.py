@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import bpy
 
+from ..common.image_overlay import ImageOverlay, draw_lines
 from ..prompts.properties import photo_of_image
 from ..reconstruct.start import has_job_file, job_folder
 from .files import read_places
@@ -17,7 +17,6 @@ _CHOSEN, _OTHER, _WRONG = (1.0, 0.9, 0.1, 1.0), (0.75, 0.75, 0.75, 0.9), (1.0, 0
 _DARK = (0.0, 0.0, 0.0, 0.7)
 _ARM, _GAP = 12.0, 3.0  # of a mark's cross, interface pixels; the middle stays free
 _LEAST_RING = 9.0
-_handle: object | None = None
 
 
 def draw() -> None:
@@ -55,15 +54,15 @@ def draw() -> None:
 def _cross(x: float, y: float, scale: float, color: tuple[float, ...]) -> None:
     a, g = _ARM * scale, _GAP * scale
     arms = [(x - a, y), (x - g, y), (x + g, y), (x + a, y), (x, y - a), (x, y - g), (x, y + g), (x, y + a)]
-    _lines(arms, 3.0 * scale, _DARK)
-    _lines(arms, 1.5 * scale, color)
+    draw_lines(arms, 3.0 * scale, _DARK)
+    draw_lines(arms, 1.5 * scale, color)
 
 
 def _ring(x: float, y: float, radius: float, color: tuple[float, ...]) -> None:
     turn = [2 * math.pi * k / 48 for k in range(48)]
     points = [(x + radius * math.cos(t), y + radius * math.sin(t)) for t in turn]
     ends = [p for k in range(0, 48, 2) for p in (points[k], points[k + 1])]  # dashed
-    _lines(ends, 1.5, color)
+    draw_lines(ends, 1.5, color)
 
 
 def _name(x: float, y: float, away: float, text: str, color: tuple[float, ...]) -> None:
@@ -79,30 +78,5 @@ def _name(x: float, y: float, away: float, text: str, color: tuple[float, ...]) 
     blf.disable(0, blf.SHADOW)
 
 
-def _lines(ends: list[tuple[float, float]], width: float, color: Any) -> None:
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-    gpu.state.blend_set("ALPHA")
-    shader.bind()
-    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-    shader.uniform_float("lineWidth", width)
-    shader.uniform_float("color", color)
-    batch_for_shader(shader, "LINES", {"pos": [(*p, 0.0) for p in ends]}).draw(shader)
-    gpu.state.blend_set("NONE")
-
-
-def register() -> None:
-    """Add the handler; Blender without a window draws nothing."""
-    global _handle
-    if not bpy.app.background:
-        _handle = bpy.types.SpaceImageEditor.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
-
-
-def unregister() -> None:
-    """Remove it."""
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceImageEditor.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+_overlay = ImageOverlay(draw)
+register, unregister = _overlay.add, _overlay.remove

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..common.errors import UserError
-from ..prompts.tool import OnPhoto, redraw
+from ..prompts.tool import DragOnPhoto, OnPhoto, redraw
 from .properties import active_point, mark_of, set_mark
 from .start import predict_again
 
@@ -26,7 +26,7 @@ class _OnMark(OnPhoto):
         return point.name, self._photo(context).name
 
 
-class MGF_OT_mark(_OnMark):
+class MGF_OT_mark(_OnMark, DragOnPhoto):
     """Mark where the chosen control point appears in this photo; drag to place it. Alt removes the mark"""
 
     bl_idname = "mgf.mark"
@@ -49,28 +49,23 @@ class MGF_OT_mark(_OnMark):
             return {"PASS_THROUGH"}
         at = mark_of(context.scene, *self._names(context))
         self._before = tuple(context.scene.mgf.georef.marks[at].uv) if at >= 0 else None
-        set_mark(context.scene, *self._names(context), self.uv)
+        self.move(context)
         redraw(context)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "MOUSEMOVE":
-            self._locate(context, event)
-            set_mark(context.scene, *self._names(context), self.uv)
-            redraw(context)
-        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            predict_again(context.scene)
-            return {"FINISHED"}
-        elif event.type in {"ESC", "RIGHTMOUSE"}:
-            at = mark_of(context.scene, *self._names(context))
-            if self._before is not None:
-                set_mark(context.scene, *self._names(context), self._before)
-            elif at >= 0:
-                context.scene.mgf.georef.marks.remove(at)
-            redraw(context)
-            return {"CANCELLED"}
-        return {"RUNNING_MODAL"}
+    def move(self, context: bpy.types.Context) -> None:
+        set_mark(context.scene, *self._names(context), self.uv)
+
+    def drop(self, context: bpy.types.Context) -> None:
+        predict_again(context.scene)
+
+    def put_back(self, context: bpy.types.Context) -> None:
+        at = mark_of(context.scene, *self._names(context))
+        if self._before is not None:
+            set_mark(context.scene, *self._names(context), self._before)
+        elif at >= 0:
+            context.scene.mgf.georef.marks.remove(at)
 
 
 class MGF_OT_remove_mark(_OnMark):

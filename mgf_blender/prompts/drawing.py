@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import bpy
 
+from ..common.image_overlay import ImageOverlay, draw_triangles
 from . import overlay, preview
 from .properties import BUILDING, photo_of_image
 
@@ -15,7 +15,6 @@ _POSITIVE, _NEGATIVE = (0.16, 0.85, 0.36, 1.0), (0.95, 0.23, 0.2, 1.0)
 _PARTS = ((0.25, 0.6, 1.0, 1.0), (1.0, 0.75, 0.15, 1.0), (0.8, 0.4, 1.0, 1.0), (0.2, 0.9, 0.9, 1.0))
 _RING = (0.0, 0.0, 0.0, 0.9)
 RADIUS = 6.0  # of a click, in interface pixels
-_handle: object | None = None
 
 
 def part_color(part: str) -> tuple[float, float, float, float]:
@@ -54,38 +53,26 @@ def _disc(x: float, y: float, radius: float, color: tuple[float, float, float, f
         (x + radius * math.cos(2 * math.pi * i / corners), y + radius * math.sin(2 * math.pi * i / corners))
         for i in range(corners)
     ]
-    _fill([(x, y), *ring], [(0, i + 1, (i + 1) % corners + 1) for i in range(corners)], color)
+    draw_triangles([(x, y), *ring], [(0, i + 1, (i + 1) % corners + 1) for i in range(corners)], color)
 
 
 def _bar(x: float, y: float, radius: float, horizontal: bool) -> None:
     """Half of a plus, or a minus: signs that do not rely on colour."""
     a, b = (0.6 * radius, 0.16 * radius) if horizontal else (0.16 * radius, 0.6 * radius)
-    _fill([(x - a, y - b), (x + a, y - b), (x + a, y + b), (x - a, y + b)], [(0, 1, 2), (0, 2, 3)], (1, 1, 1, 1))
+    draw_triangles(
+        [(x - a, y - b), (x + a, y - b), (x + a, y + b), (x - a, y + b)], [(0, 1, 2), (0, 2, 3)], (1, 1, 1, 1)
+    )
 
 
-def _fill(points: list[tuple[float, float]], triangles: list[tuple[int, int, int]], color: Any) -> None:
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    gpu.state.blend_set("ALPHA")
-    shader.bind()
-    shader.uniform_float("color", color)
-    batch_for_shader(shader, "TRIS", {"pos": points}, indices=triangles).draw(shader)
-    gpu.state.blend_set("NONE")
+_overlay = ImageOverlay(draw)
 
 
 def register() -> None:
-    """Add the handler; Blender without a window draws nothing."""
-    global _handle
-    if not bpy.app.background:
-        _handle = bpy.types.SpaceImageEditor.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
+    """Add the handler."""
+    _overlay.add()
 
 
 def unregister() -> None:
     """Remove the handler and the textures."""
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceImageEditor.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+    _overlay.remove()
     overlay.forget()

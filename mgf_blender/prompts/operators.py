@@ -28,13 +28,7 @@ class MGF_OT_mark_building(Operator):
         return cls.needs(active_photo(context.scene) is not None, "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
-        image = photo_image(active_photo(context.scene))
-        if image is None:
-            raise UserError("The photo was not found; set the photo folder and import again.")
-        show_image(context, image)
-        area = image_editor(context)
-        with context.temp_override(area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
-            bpy.ops.mgf.use_point_tool()
+        open_photo(context)
 
 
 class MGF_OT_show_viewport(Operator):
@@ -83,14 +77,9 @@ class MGF_OT_add_photo(Operator):
 
     def run(self, context: bpy.types.Context) -> None:
         camera, state = context.scene.camera, context.scene.mgf
-        for i, photo in enumerate(state.photos):
-            if photo.name == camera[PHOTO_KEY]:
-                state.photo_index = i
-                return
-        if not _photo_file(camera):
+        if state.photos.find(camera[PHOTO_KEY]) < 0 and not _photo_file(camera):
             raise UserError("The photo of this camera was not found; set the photo folder and import again.")
-        list_photo(state, camera)
-        state.photo_index = len(state.photos) - 1
+        choose_photo(state, camera)
 
 
 class MGF_OT_remove_photo(Operator):
@@ -237,6 +226,31 @@ class MGF_FH_prompts(bpy.types.FileHandler):
     def poll_drop(cls, context: bpy.types.Context) -> bool:
         in_editor = context.area is not None and context.area.type == "IMAGE_EDITOR"
         return in_editor and len(context.scene.mgf.photos) > 0
+
+
+def open_photo(context: bpy.types.Context) -> None:
+    """Show the chosen photo in an Image Editor, with the point tool active.
+
+    Raises:
+        UserError: the photo was not found.
+    """
+    image = photo_image(active_photo(context.scene))
+    if image is None:
+        raise UserError("The photo was not found; set the photo folder and import again.")
+    show_image(context, image)
+    area = image_editor(context)
+    if area is not None:
+        with context.temp_override(area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
+            bpy.ops.mgf.use_point_tool()
+
+
+def choose_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> None:
+    """Choose the photo of an imported camera in the list, which gets it where it lacks it."""
+    at = state.photos.find(camera[PHOTO_KEY])
+    if at < 0:
+        list_photo(state, camera)
+        at = len(state.photos) - 1
+    state.photo_index = at
 
 
 def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:

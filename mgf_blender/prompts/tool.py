@@ -53,6 +53,42 @@ class OnPhoto(Operator):
         return photos[self.photo]
 
 
+class DragOnPhoto(OnPhoto):
+    """What placing a point by dragging shares; what begins the drag hands over to ``modal``."""
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if self.gone(context):
+            return {"CANCELLED"}
+        if event.type == "MOUSEMOVE":
+            self._locate(context, event)
+            self.move(context)
+            redraw(context)
+        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            self.drop(context)
+            return {"FINISHED"}
+        elif event.type in {"ESC", "RIGHTMOUSE"}:
+            self.put_back(context)
+            redraw(context)
+            return {"CANCELLED"}
+        return {"RUNNING_MODAL"}
+
+    def gone(self, context: bpy.types.Context) -> bool:
+        """Whether what is dragged is there no more."""
+        return False
+
+    def move(self, context: bpy.types.Context) -> None:
+        """Put the point where the pointer is."""
+        raise NotImplementedError
+
+    def drop(self, context: bpy.types.Context) -> None:
+        """Leave the point where it is."""
+        raise NotImplementedError
+
+    def put_back(self, context: bpy.types.Context) -> None:
+        """Restore what was there before the drag."""
+        raise NotImplementedError
+
+
 class _OnClicks(OnPhoto):
     """While control points are marked, clicks are theirs, see ``georef/tool.py``."""
 
@@ -62,7 +98,7 @@ class _OnClicks(OnPhoto):
         return cls.needs(free, "Control points are being marked; switch that off first") and super().poll(context)
 
 
-class MGF_OT_click(_OnClicks):
+class MGF_OT_click(_OnClicks, DragOnPhoto):
     """Mark a point of the building; drag to move it. Ctrl marks what is not the building, Alt removes"""
 
     bl_idname = "mgf.click"
@@ -96,25 +132,21 @@ class MGF_OT_click(_OnClicks):
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def gone(self, context: bpy.types.Context) -> bool:
+        return self._at >= len(self._photo(context).clicks)
+
+    def move(self, context: bpy.types.Context) -> None:
+        self._photo(context).clicks[self._at].uv = self.uv
+
+    def drop(self, context: bpy.types.Context) -> None:
+        self.uv = self._photo(context).clicks[self._at].uv
+
+    def put_back(self, context: bpy.types.Context) -> None:
         clicks = self._photo(context).clicks
-        if self._at >= len(clicks):
-            return {"CANCELLED"}
-        if event.type == "MOUSEMOVE":
-            self._locate(context, event)
-            clicks[self._at].uv = self.uv
-            redraw(context)
-        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            self.uv = clicks[self._at].uv
-            return {"FINISHED"}
-        elif event.type in {"ESC", "RIGHTMOUSE"}:
-            if self._moved:
-                clicks[self._at].uv = self._before
-            else:
-                clicks.remove(self._at)
-            redraw(context)
-            return {"CANCELLED"}
-        return {"RUNNING_MODAL"}
+        if self._moved:
+            clicks[self._at].uv = self._before
+        else:
+            clicks.remove(self._at)
 
 
 class MGF_OT_remove_click(_OnClicks):

@@ -33,15 +33,30 @@ def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
     return {"FINISHED"}
 
 
-class JobOperator(Operator):
+class _StartsEngine(Operator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(
+            not runner.live_job(key_of(context.scene)), "A job of this scene is running; wait for it or cancel it"
+        )
+
+
+class JobOperator(_StartsEngine):
     """Base of operators that start a job of the scene."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        state = context.scene.mgf
-        return cls.needs(state.source, "Import a COLMAP scene or photos first") and cls.needs(
-            not runner.live_job(key_of(context.scene)), "A job of this scene is running; wait for it or cancel it"
-        )
+        source = context.scene.mgf.source
+        return cls.needs(source, "Import a COLMAP scene or photos first") and super().poll(context)
+
+
+class FinishedJobOperator(_StartsEngine):
+    """Base of operators that start the engine on the scene's finished job."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        finished = has_job_file(context.scene, "deliver.json")
+        return cls.needs(finished, "The job folder holds no finished job") and super().poll(context)
 
 
 class MGF_OT_reconstruct(JobOperator):
