@@ -21,7 +21,7 @@ from mgf_engine.config import Config, option_pairs, options_schema, read_config,
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Reporter
 from mgf_engine.option_list import default_text, options_text
-from mgf_engine.reported import watch_for_cancel
+from mgf_engine.reported import send_failed, watch_for_cancel
 from mgf_engine.stages import SECTIONS, STAGE_NAMES, STAGES
 from mgf_engine.terminal import drop_output, make_sink, prepare_streams
 
@@ -311,11 +311,7 @@ def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> in
         if log_path is None:
             print(details, file=sys.stderr)
     shown = str(log_path) if log_path and code == EXIT_FAULT else None
-    try:
-        reporter.send("failed", code=code, text=text, log=shown)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        drop_output()
+    send_failed(reporter, code, text, shown)
     return code
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mgf_engine.errors import BadInput
-from mgf_engine.system import put_in_place
+from mgf_engine.system import atomic_path, put_in_place
 
 _ORIENTATION_TAG = 274
 #: EXIF orientations that swap width and height.
@@ -164,3 +164,18 @@ def _is_cut_jpeg(data: NDArray[np.uint8]) -> bool:
 def _unreadable(path: Path) -> BadInput:
     what = "does not exist" if not path.exists() else f"cannot be read as {_KINDS}"
     return BadInput(f"The photo '{path}' {what}; replace the file or export the photo again.")
+
+
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Write RGB uint8 [H, W, 3] where the user wants it, in the kind that the file's ending names.
+
+    Raises:
+        BadInput: it cannot be written.
+    """
+    refusal = f"Cannot write the picture '{path}'; give a place that can be written, ending in .png or .jpg."
+    try:
+        _, data = cv2.imencode(path.suffix, picture[..., ::-1])
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(data.tobytes())
+    except (OSError, cv2.error) as error:
+        raise BadInput(refusal) from error

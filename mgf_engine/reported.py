@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import signal
 import sys
 import threading
 import traceback
 from collections.abc import Callable
 
-from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, explain
+from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Reporter
 from mgf_engine.terminal import drop_output, make_sink
 
@@ -22,6 +23,23 @@ def add_reporting_arguments(parser: argparse.ArgumentParser) -> None:
     """How progress is shown, and how the add-on asks a run to stop."""
     parser.add_argument("--progress", choices=STYLES, default="auto", help="how to show progress")
     parser.add_argument("--cancel-on-eof", action="store_true", default=False, help="stop when standard input closes")
+
+
+def read_number(flag: str, text: str | None, what: str) -> float | None:
+    """A number above 0; None where it was not given.
+
+    Raises:
+        BadInput: it is none.
+    """
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise BadInput(f"{flag} takes {what} above 0, not '{text}'.")
+    return value
 
 
 def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object]) -> int:
@@ -40,12 +58,21 @@ def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object]) -
             traceback.print_exception(error)
         if code == EXIT_CANCELLED:
             text = "Cancelled; what was there before is unchanged."
-        try:
-            reporter.send("failed", code=code, text=text, log=None)
-            sys.stdout.flush()
-        except BrokenPipeError:
-            drop_output()
+        send_failed(reporter, code, text)
         return code
+
+
+def send_failed(reporter: Reporter, code: int, text: str, log: str | None = None) -> None:
+    """Say that the work ended early and why, even where nobody reads any more.
+
+    Args:
+        log: path of the file with the details.
+    """
+    try:
+        reporter.send("failed", code=code, text=text, log=log)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        drop_output()
 
 
 def watch_for_cancel(reporter: Reporter, on_eof: bool) -> None:

@@ -48,6 +48,17 @@ def wait_for(process: subprocess.Popen[bytes], check: Callable[[], None]) -> Non
     check()
 
 
+def run_worker(command: Sequence[str], check: Callable[[], None]) -> int:
+    """Run a worker that says nothing until its end, or until ``check`` raises; returns its exit code."""
+    quiet = subprocess.DEVNULL
+    with worker(command, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet) as process:
+        try:
+            wait_for(process, check)
+        finally:
+            process.kill()
+    return process.returncode
+
+
 def end_with_the_job() -> None:
     """For a thread of the worker, whose stdin is a pipe that the job holds: ends the process when the job is gone."""
     while os.read(0, 1024):  # not sys.stdin: its lock, held here, would stop the interpreter from ending

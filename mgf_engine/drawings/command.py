@@ -13,7 +13,7 @@ from pathlib import Path
 from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import add_reporting_arguments, run_reported
+from mgf_engine.reported import add_reporting_arguments, read_number, run_reported
 
 NEEDED = {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely"}
 
@@ -97,20 +97,3 @@ def read_points(text: str) -> list[list[float]]:
     if [len(point) for point in points] != [3, 3, 3] or not all(math.isfinite(v) for point in points for v in point):
         raise refusal
     return points
-
-
-def read_number(flag: str, text: str | None, what: str) -> float | None:
-    """A number above 0; None where it was not given.
-
-    Raises:
-        BadInput: it is none.
-    """
-    if text is None:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise BadInput(f"{flag} takes {what} above 0, not '{text}'.")
-    return value

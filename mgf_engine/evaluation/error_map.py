@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.pictures import circle_views
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import shaded
+from mgf_engine.images import write_picture
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.system import atomic_path
 
 Picture = NDArray[np.uint8]
 
@@ -39,14 +38,7 @@ def write_error_map(path: Path, mesh: Surface, truth: Surface, threshold: float)
     for shown, other in ((mesh, truth), (subdivided(truth, _FINE * threshold), mesh)):
         painted = Mesh(shown.vertices, shown.faces.astype(np.int32), colors(other.distances(shown.vertices), threshold))
         rows.append(np.hstack([shaded(painted, view, color=True) for view in views]))
-    picture = np.vstack([*rows, _legend(threshold, rows[0].shape[1])])
-    refusal = f"Cannot write the picture '{path}'; give a place that can be written, ending in .png or .jpg."
-    try:
-        _, data = cv2.imencode(path.suffix, picture[..., ::-1])
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(data.tobytes())
-    except (OSError, cv2.error) as error:
-        raise BadInput(refusal) from error
+    write_picture(path, np.vstack([*rows, _legend(threshold, rows[0].shape[1])]))
 
 
 def colors(distances: NDArray[np.float64], threshold: float) -> Picture:

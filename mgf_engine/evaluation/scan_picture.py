@@ -9,14 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.error_map import SIDES, SIZE, subdivided
 from mgf_engine.evaluation.pictures import circle_views
 from mgf_engine.evaluation.scan import ScanDistances
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import shaded
+from mgf_engine.images import write_picture
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.system import atomic_path
 
 NEIGHBOURS = 6  # scan points that a vertex takes its colour from
 BARE = np.array([170.0, 170, 170])  # where there are none
@@ -33,14 +32,7 @@ def write_scan_picture(path: Path, mesh: Surface, found: ScanDistances, reach: f
     painted = Mesh(fine.vertices, fine.faces.astype(np.int32), _colors(fine.vertices, found, limit, reach))
     views = circle_views(painted, np.array([0.0, 0.0, 1.0]), np.array([-0.6, -1.0, 0.0]), SIDES, SIZE)
     row = np.hstack([shaded(painted, view, color=True) for view in views])
-    picture = np.vstack([row, _legend(limit, row.shape[1])])
-    refusal = f"Cannot write the picture '{path}'; give a place that can be written, ending in .png or .jpg."
-    try:
-        _, data = cv2.imencode(path.suffix, picture[..., ::-1])
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(data.tobytes())
-    except (OSError, cv2.error) as error:
-        raise BadInput(refusal) from error
+    write_picture(path, np.vstack([row, _legend(limit, row.shape[1])]))
 
 
 def _colors(vertices: NDArray[np.float64], found: ScanDistances, limit: float, reach: float) -> NDArray[np.uint8]:

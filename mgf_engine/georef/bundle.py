@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import importlib.util
 import logging
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -34,7 +33,7 @@ from mgf_engine.scene.adjust import STRAY, take_part
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
 from mgf_engine.scene.colmap_bundle import moved, projection_errors
 from mgf_engine.scene.sparse import SparseModel
-from mgf_engine.subprocesses import wait_for, worker
+from mgf_engine.subprocesses import run_worker
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")
@@ -124,15 +123,10 @@ def _in_a_process(task: Task, known: Sequence[Known], loss: float, reporter: Rep
         write_task(task, folder / TASK)
         targets, sd = np.array([k.target for k in known]), np.array([k.sd for k in known])
         np.savez(folder / KNOWN, targets=targets, sd=sd, loss=np.array(loss))
-        quiet = subprocess.DEVNULL
-        with worker([*COMMAND, name], stdin=subprocess.PIPE, stdout=quiet, stderr=quiet) as process:
-            try:
-                wait_for(process, reporter.check)
-            finally:
-                process.kill()
-        if process.returncode != 0:
+        code = run_worker([*COMMAND, name], reporter.check)
+        if code != 0:
             reporter.warning(
-                f"The bundle adjustment with control points ended with code {process.returncode}; the cameras stay as "
+                f"The bundle adjustment with control points ended with code {code}; the cameras stay as "
                 "they are, and the scene is only laid onto the points."
             )
             return None

@@ -9,10 +9,9 @@ import logging
 import math
 from pathlib import Path
 
-from mgf_engine.drawings.command import read_number
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import add_reporting_arguments, run_reported
+from mgf_engine.reported import add_reporting_arguments, read_number, run_reported
 
 _LEVELS = {"xatlas": "xatlas", "fast_simplification": "fast-simplification"}
 #: What can be made -> the packages it needs beyond the engine's own, module -> name.

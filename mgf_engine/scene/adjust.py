@@ -9,7 +9,6 @@ that adjusting hardly improves.
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import tempfile
 from itertools import pairwise
@@ -24,7 +23,7 @@ from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
 from mgf_engine.scene.colmap_bundle import by_image, centres, colmap_camera, moved, owners, projection_errors
 from mgf_engine.scene.sparse import SparseModel, check_model
-from mgf_engine.subprocesses import wait_for, worker
+from mgf_engine.subprocesses import run_worker
 
 Indices = NDArray[np.int64]
 #: Median error, working pixels, from which adjusting is tried; sound models stay below 0.35.
@@ -116,14 +115,9 @@ def _in_a_process(task: Task, reporter: Reporter) -> SparseModel | None:
     with tempfile.TemporaryDirectory(prefix="mgf-") as name:
         folder = Path(name)
         write_task(task, folder / TASK)
-        quiet = subprocess.DEVNULL
-        with worker([*COMMAND, name], stdin=subprocess.PIPE, stdout=quiet, stderr=quiet) as process:
-            try:
-                wait_for(process, reporter.check)
-            finally:
-                process.kill()
-        if process.returncode != 0:
-            log.info("scene: cameras could not be adjusted (COLMAP ended with code %d)", process.returncode)
+        code = run_worker([*COMMAND, name], reporter.check)
+        if code != 0:
+            log.info("scene: cameras could not be adjusted (COLMAP ended with code %d)", code)
             return None
         return read_result(folder / RESULT, task.model)
 
