@@ -19,26 +19,28 @@ from mgf_engine.start.options import DenseOptions
 from mgf_engine.start.views import StartViews
 
 _FAR = 50.0  # degrees: photos further around confirm nothing
-_PER_CUBE = 2  # points at least in a cube
-_SEEN = 0.4  # share of a cube's points that a view must have seen
+_PER_VOXEL = 2  # points at least in a voxel
+_SEEN = 0.4  # share of a voxel's points that a view must have seen
 _BATCH = 8  # photos whose points are added up together
 
 
 def dense_points(
     views: StartViews, masks: MaskSet, o: DenseOptions, threads: int, check: Callable[[], None]
 ) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Points [N, 3], one per cube of ``o.size`` px, and positions of the views that saw each."""
+    """Points [N, 3], one per voxel of ``o.size`` px, and positions of the views that saw each."""
     scene, kept = with_hull_points(views.scene, masks, views.indices)
     inside = lambda i: building(masks.labels[i])  # noqa: E731
     depths = match_photos(scene, views.indices, kept, inside, o.neighbours, o.longest_side, threads, check)
     numbers = [n for n, i in enumerate(views.indices) if i in depths.maps]
     size = o.size * views.pixel
-    parts = [Cubes.of(np.zeros((0, 3)), np.zeros((0, len(views.views)), bool), views.low, size)]
-    for found in parallel_map(lambda n: Cubes.of(*_confirmed(views, depths, n, o), views.low, size), numbers, threads):
+    parts = [VoxelSums.of(np.zeros((0, 3)), np.zeros((0, len(views.views)), bool), views.low, size)]
+    for found in parallel_map(
+        lambda n: VoxelSums.of(*_confirmed(views, depths, n, o), views.low, size), numbers, threads
+    ):
         parts.append(found)
         if len(parts) > _BATCH:
-            parts = [Cubes.joined(parts)]
-    return Cubes.joined(parts).means()
+            parts = [VoxelSums.joined(parts)]
+    return VoxelSums.joined(parts).means()
 
 
 def _confirmed(
@@ -71,11 +73,11 @@ def _texture(light: NDArray[Any]) -> NDArray[np.float32]:
 
 
 @dataclass(frozen=True)
-class Cubes:
-    """Points added up in the cubes of a grid, so that those of all photos never lie in memory together.
+class VoxelSums:
+    """Points added up in the voxels of a grid, so that those of all photos never lie in memory together.
 
     Attributes:
-        key: index of each cube in the grid, ascending, int64 [C, 3].
+        key: index of each voxel in the grid, ascending, int64 [C, 3].
         total: sum of its points, [C, 3].
         count: number of its points, [C].
         votes: how many of them each view saw, uint32 [C, V].
@@ -87,30 +89,32 @@ class Cubes:
     votes: NDArray[np.unsignedinteger]
 
     @classmethod
-    def of(cls, points: NDArray[np.float64], seen: NDArray[np.bool_], low: NDArray[np.float64], size: float) -> Cubes:
-        """Add up points [N, 3] in cubes of a size; ``seen``: which views saw each, bool [N, V]."""
+    def of(
+        cls, points: NDArray[np.float64], seen: NDArray[np.bool_], low: NDArray[np.float64], size: float
+    ) -> VoxelSums:
+        """Add up points [N, 3] in voxels of a size; ``seen``: which views saw each, bool [N, V]."""
         key = np.floor((points - low) / size).astype(np.int64)
         return cls(key, points, np.ones(len(points), np.int64), seen.view(np.uint8))._summed()
 
     @classmethod
-    def joined(cls, parts: Sequence[Cubes]) -> Cubes:
-        """Add up cubes of one grid."""
+    def joined(cls, parts: Sequence[VoxelSums]) -> VoxelSums:
+        """Add up voxels of one grid."""
         whole = ([getattr(part, field.name) for part in parts] for field in fields(cls))
         return cls(*map(np.concatenate, whole))._summed()
 
-    def _summed(self) -> Cubes:
-        """One entry for each cube."""
+    def _summed(self) -> VoxelSums:
+        """One entry for each voxel."""
         order = np.lexsort(self.key.T)
         key = self.key[order]
         start = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(1)][: len(key)])
         if not len(start):
             return replace(self, votes=self.votes.astype(np.uint32))
         total, count = (np.add.reduceat(values[order], start) for values in (self.total, self.count))
-        return Cubes(key[start], total, count, np.add.reduceat(self.votes[order], start, dtype=np.uint32))
+        return VoxelSums(key[start], total, count, np.add.reduceat(self.votes[order], start, dtype=np.uint32))
 
     def means(self) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-        """Mean points of cubes that hold enough, and the views that saw nearly half of each."""
-        share = (self.votes > _SEEN * self.count[:, None]) & (self.count >= _PER_CUBE)[:, None]
+        """Mean points of voxels that hold enough, and the views that saw nearly half of each."""
+        share = (self.votes > _SEEN * self.count[:, None]) & (self.count >= _PER_VOXEL)[:, None]
         keep = share.any(1)
         rows, number = np.nonzero(share[keep])
         mean = self.total[keep] / self.count[keep, None]

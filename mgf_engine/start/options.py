@@ -45,7 +45,7 @@ class DenseOptions:
     longest_side: int = 750  # px
     texture: float = 0.6  # L of Lab per px, gradient in the direction in which it is least within 7 x 7 px
     confirmed_by: int = 1  # other photos that must say the same
-    size: float = 3.0  # px, side of the cubes that points are averaged in
+    size: float = 3.0  # px, side of the voxels that points are averaged in
     weight: float = 0.3  # of a ray, beside 1 for a point on a line
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.start.dense import Cubes, _texture
+from mgf_engine.start.dense import VoxelSums, _texture
 from mgf_engine.start.options import DenseOptions
 
 ROWS, COLUMNS = np.mgrid[:40, :40].astype(np.float32)
@@ -27,14 +27,14 @@ def test_it_is_the_gradient_where_that_is_least() -> None:
 
 
 def scattered(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Points in 4 x 4 x 4 cubes of size 1, about eight in each, and which of five views saw them."""
+    """Points in 4 x 4 x 4 voxels of size 1, about eight in each, and which of five views saw them."""
     rng = np.random.default_rng(seed)
     return rng.uniform(-2, 2, (512, 3)), rng.random((512, 5)) < 0.4
 
 
-def test_cubes_hold_means_and_the_views_that_saw_enough_of_their_points() -> None:
+def test_voxels_hold_means_and_the_views_that_saw_enough_of_their_points() -> None:
     points, seen = scattered()
-    mean, views = Cubes.of(points, seen, np.full(3, -2.0), 1.0).means()
+    mean, views = VoxelSums.of(points, seen, np.full(3, -2.0), 1.0).means()
     cell = np.floor(points + 2).astype(int)
     expected = {}
     for key in {tuple(c) for c in cell}:
@@ -47,17 +47,17 @@ def test_cubes_hold_means_and_the_views_that_saw_enough_of_their_points() -> Non
     assert len(found) > 50
 
 
-def test_cubes_of_photos_one_by_one_are_those_of_all_together() -> None:
+def test_voxels_of_photos_one_by_one_are_those_of_all_together() -> None:
     points, seen = scattered()
     low = np.full(3, -2.0)
-    parts = [Cubes.of(points[k::3], seen[k::3], low, 1.0) for k in range(3)]
-    mean, views = Cubes.joined([parts[0], Cubes.joined(parts[1:])]).means()
-    expected_mean, expected_views = Cubes.of(points, seen, low, 1.0).means()
+    parts = [VoxelSums.of(points[k::3], seen[k::3], low, 1.0) for k in range(3)]
+    mean, views = VoxelSums.joined([parts[0], VoxelSums.joined(parts[1:])]).means()
+    expected_mean, expected_views = VoxelSums.of(points, seen, low, 1.0).means()
     np.testing.assert_allclose(mean, expected_mean)
     assert [v.tolist() for v in views] == [v.tolist() for v in expected_views]
 
 
-def test_no_points_make_no_cubes() -> None:
-    mean, views = Cubes.of(np.zeros((0, 3)), np.zeros((0, 5), bool), np.zeros(3), 1.0).means()
+def test_no_points_make_no_voxels() -> None:
+    mean, views = VoxelSums.of(np.zeros((0, 3)), np.zeros((0, 5), bool), np.zeros(3), 1.0).means()
     assert mean.shape == (0, 3)
     assert views == []

@@ -35,16 +35,16 @@ from mgf_engine.masks.propagation.prompt_outliers import (
 from mgf_engine.masks.propagation.random_walker import Belief, LabelGraph
 from mgf_engine.masks.propagation.sky_regions import draw_skyline
 from mgf_engine.masks.propagation.superpixels import Regions, cut_regions
-from mgf_engine.masks.refinement.even_regions import missing_patches
 from mgf_engine.masks.refinement.far_background import cut_distant
 from mgf_engine.masks.refinement.ground_homography import GroundSeen
+from mgf_engine.masks.refinement.homogeneous_regions import find_missing_pixels
 from mgf_engine.masks.refinement.sky_holes import sky_through
 from mgf_engine.masks.refinement.thin_structures import Openwork, find_openwork
 from mgf_engine.masks.refinement.vegetation import leaves_before
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
 from mgf_engine.messages import Reporter
-from mgf_engine.model.masks import BACKGROUND, UNKNOWN, MaskSet, building
+from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN, MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
@@ -304,7 +304,7 @@ class _Work:
         through = sky_through(lab, drawn | seen, sky, view, self.shape.up, self._observed(index))
         labels[:], sky = drawn & ~through, sky | through
         labels[self._strays(index, core, accepted)] = BACKGROUND
-        labels[missing_patches(lab, labels, sky, self.prompts.get(index, Clicks()).negative)] = 1
+        labels[find_missing_pixels(lab, labels, sky, self.prompts.get(index, Clicks()).negative)] = BUILDING
         labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
         ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
         labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mask boundaries that cross a region of even colour, moved to the region's edge.
+"""Mask boundaries that cross a homogeneous region, moved to the region's edge.
 
-Propagation decides by superpixels and points, and a plain wall gives it neither edges nor points: its foot or a corner
-may be cut off along a line that the photo does not show. A region without edges inside is one surface, so where most of
-it is building, what is missing is filled, up to the nearest edge.
+Propagation decides by superpixels and points, and a textureless wall gives it neither edges nor points: its foot or a
+corner may be cut off along a line that the photo does not show. A region without edges is one surface, so where most of
+it is building, the rest is filled up to the nearest edge.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, maximum
+from scipy.ndimage import distance_transform_edt
 
 from mgf_engine.masks.image_ops import grow, shrink
 from mgf_engine.masks.points import pixel_at
@@ -21,8 +21,8 @@ from mgf_engine.model.masks import BACKGROUND, UNKNOWN
 
 
 @dataclass(frozen=True)
-class EvenRegionOptions:
-    """When a region of even colour is completed."""
+class HomogeneousRegionOptions:
+    """When a homogeneous region is completed."""
 
     edge: float = 2.0  # CIELAB units per pixel, gradient from which a pixel is an edge
     gap: int = 2  # pixels, half the width of gaps between edges that regions do not leak through
@@ -33,14 +33,14 @@ class EvenRegionOptions:
     depth: float = 0.05  # of the photo's longer side: patches that reach further from the mask are left out
 
 
-def missing_patches(
+def find_missing_pixels(
     lab: NDArray[np.float32],
     labels: NDArray[np.uint8],
     sky: NDArray[np.bool_],
     negative: NDArray[np.floating],
-    options: EvenRegionOptions = EvenRegionOptions(),
+    options: HomogeneousRegionOptions = HomogeneousRegionOptions(),
 ) -> NDArray[np.bool_]:
-    """Background and unknown pixels that belong to the building by even colour, bool [H, W].
+    """Background and unknown pixels that belong to the building by their homogeneous region, bool [H, W].
 
     Args:
         lab: CIELAB of the photo, float32 [H, W, 3].
@@ -53,9 +53,7 @@ def missing_patches(
     count, region = cv2.connectedComponents(shrink(flat, options.gap).astype(np.uint8), connectivity=4)
     size = np.bincount(region.ravel(), minlength=count)
     inside = np.bincount(region[mask], minlength=count)
-    known = np.bincount(region[labels != UNKNOWN], minlength=count)
-    # What is unknown counts as missing, too: a region that is mostly unknown is no building yet.
-    mostly = (inside >= options.building * np.maximum(known, size * options.building)) & (size >= options.smallest)
+    mostly = (inside >= options.building * size) & (size >= options.smallest)
     mostly[0] = False  # edges
     chosen = mostly[region]
     source = mask & chosen
@@ -80,14 +78,15 @@ def _attached(
     mask: NDArray[np.bool_],
     distance: NDArray[np.float64],
     negative: NDArray[np.floating],
-    options: EvenRegionOptions,
+    options: HomogeneousRegionOptions,
 ) -> NDArray[np.bool_]:
     """Connected patches that touch the mask along enough of their outline and reach not too far from it."""
     count, patch = cv2.connectedComponents(patches.astype(np.uint8), connectivity=4)
     outline = patches & ~shrink(patches, 1)
     length = np.bincount(patch[outline], minlength=count)
     touching = np.bincount(patch[outline & grow(mask, 1)], minlength=count)
-    farthest = maximum(distance, patch, np.arange(count))
+    farthest = np.zeros(count)
+    np.maximum.at(farthest, patch[patches], distance[patches])
     kept = (touching >= options.contact * length) & (farthest < options.depth * max(mask.shape))
     kept[0] = False
     kept[patch[pixel_at(mask.shape, negative)]] = False
