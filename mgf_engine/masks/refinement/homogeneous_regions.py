@@ -40,7 +40,7 @@ def find_missing_pixels(
     negative: NDArray[np.floating],
     options: HomogeneousRegionOptions = HomogeneousRegionOptions(),
 ) -> NDArray[np.bool_]:
-    """Background and unknown pixels that belong to the building by their homogeneous region, bool [H, W].
+    """Find background and unknown pixels that belong to the building by their homogeneous region, bool [H, W].
 
     Args:
         lab: CIELAB of the photo, float32 [H, W, 3].
@@ -86,7 +86,7 @@ def _attached(
     length = np.bincount(patch[outline], minlength=count)
     touching = np.bincount(patch[outline & grow(mask, 1)], minlength=count)
     farthest = np.zeros(count)
-    np.maximum.at(farthest, patch[patches], distance[patches])
+    np.maximum.at(farthest, patch[patches].astype(np.int64), distance[patches])
     kept = (touching >= options.contact * length) & (farthest < options.depth * max(mask.shape))
     kept[0] = False
     kept[patch[pixel_at(mask.shape, negative)]] = False
