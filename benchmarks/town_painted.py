@@ -67,17 +67,17 @@ def paint_views(folder: Path, spec: SceneSpec, parts: list[tuple[int, Part]], sh
     for kind in ("photos", "ids"):
         (folder / "work" / kind).mkdir(parents=True, exist_ok=True)
     views = [_view(spec, shot) for shot in shots]
-    sights = []
+    rendered = []
     for shot, view in zip(shots, views, strict=True):
         buffers = render_mesh(mesh, view)
-        sights.append(buffers)
+        rendered.append(buffers)
         stem = Path(shot.name).stem + ".png"
         ids = np.where(buffers.face >= 0, house[np.maximum(buffers.face, 0)], 0).astype(np.uint8)
         cv2.imwrite(str(folder / "work/ids" / stem), ids)
         photo = folder / "work/photos" / stem
         if not photo.exists():
             cv2.imwrite(str(photo), _photograph(mesh, view, base, mottle, normal)[..., ::-1])
-    _write_model(folder / "sparse/0", mesh, mottle, views, sights, spec)
+    _write_model(folder / "sparse/0", mesh, mottle, views, rendered, spec)
 
 
 def _view(spec: SceneSpec, shot: Shot) -> View:
@@ -109,7 +109,12 @@ def _photograph(
 
 
 def _write_model(
-    folder: Path, mesh: Mesh, mottle: NDArray[np.float64], views: list[View], sights: list[MeshBuffers], spec: SceneSpec
+    folder: Path,
+    mesh: Mesh,
+    mottle: NDArray[np.float64],
+    views: list[View],
+    rendered: list[MeshBuffers],
+    spec: SceneSpec,
 ) -> None:
     """The true cameras with tracks of points on what has texture, each a little off."""
     rng = np.random.default_rng([spec.seed, 5])
@@ -128,7 +133,7 @@ def _write_model(
     camera = pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.PINHOLE, f.fx, f.width, f.height)
     camera.params = [f.fx, f.fy, f.cx, f.cy]
     model.add_camera_with_trivial_rig(camera)
-    for number, (view, buffers) in enumerate(zip(views, sights, strict=True), start=1):
+    for number, (view, buffers) in enumerate(zip(views, rendered, strict=True), start=1):
         uv, depth = view.project(true)
         inside = (depth > 0) & (uv > 1).all(1) & (uv < (view.width - 1, view.height - 1)).all(1)
         index = np.flatnonzero(inside)

@@ -24,7 +24,7 @@ from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.roots import spread_out, standpoints
 from mgf_engine.town.hulls import ABOVE, SLACK, Hull, prism
 from mgf_engine.town.place import to_normalised
-from mgf_engine.town.sights import Choice, Drawn
+from mgf_engine.town.view_selection import HullBuffers, ViewSelection
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -75,8 +75,8 @@ def suggest_clicks(
     number: int,
     hulls: Sequence[Hull],
     points: Array,
-    drawn: Drawn,
-    choice: Choice,
+    drawn: HullBuffers,
+    choice: ViewSelection,
     metre: float,
 ) -> dict[str, dict[str, list[list[float]]]]:
     """Clicks on one building in the form of ``prompts.json``, pixels of the user's photos.
@@ -117,7 +117,7 @@ def suggest_clicks(
     return result
 
 
-def _clicked(scene: Scene, choice: Choice, shares: Sequence[float]) -> list[int]:
+def _clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float]) -> list[int]:
     """The photos that get clicks: a third of those chosen, spread out, none with only a corner of the building."""
     count = min(len(choice.photos), max(_FEWEST, -(-len(choice.photos) // _SHARE)))
     large = _LARGE * float(np.median([shares[k] for k in choice.photos]))

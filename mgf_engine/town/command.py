@@ -69,7 +69,7 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
     from mgf_engine.town.map import draw_map
     from mgf_engine.town.place import place_footprints
     from mgf_engine.town.plan import make_plan, shared_scene, write_plan
-    from mgf_engine.town.sights import FEWEST
+    from mgf_engine.town.view_selection import FEWEST
 
     if args.photos_per_building < FEWEST:
         raise BadInput(f"--photos-per-building must be {FEWEST} or more; a building needs that many.")

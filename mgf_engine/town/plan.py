@@ -36,8 +36,8 @@ from mgf_engine.town.find import find_outlines
 from mgf_engine.town.footprints import Footprints
 from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN, Hull, make_hulls
 from mgf_engine.town.place import Placed, local_points, near_scene
-from mgf_engine.town.sights import FEWEST, Choice, Drawn, choose_photos, draw_hulls
 from mgf_engine.town.submodel import write_if_changed, write_submodel
+from mgf_engine.town.view_selection import FEWEST, HullBuffers, ViewSelection, choose_photos, draw_hulls
 
 Array = NDArray[np.float64]
 BUILDINGS, SCENE, FILE, ONE = "buildings", "scene", "buildings.json", "building.json"
@@ -67,7 +67,7 @@ class Building:
     """
 
     hull: Hull
-    choice: Choice
+    choice: ViewSelection
     clicks: dict[str, Any]
     by_hand: bool = False
 
@@ -142,7 +142,14 @@ def _unmapped(placed: Placed, points: Array, hulls: Sequence[Hull]) -> list[Hull
 
 
 def plan_building(
-    scene: Scene, placed: Placed, hull: Hull, number: int, hulls: Sequence[Hull], points: Array, drawn: Drawn, most: int
+    scene: Scene,
+    placed: Placed,
+    hull: Hull,
+    number: int,
+    hulls: Sequence[Hull],
+    points: Array,
+    drawn: HullBuffers,
+    most: int,
 ) -> Building:
     """Photos and clicks of one building.
 
@@ -150,7 +157,7 @@ def plan_building(
         number: of the hull among ``hulls`` and in ``drawn``; -1 where it is not among them.
     """
     if number < 0 or hull.state == UNMAPPED:
-        return Building(hull, Choice([], 0.0, 0.0, 0.0, 0), {})
+        return Building(hull, ViewSelection([], 0.0, 0.0, 0.0, 0), {})
     choice = choose_photos(scene, placed.georeference, hull, number, hulls, drawn, most, placed.metre)
     if len(choice.photos) < FEWEST:
         few = f"{len(choice.photos)} photos show it, and {FEWEST} are needed; fly there again."

@@ -25,8 +25,8 @@ from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.find import find_outlines
 from mgf_engine.town.hulls import READY, make_hulls
 from mgf_engine.town.place import local_points, place_scene
-from mgf_engine.town.sights import FEWEST, choose_photos, draw_hulls
 from mgf_engine.town.submodel import write_if_changed
+from mgf_engine.town.view_selection import FEWEST, choose_photos, draw_hulls
 
 Array = NDArray[np.float64]
 CLICKS, SHEET = "prompts.json", "clicks.jpg"

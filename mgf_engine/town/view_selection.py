@@ -28,7 +28,7 @@ FEWEST = 3  # photos of a building
 
 
 @dataclass(frozen=True)
-class Drawn:
+class HullBuffers:
     """The hulls as photos see them.
 
     Attributes:
@@ -45,7 +45,7 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ViewSelection:
     """The photos of one building.
 
     Attributes:
@@ -69,7 +69,7 @@ def small_view(view: View) -> tuple[View, float]:
     return (scaled_view(view, factor) if factor < 1 else view), factor
 
 
-def draw_hulls(scene: Scene, georeference: Georeference, hulls: Sequence[Hull], metre: float) -> Drawn:
+def draw_hulls(scene: Scene, georeference: Georeference, hulls: Sequence[Hull], metre: float) -> HullBuffers:
     """Draw all hulls into all photos, each hiding what lies behind it."""
     vertices, faces, owners, count = [], [], [], 0
     for number, hull in enumerate(hulls):
@@ -81,7 +81,7 @@ def draw_hulls(scene: Scene, georeference: Georeference, hulls: Sequence[Hull], 
     corners = np.concatenate(vertices)
     mesh = Mesh(corners, np.concatenate(faces).astype(np.int32), np.zeros(corners.shape, np.uint8))
     owner_of = np.concatenate([*owners, [-1]]).astype(np.int16)  # face -1 finds the last
-    drawn = Drawn([], [], [], [])
+    drawn = HullBuffers([], [], [], [])
     for view in scene.views:
         small, factor = small_view(view)
         buffers = render_mesh(mesh, small)
@@ -98,10 +98,10 @@ def choose_photos(
     hull: Hull,
     number: int,
     hulls: Sequence[Hull],
-    drawn: Drawn,
+    drawn: HullBuffers,
     most: int,
     metre: float,
-) -> Choice:
+) -> ViewSelection:
     """The photos worth using for a hull: together they see as much of it as possible, near and face on.
 
     Each photo is taken for what it adds to the spots of the hull: the cosine of the angle it sees them under times its
@@ -140,7 +140,7 @@ def choose_photos(
             pixels[index] = 1.0 / float(np.median(view.fx / depth[seen] * length))
     worth = (shares >= _LEAST_SHARE) & (quality > 0).any(1)
     if not worth.any():
-        return Choice([], 0.0, 0.0, 0.0, int((shares > 0).sum()))
+        return ViewSelection([], 0.0, 0.0, 0.0, int((shares > 0).sum()))
     quality = quality / max(float(np.percentile(quality[quality > 0], 90)), 1e-12)
     quality = np.minimum(quality, 1.5) * worth[:, None]
     chosen = list[int]()
@@ -152,7 +152,7 @@ def choose_photos(
         chosen.append(best)
         gain *= np.where(quality[best] > 0, _DECAY, 1.0)
     twice = float(((quality[chosen] > 0).sum(0) >= 2).mean())
-    return Choice(
+    return ViewSelection(
         chosen, float(shares[chosen].mean()), float(np.median(pixels[chosen])), twice, int((shares > 0).sum())
     )
 
