@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh blocks from numpy arrays, without loops in Python and in steps short enough for a timer.
 
-What takes long is done in :func:`prepare_mesh`, which touches no Blender data and so may run in a thread.
+:func:`prepare_mesh` does what needs no Blender data, which an undo between two steps cannot take away.
 """
 
 from __future__ import annotations
@@ -26,8 +26,6 @@ class MeshData:
         positions: float32 [N, 3], object coordinates.
         triangles: int32 [F, 3].
         colors: float32 [N, 4] in sRGB, 0..1, or None.
-        edges: int32 [E, 2], vertices of each edge.
-        corner_edges: int32 [3 F], the edge from each corner to the next of its face.
         kept: bool, one for each face given: faces whose corners coincide are left out.
         extras: name -> a value per vertex, [N].
         uv: float32 [F, 3, 2], texture coordinates of each corner, or None.
@@ -36,8 +34,6 @@ class MeshData:
     positions: np.ndarray
     triangles: np.ndarray
     colors: np.ndarray | None
-    edges: np.ndarray
-    corner_edges: np.ndarray
     kept: np.ndarray
     extras: dict[str, np.ndarray] = field(default_factory=dict)
     uv: np.ndarray | None = None
@@ -62,23 +58,13 @@ def prepare_mesh(
     a, b, c = np.asarray(triangles, np.int32).reshape(-1, 3).T
     kept = (a != b) & (b != c) & (c != a)
     faces = np.ascontiguousarray(np.asarray(triangles, np.int32).reshape(-1, 3)[kept])
-    edges, corner_edges = edges_of(faces)
     rgba = None
     if colors is not None:
         rgba = np.ones((len(colors), 4), np.float32)
         rgba[:, :3] = colors.astype(np.float32) / 255.0
     places = np.nan_to_num(np.ascontiguousarray(positions, np.float32))
     corners = np.ascontiguousarray(uv[kept], np.float32) if uv is not None else None
-    return MeshData(places, faces, rgba, edges, corner_edges, kept, dict(extras or {}), corners)
-
-
-def edges_of(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges int32 [E, 2], smaller vertex first, and the edge of each corner int32 [3 F]."""
-    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    low, high = np.minimum(starts, ends).astype(np.int64), np.maximum(starts, ends)
-    keys, corner_edges = np.unique((low << 32) | high, return_inverse=True)
-    edges = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
-    return edges, corner_edges.reshape(-1).astype(np.int32)
+    return MeshData(places, faces, rgba, kept, dict(extras or {}), corners)
 
 
 def make_mesh(name: str, data: MeshData, sharp_degrees: float | None = None) -> bpy.types.Mesh:
@@ -105,7 +91,7 @@ def mesh_steps(name: str, data: MeshData, sharp_degrees: float | None = None) ->
         yield
         yield from _faces(name, data)
         yield
-        _edges(bpy.data.meshes[name], data)
+        bpy.data.meshes[name].update(calc_edges=True)
     if data.colors is not None:
         yield
         set_colors(bpy.data.meshes[name], data.colors)
@@ -132,12 +118,6 @@ def _faces(name: str, data: MeshData) -> Iterator[None]:
     mesh = bpy.data.meshes[name]
     mesh.polygons.add(count)
     mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
-
-
-def _edges(mesh: bpy.types.Mesh, data: MeshData) -> None:
-    mesh.edges.add(len(data.edges))
-    mesh.attributes[".edge_verts"].data.foreach_set("value", data.edges.ravel())
-    mesh.attributes[".corner_edge"].data.foreach_set("value", data.corner_edges)
 
 
 def set_colors(mesh: bpy.types.Mesh, rgba: np.ndarray, name: str = COLOR_ATTRIBUTE) -> None:

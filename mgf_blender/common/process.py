@@ -1,22 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A child process that never blocks Blender: threads read its output into a queue, :meth:`Process.lines` empties it."""
+"""A child process that never blocks Blender: it writes to files, and :meth:`Process.lines` reads what is new in them.
+
+No thread reads its output: Blender supports no threads of Python, and one that runs beside an operator crashes it now
+and then. Nor does a pipe carry the output, since the child would stand still for as long as nobody reads.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import queue
 import signal
 import subprocess
 import sys
-import threading
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
 from .errors import UserError
 
-_END = object()
+_PIECE = 1 << 16  # bytes read at a time
 
 
 def clean_environment() -> dict[str, str]:
@@ -45,25 +48,25 @@ class Process:
 
     def __init__(self, command: Sequence[str], cwd: Path | None = None) -> None:
         self.command = list(command)
-        self._queue: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self._outputs = {name: _Output() for name in ("out", "err")}
         options: dict[str, object] = {"start_new_session": True}
         if sys.platform == "win32":
             options = {"creationflags": subprocess.CREATE_NO_WINDOW | subprocess.CREATE_NEW_PROCESS_GROUP}
         try:
             self._popen = subprocess.Popen(
-                self.command, cwd=cwd, env=clean_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE, **options,  # type: ignore[call-overload]
+                self.command, cwd=cwd, env=clean_environment(), stdin=subprocess.PIPE,
+                stdout=self._outputs["out"].end, stderr=self._outputs["err"].end, **options,  # type: ignore[call-overload]
             )  # fmt: skip
         except OSError as error:
+            self._close()
             reason = error.strerror or error
             raise UserError(
                 "Cannot start '{command}' ({reason}); check the engine in the preferences.",
                 command=self.command[0],
                 reason=reason,
             ) from error
-        self._open = 2
-        for stream, name in ((self._popen.stdout, "out"), (self._popen.stderr, "err")):
-            threading.Thread(target=self._read, args=(stream, name), daemon=True).start()
+        for output in self._outputs.values():
+            output.end.close()  # the child's alone from now on
 
     @property
     def pid(self) -> int:
@@ -72,22 +75,19 @@ class Process:
 
     def lines(self, most: int = 500) -> list[tuple[str, str]]:
         """Lines since the last call, as ("out" or "err", text); at most ``most``, so that one call stays short."""
+        ended = self._popen.poll() is not None  # asked first: what it wrote by then is in the files
         found: list[tuple[str, str]] = []
-        while len(found) < most:
-            try:
-                item = self._queue.get_nowait()
-            except queue.Empty:
-                break
-            if item is _END:
-                self._open -= 1
-            else:
-                found.append(item)  # type: ignore[arg-type]
+        for name, output in self._outputs.items():
+            found += ((name, line) for line in output.lines(most - len(found), ended))
         return found
 
     def returncode(self) -> int | None:
         """The exit code once the child has ended and all its output was handed out, else None."""
         code = self._popen.poll()
-        return code if code is not None and self._open <= 0 else None
+        if code is None or not all(output.handed_out() for output in self._outputs.values()):
+            return None
+        self._close()
+        return code
 
     def ask_to_stop(self) -> None:
         """Close the child's standard input."""
@@ -112,8 +112,44 @@ class Process:
             return False
         return True
 
-    def _read(self, stream: IO[bytes], name: str) -> None:
-        with stream:
-            for line in stream:
-                self._queue.put((name, line.decode("utf-8", "replace").rstrip("\r\n")))
-        self._queue.put(_END)
+    def _close(self) -> None:
+        for output in self._outputs.values():
+            output.close()
+
+
+class _Output:
+    """A file that a child writes to at its ``end``, and that is read line by line from its beginning."""
+
+    def __init__(self) -> None:
+        handle, self._path = tempfile.mkstemp(prefix="mgf-", suffix=".log")
+        self.end: IO[bytes] = os.fdopen(handle, "ab", buffering=0)
+        self._file: IO[bytes] = open(self._path, "rb")  # noqa: SIM115
+        self._rest, self._lines = b"", list[str]()
+        if sys.platform != "win32":  # there an open file cannot be removed
+            os.unlink(self._path)
+
+    def lines(self, most: int, ended: bool) -> list[str]:
+        """The next lines, at most ``most``; a last one without a line break once the child has ``ended``."""
+        while len(self._lines) < most and not self._file.closed:
+            piece = self._file.read(_PIECE)
+            *whole, self._rest = (self._rest + piece).split(b"\n")
+            if ended and not piece and self._rest:
+                whole, self._rest = [*whole, self._rest], b""
+            self._lines += (line.decode("utf-8", "replace").rstrip("\r") for line in whole)
+            if not piece:
+                break
+        found, self._lines = self._lines[:most], self._lines[most:]
+        return found
+
+    def handed_out(self) -> bool:
+        """Whether nothing is left to read."""
+        if not self._file.closed and not self._lines and not self._rest:
+            place = self._file.tell()
+            return place == os.fstat(self._file.fileno()).st_size
+        return self._file.closed
+
+    def close(self) -> None:
+        self.end.close()
+        self._file.close()
+        with contextlib.suppress(OSError):
+            os.unlink(self._path)

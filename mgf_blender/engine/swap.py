@@ -7,12 +7,14 @@ A virtual environment may be renamed as long as its programs are started through
 from __future__ import annotations
 
 import shutil
-import threading
+import sys
 from pathlib import Path
 
 from ..common.errors import UserError
+from ..common.process import Process
 
-_thread: threading.Thread | None = None
+_REMOVE = "import shutil, sys\nfor folder in sys.argv[1:]: shutil.rmtree(folder, ignore_errors=True)"
+_removal: Process | None = None
 
 
 def unfinished(target: Path) -> Path:
@@ -60,27 +62,23 @@ def recover(target: Path) -> None:
 
 
 def discard(*folders: Path) -> None:
-    """Remove environments in the background, see :func:`discarding`: their thousands of files take seconds."""
-    global _thread
-
-    def work() -> None:
-        for folder in folders:
-            shutil.rmtree(folder, ignore_errors=True)
-
+    """Remove environments by a process of its own, see :func:`discarding`: their thousands of files take seconds."""
+    global _removal
     wait()
-    _thread = threading.Thread(target=work)
-    _thread.start()
+    found = [str(folder) for folder in folders if folder.exists()]
+    if found:
+        _removal = Process([sys.executable, "-c", _REMOVE, *found])
 
 
 def discarding() -> bool:
     """Whether an environment is being removed; nothing may be made in its place meanwhile."""
-    return _thread is not None and _thread.is_alive()
+    return _removal is not None and _removal.returncode() is None
 
 
 def wait() -> None:
     """Wait until nothing is being removed any more."""
-    if _thread is not None:
-        _thread.join()
+    while _removal is not None and not _removal.wait(60.0):
+        pass
 
 
 def remove(target: Path) -> None:

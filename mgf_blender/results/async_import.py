@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A finished job comes into the scene without holding the window: a thread reads, short steps build the mesh.
+"""A finished job comes into the scene without holding the window: short steps read it and build the mesh.
 
-The last step calls ``mgf.import_result``, which links what is ready, so that the whole import is one undo step. Names
-and keys are held between the steps, never Blender data: after an undo or another file in between the mesh is begun
-anew.
+Blender supports no threads of Python, so none reads. The last step calls ``mgf.import_result``, which links what is
+ready, so that the whole import is one undo step. Names and keys are held between the steps, never Blender data: after
+an undo or another file in between the mesh is begun anew.
 """
 
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 import uuid
 from collections.abc import Iterator
@@ -23,7 +22,7 @@ from ..common.meshes import mesh_steps
 from ..common.runner import redraw
 from ..properties import key_of, scene_key, scene_of
 from ..scene_import.tree import Tree
-from .load import SHARP_ANGLE, Content, read_result
+from .load import SHARP_ANGLE, Content, reading_steps
 
 _TICK = 0.02  # seconds between two steps
 _KEY = "mgf_arriving"
@@ -49,16 +48,15 @@ class Arrival:
         self.error: Exception | None = None
         self.mesh_name = ""
         self.ready = False
+        self._reading = reading_steps(folder, offset)
         self._steps: Iterator[None] | None = None
         self._lost = 0
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
 
     def drain(self) -> bool:
         """Go one step on; returns whether there is more to do before the import."""
-        if self._thread.is_alive():
-            return True
-        if self.error is not None or self.content is None or self.content.mesh is None:
+        if self.content is None and self.error is None:
+            return self._read()
+        if self.content is None or self.content.mesh is None:
             return False
         try:
             if self._steps is None:
@@ -96,11 +94,15 @@ class Arrival:
         if mesh is not None and mesh.users == 0:
             bpy.data.meshes.remove(mesh)
 
-    def _read(self) -> None:
+    def _read(self) -> bool:
+        """Read a little more; always true, since what was read is still to be made into a mesh."""
         try:
-            self.content = read_result(self.folder, self.offset)
-        except Exception as error:  # shown by the operator on the main thread
+            next(self._reading)
+        except StopIteration as end:
+            self.content = end.value
+        except Exception as error:  # shown by the operator
             self.error = error
+        return True
 
 
 def begin(scene: bpy.types.Scene, folder: Path) -> None:
@@ -174,7 +176,7 @@ def _import(key: str, arrival: Arrival) -> None:
 
 @bpy.app.handlers.persistent
 def start_over(*_: object) -> None:
-    """Handler: no half-made mesh outlives an undo or another file; what the threads read does."""
+    """Handler: no half-made mesh outlives an undo or another file; what was read does."""
     for arrival in _arrivals.values():
         arrival.restart()
     bpy.data.batch_remove([m for m in bpy.data.meshes if _KEY in m and m.users == 0])
@@ -210,7 +212,7 @@ def unregister() -> None:
 
 
 def content_of(arrival: Arrival) -> Content | None:
-    """What the thread read.
+    """What was read.
 
     Raises:
         UserError: it could not be read.

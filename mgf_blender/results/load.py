@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,7 +53,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Content:
-    """A finished job as read from disk; holds no Blender data, so a thread can read it.
+    """A finished job as read from disk; holds no Blender data, so that an undo while it is read harms nothing.
 
     Attributes:
         offset: float64 [3], taken off the mesh's coordinates.
@@ -67,7 +68,18 @@ class Content:
 
 
 def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
-    """Read a finished job.
+    """Read a finished job at once, see :func:`reading_steps`."""
+    steps = reading_steps(folder, offset)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            content: Content = end.value
+            return content
+
+
+def reading_steps(folder: Path, offset: np.ndarray | None = None) -> Generator[None, None, Content]:
+    """Read a finished job file by file, yielding in between.
 
     Args:
         folder: the job folder.
@@ -81,11 +93,15 @@ def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
     offset = frame.offset if frame is not None else offset
     if delivery.mesh is None:
         return Content(delivery, offset, None, None, frame)
+    yield
     surface = read_ply(delivery.mesh)
     if len(surface.triangles) == 0:
         raise UserError("'{mesh}' holds no faces; read the job's report for the reason.", mesh=delivery.mesh)
+    yield
     parts = read_parts(delivery.parts, len(surface.triangles)) if delivery.parts is not None else None
+    yield
     uv = _read_texture(delivery, len(surface.triangles))
+    yield
     mesh = prepare_mesh(surface.positions - offset, surface.triangles, surface.colors(), surface.extras(), uv)
     if parts is not None:
         parts = Parts(parts.names, parts.face[mesh.kept])
