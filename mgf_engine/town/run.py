@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
+import importlib.util
 import signal
 import subprocess
 import sys
@@ -16,9 +16,7 @@ from typing import Any
 
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, Cancelled
 from mgf_engine.job import locked
-from mgf_engine.memory import budget_of
 from mgf_engine.messages import Reporter
-from mgf_engine.system import cores, write_json
 from mgf_engine.terminal import duration, make_sink
 from mgf_engine.town.command import add_arguments as add_plan_arguments
 from mgf_engine.town.command import plan_town, time_and_memory
@@ -26,10 +24,10 @@ from mgf_engine.town.footprints import TOWN
 from mgf_engine.town.page import write_page
 from mgf_engine.town.plan import BUILDINGS
 from mgf_engine.town.result import GLB, PAGE, TABLE, TILES, gather, read_rows
+from mgf_engine.town.slurm import SLURM, cancel_jobs, check_slurm
 from mgf_engine.town.worker import FAILED, FINISHED, RUNNING, STATUS, STOPPED
+from mgf_engine.town.workflow import LOCAL, LOG, MOST_JOBS, Executor, snakemake, write_config
 
-SNAKEFILE = Path(__file__).with_name("Snakefile")
-LOG = "snakemake.txt"
 _LOOK, _PAGE = 1.0, 5.0  # seconds between two looks at the jobs, and two writings of the page
 MOST_FACES = 20_000
 
@@ -38,6 +36,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of ``mgf town`` beside the options of jobs."""
     add_plan_arguments(parser)
     parser.add_argument("--cores", type=int, default=0, metavar="N", help="cores for all jobs together (default: all)")
+    parser.add_argument(
+        "--executor", default=LOCAL, metavar="NAME",
+        help="where the jobs run: local, slurm, or another of Snakemake's executors (default: local)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--jobs", type=int, default=MOST_JOBS, metavar="N",
+        help=f"jobs in the queue of a cluster at once (default {MOST_JOBS})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--profile", type=Path, default=None, metavar="FOLDER",
+        help="a profile of Snakemake, such as the account and partition of a cluster",
+    )  # fmt: skip
     parser.add_argument(
         "--faces-per-building", type=int, default=MOST_FACES, metavar="N", help=f"in town.glb (default {MOST_FACES})"
     )
@@ -53,9 +63,11 @@ def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
     Raises:
         BadInput: as the plan; Snakemake is not installed or cannot run.
     """
-    _check(args)
+    executor = _check(args)
     args.out.mkdir(parents=True, exist_ok=True)
     with _one_town(args.out), _stoppable():
+        if executor.name == SLURM and (left := cancel_jobs(args.out)):
+            print(f"{left} jobs of an earlier run were ended; they go on where they were.", file=sys.stderr)
         plan_town(args, given, Reporter(make_sink("auto")))
         rows = read_rows(args.out, running=False)
         ready = [row for row in rows if row["job"]]
@@ -66,17 +78,20 @@ def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
         if args.plan_only:
             return EXIT_DONE
         clean_status(args.out, ready)
-        code = run_jobs(args.out, args.cores or cores(), len(ready), given)
+        code = run_jobs(args.out, executor, len(ready), given)
         return finish(args.out, code, args.faces_per_building, args.tiles)
 
 
-def _check(args: argparse.Namespace) -> None:
-    if args.cores < 0 or args.faces_per_building < 100:
-        raise BadInput("--cores must be 0 or more, and --faces-per-building 100 or more.")
-    try:
-        import snakemake  # noqa: F401
-    except ImportError as error:
-        raise BadInput(f"mgf town needs the package snakemake, which is not installed; get it by {TOWN}.") from error
+def _check(args: argparse.Namespace) -> Executor:
+    if args.cores < 0 or args.faces_per_building < 100 or args.jobs < 1:
+        raise BadInput("--cores must be 0 or more, --jobs 1 or more, and --faces-per-building 100 or more.")
+    if importlib.util.find_spec("snakemake") is None:
+        raise BadInput(f"mgf town needs the package snakemake, which is not installed; get it by {TOWN}.")
+    if args.profile is not None and not args.profile.is_dir():
+        raise BadInput(f"The profile '{args.profile}' is no folder; give one that holds Snakemake's config.yaml.")
+    if args.executor == SLURM:
+        check_slurm()
+    return Executor(args.executor, args.cores, args.jobs, args.profile)
 
 
 @contextlib.contextmanager
@@ -118,41 +133,20 @@ def clean_status(town: Path, rows: list[dict[str, Any]]) -> None:
             (town / BUILDINGS / row["id"] / STATUS).unlink(missing_ok=True)
 
 
-def run_jobs(town: Path, number: int, buildings: int, given: dict[str, Any]) -> int:
+def run_jobs(town: Path, executor: Executor, buildings: int, given: dict[str, Any]) -> int:
     """Run Snakemake on the folder and show how far it is; returns its exit code.
 
     Raises:
         Cancelled: Ctrl-C or SIGTERM.
     """
-    threads = int(given.get("threads", 0)) or max(1, number // buildings)
-    memory = round(budget_of(float(given.get("memory", 0))) / 1e6)
-    write_json(town / "town.json", {"python": sys.executable, "threads": threads, "memory_mb": memory})
-    command = [
-        sys.executable, "-m", "snakemake", "-s", str(SNAKEFILE), "--configfile", "town.json", "--cores", str(number),
-        "--resources", f"mem_mb={memory}", "--keep-going", "--rerun-triggers", "mtime", "--ignore-incomplete",
-        "--nolock", "--quiet", "host", "--latency-wait", "2",
-    ]  # fmt: skip
-    # The jobs inherit standard input: they stop when this process ends, however that happens.
-    environment = {**os.environ, "MGF_TOWN_PIPE": "1", "PYTHONPATH": _with_engine()}
-    with (town / LOG).open("ab") as log:
-        process = subprocess.Popen(
-            command, cwd=town, stdin=subprocess.PIPE, stdout=log, stderr=log, env=environment, start_new_session=True
-        )
-        try:
+    memory = write_config(town, executor, buildings, given)
+    try:
+        with snakemake(town, executor, memory) as process:
             _watch(town, process)
-        except KeyboardInterrupt:
-            process.terminate()
-            assert process.stdin is not None
-            process.stdin.close()
-            process.wait()
-            write_page(town / PAGE, town, read_rows(town, running=False))
-            raise Cancelled("Cancelled; run again to continue.") from None
-    return process.returncode
-
-
-def _with_engine() -> str:
-    """``PYTHONPATH`` that has this engine first, wherever Snakemake runs its jobs."""
-    return os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH", "")])])
+    except KeyboardInterrupt:
+        write_page(town / PAGE, town, read_rows(town, running=False))
+        raise Cancelled("Cancelled; run again to continue.") from None
+    return int(process.returncode)
 
 
 def _watch(town: Path, process: subprocess.Popen[bytes]) -> None:

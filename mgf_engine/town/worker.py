@@ -28,7 +28,7 @@ from mgf_engine.system import write_json
 STATUS, DONE, PICTURE, JOB = "status.json", "done.json", "picture.jpg", "job"
 #: What a second attempt makes smaller: about half of the memory.
 SMALLER, LEAST_SIDE, SMALL_TEXTURE = 0.7, 300, 2048
-_PAUSE, _PATIENCE = 1.0, 60.0  # seconds between two writings of the status; to wait for a job that is being stopped
+_PAUSE, _PATIENCE = 1.0, 120.0  # seconds between two writings of the status; to wait for a job that is being stopped
 WAITING, RUNNING, FINISHED, FAILED, STOPPED = "waiting", "running", "done", "failed", "stopped"
 
 
