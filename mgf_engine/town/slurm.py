@@ -26,7 +26,7 @@ def check_slurm() -> None:
     """
     if importlib.util.find_spec("snakemake_executor_plugin_slurm") is None:
         raise BadInput(
-            f"--executor slurm needs the package snakemake-executor-plugin-slurm, "
+            "--executor slurm needs the package snakemake-executor-plugin-slurm, "
             f"which is not installed; get it by {TOWN}."
         )
     if shutil.which("sbatch") is None:
@@ -38,7 +38,7 @@ def slurm_arguments() -> list[str]:
     """Arguments of Snakemake: a job that lost its node goes back into the queue and is no failure of the building."""
     return [
         "--executor", SLURM, "--slurm-requeue", "--slurm-status-command", "sacct" if _accounts() else "squeue",
-        "--slurm-init-seconds-before-status-checks", "10",
+        "--slurm-init-seconds-before-status-checks", "5",
     ]  # fmt: skip
 
 

@@ -124,5 +124,5 @@ def test_a_machine_without_slurm_is_told_so(
     dead.write_text("#!/bin/sh\necho 'slurm_load_partitions: Unable to contact slurm controller' >&2; exit 1\n")
     dead.chmod(0o755)
     (tmp_path / "sbatch").symlink_to(dead)
-    with pytest.raises(BadInput, match="Slurm does not answer .*Unable to contact slurm controller"):
+    with pytest.raises(BadInput, match=r"Slurm does not answer .*Unable to contact slurm controller"):
         check_slurm()
