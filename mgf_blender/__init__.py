@@ -9,9 +9,10 @@ import importlib
 _MODULES = (
     "translations", "common.runner", "common.editors", "properties", "engine.operators", "preferences",
     "scene_import.operators", "scene_import.panel", "prompts.tool", "reconstruct.preview_image",
-    "reconstruct.operators", "prompts.operators", "prompts.preview", "prompts.drawing", "prompts.panel",
-    "reconstruct.panel", "results.async_import", "results.operators", "results.panel", "drawings.operators",
-    "drawings.panel", "georef.operators", "georef.tool", "georef.overlay", "georef.panel", "cli",
+    "reconstruct.operators", "prompts.operators", "prompts.suggest", "prompts.preview", "prompts.drawing",
+    "prompts.panel", "reconstruct.panel", "results.async_import", "results.operators", "results.panel",
+    "drawings.operators", "drawings.panel", "georef.operators", "georef.tool", "georef.overlay", "georef.panel",
+    "cli",
 )  # fmt: skip
 
 

@@ -63,6 +63,13 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
         name="Part", description="Part that new clicks mark: the building, or for example window or door",
         default=BUILDING, search=lambda self, context, text: PARTS,
     )  # fmt: skip
+    suggest_at: bpy.props.EnumProperty(
+        name="Building", description="Building to propose points for; where there is a crop box, the one in it",
+        items=[
+            ("LARGEST", "Largest Building", "The building with the largest area"),
+            ("CURSOR", "At 3D Cursor", "The building at the 3D cursor; Shift right click in the viewport places it"),
+        ],
+    )  # fmt: skip
     fit_render: bpy.props.BoolProperty(
         name="Fit Render to Camera",
         description="Set render size and pixel aspect to those of the photo when the camera changes",

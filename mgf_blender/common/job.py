@@ -36,7 +36,7 @@ class Job:
         command: program and arguments.
         folder: the job folder.
         title: what people call it.
-        kind: the engine's command: reconstruct, masks, scene, drawings, georef; or places.
+        kind: the engine's command: reconstruct, masks, scene, drawings, georef; or places, suggest.
         scene_key: names the Blender scene that asked for it.
         on_message: called with every message, on the thread that drains.
         on_end: called once when the job ends, on the thread that drains.
@@ -141,6 +141,7 @@ class Job:
             self.stage, self.fraction = str(message.get("stage", "")), 0.0
             self.stage_index, self.stage_count = _number(message, "index"), _number(message, "count")
             self.figures, self.cached = {}, self.cached or bool(message.get("cached"))
+            self._ended_by_message = False  # what comes first in it may have had a result of its own
         elif kind == "progress":
             self.fraction, self.overall = _share(message, "fraction"), _share(message, "overall")
             left = message.get("job_seconds_left")

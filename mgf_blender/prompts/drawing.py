@@ -42,6 +42,8 @@ def draw() -> None:
         color = _NEGATIVE if click.negative else _POSITIVE if click.part == BUILDING else part_color(click.part)
         _disc(x, y, (RADIUS + 2) * scale, _RING)
         _disc(x, y, RADIUS * scale, color)
+        if click.proposed:  # a ring
+            _disc(x, y, (RADIUS - 2) * scale, _RING)
         _bar(x, y, RADIUS * scale, horizontal=True)
         if not click.negative:
             _bar(x, y, RADIUS * scale, horizontal=False)

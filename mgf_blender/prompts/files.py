@@ -15,13 +15,16 @@ from .properties import BUILDING
 
 
 def to_data(scene: bpy.types.Scene, only: str | None = None) -> dict[str, Any]:
-    """The scene's clicks, or one photo's, in the shape of ``prompts.json``; photos without clicks are left out."""
+    """The scene's clicks, or one photo's, in the shape of ``prompts.json``; photos without clicks and
+    proposed clicks are left out."""
     data: dict[str, Any] = {}
     for photo in scene.mgf.photos:
         if only is not None and photo.name != only:
             continue
         entry: dict[str, Any] = {}
         for click in photo.clicks:
+            if click.proposed:
+                continue
             pair = [round(float(v), 2) for v in click.uv]
             if click.negative:
                 entry.setdefault("negative", []).append(pair)
@@ -80,10 +83,12 @@ def replace_clicks(scene: bpy.types.Scene, found: dict[str, list[tuple[float, fl
     return unknown
 
 
-def add_click(photo: bpy.types.PropertyGroup, u: float, v: float, negative: bool, part: str) -> None:
+def add_click(
+    photo: bpy.types.PropertyGroup, u: float, v: float, negative: bool, part: str, proposed: bool = False
+) -> None:
     """Append a click to a photo of the list."""
     click = photo.clicks.add()
-    click.uv, click.negative, click.part = (u, v), negative, part
+    click.uv, click.negative, click.part, click.proposed = (u, v), negative, part, proposed
 
 
 def _clicks(entry: dict[str, Any]):

@@ -8,7 +8,7 @@ from ..common.job import STAGES
 from ..common.text import draw_sentence, tr
 from ..properties import key_of
 from ..reconstruct.panel import draw_job
-from . import overlay, preview
+from . import overlay, preview, suggest
 from .properties import BUILDING, active_photo
 
 
@@ -23,7 +23,8 @@ class MGF_UL_photos(bpy.types.UIList):
         entry = overlay.mask_entry(context.scene, item.name)
         weak = entry is not None and not entry.get("used", True)
         count = str(len(item.clicks)) if len(item.clicks) else ""
-        split.label(text=count, icon="ERROR" if weak else "NONE", translate=False)
+        open_ = any(click.proposed for click in item.clicks)
+        split.label(text=count, icon="ERROR" if weak else "QUESTION" if open_ else "NONE", translate=False)
 
 
 class MGF_PT_prompts(bpy.types.Panel):
@@ -55,6 +56,7 @@ class MGF_PT_prompts(bpy.types.Panel):
         column.separator()
         column.operator("mgf.import_prompts", text="", icon="IMPORT")
         column.operator("mgf.export_prompts", text="", icon="EXPORT")
+        _draw_proposed(layout, context)
         self._draw_photo(context)
         self._draw_mask(context)
 
@@ -63,9 +65,10 @@ class MGF_PT_prompts(bpy.types.Panel):
         if photo is None:
             return
         layout.prop(context.scene.mgf, "part")
-        negative = sum(c.negative for c in photo.clicks)
-        parts = sum(not c.negative and c.part != BUILDING for c in photo.clicks)
-        positive = len(photo.clicks) - negative - parts
+        mine = [c for c in photo.clicks if not c.proposed]
+        negative = sum(c.negative for c in mine)
+        parts = sum(not c.negative and c.part != BUILDING for c in mine)
+        positive = len(mine) - negative - parts
         text = tr("{positive} on it, {negative} off it", positive=positive, negative=negative)
         if parts:
             text += tr(", {count} on parts", count=parts)
@@ -123,6 +126,26 @@ class MGF_PT_masks(bpy.types.Panel):
             draw_sentence(layout, text, "NONE")
             if entry.get("flag"):
                 draw_sentence(layout, str(entry["flag"]), "ERROR")
+
+
+def _draw_proposed(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """The button that has points proposed, how far that is, and what may be done with them."""
+    scene, key = context.scene, key_of(context.scene)
+    row = layout.row(align=True)
+    row.operator("mgf.suggest_clicks", icon="LIGHT")
+    row.prop(scene.mgf, "suggest_at", text="")
+    photos = suggest.proposed(scene)
+    latest = [job for job in runner.jobs(key) if job.kind == suggest.KIND][-1:] if key else []
+    if latest and (latest[0].live or not photos):
+        draw_job(layout, latest[0])
+    if not photos:
+        return
+    count = sum(click.proposed for photo in photos for click in photo.clicks)
+    draw_sentence(layout, tr("{count} points proposed in {photos} photos", count=count, photos=len(photos)), "QUESTION")
+    row = layout.row(align=True)
+    row.operator("mgf.accept_suggestions", text="Accept Photo", icon="CHECKMARK").every = False
+    row.operator("mgf.accept_suggestions", text="Accept All").every = True
+    row.operator("mgf.discard_suggestions", text="", icon="TRASH").every = True
 
 
 def _draw_preview(layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:

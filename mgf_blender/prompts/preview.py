@@ -80,7 +80,9 @@ class Preview:
 
 def signature(photo: bpy.types.PropertyGroup) -> str:
     """The clicks of a photo as text, to see whether they changed."""
-    return json.dumps([[round(c.uv[0], 1), round(c.uv[1], 1), c.negative, c.part] for c in photo.clicks])
+    return json.dumps(
+        [[round(c.uv[0], 1), round(c.uv[1], 1), c.negative, c.part] for c in photo.clicks if not c.proposed]
+    )
 
 
 def start(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> Preview:

@@ -18,6 +18,9 @@ class MGF_PG_click(bpy.types.PropertyGroup):
     part: bpy.props.StringProperty(
         name="Part", description="Part of the building that the point marks", default=BUILDING
     )
+    proposed: bpy.props.BoolProperty(
+        name="Proposed", description="The engine proposes the point; it does not count until it is accepted"
+    )
 
 
 class MGF_PG_photo(bpy.types.PropertyGroup):
@@ -30,7 +33,7 @@ class MGF_PG_photo(bpy.types.PropertyGroup):
 
     def done(self) -> bool:
         """Whether the photo has a click on the building."""
-        return any(not c.negative and c.part == BUILDING for c in self.clicks)
+        return any(not c.negative and c.part == BUILDING and not c.proposed for c in self.clicks)
 
 
 def photo_image(photo: MGF_PG_photo) -> bpy.types.Image | None:

@@ -99,7 +99,7 @@ class _OnClicks(OnPhoto):
 
 
 class MGF_OT_click(_OnClicks, DragOnPhoto):
-    """Mark a point of the building; drag to move it. Ctrl marks what is not the building, Alt removes"""
+    "Mark the building; a drag moves a point, a click accepts a proposed one. Ctrl marks what is beside it, Alt removes"
 
     bl_idname = "mgf.click"
     bl_label = "Place Point"
@@ -125,7 +125,9 @@ class MGF_OT_click(_OnClicks, DragOnPhoto):
         photo = self._photo(context)
         self._at = nearest(photo, *self.uv, self.reach)
         self._moved = self._at >= 0
-        self._before = tuple(photo.clicks[self._at].uv) if self._moved else None
+        self._before = (tuple(photo.clicks[self._at].uv), photo.clicks[self._at].proposed) if self._moved else None
+        if self._moved:
+            photo.clicks[self._at].proposed = False
         if not self._moved:
             self.run(context)
             self._at = len(photo.clicks) - 1
@@ -144,7 +146,7 @@ class MGF_OT_click(_OnClicks, DragOnPhoto):
     def put_back(self, context: bpy.types.Context) -> None:
         clicks = self._photo(context).clicks
         if self._moved:
-            clicks[self._at].uv = self._before
+            clicks[self._at].uv, clicks[self._at].proposed = self._before
         else:
             clicks.remove(self._at)
 

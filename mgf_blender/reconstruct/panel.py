@@ -22,9 +22,10 @@ _DONE = {
     "drawings": N_("Drawings finished in {time}"),
     "georef": N_("Georeferenced in {time}"),
     "places": N_("Control points read in {time}"),
+    "suggest": N_("Points proposed in {time}"),
 }
 #: What is shown while a command runs that is no stage.
-_TOOLS = {"drawings": N_("Drawings"), "georef": N_("Georeference")}
+_TOOLS = {"drawings": N_("Drawings"), "georef": N_("Georeference"), "suggest": N_("Proposing points")}
 
 
 class MGF_PT_mark(bpy.types.Panel):

@@ -92,11 +92,7 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
     command = [kind, bpy.path.abspath(state.source), "--out", str(folder), "--progress", "json", "--cancel-on-eof"]
     if kind != "scene":
         command += _guidance(scene, folder)
-    given = given_options(folder)
-    command += options.arguments(state.options, given)
-    prefs = preferences()
-    if prefs is not None and prefs.weights_folder and not state.options.weights:
-        command += ["--set", f"weights={bpy.path.abspath(prefs.weights_folder)}"]
+    command += job_options(scene, folder)
     if (folder / "job.json").is_file():
         command.append("--resume")
     return Job(
@@ -108,6 +104,15 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
         on_message=preview_image.on_message,
         on_end=ended,
     )
+
+
+def job_options(scene: bpy.types.Scene, folder: Path) -> list[str]:
+    """Arguments for the options of a job in this folder, as the panel has them."""
+    given = options.arguments(scene.mgf.options, given_options(folder))
+    prefs = preferences()
+    if prefs is not None and prefs.weights_folder and not scene.mgf.options.weights:
+        given += ["--set", f"weights={bpy.path.abspath(prefs.weights_folder)}"]
+    return given
 
 
 def given_options(folder: Path) -> dict[str, object]:

@@ -68,7 +68,7 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
     from mgf_engine.town.footprints import read_footprints
     from mgf_engine.town.map import draw_map
     from mgf_engine.town.place import place_footprints
-    from mgf_engine.town.plan import make_plan, shared_scene, write_plan
+    from mgf_engine.town.plan import SCENE, make_plan, shared_scene, write_plan
     from mgf_engine.town.view_selection import FEWEST
 
     if args.photos_per_building < FEWEST:
@@ -78,8 +78,7 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
     if args.find == (args.footprints is not None):
         raise BadInput("Give either --footprints FILE, or --find to look for buildings in the sparse points.")
     footprints = read_footprints(args.footprints, args.layer) if args.footprints is not None else None
-    reporter.stages = ("scene",)
-    job, scene = shared_scene(args.scene, args.out, given, reporter)
+    job, scene = shared_scene(args.scene, args.out / SCENE, {**given, "max_photos": 0}, reporter)
     if footprints is None:
         footprints, placed = find_buildings(scene, make_config(given), reporter.warning)
     else:

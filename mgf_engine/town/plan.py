@@ -88,8 +88,8 @@ class Plan:
     passed_over: int
 
 
-def shared_scene(source: Path, out: Path, given: dict[str, Any], reporter: Reporter) -> tuple[Job, Scene]:
-    """The scene stage of all photos, done once in ``OUT/scene``; the job is closed again.
+def shared_scene(source: Path, folder: Path, given: dict[str, Any], reporter: Reporter) -> tuple[Job, Scene]:
+    """The scene stage of all photos, done once in a job folder; the job is closed again.
 
     Raises:
         BadInput: as the scene stage.
@@ -97,8 +97,7 @@ def shared_scene(source: Path, out: Path, given: dict[str, Any], reporter: Repor
     from mgf_engine.pipeline import run_job
     from mgf_engine.results import load_scene_of
 
-    folder = out / SCENE
-    with Job.start(folder, source, given={**given, "max_photos": 0}, resume=(folder / "job.json").exists()) as job:
+    with Job.start(folder, source, given=given, resume=(folder / "job.json").exists()) as job:
         run_job(job, reporter, until="scene")
         return job, load_scene_of(job)
 

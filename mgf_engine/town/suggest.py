@@ -12,15 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config, make_config
-from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.config import Config
+from mgf_engine.errors import BadInput
 from mgf_engine.georef.model import Georeference
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.reported import add_reporting_arguments, run_reported
 from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.crop import parse_crop_box
 from mgf_engine.system import atomic_path, json_text
-from mgf_engine.terminal import make_sink
 from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.find import find_outlines
 from mgf_engine.town.hulls import READY, make_hulls
@@ -29,6 +29,8 @@ from mgf_engine.town.submodel import write_if_changed
 from mgf_engine.town.view_selection import FEWEST, choose_photos, draw_hulls
 
 Array = NDArray[np.float64]
+Clicks = dict[str, dict[str, list[list[float]]]]
+STAGE = "suggest"
 CLICKS, SHEET = "prompts.json", "clicks.jpg"
 _GREEN, _RED, _TILE = (60, 220, 60), (40, 40, 235), 480
 _FAR = 15.0  # metres from a point to the building that it means
@@ -39,34 +41,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help=f"for {CLICKS} and {SHEET}")
     parser.add_argument(
+        "--job", type=Path, default=None, metavar="FOLDER",
+        help="job folder of the scene, whose scene stage is used, or made where it is missing (default: OUT/scene)",
+    )  # fmt: skip
+    parser.add_argument(
         "--point", type=float, nargs=3, default=None, metavar=("X", "Y", "Z"),
         help="a point on the building, scene coordinates; else --crop-box tells, or the largest building is taken",
     )  # fmt: skip
+    add_reporting_arguments(parser)
 
 
 def suggest_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
-    """Write the clicks and a sheet of pictures with them."""
-    from mgf_engine.town.plan import shared_scene
+    """Write the clicks and a sheet of pictures with them; returns the exit code."""
+    return run_reported(args, lambda reporter: _suggest(args, given, reporter))
 
-    reporter = Reporter(make_sink("auto"))
-    reporter.stages = ("scene",)
-    config = make_config(given)
-    _, scene = shared_scene(args.scene, args.out, given, reporter)
-    clicks = clicks_on_one(scene, config, args.point, reporter)
+
+def _suggest(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter) -> None:
+    """Do it.
+
+    Raises:
+        BadInput: as the scene stage and :func:`clicks_on_one`; earlier clicks are then still there.
+    """
+    from mgf_engine.town.plan import SCENE, shared_scene
+
+    every = {**given, "max_photos": 0}  # a job of its own keeps the photos that it was told to use
+    where = (args.out / SCENE, every) if args.job is None else (args.job, given)
+    job, scene = shared_scene(args.scene, *where, reporter)
+    reporter.stages = (*reporter.stages, STAGE)
+    reporter.stage(STAGE)
+    clicks, place = clicks_on_one(scene, job.config, args.point, reporter)
+    args.out.mkdir(parents=True, exist_ok=True)
     write_if_changed(args.out / CLICKS, json_text(clicks, indent=1))
     draw_clicks(scene, clicks, args.out / SHEET)
     count = sum(len(points) for entry in clicks.values() for points in entry.values())
+    if args.progress == "json":
+        files = {name: str(args.out / name) for name in (CLICKS, SHEET)}
+        reporter.send("result", path=str(args.out), files=files, figures={"photos": len(clicks), "clicks": count})
+        return
+    print(place)
     print(f"{count} clicks on {len(clicks)} photos: {args.out / CLICKS}; look at {args.out / SHEET} first.")
-    return EXIT_DONE
 
 
 def clicks_on_one(
     scene: Scene, config: Config, point: Sequence[float] | None, reporter: Reporter
-) -> dict[str, dict[str, list[list[float]]]]:
+) -> tuple[Clicks, str]:
     """Clicks on the building at a point, in the crop box, or the largest one.
 
     Args:
         point: x, y, z in the scene frame.
+
+    Returns:
+        The clicks as ``prompts.json`` holds them, and one sentence about the building.
 
     Raises:
         BadInput: there is none, or too few photos or points show it.
@@ -91,8 +116,7 @@ def clicks_on_one(
     middle = shapely.centroid(wanted)
     at = georeference.scene(np.array([middle.x, middle.y, (hulls[0].low + hulls[0].high) / 2]))
     size = f"{wanted.area / metre**2:.0f} m2, {(hulls[0].high - hulls[0].low) / metre:.1f} m high"
-    print(f"Building at {', '.join(f'{v:.2f}' for v in at)} (scene): {size}")
-    return clicks
+    return clicks, f"Building at {', '.join(f'{v:.2f}' for v in at)} (scene): {size}"
 
 
 def _region(
@@ -124,7 +148,7 @@ def _region(
     return nearest
 
 
-def draw_clicks(scene: Scene, clicks: dict[str, dict[str, list[list[float]]]], path: Path) -> None:
+def draw_clicks(scene: Scene, clicks: Clicks, path: Path) -> None:
     """The clicked photos side by side, green on the building and red beside it."""
     index = {view.name: k for k, view in enumerate(scene.views)}
     tiles = []

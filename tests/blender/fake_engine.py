@@ -122,6 +122,26 @@ def georef(arguments: list[str], mode: str) -> int:
     return 0
 
 
+def suggest(arguments: list[str], mode: str) -> int:
+    """Two points on the building and one beside it, on every photo of FAKE_PHOTOS."""
+    out = Path(arguments[arguments.index("--out") + 1])
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "arguments.json").write_text(json.dumps(arguments))
+    send("stage", stage="scene", index=0, count=1, cached=False)
+    send("result", path=str(out), files={}, figures={"photos": 12})
+    send("stage", stage="suggest", index=1, count=2, cached=False)
+    if mode == "silent":
+        os._exit(77)
+    if mode == "bad":
+        send("failed", code=2, text="Nothing in the sparse points stands on the ground like a building.", log=None)
+        return 2
+    entry = {"positive": [[100.0, 80.0], [110.0, 85.0]], "negative": [[20.0, 150.0]]}
+    photos = os.environ.get("FAKE_PHOTOS", "").split("|")
+    (out / "prompts.json").write_text(json.dumps(dict.fromkeys(photos, entry)))
+    send("result", path=str(out), files={}, figures={"photos": len(photos)})
+    return 0
+
+
 def record(job: Path, arguments: list[str], done: list[str]) -> None:
     """The job file, with the stages that are done."""
     given = {a.split("=")[0]: a.split("=")[1] for a in arguments if "=" in a}
@@ -143,8 +163,9 @@ def main() -> int:
         return 0
     if arguments[0] == "preview":
         return preview(arguments, mode)
-    if arguments[0] in {"drawings", "georef"}:
-        return {"drawings": drawings, "georef": georef}[arguments[0]](arguments, mode)
+    others = {"drawings": drawings, "georef": georef, "suggest-clicks": suggest}
+    if arguments[0] in others:
+        return others[arguments[0]](arguments, mode)
     job = Path(arguments[arguments.index("--out") + 1])
     job.mkdir(parents=True, exist_ok=True)
     (job / "arguments.json").write_text(json.dumps(arguments))

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Proposed points: the engine finds them by ``mgf suggest-clicks``, people accept, move or remove them.
+
+A proposed point does not count before it is accepted: it is in no prompts file and no preview. Moving it accepts it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..common.job import DONE, Job
+from ..common.operators import Operator
+from ..common.text import tr
+from ..engine.environment import engine_command
+from ..properties import scene_key, scene_of
+from ..reconstruct.operators import JobOperator, submit
+from ..reconstruct.start import job_folder, job_options, run_in
+from ..results.load import job_name
+from ..scene_import.crop import crop_text
+from ..scene_import.tree import Tree
+from . import files
+from .operators import add_missing
+from .properties import active_photo
+
+KIND = "suggest"
+_FILE = "prompts.json"
+
+
+def suggest_job(scene: bpy.types.Scene) -> Job:
+    """The job that proposes points; starts nothing.
+
+    Raises:
+        UserError: there is no source or no engine.
+    """
+    state, folder = scene.mgf, job_folder(scene)
+    command = ["suggest-clicks", bpy.path.abspath(state.source), "--job", str(folder), "--out", str(_out(folder))]
+    command += ["--progress", "json", "--cancel-on-eof", *job_options(scene, folder)]
+    tree = Tree.find(scene)
+    if state.suggest_at == "CURSOR" and tree is not None:
+        command += ["--point", *(f"{v:.9g}" for v in _cursor(scene, tree))]
+    return Job(engine_command(*command), folder, job_name(folder), KIND, scene_key(scene), on_end=_ended)
+
+
+def _out(folder: Path) -> Path:
+    """Where a run leaves its points: beside the job folder, which is the engine's own."""
+    return folder.with_name(folder.name + ".suggested")
+
+
+def _cursor(scene: bpy.types.Scene, tree: Tree) -> np.ndarray:
+    """The 3D cursor in coordinates of the COLMAP scene, float64 [3]."""
+    root = np.array(tree.root.matrix_world, np.float64)
+    place = np.linalg.solve(root, np.append(np.array(scene.cursor.location, np.float64), 1.0))
+    return place[:3] + tree.offset
+
+
+def _ended(job: Job) -> None:
+    """Take over what a run proposed, in the scene that asked for it."""
+    scene = scene_of(job.scene_key)
+    if job.status == DONE and scene is not None:
+        run_in(scene, "take_suggestions", filepath=str(_out(job.folder) / _FILE))
+
+
+def proposed(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
+    """Photos with proposed points."""
+    return [photo for photo in scene.mgf.photos if any(click.proposed for click in photo.clicks)]
+
+
+def drop_proposed(photo: bpy.types.PropertyGroup) -> None:
+    """Remove the proposed points of a photo."""
+    for index in reversed(range(len(photo.clicks))):
+        if photo.clicks[index].proposed:
+            photo.clicks.remove(index)
+
+
+class MGF_OT_suggest_clicks(JobOperator):
+    "Propose points on the building and beside it, out of the sparse points; they count when you accept them"
+
+    bl_idname = "mgf.suggest_clicks"
+    bl_label = "Suggest"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        context.view_layer.update()  # the crop box may have been moved by a script
+        context.scene.mgf.options.crop_box = crop_text(Tree.find(context.scene))
+        return submit(self, suggest_job(context.scene))
+
+
+class MGF_OT_take_suggestions(Operator):
+    """Show the points that the engine proposes; photos with points of your own get none"""
+
+    bl_idname = "mgf.take_suggestions"
+    bl_label = "Show Proposed Points"
+    bl_options = {"REGISTER", "UNDO", "INTERNAL"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+
+    def run(self, context: bpy.types.Context) -> None:
+        scene, state = context.scene, context.scene.mgf
+        found = files.read(Path(self.filepath))
+        for photo in state.photos:
+            drop_proposed(photo)
+        add_missing(scene, list(found))
+        taken = 0
+        for name, clicks in found.items():
+            photo = state.photos.get(name)
+            if photo is None or len(photo.clicks):  # points by hand win
+                continue
+            for u, v, negative, part in clicks:
+                files.add_click(photo, u, v, negative, part, proposed=True)
+            taken += len(clicks)
+        first = next((i for i, photo in enumerate(state.photos) if photo in proposed(scene)), None)
+        if first is not None:
+            state.photo_index = first
+        text = tr("{count} points proposed in {photos} photos", count=taken, photos=len(proposed(scene)))
+        self.report({"INFO"}, text)
+
+
+class _OnProposed(Operator):
+    every: bpy.props.BoolProperty(
+        name="All Photos", description="In all photos, not only in the chosen one", default=True, options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(proposed(context.scene), "No points are proposed")
+
+    def photos(self, scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
+        """The photos that are meant."""
+        here = active_photo(scene)
+        return proposed(scene) if self.every else [] if here is None else [here]
+
+
+class MGF_OT_accept_suggestions(_OnProposed):
+    """Let the proposed points count as if you had clicked them"""
+
+    bl_idname = "mgf.accept_suggestions"
+    bl_label = "Accept"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        for photo in self.photos(context.scene):
+            for click in photo.clicks:
+                click.proposed = False
+
+
+class MGF_OT_discard_suggestions(_OnProposed):
+    """Remove the proposed points"""
+
+    bl_idname = "mgf.discard_suggestions"
+    bl_label = "Discard"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def run(self, context: bpy.types.Context) -> None:
+        for photo in self.photos(context.scene):
+            drop_proposed(photo)
+
+
+CLASSES = (
+    MGF_OT_suggest_clicks, MGF_OT_take_suggestions, MGF_OT_accept_suggestions, MGF_OT_discard_suggestions,
+)  # fmt: skip
+
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)
