@@ -12,15 +12,15 @@ import shutil
 import sys
 import traceback
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from mgf_engine import __version__
-from mgf_engine.config import Config, option_pairs, options_schema, read_config, renamed_values
+from mgf_engine.algorithms import algorithms_schema
+from mgf_engine.config import option_fields, option_pairs, options_schema, read_config, renamed_values
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Reporter
-from mgf_engine.option_list import default_text, options_text
+from mgf_engine.option_list import algorithms_text, default_text, options_text
 from mgf_engine.reported import send_failed, watch_for_cancel
 from mgf_engine.stages import SECTIONS, STAGE_NAMES, STAGES
 from mgf_engine.terminal import drop_output, make_sink, prepare_streams
@@ -98,6 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     doctor.add_argument("--weights", type=_path, metavar="FOLDER", help="folder of the EfficientSAM weights")
     options = commands.add_parser("options", help="list all options with default and meaning")
+    options.add_argument("--algorithms", action="store_true", help="list the options of the algorithms instead")
     options.add_argument("--json", action="store_true", help="print JSON")
     weights = commands.add_parser("weights", help="download and verify the weights of EfficientSAM or LPIPS")
     weights.add_argument("--model", choices=("vitt", "vits", "lpips-alex", "lpips-vgg"),
@@ -208,7 +209,7 @@ def _add_georef_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("job", type=_path, metavar="JOB", help="folder of a finished job")
     add_arguments(parser)
-    for spec in (f for f in fields(Config) if f.metadata["section"] == "georef"):
+    for spec in (f for f in option_fields() if f.metadata["section"] == "georef"):
         _add_option(parser, spec)
 
 
@@ -247,7 +248,7 @@ def _add_inputs(parser: argparse.ArgumentParser, scenes: str | None = None) -> N
 def _add_options(parser: argparse.ArgumentParser) -> None:
     for section in SECTIONS:
         group = parser.add_argument_group(f"{section} options")
-        for spec in (f for f in fields(Config) if f.metadata["section"] == section):
+        for spec in (f for f in option_fields() if f.metadata["section"] == section):
             _add_option(group, spec)
 
 
@@ -266,7 +267,7 @@ def _given_options(args: argparse.Namespace) -> dict[str, Any]:
     """Options from --config, then --set, then flags; the later wins."""
     given = read_config(args.config) if args.config else {}
     given.update(option_pairs(args.set))
-    names = {f.name for f in fields(Config)}
+    names = {f.name for f in option_fields()}
     given.update({name: value for name, value in vars(args).items() if name in names})
     if isinstance(given.get("crop_box"), str):  # a file is read once, so that a resumed job keeps its box
         from mgf_engine.scene.crop import read_crop_box
@@ -329,12 +330,20 @@ def _log_to(path: Path) -> Path:
 
 
 def _options_command(args: argparse.Namespace) -> int:
+    if args.algorithms:
+        print(json.dumps(algorithms_schema(), indent=1) if args.json else algorithms_text(_columns()))
+        return EXIT_DONE
     schema = options_schema()
     if args.json:
         print(json.dumps(schema, indent=1, ensure_ascii=False))
         return EXIT_DONE
-    print(options_text(schema, shutil.get_terminal_size((100, 24)).columns))
+    print(options_text(schema, _columns()))
     return EXIT_DONE
+
+
+def _columns() -> int:
+    """Width of the terminal in characters."""
+    return shutil.get_terminal_size((100, 24)).columns
 
 
 def _estimate_command(args: argparse.Namespace) -> int:

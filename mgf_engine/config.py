@@ -8,19 +8,22 @@ schema made from it) and the presets. Each field carries its section, one senten
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import Field, asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from mgf_engine.algorithms import algorithm_named, algorithm_of, algorithm_values, is_algorithm_option
 from mgf_engine.costs import COSTS
 from mgf_engine.errors import BadInput
+from mgf_engine.option_values import check_limits, convert, shown
 from mgf_engine.stages import SECTIONS, STAGES
 
 #: Fewer photos are trained on for as long as so many, and more are too. The surface is best after some tens of passes
 #: over the photos; then the field goes on to explain what mirrors, and digs dents behind panes.
 RUN_LENGTH = {"fewest": 20, "most": 60}
+
+T = TypeVar("T")
 
 
 def option(
@@ -146,6 +149,22 @@ class Config:
     control_adjust: bool = option(True, "georef", "Adjust the cameras to the control points (bundle adjustment); off only aligns the scene with them")
     # fmt: on
 
+    #: Options of the algorithms that differ from their defaults, ``section.name`` -> value.
+    algorithms: dict[str, Any] = field(default_factory=dict, hash=False)
+
+    def algorithm(self, kind: type[T]) -> T:
+        """The options of an algorithm, as the user set them.
+
+        Args:
+            kind: a dataclass of :data:`mgf_engine.algorithms.ALGORITHMS`.
+        """
+        start = algorithm_of(kind).section + "."
+        return kind(**{k.removeprefix(start): v for k, v in self.algorithms.items() if k.startswith(start)})
+
+    def algorithms_of(self, stage: str) -> dict[str, Any]:
+        """The set options of all algorithms of a stage, ``section.name`` -> value."""
+        return {k: v for k, v in self.algorithms.items() if algorithm_named(k.partition(".")[0]).stage == stage}
+
     def wants_elements(self, parts_clicked: bool) -> bool:
         """Whether anything will use the second level of the masks."""
         used = parts_clicked or self.multilevel_loss or self.boundary_loss
@@ -211,26 +230,28 @@ PRESETS: dict[str, dict[str, Any]] = {
 PRESET_HELP = {"paper": "The method exactly as in the paper, for comparison"}
 #: Option -> value it had in an earlier version -> value it has now; taken for one version, with a warning.
 RENAMED: dict[str, dict[str, str]] = {"segmenter": {"grabcut": "random_walker"}}
-_SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
 
 
 def make_config(given: dict[str, Any] | None = None) -> Config:
     """A validated config: defaults, then the preset, then what the user gave.
 
     Args:
-        given: option name -> value; text is converted to the option's type.
+        given: option name -> value; text is converted to the option's type. Options of algorithms are
+            ``section.name``.
 
     Raises:
         BadInput: an unknown option, a value of the wrong type or outside its limits.
     """
     given = {k: v for k, v in (given or {}).items() if v is not None}
-    known = {f.name: f for f in fields(Config)}
-    unknown = sorted(set(given) - set(known))
+    known = {f.name: f for f in option_fields()}
+    own = {name: value for name, value in given.items() if not is_algorithm_option(name)}
+    unknown = sorted(set(own) - set(known))
     if unknown:
         raise BadInput(f"Unknown option '{unknown[0]}'; 'mgf options' lists every option.")
-    values = {name: _convert(known[name], value) for name, value in given.items()}
+    algorithms = algorithm_values({name: value for name, value in given.items() if name not in own})
+    values = {name: _convert(known[name], value) for name, value in own.items()}
     preset = values.get("preset", Config.preset)
-    config = replace(Config(), **{**PRESETS[preset], **values})
+    config = replace(Config(algorithms=algorithms), **{**PRESETS[preset], **values})
     if config.densify_from > config.densify_until:
         raise BadInput("densify_from must not be larger than densify_until; swap the two shares.")
     if 0 < config.max_photos < 3:
@@ -238,8 +259,15 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
     return config
 
 
+def option_fields() -> list[Field[Any]]:
+    """The fields of :class:`Config` that are options of a job, each with its metadata."""
+    return [f for f in fields(Config) if "section" in f.metadata]
+
+
 def option_pairs(texts: Sequence[str]) -> dict[str, str]:
     """Read options from texts NAME=VALUE or SECTION.NAME=VALUE as ``--set`` takes them, not converted yet.
+
+    Options of algorithms keep their section, since their names are unique within it only.
 
     Raises:
         BadInput: a text is no such pair, or the option is in another section.
@@ -249,8 +277,11 @@ def option_pairs(texts: Sequence[str]) -> dict[str, str]:
 
 def _without_section(name: str) -> str:
     """Return the name of an option given as ``name`` or ``section.name``; an unknown one is told of later."""
-    section, dot, own = name.replace("-", "_").rpartition(".")
-    true = {f.name: f.metadata["section"] for f in fields(Config)}.get(own)
+    name = name.replace("-", "_")
+    if is_algorithm_option(name):
+        return name
+    section, dot, own = name.rpartition(".")
+    true = {f.name: f.metadata["section"] for f in option_fields()}.get(own)
     if dot and true is not None and section != true:
         raise BadInput(f"Option {own} is in the section '{true}', not '{section}'; give --set {true}.{own}=VALUE.")
     return own
@@ -291,7 +322,7 @@ def read_config(path: Path) -> dict[str, Any]:
 def options_schema() -> dict[str, Any]:
     """All about the options as plain data, for panels and other front ends; ``options`` has an entry for each."""
     entries = [
-        {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in fields(Config)
+        {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in option_fields()
     ]
     return {
         "sections": SECTIONS, "stages": {stage.name: stage.progress for stage in STAGES},
@@ -311,52 +342,16 @@ def renamed_values(given: dict[str, Any]) -> list[str]:
 
 def as_dict(config: Config) -> dict[str, Any]:
     """The config as plain data for the job file and the report."""
-    return asdict(config)
+    data = asdict(config)
+    algorithms = data.pop("algorithms")
+    return {**data, **algorithms}
 
 
 def _convert(spec: Any, value: Any) -> Any:
     """``value`` in the option's own type, checked against its limits."""
-    kind, meta = type(spec.default), spec.metadata
-    try:
-        result = _parse(kind, value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise BadInput(f"Option {spec.name} takes {_kind_name(kind)}, not '{_shown(value)}'.") from error
+    meta, result = spec.metadata, convert(spec.name, value, spec.default)
     result = RENAMED.get(spec.name, {}).get(result, result) if isinstance(result, str) else result
     if meta["choices"] and result not in meta["choices"]:
-        raise BadInput(f"Option {spec.name} is one of {', '.join(meta['choices'])}, not '{_shown(value)}'.")
-    for limit, wrong in ((meta["low"], "at least"), (meta["high"], "at most")):
-        if limit is not None and (result < limit if wrong == "at least" else result > limit):
-            raise BadInput(f"Option {spec.name} must be {wrong} {limit:g}, not {_shown(value)}.")
+        raise BadInput(f"Option {spec.name} is one of {', '.join(meta['choices'])}, not '{shown(value)}'.")
+    check_limits(spec.name, result, meta["low"], meta["high"])
     return result
-
-
-def _shown(value: Any) -> str:
-    """A value as a sentence can hold it."""
-    text = str(value) if not isinstance(value, int) or abs(value) < 10**50 else "a number of many digits"
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _parse(kind: type, value: Any) -> Any:
-    if kind is bool:
-        key = str(value).strip().lower()
-        if key not in _SWITCH:
-            raise ValueError(value)
-        return _SWITCH[key]
-    if isinstance(value, bool):
-        raise TypeError(value)
-    if kind is int:
-        if isinstance(value, float) and not value.is_integer():
-            raise ValueError(value)
-        return int(value)
-    if kind is float:
-        number = float(value)
-        if not math.isfinite(number):
-            raise ValueError(value)
-        return number
-    if not isinstance(value, str):
-        raise TypeError(value)
-    return value
-
-
-def _kind_name(kind: type) -> str:
-    return {bool: "true or false", int: "a whole number", float: "a number", str: "text"}[kind]

@@ -14,7 +14,6 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,7 +21,7 @@ from typing import Any, ClassVar
 from filelock import FileLock, Timeout
 
 from mgf_engine import __version__
-from mgf_engine.config import Config, as_dict, make_config
+from mgf_engine.config import as_dict, make_config, option_fields
 from mgf_engine.errors import BadInput
 from mgf_engine.inputs import Inputs, read_inputs
 from mgf_engine.masks.prompts import clicked_names
@@ -238,8 +237,9 @@ class Job:
         )
 
     def _options_of(self, stage: Stage) -> dict[str, Any]:
-        names = [f.name for f in fields(Config) if f.metadata["section"] in stage.sections]
+        names = [f.name for f in option_fields() if f.metadata["section"] in stage.sections]
         options = {n: getattr(self.config, n) for n in (*names, *stage.options) if n not in _BY_CONTENT}
+        options.update(self.config.algorithms_of(stage.name))
         if stage.inputs == "photos" and not self._leaves_photos_out():
             options["max_photos"] = 0
         return options

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
-from mgf_engine.config import Config
+from mgf_engine.config import option_fields
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -40,8 +39,8 @@ SOURCES = "\n".join(
 
 def options() -> set[str]:
     """Every flag that some command of ours takes."""
-    named = {"--" + f.name.replace("_", "-") for f in fields(Config)}
-    switches = {"--no-" + f.name.replace("_", "-") for f in fields(Config) if isinstance(f.default, bool)}
+    named = {"--" + f.name.replace("_", "-") for f in option_fields()}
+    switches = {"--no-" + f.name.replace("_", "-") for f in option_fields() if isinstance(f.default, bool)}
     return named | switches | set(re.findall(r'add_argument\(\s*"(--[a-z0-9-]+)"', SOURCES))
 
 
@@ -109,4 +108,5 @@ def test_generated_pages_are_current() -> None:
     tool = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tool)
     assert tool.CLI.read_text(encoding="utf-8") == tool.cli_page(), "run tools/write_docs.py"
+    assert tool.ALGORITHMS.read_text(encoding="utf-8") == tool.algorithms_page(), "run tools/write_docs.py"
     assert tool.ARCHITECTURE.read_text(encoding="utf-8") == tool.architecture_page(), "run tools/write_docs.py"

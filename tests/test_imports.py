@@ -17,7 +17,16 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = (
     *("system", "errors", "stages", "subprocesses", "timing", "memory", "morton", "safe_npz", "sampling"),
     *("images", "output_folder"),
-    *("costs", "config", "option_list", "messages", "terminal", "reported"),  # options and reports
+    *(
+        "option_values",
+        "algorithms",
+        "costs",
+        "config",
+        "option_list",
+        "messages",
+        "terminal",
+        "reported",
+    ),  # options and reports
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
     *("runs", "inputs", "job", "results", "estimate"),  # the job folder

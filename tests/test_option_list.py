@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
 
 import pytest
 
-from mgf_engine.config import Config, options_schema
+from mgf_engine.config import option_fields, options_schema
 from mgf_engine.option_list import default_text, option_meaning, options_text
 from mgf_engine.stages import SECTIONS
 
@@ -48,5 +47,5 @@ def test_help_is_a_phrase_of_at_most_two_sentences(entry: dict[str, str]) -> Non
 
 
 def test_options_that_name_files_say_so() -> None:
-    paths = {f.name: f.metadata["path"] for f in fields(Config) if f.metadata["path"]}
+    paths = {f.name: f.metadata["path"] for f in option_fields() if f.metadata["path"]}
     assert paths == {"weights": "folder", "control": "file", "marks": "file", "scale_bars": "file"}

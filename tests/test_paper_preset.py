@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import pytest
 
-from mgf_engine.config import PRESETS, Config, make_config
+from mgf_engine.config import PRESETS, make_config, option_fields
 
 #: Option -> value and where the paper prints it.
 PRINTED = {
@@ -72,7 +70,7 @@ def test_what_is_ours_is_off(name: str) -> None:
 def test_every_option_of_the_method_is_accounted_for() -> None:
     """A new option of masks, field or mesh has to say whether the paper prints it: add it to one of the tables."""
     known = [set(PRINTED), set(OF_ITS_BASE), set(OURS), NO_MATTER]
-    names = {f.name for f in fields(Config) if f.metadata["section"] in ("masks", "field", "mesh")}
+    names = {f.name for f in option_fields() if f.metadata["section"] in ("masks", "field", "mesh")}
     assert sum(len(table) for table in known) == len(set().union(*known))
-    assert names - set().union(*known) == set() and set().union(*known) <= {f.name for f in fields(Config)}
+    assert names - set().union(*known) == set() and set().union(*known) <= {f.name for f in option_fields()}
     assert not set(PRESETS["paper"]) & NO_MATTER

@@ -6,12 +6,11 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
-from mgf_engine.config import Config
+from mgf_engine.config import option_fields
 from mgf_engine.stages import STAGE_NAMES, STAGES, outputs, stage_named, stage_of_section
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -129,7 +128,7 @@ def test_every_stage_says_what_it_reads_and_writes() -> None:
     for place, stage in enumerate(STAGES):
         assert set(stage.reads) <= set(STAGE_NAMES[:place]) and stage.proofs
         assert stage.runner().__doc__
-        assert {*stage.on_request, *stage.options} <= {f.name for f in fields(Config)}
+        assert {*stage.on_request, *stage.options} <= {f.name for f in option_fields()}
         assert stage_named(stage.name) is stage
     assert stage_of_section("georef").name == "deliver"
     for names in ([o.path for o in outputs()], [o.name for o in outputs() if o.name]):

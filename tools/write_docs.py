@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write docs/cli.md from the command line itself: every command, argument and option with its default.
+"""Write docs/cli.md from the command line itself, docs/algorithms.md from the algorithms' options, and the table of
+stages in docs/architecture.md.
 
-.venv/bin/python tools/write_docs.py          (tests/test_docs.py checks that the page is current)
+.venv/bin/python tools/write_docs.py          (tests/test_docs.py checks that the pages are current)
 """
 
 from __future__ import annotations
@@ -9,19 +10,20 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 REPO = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPO))
 
+from mgf_engine import algorithms as algorithm_table  # noqa: E402
 from mgf_engine.cli import _parser  # noqa: E402
-from mgf_engine.config import Config, options_schema  # noqa: E402
+from mgf_engine.config import option_fields, options_schema  # noqa: E402
 from mgf_engine.option_list import default_text  # noqa: E402
 from mgf_engine.stages import STAGES  # noqa: E402
 
 CLI, ARCHITECTURE = REPO / "docs" / "cli.md", REPO / "docs" / "architecture.md"
+ALGORITHMS = REPO / "docs" / "algorithms.md"
 _BEGIN, _END = "<!-- stages: begin -->", "<!-- stages: end -->"
 _HEAD = """\
 # Command line
@@ -42,6 +44,20 @@ mgf COMMAND [ARGUMENTS]          python -m mgf_engine is the same
 `Ctrl-C` cancels a job at its next step, a second `Ctrl-C` at once. `MGF_CACHE` names another cache folder,
 `MGF_KERNEL_VARIANT` another variant of the kernels. `mgf bench` runs benchmarks from a checkout; see
 [benchmark.md](benchmark.md).
+"""
+_ALGORITHMS_HEAD = """\
+# Options of the algorithms
+
+<!-- Written by tools/write_docs.py; change the sentences in the sources and run it again. -->
+
+The numbers of the algorithms, for experiments and ablations. They are in no panel, and their defaults are what all
+[results](results.md) were made with. Set them by name: `mgf reconstruct … --set random_walker.rounds=6`, in a JSON
+file after `--config` (`{"random_walker.rounds": 6}`), or from Python
+(`mgf.reconstruct(…, **{"random_walker.rounds": 6})`). A number with several parts is given with commas (`5,14`). A
+changed option redoes its stage and the later ones, like any other. `mgf options --algorithms` prints this list,
+with `--json` as data that has the limits, too.
+
+px is a pixel of a working photo; a ground pixel is its size on the surface in the nearest photo.
 """
 _OPTIONS = """
 ## Options of a job
@@ -71,6 +87,23 @@ def cli_page() -> str:
     return "\n".join([*parts, _OPTIONS.rstrip("\n"), *_preset_table(), *_option_tables()]) + "\n"
 
 
+def algorithms_page() -> str:
+    """Compose the page of the algorithms' options: a table for each algorithm, in the order of the stages."""
+    parts = [_ALGORITHMS_HEAD.rstrip("\n")]
+    for stage in STAGES:
+        algorithms = [a for a in algorithm_table.ALGORITHMS if a.stage == stage.name]
+        if algorithms:
+            parts += ["", f"## Stage {stage.name}"]
+        for algorithm in algorithms:
+            source = algorithm.options.partition(":")[0].replace(".", "/") + ".py"
+            parts += ["", f"### {algorithm.section}", "", f"{algorithm.title} (`{source}`).", ""]
+            parts += ["| option | default | meaning |", "|---|---|---|"]
+            for spec in algorithm.parameters():
+                default = default_text(spec.default, spec.metadata["unit"])
+                parts.append(f"| `{algorithm.section}.{spec.name}` | {default} | {_cell(spec.metadata['help'])} |")
+    return "\n".join(parts) + "\n"
+
+
 def architecture_page() -> str:
     """Compose docs/architecture.md: the page as it is, with the table of stages between its marks."""
     head, _, rest = ARCHITECTURE.read_text(encoding="utf-8").partition(_BEGIN)
@@ -93,7 +126,7 @@ def _commands() -> dict[str, tuple[argparse.ArgumentParser, str]]:
 def _rows(commands: dict[str, tuple[argparse.ArgumentParser, str]], name: str) -> list[str]:
     """The table rows of a command's own arguments; options of a job have tables of their own."""
     actions = [a for a in commands[name][0]._actions if not isinstance(a, argparse._HelpAction)]
-    helps = tuple(f.metadata["help"] for f in fields(Config))
+    helps = tuple(f.metadata["help"] for f in option_fields())
     own = [a for a in actions if not (a.help or "").startswith(helps)]
     return [f"| `{_cell(_usage(action))}` | {_cell(action.help or '')} |" for action in own]
 
@@ -102,7 +135,7 @@ def _arguments(parser: argparse.ArgumentParser, rows: list[str]) -> Iterator[str
     if rows:
         yield from ("", "| argument | meaning |", "|---|---|", *rows)
     taken = {a.dest for a in parser._actions}
-    sections = {f.metadata["section"] for f in fields(Config) if f.name in taken}
+    sections = {f.metadata["section"] for f in option_fields() if f.name in taken}
     if "mesh" in sections:
         yield from ("", "It also takes all [options of a job](#options-of-a-job).")
     elif "georef" in sections:
@@ -148,6 +181,6 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    for page, text in ((CLI, cli_page()), (ARCHITECTURE, architecture_page())):
+    for page, text in ((CLI, cli_page()), (ALGORITHMS, algorithms_page()), (ARCHITECTURE, architecture_page())):
         page.write_text(text, encoding="utf-8")
         print(f"Wrote {page}")

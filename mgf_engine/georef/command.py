@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.config import Config
+from mgf_engine.config import option_fields
 from mgf_engine.georef.apply import apply_to_finished
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
@@ -43,7 +42,7 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
     Raises:
         BadInput: the job is not finished, or what the user gave cannot be used; the job is then as it was.
     """
-    names = [f.name for f in fields(Config) if f.metadata["section"] == "georef"]
+    names = [f.name for f in option_fields() if f.metadata["section"] == "georef"]
     given = {name: value for name, value in vars(args).items() if name in names}
     reporter.stages = (STAGE,)
     reporter.stage(STAGE)

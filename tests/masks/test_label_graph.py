@@ -12,8 +12,7 @@ import pytest
 from mgf_engine.masks.geometry.building_extent import ViewRegions
 from mgf_engine.masks.geometry.point_features import Shape
 from mgf_engine.masks.prompts import Clicks
-from mgf_engine.masks.propagation import random_walker as walker
-from mgf_engine.masks.propagation.random_walker import LabelGraph
+from mgf_engine.masks.propagation.random_walker import LabelGraph, RandomWalkerOptions
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import Scene, Similarity, View
 
@@ -22,6 +21,7 @@ BORDER = 8.0  # the length of border at which a tie without contrast weighs 1
 SMALL = 0.002  # what every tie weighs more
 NONE = np.zeros((0, 2))
 HOLD = 10.0
+OPTIONS = RandomWalkerOptions()
 
 
 def strip(contrast: Sequence[float], features: Sequence[Sequence[float]] | None = None) -> Regions:
@@ -107,17 +107,17 @@ def test_ties_are_symmetric_and_the_laplacian_holds_back_nothing() -> None:
     dense = graph.laplacian.toarray()
     assert np.allclose(dense, dense.T) and np.allclose(dense.sum(0), 0)
     assert np.allclose(np.diag(dense), graph.degree)
-    assert dense[5, 0] == dense[5, 4] == -walker.TRACK_TIE == dense[6, 2]  # points to the regions that saw them
-    assert dense[5, 6] == -walker.SPACE_TIE and dense[0, 3] == 0  # and to each other; photos meet in points alone
+    assert dense[5, 0] == dense[5, 4] == -OPTIONS.track_weight == dense[6, 2]  # points to the regions that saw them
+    assert dense[5, 6] == -OPTIONS.space_weight and dense[0, 3] == 0  # and to each other; photos meet in points alone
 
 
 def test_a_point_carries_a_click_from_one_photo_to_another() -> None:
     """Region, point, region in a row with ties of 1, each node losing LEAK times its ties."""
     graph = graph_of([strip([]), strip([])], [[(0, 0), (1, 0)]])
     pull, target = graph.click_pull({0: Clicks(clicks_at([0]), NONE)})
-    first, _, point = graph._flow(pull + walker.LEAK * graph.degree, pull * target, None)[[0, 1, 2]]
-    second = graph._flow(pull + walker.LEAK * graph.degree, pull * target, None)[1]
-    loss = 1 + walker.LEAK
+    first, _, point = graph._flow(pull + OPTIONS.termination * graph.degree, pull * target, None)[[0, 1, 2]]
+    second = graph._flow(pull + OPTIONS.termination * graph.degree, pull * target, None)[1]
+    loss = 1 + OPTIONS.termination
     assert point / second == pytest.approx(loss, rel=1e-3)
     assert first / second == pytest.approx(2 * loss * loss - 1, rel=1e-3)
     belief, trust = graph._first_guess(pull, target)
@@ -127,13 +127,13 @@ def test_a_point_carries_a_click_from_one_photo_to_another() -> None:
 def test_a_click_pulls_at_five_places() -> None:
     graph = graph_of([strip([0.0, 0.0])])
     pull, target = graph.click_pull({0: Clicks(np.array([[22.0, 5.0]]), NONE)})  # 5 px to the left is the next column
-    assert pull.tolist() == [walker.CLICK_WEIGHT, 4 * walker.CLICK_WEIGHT, 0] and target.tolist() == [1, 1, 0]
+    assert pull.tolist() == [OPTIONS.click_weight, 4 * OPTIONS.click_weight, 0] and target.tolist() == [1, 1, 0]
 
 
 def test_clicks_of_both_kinds_in_one_region_cancel() -> None:
     graph = graph_of([strip([0.0])])
     pull, target = graph.click_pull({0: Clicks(clicks_at([0, 1]), clicks_at([0]))})
-    assert target == pytest.approx([0.5, 1.0]) and pull[0] == 2 * pull[1] == 10 * walker.CLICK_WEIGHT
+    assert target == pytest.approx([0.5, 1.0]) and pull[0] == 2 * pull[1] == 10 * OPTIONS.click_weight
 
 
 def test_both_kinds_of_clicks_are_treated_alike() -> None:
@@ -181,7 +181,7 @@ def test_sky_is_given_up_piece_by_piece_where_it_is_clicked() -> None:
 
 def test_a_click_is_on_the_nearest_point_that_its_own_photo_saw() -> None:
     graph = graph_of([strip([0.0] * 9), strip([0.0] * 9)], [[(0, 2)], [(0, 5)], [(1, 3)]])
-    near, middle = walker.NEAR_CLICK * 10 * SIDE, SIDE / 2
+    near, middle = OPTIONS.click_radius * 10 * SIDE, SIDE / 2
     uv = np.array([[50 + 0.9 * near, middle], [50 + 1.1 * near, middle], [70.0, middle], [110.0, middle]])
     assert graph._points_at(0, uv).tolist() == [0, 1]
     assert graph._points_at(1, uv[2:]).tolist() == [2] and graph._points_at(0, NONE).tolist() == []
@@ -196,8 +196,8 @@ def test_evidence_of_where_the_building_is() -> None:
     away = np.array([[0, 1, 3.2, 0, 0, 0]], np.float32)
     place = ViewRegions(**maps, away=away, near=np.ones((1, 6), np.float32))
     regions = strip([0.0] * 5)
-    view = graph_of([regions]).scene.views[0]
-    odds, first = LabelGraph._region_odds(place, regions, view)
-    w = walker
-    wanted = [w.CORE_ODDS, w.RIM_ODDS, 2 * w.FAR_ODDS, w.HIDDEN_ODDS, w.FIRST_ODDS, w.OTHER_ODDS]
+    graph = graph_of([regions])
+    odds, first = graph._region_odds(place, regions, graph.scene.views[0])
+    o = OPTIONS
+    wanted = [o.core_odds, o.rim_odds, 2 * o.far_odds, o.hidden_odds, o.ground_first_odds, o.occluded_odds]
     assert odds == pytest.approx(wanted) and first.tolist() == [False] * 4 + [True, False]

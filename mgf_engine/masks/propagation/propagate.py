@@ -32,7 +32,7 @@ from mgf_engine.masks.propagation.prompt_outliers import (
     on_points,
     without,
 )
-from mgf_engine.masks.propagation.random_walker import Belief, LabelGraph
+from mgf_engine.masks.propagation.random_walker import Belief, LabelGraph, RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import draw_skyline
 from mgf_engine.masks.propagation.superpixels import Regions, cut_regions
 from mgf_engine.masks.refinement.far_background import cut_distant
@@ -108,7 +108,8 @@ class _Work:
         self.full = with_bare_points(self.scene, self._leafy, self.threads, self.reporter.check)
         self.reporter.progress(0.4)
         self.shape = measure_shape(self.scene)
-        self.graph = LabelGraph(self.scene, self.regions, self.shape, self.threads, self.full)
+        walker = self.config.algorithm(RandomWalkerOptions)
+        self.graph = LabelGraph(self.scene, self.regions, self.shape, self.threads, self.full, walker)
         doubts = self._drop_doubtful()
         self.belief = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.building_extent import Extent, ViewRegions, Visibility, over_building
 from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
 from mgf_engine.masks.geometry.point_features import Shape, clicked_groups, measure_shape
@@ -34,37 +35,56 @@ from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
 
-TRACK_TIE = 1.0  # point to the region it was observed in
-SPACE_TIE = 0.3  # point to a neighbouring point
-CLICK_WEIGHT = 2.0  # each click counts five times: at its place and 5 px to four sides
-EVIDENCE_WEIGHT = 1.5  # how hard everything below pulls at a region, once it is certain
-POINT_EVIDENCE_WEIGHT = 2.0  # and at a point, which has as many ties as photos saw it
-# Evidence, as natural logarithms of odds.
-LOOKS_LIMIT = 3.0  # colour, texture and shape say at most this much
-PLANT_ODDS = -2.0  # leaves and grass
-CORE_ODDS = 2.2  # the ray meets the building
-RIM_ODDS = 0.4  # or the rim around its outermost points
-FAR_ODDS = -2.0  # per spacing of the points away from it, beyond FAR_FROM
-FAR_FROM, FAR_LIMIT = 1.2, 5.0
-APART_ODDS = -4.0  # points apart from every click on the building
-HIDDEN_ODDS = -2.0  # points that should be seen here are not
-FIRST_ODDS = -6.0  # the ray meets the ground first
-SKY_ODDS = -5.0  # sky
-OTHER_ODDS = -2.0  # something else's points are nearer
-OTHER_GAP = 4.0  # spacings between the building and something else
-BUILT = 0.6  # belief above which a point is the building's
-OTHER_BELOW = 0.2  # belief below which a point is something else's
-GROUND_ODDS = -4.0  # the ground's own points
-WITHIN_ODDS = 2.5  # points seen where the building is, and not in front of it
-OVER_ODDS = 4.0  # points that stand on the building
-OVER_TIES = 0.5  # their evidence weighs this much per photo that saw them: the regions around a spire are mostly sky
-#: What the geometry already calls ground teaches little about looks: walls may be of the same stone.
-EXPLAINED = 0.2
-NEAR_CLICK = 0.06  # share of the photo's width within which the nearest point tells what a click is on
-LEAK = 0.02  # how quickly a click's influence fades in the first round
-ROUNDS = 4
 #: Features of points: those of the regions that saw them, how upright their surface is, and how flat.
 POINT_SCALE = np.concatenate([FEATURE_SCALE, [1.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class RandomWalkerOptions:
+    """Options of the label propagation; odds are natural logarithms of the odds of "building"."""
+
+    track_weight: float = parameter(1.0, "Edge weight between a point and a region that it was observed in")
+    space_weight: float = parameter(0.3, "Edge weight between two neighbouring points")
+    click_weight: float = parameter(2.0, "Weight of a click; it counts five times, at its pixel and 5 px to four sides")
+    evidence_weight: float = parameter(1.5, "Weight of certain evidence (all the odds below) at a region")
+    point_evidence_weight: float = parameter(
+        2.0, "Weight of certain evidence at a point, which has an edge to each photo that observed it"
+    )
+    appearance_limit: float = parameter(3.0, "Maximum odds by colour, texture and shape, of either sign")
+    plant_odds: float = parameter(-2.0, "Odds of leaves and grass", low=None)
+    core_odds: float = parameter(2.2, "Odds where the ray meets the building", low=None)
+    rim_odds: float = parameter(0.4, "Odds in the rim around the outermost points of the building", low=None)
+    far_odds: float = parameter(-2.0, "Odds per point spacing away from the building, beyond far_from", low=None)
+    far_from: float = parameter(1.2, "Distance from the building at which far_odds begins", "point spacings")
+    far_limit: float = parameter(5.0, "Maximum distance that far_odds counts", "point spacings")
+    apart_odds: float = parameter(-4.0, "Odds of points that are apart from every click on the building", low=None)
+    hidden_odds: float = parameter(-2.0, "Odds where points that the photo should observe are not observed", low=None)
+    ground_first_odds: float = parameter(-6.0, "Odds where the ray meets the ground first", low=None)
+    sky_odds: float = parameter(-5.0, "Odds of sky", low=None)
+    occluded_odds: float = parameter(-2.0, "Odds where points of something else are nearer to the camera", low=None)
+    other_gap: float = parameter(
+        4.0, "Distance from the building beyond which a point is something else", "point spacings"
+    )
+    building_above: float = parameter(0.6, "Probability above which a point belongs to the building", high=1)
+    other_below: float = parameter(0.2, "Probability below which a point belongs to something else", high=1)
+    ground_odds: float = parameter(-4.0, "Odds of points on the ground plane", low=None)
+    within_odds: float = parameter(
+        2.5, "Odds of points that photos see on the surface of the building or behind it", low=None
+    )
+    over_odds: float = parameter(4.0, "Odds of points that stand on the building", low=None)
+    over_weight: float = parameter(
+        0.5, "Weight of over_odds per photo that observed the point: the regions around a spire are mostly sky"
+    )
+    ground_training_weight: float = parameter(
+        0.2, "Weight of ground in the colour models: walls may be of the same stone", high=1
+    )
+    click_radius: float = parameter(
+        0.06, "Radius around a click in which its nearest point is sought, as a share of the photo's width", high=1
+    )
+    termination: float = parameter(
+        0.02, "Probability per step that the first random walk ends, which limits the reach of a click"
+    )
+    rounds: int = parameter(4, "Number of rounds of appearance, geometry and propagation", low=1, high=100)
 
 
 @dataclass(frozen=True)
@@ -96,9 +116,15 @@ class LabelGraph:
     """
 
     def __init__(
-        self, scene: Scene, regions: Sequence[Regions], shape: Shape, threads: int = 1, full: Scene | None = None
+        self,
+        scene: Scene,
+        regions: Sequence[Regions],
+        shape: Shape,
+        threads: int = 1,
+        full: Scene | None = None,
+        options: RandomWalkerOptions = RandomWalkerOptions(),
     ) -> None:
-        self.scene, self.regions, self.shape = scene, regions, shape
+        self.scene, self.regions, self.shape, self.options = scene, regions, shape, options
         self.threads = threads
         self.full = scene if full is None else full
         self.full_shape = shape if full is None else measure_shape(full)
@@ -115,16 +141,17 @@ class LabelGraph:
         self._diagonal = np.flatnonzero(self.laplacian.indices == rows)  # of the matrix, in its data
         self.point_features = self._point_features(shape)
         counts = [self.region_count, self.point_count]
-        self.evidence_weight = np.repeat([EVIDENCE_WEIGHT, POINT_EVIDENCE_WEIGHT], counts)
+        self.evidence_weight = np.repeat([self.options.evidence_weight, self.options.point_evidence_weight], counts)
         self.sky = self._sky()
         self.plants = np.concatenate([plants(self.features), plants(self.point_features)])
 
     def solve(
-        self, prompts: Prompts, seed: int = 0, rounds: int = ROUNDS, views: Sequence[int] | None = None
+        self, prompts: Prompts, seed: int = 0, rounds: int | None = None, views: Sequence[int] | None = None
     ) -> Belief:
         """The belief that follows from the clicks.
 
         Args:
+            rounds: number of rounds; None for that of the options.
             views: where the geometry is looked at; None for all. With some, the belief holds for these alone.
         """
         looked_at = range(len(self.regions)) if views is None else views
@@ -133,17 +160,17 @@ class LabelGraph:
         # Where nobody said what is not the building, the sky says it first.
         silent = not any(len(c.negative) for c in prompts.values())
         weight = self.evidence_weight
-        belief, trust = self._first_guess(pull + CLICK_WEIGHT * (sky & silent), target)
+        belief, trust = self._first_guess(pull + self.options.click_weight * (sky & silent), target)
         looks, teach, ground = np.zeros(len(belief)), trust, None
-        for round_ in range(rounds):
+        for round_ in range(self.options.rounds if rounds is None else rounds):
             looks = self._looks(belief, teach, seed)
-            odds = looks + PLANT_ODDS * self.plants + SKY_ODDS * sky
+            odds = looks + self.options.plant_odds * self.plants + self.options.sky_odds * sky
             if round_ > 0:
                 placed = self._place(belief, prompts, seed, looked_at)
                 odds, ground = odds + placed.odds, placed.ground
-                tied = np.maximum(self.evidence_weight, OVER_TIES * self.degree)
+                tied = np.maximum(self.evidence_weight, self.options.over_weight * self.degree)
                 weight = np.where(placed.over, tied, self.evidence_weight)
-                teach = np.where(placed.grounded, EXPLAINED, 1.0)
+                teach = np.where(placed.grounded, self.options.ground_training_weight, 1.0)
             else:
                 teach = np.ones(len(belief))
             wanted = 1.0 / (1.0 + np.exp(-odds))
@@ -160,24 +187,24 @@ class LabelGraph:
         if ground is not None:
             held = ground.holds(self.scene, self.shape)
             if self._clicks_reject(held, prompts):
-                odds[self.region_count :] = GROUND_ODDS * held
+                odds[self.region_count :] = self.options.ground_odds * held
                 added_ground = ground.holds(self.full, self.full_shape)[self.point_count :]
-                odds[: self.region_count] = GROUND_ODDS * self._shows_added(added_ground)
+                odds[: self.region_count] = self.options.ground_odds * self._shows_added(added_ground)
                 grounded[self.region_count :] = held > 0.5
                 points = np.minimum(points, 1 - held)
             else:
                 # A plinth the building stands on, as far as anybody said: no evidence against it.
                 ground = None
-        keep = points > BUILT
+        keep = points > self.options.building_above
         apart = keep & ~clicked_groups(self.scene.points, keep, self._clicked_points(prompts), self.shape)
-        odds[self.region_count :] += APART_ODDS * apart
+        odds[self.region_count :] += self.options.apart_odds * apart
         keep &= ~apart
         if keep.sum() < 10:
             return _Placed(odds, grounded, over, ground)
         over[self.region_count :] = over_building(self.scene.points, keep, self.shape)
-        odds += OVER_ODDS * over
-        keep |= over[self.region_count :] & (points > OTHER_BELOW)
-        away = (points < OTHER_BELOW) & ~grounded[self.region_count :] & ~over[self.region_count :]
+        odds += self.options.over_odds * over
+        keep |= over[self.region_count :] & (points > self.options.other_below)
+        away = (points < self.options.other_below) & ~grounded[self.region_count :] & ~over[self.region_count :]
         others = apart | (away & self._far_from(keep))
         extent = self.extent(np.concatenate([keep, self._added(belief) & (added_ground < 0.5)]), ground, others)
         within = np.zeros(self.point_count)
@@ -189,7 +216,7 @@ class LabelGraph:
             within += inside
         seen = np.bincount(self.scene.track_point[np.isin(self.scene.track_view, views)], minlength=self.point_count)
         share = within / np.maximum(seen, 1)
-        odds[self.region_count :] += WITHIN_ODDS * share * ~grounded[self.region_count :]
+        odds[self.region_count :] += self.options.within_odds * share * ~grounded[self.region_count :]
         return _Placed(odds, grounded, over, ground)
 
     def _geometry(self, extent: Extent, index: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
@@ -214,7 +241,7 @@ class LabelGraph:
         """Find the added points that are seen in regions of the building, bool [A]."""
         seen = np.bincount(self.added_owner, belief[self.added_observed], minlength=self.added_count)
         tracks = np.bincount(self.added_owner, minlength=self.added_count)
-        return np.asarray(seen > BUILT * tracks, bool)
+        return np.asarray(seen > self.options.building_above * tracks, bool)
 
     def _shows_added(self, values: Array) -> Array:
         """Mean over the added points that each region shows, 0 where it shows none, [regions]."""
@@ -238,7 +265,7 @@ class LabelGraph:
 
     def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Points farther from all kept ones than a wall is from the roof on it, [P]."""
-        gap = float(OTHER_GAP * np.median(self.shape.spacing[keep]))
+        gap = float(self.options.other_gap * np.median(self.shape.spacing[keep]))
         distance, _ = cKDTree(self.scene.points[keep]).query(
             self.scene.points, distance_upper_bound=np.nextafter(gap, np.inf), workers=self.threads
         )
@@ -255,7 +282,7 @@ class LabelGraph:
             return np.zeros(0, np.int64)
         away = np.linalg.norm(self.scene.track_uv[here] - clicks[:, None], axis=2)  # few clicks: no tree is worth it
         nearest = away.argmin(1)
-        near = away.min(1) < NEAR_CLICK * self.scene.views[index].width
+        near = away.min(1) < self.options.click_radius * self.scene.views[index].width
         return self.scene.track_point[here][nearest[near]]
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
@@ -268,18 +295,18 @@ class LabelGraph:
         positive = sum(int(on_ground[self._points_at(i, c.positive)].sum()) for i, c in prompts.items())
         return negative > positive or negative == positive == 0
 
-    @staticmethod
-    def _region_odds(place: ViewRegions, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:
+    def _region_odds(self, place: ViewRegions, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:
         """Log-odds of each region, and whether its ray meets the ground first, [S] each."""
         h, w = place.core.shape
         x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
         y = np.clip((regions.centres[:, 1] * h / view.height).astype(int), 0, h - 1)
         clear = ~place.hidden & ~place.ground_first & ~place.behind
-        odds = CORE_ODDS * (place.core & clear)[y, x] + RIM_ODDS * (place.reach & ~place.core & clear)[y, x]
-        odds = odds + FAR_ODDS * np.clip(place.away[y, x] - FAR_FROM, 0, FAR_LIMIT)
+        own = self.options
+        odds = own.core_odds * (place.core & clear)[y, x] + own.rim_odds * (place.reach & ~place.core & clear)[y, x]
+        odds = odds + own.far_odds * np.clip(place.away[y, x] - own.far_from, 0, own.far_limit)
         first = place.ground_first[y, x]
-        odds += HIDDEN_ODDS * place.hidden[y, x] + OTHER_ODDS * (place.behind[y, x] & ~first)
-        return odds + FIRST_ODDS * first, first
+        odds += own.hidden_odds * place.hidden[y, x] + own.occluded_odds * (place.behind[y, x] & ~first)
+        return odds + own.ground_first_odds * first, first
 
     def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
         """Strength and wanted value of the clicks, [N] each."""
@@ -290,13 +317,13 @@ class LabelGraph:
             for points, value in ((clicks.positive, 1.0), (clicks.negative, 0.0)):
                 for click in points:
                     nodes = self.regions[index].at(click + around) + self.start[index]
-                    np.add.at(pull, nodes, CLICK_WEIGHT)
-                    np.add.at(wanted, nodes, CLICK_WEIGHT * value)
+                    np.add.at(pull, nodes, self.options.click_weight)
+                    np.add.at(wanted, nodes, self.options.click_weight * value)
         return pull, wanted / np.maximum(pull, 1e-12)
 
     def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
         """Compare positive and negative clicks by fading random walks; returns which is nearer, and how reliably."""
-        stiffness = pull + LEAK * np.maximum(self.degree, 0.1)
+        stiffness = pull + self.options.termination * np.maximum(self.degree, 0.1)
         wanted = target, 1.0 - target
         flows = parallel_map(lambda k: self._flow(stiffness, pull * wanted[k], None), range(2), self.threads)
         near = [np.maximum(flow, 1e-9) for flow in flows]
@@ -330,7 +357,7 @@ class LabelGraph:
 
         models = list(parallel_map(fit, range(4), self.threads))
         ratios = [log_ratio(k[0], models[2 * n], models[2 * n + 1], k[3], self.threads) for n, k in enumerate(kinds)]
-        return np.clip(np.concatenate(ratios) / 2, -LOOKS_LIMIT, LOOKS_LIMIT)
+        return np.clip(np.concatenate(ratios) / 2, -self.options.appearance_limit, self.options.appearance_limit)
 
     def _observed_regions(self) -> NDArray[np.int64]:
         """The region node of each observation of the full scene, [T]."""
@@ -350,7 +377,7 @@ class LabelGraph:
             weight.append(regions.border / 8 * alike + 0.002)
         first += [self.observed, shape.pairs[:, 0] + self.region_count]
         second += [self.scene.track_point + self.region_count, shape.pairs[:, 1] + self.region_count]
-        weight += [np.full(len(self.observed), TRACK_TIE), SPACE_TIE * shape.closeness]
+        weight += [np.full(len(self.observed), self.options.track_weight), self.options.space_weight * shape.closeness]
         count = self.region_count + self.point_count
         ties = sparse.coo_matrix(
             (np.concatenate(weight), (np.concatenate(first), np.concatenate(second))), shape=(count, count)

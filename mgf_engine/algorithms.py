@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Options of the algorithms: numbers that the panel does not show and that ``--set section.name=value`` sets.
+
+Each algorithm keeps its numbers in a frozen dataclass in its own module; :func:`parameter` gives each number a sentence
+and a unit. :data:`ALGORITHMS` names the dataclasses, ``docs/algorithms.md`` is written from them, and
+:meth:`mgf_engine.config.Config.algorithm` makes one with the values that the user set. Like :mod:`mgf_engine.stages`,
+this module imports nothing of the algorithms: a dataclass is named as ``module:class`` and imported when it is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, dataclass, field, fields
+from importlib import import_module
+from typing import Any
+
+from mgf_engine.errors import BadInput
+from mgf_engine.option_values import check_limits, convert
+
+
+def parameter(default: Any, help: str, unit: str = "", *, low: float | None = 0, high: float | None = None) -> Any:
+    """Define a dataclass field that is an option of an algorithm.
+
+    Args:
+        default: number, switch, or tuple of numbers.
+        help: what it is, a noun phrase without the final full stop.
+        unit: of the number; empty for counts and shares.
+        low: smallest value allowed, None for no limit; of every number of a tuple.
+        high: largest value allowed.
+    """
+    return field(default=default, metadata={"help": help, "unit": unit, "low": low, "high": high})
+
+
+@dataclass(frozen=True)
+class Algorithm:
+    """An algorithm with options.
+
+    Attributes:
+        section: as ``--set`` names it.
+        stage: the stage whose result its options decide.
+        title: what it does, for the docs.
+        options: its dataclass, as ``module:class``.
+    """
+
+    section: str
+    stage: str
+    title: str
+    options: str
+
+    def load(self) -> type:
+        """Import the dataclass."""
+        module, _, name = self.options.partition(":")
+        found: type = getattr(import_module(module), name)
+        return found
+
+    def parameters(self) -> Iterator[Field[Any]]:
+        """Iterate over the options; a field whose default is another dataclass is a section of its own."""
+        return (f for f in fields(self.load()) if f.default is not MISSING and "help" in f.metadata)
+
+
+ALGORITHMS: tuple[Algorithm, ...] = (
+    Algorithm(
+        "random_walker", "masks", "Label propagation from clicks to all photos and points",
+        "mgf_engine.masks.propagation.random_walker:RandomWalkerOptions",
+    ),
+)  # fmt: skip
+_BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
+_BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}
+
+
+def is_algorithm_option(name: str) -> bool:
+    """Tell whether an option's name begins with the section of an algorithm."""
+    return name.partition(".")[0] in _BY_SECTION and "." in name
+
+
+def algorithm_named(section: str) -> Algorithm:
+    """Return the algorithm of a section.
+
+    Raises:
+        KeyError: there is none.
+    """
+    return _BY_SECTION[section]
+
+
+def algorithm_of(kind: type) -> Algorithm:
+    """Return the algorithm whose options a dataclass holds.
+
+    Raises:
+        KeyError: the dataclass is not in the table.
+    """
+    return _BY_CLASS[f"{kind.__module__}:{kind.__qualname__}"]
+
+
+def algorithms_schema() -> list[dict[str, Any]]:
+    """List the options of all algorithms as plain data: name, default, help, unit, limits, algorithm, stage."""
+    return [
+        {
+            "name": f"{algorithm.section}.{spec.name}", "default": spec.default, **spec.metadata,
+            "algorithm": algorithm.title, "stage": algorithm.stage,
+        }
+        for algorithm in ALGORITHMS
+        for spec in algorithm.parameters()
+    ]  # fmt: skip
+
+
+def algorithm_values(given: dict[str, Any]) -> dict[str, Any]:
+    """Check options of algorithms; those at their default are left out, so that they change no job.
+
+    Args:
+        given: ``section.name`` -> value; text is converted to the option's type.
+
+    Raises:
+        BadInput: an unknown option, a value of the wrong type or outside its limits.
+    """
+    result = {}
+    for key, value in sorted(given.items()):
+        section, _, name = key.partition(".")
+        spec = next((f for f in algorithm_named(section).parameters() if f.name == name), None)
+        if spec is None:
+            raise BadInput(f"Unknown option '{key}'; 'mgf options --algorithms' lists the options of {section}.")
+        result[key] = convert(key, value, spec.default)
+        check_limits(key, result[key], spec.metadata["low"], spec.metadata["high"])
+        if result[key] == spec.default:
+            del result[key]
+    return result
