@@ -63,6 +63,32 @@ ALGORITHMS: tuple[Algorithm, ...] = (
         "random_walker", "masks", "Label propagation from clicks to all photos and points",
         "mgf_engine.masks.propagation.random_walker:RandomWalkerOptions",
     ),
+    Algorithm(
+        "start_views", "field", "Photos and masks that the starting surface is made from",
+        "mgf_engine.start.options:ViewOptions",
+    ),
+    Algorithm(
+        "start_lines", "field", "Edges in photos and lines in space", "mgf_engine.start.options:SegmentOptions"
+    ),
+    Algorithm("start_planes", "field", "Planes through lines", "mgf_engine.start.options:PlaneOptions"),
+    Algorithm("start_stereo", "field", "Points by stereo", "mgf_engine.start.options:DenseOptions"),
+    Algorithm(
+        "start_cut", "field", "Minimum cut that makes the starting surface", "mgf_engine.start.options:CutOptions"
+    ),
+    Algorithm(
+        "start_samples", "field", "Samples on the starting surface", "mgf_engine.start.samples:SampleOptions"
+    ),
+    Algorithm(
+        "start_points", "field", "Points that Gaussians start from", "mgf_engine.field.start:StartPointOptions"
+    ),
+    Algorithm(
+        "initialisation", "field", "Shape and opacity of the first Gaussians",
+        "mgf_engine.field.initialise:InitialisationOptions",
+    ),
+    Algorithm(
+        "densification", "field", "Splitting and pruning of Gaussians", "mgf_engine.field.density:DensificationOptions"
+    ),
+    Algorithm("learning_rates", "field", "Step sizes of Adam", "mgf_engine.field.schedule:LearningRates"),
 )  # fmt: skip
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}

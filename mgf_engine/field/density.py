@@ -13,17 +13,26 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.morton import along_curve
 from mgf_engine.raster.api import RenderStats
 
-_SPLIT_OFFSET = 0.55  # of the longest axis, to either side
-_SPLIT_SHRINK = 0.62
-_GROWTH = 0.25  # a round adds at most this share
-_MIN_ERROR = 0.1  # summed colour error per view below which a Gaussian is good enough
-_HUGE = 2.0  # units of the normalised frame; nothing on a building is one disc this large
+
+@dataclass(frozen=True)
+class DensificationOptions:
+    """Options of one round of densification and pruning."""
+
+    growth: float = parameter(0.25, "Share by which the number of Gaussians grows at most")
+    least_error: float = parameter(0.1, "Summed colour error per view above which a Gaussian is split")
+    largest: float = parameter(2.0, "Maximum radius of a Gaussian in units of the normalised frame")
+    split_offset: float = parameter(0.55, "Distance of the children from the parent, as a share of its longest axis")
+    split_shrink: float = parameter(
+        0.62, "Length of the children along that axis, as a share of the parent's", low=0.01
+    )
+    vote_every: int = parameter(5, "Number of rounds between two votes of the masks on the Gaussians", low=1)
 
 
 @dataclass(frozen=True)
@@ -35,33 +44,40 @@ class RefineResult:
 
 
 def refine(
-    optimiser: Optimiser, stats: RenderStats, keep: Tensor, budget: int, config: Config, grow: bool
+    optimiser: Optimiser,
+    stats: RenderStats,
+    keep: Tensor,
+    budget: int,
+    prune_opacity: float,
+    grow: bool,
+    options: DensificationOptions = DensificationOptions(),
 ) -> RefineResult:
     """One round of pruning and, if ``grow``, of splitting; rows may change places.
 
     Args:
         stats: gathered since the last round, rows as in the optimiser's field.
         keep: bool [N]; false for Gaussians the masks vote against.
-        budget: the field may have this many Gaussians after the round.
+        budget: maximum number of Gaussians after the round.
+        prune_opacity: opacity at and below which a Gaussian is pruned.
     """
     field = optimiser.field
     seen = stats.count > 0
     with torch.no_grad():
-        alive = keep & (field.opacities > config.prune_opacity) & (field.scales.amax(1) < _HUGE)
+        alive = keep & (field.opacities > prune_opacity) & (field.scales.amax(1) < options.largest)
         if bool(seen.any()):
             alive &= seen
         score = stats.error / stats.count.clamp_min(1)
     pruned = int((~alive).sum())
     optimiser.keep(alive)
     score = score[alive]
-    room = min(budget - len(optimiser.field), int(_GROWTH * len(optimiser.field)))
+    room = min(budget - len(optimiser.field), int(options.growth * len(optimiser.field)))
     if not grow or room <= 0:
         return RefineResult(0, pruned)
     chosen = torch.topk(score, min(room, len(score))).indices
-    chosen = chosen[score[chosen] > _MIN_ERROR]
+    chosen = chosen[score[chosen] > options.least_error]
     if len(chosen) == 0:
         return RefineResult(0, pruned)
-    children = split(optimiser.field.select(chosen))
+    children = split(optimiser.field.select(chosen), options)
     rest = torch.ones(len(optimiser.field), dtype=torch.bool, device=chosen.device)
     rest[chosen] = False
     optimiser.keep(rest)
@@ -71,15 +87,15 @@ def refine(
     return RefineResult(len(chosen), pruned)
 
 
-def split(parents: Gaussians) -> Gaussians:
+def split(parents: Gaussians, options: DensificationOptions = DensificationOptions()) -> Gaussians:
     """Two children per parent, apart along its longest axis and narrower along it; [2N]."""
     scales = torch.exp(parents.log_scales)
     longest = scales.argmax(1)
     rows = torch.arange(len(parents), device=scales.device)
     axis = rotation_matrices(parents.rotations)[rows, :, longest]
-    offset = _SPLIT_OFFSET * scales[rows, longest][:, None] * axis
+    offset = options.split_offset * scales[rows, longest][:, None] * axis
     log_scales = parents.log_scales.clone()
-    log_scales[rows, longest] += float(torch.log(torch.tensor(_SPLIT_SHRINK)))
+    log_scales[rows, longest] += float(torch.log(torch.tensor(options.split_shrink)))
 
     def twice(x: Tensor) -> Tensor:
         return torch.cat([x, x])

@@ -3,18 +3,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.model.gaussians import Gaussians
 
 SH_CONSTANT = 0.28209479177387814  # Y_0^0
-_NEIGHBOURS = 9
-_FLATNESS = 0.25  # thickness of a disc as a share of its radius
-_OPACITY = 0.3
+
+
+@dataclass(frozen=True)
+class InitialisationOptions:
+    """Options of the first Gaussians."""
+
+    neighbours: int = parameter(9, "Number of nearest points, itself included, that a normal is fitted to", low=4)
+    flatness: float = parameter(0.25, "Thickness of a disc, as a share of its radius", low=1e-3, high=1)
+    opacity: float = parameter(0.3, "Opacity of a disc", low=0.001, high=0.999)
 
 
 def initial_field(
@@ -22,6 +31,7 @@ def initial_field(
     colors: NDArray[np.uint8],
     towards: NDArray[np.float64],
     given: NDArray[np.float64] | None = None,
+    options: InitialisationOptions = InitialisationOptions(),
 ) -> Gaussians:
     """One Gaussian per point.
 
@@ -39,21 +49,21 @@ def initial_field(
             f"Only {len(points)} points lie on the building, too few to start from; add clicks on the building, "
             "or photos that overlap more."
         )
-    distance, index = cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))
+    distance, index = cKDTree(points).query(points, k=min(options.neighbours, len(points)))
     normals = _normals(points, index, towards)
     if given is not None:
         normals = np.where(np.isnan(given), normals, given)
     spacing = distance[:, 1:4].mean(1)
     # A lone point far from all others must not become a disc that covers the building.
     spacing = np.clip(spacing, 1e-4, max(3.0 * float(np.median(spacing)), 1e-4))
-    scales = spacing[:, None] * np.array([1.0, 1.0, _FLATNESS])
+    scales = spacing[:, None] * np.array([1.0, 1.0, options.flatness])
     sh = np.zeros((len(points), 16, 3))
     sh[:, 0] = (colors / 255.0 - 0.5) / SH_CONSTANT
     return Gaussians(
         positions=_tensor(points),
         log_scales=_tensor(np.log(scales)),
         rotations=_tensor(_quaternion_to(normals)),
-        opacity_logits=torch.full((len(points),), float(np.log(_OPACITY / (1 - _OPACITY)))),
+        opacity_logits=torch.full((len(points),), float(np.log(options.opacity / (1 - options.opacity)))),
         sh=_tensor(sh),
         filter_3d=torch.zeros(len(points)),
     )

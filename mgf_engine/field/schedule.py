@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 
 #: Reduction of resolution and the share of the run until which it holds.
@@ -21,16 +22,13 @@ _SMALLEST_SIDE = 160  # px; no level makes the longest side shorter than this
 class LearningRates:
     """Adam's step per parameter kind, in units of the normalised frame; positions fall exponentially."""
 
-    positions: float = 1.0e-3
-    positions_final: float = 1.0e-5
-    log_scales: float = 7.0e-3
-    rotations: float = 2.0e-3
-    opacity_logits: float = 5.0e-2
-    sh_constant: float = 4.0e-3
-    sh_rest: float = 2.0e-4
-
-
-RATES = LearningRates()
+    positions: float = parameter(1.0e-3, "Learning rate of the positions, at the start", low=1e-12)
+    positions_final: float = parameter(1.0e-5, "Learning rate of the positions, at the end", low=1e-12)
+    log_scales: float = parameter(7.0e-3, "Learning rate of the logarithms of the radii")
+    rotations: float = parameter(2.0e-3, "Learning rate of the rotations (quaternions)")
+    opacity_logits: float = parameter(5.0e-2, "Learning rate of the logits of the opacities")
+    sh_constant: float = parameter(4.0e-3, "Learning rate of the colour", low=1e-12)
+    sh_rest: float = parameter(2.0e-4, "Learning rate of the view-dependent colour (spherical harmonics)")
 
 
 def lr_scale_of(iterations: int, usual: int) -> float:
@@ -42,18 +40,18 @@ def lr_scale_of(iterations: int, usual: int) -> float:
     return min(max(usual / max(iterations, 1), 1.0) ** 0.5, _MAX_LR_SCALE)
 
 
-def rates_at(share: float, lr_scale: float = 1.0) -> dict[str, float]:
+def rates_at(share: float, lr_scale: float = 1.0, rates: LearningRates = LearningRates()) -> dict[str, float]:
     """Learning rate per parameter name at a share of the run (0..1), all times ``lr_scale``."""
-    positions = RATES.positions * (RATES.positions_final / RATES.positions) ** share
+    positions = rates.positions * (rates.positions_final / rates.positions) ** share
     decay = 1.0 if share < 0.6 else 1.0 - 0.8 * (share - 0.6) / 0.4
-    rates = {
+    result = {
         "positions": positions,
-        "log_scales": RATES.log_scales * decay,
-        "rotations": RATES.rotations * decay,
-        "opacity_logits": RATES.opacity_logits * decay,
-        "sh": RATES.sh_constant * decay,
+        "log_scales": rates.log_scales * decay,
+        "rotations": rates.rotations * decay,
+        "opacity_logits": rates.opacity_logits * decay,
+        "sh": rates.sh_constant * decay,
     }
-    return {name: lr_scale * rate for name, rate in rates.items()}
+    return {name: lr_scale * rate for name, rate in result.items()}
 
 
 def reduction_at(share: float, longest_side: int, config: Config) -> int:

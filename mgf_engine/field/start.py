@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,23 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.dense import dense_points
-from mgf_engine.field.initialise import initial_field
+from mgf_engine.field.initialise import InitialisationOptions, initial_field
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
 from mgf_engine.morton import along_curve
-from mgf_engine.start.samples import Samples, sample_surface
+from mgf_engine.start.options import start_options
+from mgf_engine.start.samples import SampleOptions, Samples, sample_surface
 from mgf_engine.start.store import FILE, write_start
 from mgf_engine.start.surface import StartSurface, start_surface
 
-_SHARE = 0.5  # of the budget of Gaussians that may be starting points besides the sparse ones
-_SPACING = 2.0  # px between samples of the starting surface, at least
-_FOUNDED = 6.0  # px within which points by stereo confirm a sample
-_BESIDE = 4.0  # px off the starting surface from which points by stereo are no part of it
+
+@dataclass(frozen=True)
+class StartPointOptions:
+    """Options of the points that Gaussians start from."""
+
+    share: float = parameter(0.5, "Share of max_gaussians that may be starting points", high=1)
+    spacing: float = parameter(2.0, "Minimum distance of samples on the starting surface", "px", low=0.1)
+    confirmation_radius: float = parameter(6.0, "Radius in which a point by stereo confirms a sample", "px")
+    offset: float = parameter(
+        4.0, "Distance from the starting surface beyond which a point by stereo is a starting point of its own", "px"
+    )
 
 
 class _Points(NamedTuple):
@@ -52,11 +61,12 @@ def start_field(
         Cancelled: the user asked to stop.
     """
     parts = []
-    limit = int(_SHARE * config.max_gaussians)
+    options = config.algorithm(StartPointOptions)
+    limit = int(options.share * config.max_gaussians)
     (folder / FILE).unlink(missing_ok=True)
     if config.start == "surface" and config.use_masks:
         try:
-            parts = _on_surface(scene, masks, views, limit, config, folder, reporter)
+            parts = _on_surface(scene, masks, views, limit, options, config, folder, reporter)
         except BadInput as error:
             reporter.warning(f"No starting surface could be made; training starts from points. {error}")
     if not parts:
@@ -66,17 +76,28 @@ def start_field(
             parts.append(_Points(points, colors, towards, np.full(points.shape, np.nan)))
     points, colors, towards, normals = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = along_curve(points)  # what one tile shows lies close together in memory
-    return initial_field(points[order], colors[order], towards[order], normals[order])
+    return initial_field(
+        points[order], colors[order], towards[order], normals[order], config.algorithm(InitialisationOptions)
+    )
 
 
 def _on_surface(
-    scene: Scene, masks: MaskSet, views: list[int], limit: int, config: Config, folder: Path, reporter: Reporter
+    scene: Scene,
+    masks: MaskSet,
+    views: list[int],
+    limit: int,
+    options: StartPointOptions,
+    config: Config,
+    folder: Path,
+    reporter: Reporter,
 ) -> list[_Points]:
     """Samples of the starting surface, and the points by stereo that lie beside it."""
-    surface = start_surface(scene, masks, views, reporter, config.threads)
+    surface = start_surface(scene, masks, views, reporter, config.threads, start_options(config))
     write_start(surface, folder / FILE)
-    samples = sample_surface(surface.mesh, scene, views, limit, _SPACING * surface.pixel, config.seed)
-    samples = _founded(samples, surface)
+    samples = sample_surface(
+        surface.mesh, scene, views, limit, options.spacing * surface.pixel, config.seed, config.algorithm(SampleOptions)
+    )
+    samples = _confirmed(samples, surface, options.confirmation_radius)
     reporter.check()
     if len(samples.points) < 4:
         raise BadInput("No photo shows the surface that edges and planes make.")
@@ -84,7 +105,7 @@ def _on_surface(
     if len(surface.dense):
         away, nearest = cKDTree(samples.points).query(surface.dense)
         off = np.abs(((surface.dense - samples.points[nearest]) * samples.normals[nearest]).sum(1))
-        far = (off > _BESIDE * surface.pixel) | (away > 2 * max(samples.spacing, _BESIDE * surface.pixel))
+        far = (off > options.offset * surface.pixel) | (away > 2 * max(samples.spacing, options.offset * surface.pixel))
         beside = np.flatnonzero(far)[: max(0, limit - len(samples.points))]
         seen, points = surface.seen[beside], surface.dense[beside]
         centres = np.stack([view.centre for view in scene.views])
@@ -98,11 +119,11 @@ def _on_surface(
     return found
 
 
-def _founded(samples: Samples, surface: StartSurface) -> Samples:
+def _confirmed(samples: Samples, surface: StartSurface, radius: float) -> Samples:
     """Those on planes that carry lines, and those that points by stereo confirm; the rest only spans gaps."""
     kept = surface.sure[samples.faces] > 0
     if len(surface.dense):
-        near = cKDTree(surface.dense).query(samples.points, distance_upper_bound=_FOUNDED * surface.pixel)[0]
+        near = cKDTree(surface.dense).query(samples.points, distance_upper_bound=radius * surface.pixel)[0]
         kept |= np.isfinite(near)
     return replace(
         samples, points=samples.points[kept], faces=samples.faces[kept], normals=samples.normals[kept],

@@ -19,12 +19,12 @@ import torch
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
-from mgf_engine.field.density import budget_at, refine
+from mgf_engine.field.density import DensificationOptions, budget_at, refine
 from mgf_engine.field.filter3d import update_filter
 from mgf_engine.field.losses import LossTerms, total_loss
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.field.schedule import (
-    RATES,
+    LearningRates,
     geometry_at,
     lr_scale_of,
     rates_at,
@@ -48,7 +48,6 @@ log = logging.getLogger("mgf")
 CHECKPOINT = "training.npz"
 _PREVIEW_SECONDS = 15.0
 _CURVE_POINTS = 200
-_VOTE_ROUNDS = 5  # the masks vote on the Gaussians at every n-th round
 
 
 def train(
@@ -80,6 +79,7 @@ class _Trainer:
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
         self.factor = 0
+        self.rates, self.densification = config.algorithm(LearningRates), config.algorithm(DensificationOptions)
         self.device = choose_device(config.device).device
         self.seconds: dict[str, float] = defaultdict(float)
         self.checkpoint_path = folder / CHECKPOINT
@@ -161,7 +161,8 @@ class _Trainer:
         with self._timed("backward"):
             terms.total.backward()
         with self._timed("optimiser"):
-            self.optimiser.step(rates_at(share, self.lr_scale), rendering.visible, RATES.sh_rest / RATES.sh_constant)
+            rates, of_constant = rates_at(share, self.lr_scale, self.rates), self.rates.sh_rest / self.rates.sh_constant
+            self.optimiser.step(rates, rendering.visible, of_constant)
         return rendering, terms
 
     def _refine(self, share: float) -> None:
@@ -171,12 +172,12 @@ class _Trainer:
             if (
                 config.use_masks
                 and config.training_votes
-                and self.iteration // config.densify_every % _VOTE_ROUNDS == 0
+                and self.iteration // config.densify_every % self.densification.vote_every == 0
             ):
                 keep = self._mask_vote(field)
             budget = budget_at(share, self.figures["start_gaussians"], config)
             grow = config.densify_from <= share < config.densify_until
-            refine(self.optimiser, self.stats, keep, budget, config, grow)
+            refine(self.optimiser, self.stats, keep, budget, config.prune_opacity, grow, self.densification)
             if len(self.optimiser.field) == 0:
                 raise BadInput("All Gaussians were pruned: none explains the masks; check the masks and the cameras.")
             self._update_filter(self.optimiser.field)

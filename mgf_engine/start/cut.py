@@ -42,7 +42,6 @@ _SURE = 1e9  # capacity that nothing exceeds
 _PAD = 0.5  # of the points' box, to the outermost points
 _SAMPLES = np.array([[0.25] * 4, *(np.eye(4) * 0.6 + 0.1)])  # places in a tetrahedron that are compared with the masks
 _BLOCK = 1 << 17  # tetrahedra whose faces are looked at together, which bounds the memory
-_SHUT = 0.5  # share of them outside from which all of it is
 
 Array = NDArray[np.float64]
 
@@ -145,7 +144,7 @@ def cut_surface(
     with begun(points) as made:
         shape = Tetrahedra(points, _positive(points, made(check)))
     outside = _outside_share(views, shape, o)
-    shut = (outside > _SHUT) | (shape.corners >= len(evidence.points)).any(1)
+    shut = (outside > o.outside_share) | (shape.corners >= len(evidence.points)).any(1)
     free, solid, face = _rays(views, shape, evidence, o)
     check()
     sink = solid / _ONE + o.volume * shape.volumes / views.pixel**3 * (1 - outside)

@@ -18,9 +18,6 @@ from mgf_engine.scene.depths import Depths, match_photos
 from mgf_engine.start.options import DenseOptions
 from mgf_engine.start.views import StartViews
 
-_FAR = 50.0  # degrees: photos further around confirm nothing
-_PER_VOXEL = 2  # points at least in a voxel
-_SEEN = 0.4  # share of a voxel's points that a view must have seen
 _BATCH = 8  # photos whose points are added up together
 
 
@@ -40,7 +37,7 @@ def dense_points(
         parts.append(found)
         if len(parts) > _BATCH:
             parts = [VoxelSums.joined(parts)]
-    return VoxelSums.joined(parts).means()
+    return VoxelSums.joined(parts).means(o.least_points, o.seen_share)
 
 
 def _confirmed(
@@ -54,7 +51,7 @@ def _confirmed(
     _, points = depths.points(views.indices[number], photo.inside & (_texture(light) > o.texture))
     points = points[((points > views.low) & (points < views.high)).all(1)]
     seen = np.zeros((len(points), len(views.views)), bool)
-    for other in np.flatnonzero(views.angles[number] < _FAR):
+    for other in np.flatnonzero(views.angles[number] < o.largest_angle):
         seen[:, other] = depths.confirms(views.indices[other], points)
     seen[:, number] = True
     keep = seen.sum(1) > o.confirmed_by
@@ -112,9 +109,9 @@ class VoxelSums:
         total, count = (np.add.reduceat(values[order], start) for values in (self.total, self.count))
         return VoxelSums(key[start], total, count, np.add.reduceat(self.votes[order], start, dtype=np.uint32))
 
-    def means(self) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-        """Mean points of voxels that hold enough, and the views that saw nearly half of each."""
-        share = (self.votes > _SEEN * self.count[:, None]) & (self.count >= _PER_VOXEL)[:, None]
+    def means(self, least: int = 2, seen_share: float = 0.4) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
+        """Mean points of voxels that hold ``least`` points, and the views that saw more than a share of each."""
+        share = (self.votes > seen_share * self.count[:, None]) & (self.count >= least)[:, None]
         keep = share.any(1)
         rows, number = np.nonzero(share[keep])
         mean = self.total[keep] / self.count[keep, None]

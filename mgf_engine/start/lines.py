@@ -13,7 +13,6 @@ from mgf_engine.native.library import parallel
 from mgf_engine.start.segments import Segments
 
 log = logging.getLogger("mgf")
-_OUTSIDE = (2, 0.3)  # views that call a place outside, and the share of a line that may be
 _LARGEST = 32_000  # segments that are fitted at a time: bounds the memory
 
 
@@ -113,8 +112,8 @@ def _unexplained(
     candidates = (good.sum(1) >= o.least_views) & np.take_along_axis(good, segments.view[own][:, None], 1)[:, 0]
     share = np.linspace(0, 1, 9)
     at = lines[:, None, 0] + share[None, :, None] * (lines[:, None, 1] - lines[:, None, 0])
-    outside = views.outside_views(at.reshape(-1, 3), 2.0, _OUTSIDE[0]).reshape(len(own), -1) >= _OUTSIDE[0]
-    candidates &= (outside.mean(1) <= _OUTSIDE[1]) & (np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > 1e-9)
+    outside = views.outside_views(at.reshape(-1, 3), 2.0, o.outside_views).reshape(len(own), -1) >= o.outside_views
+    candidates &= (outside.mean(1) <= o.outside_share) & (np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > 1e-9)
     result = []
     for n in np.flatnonzero(candidates):
         if used[own[n]]:

@@ -1,78 +1,129 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The numbers of the starting surface, each with its unit; px: a pixel of a working photo, or its size in space."""
+"""Options of the starting surface; px: a pixel of a working photo, or its size at the building."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.config import Config
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """Photos and masks that the surface is made from."""
+
+    longest_side: int = parameter(750, "Longest side of the photos", "px", low=16)
+    padding: float = parameter(0.3, "Space around the points, as a share of their box's longest side")
+    least_track: int = parameter(3, "Minimum number of photos that observed a sparse point", low=1)
+    hull_views: int = parameter(4, "Number of masks that call a cell outside, for the hull that masks are tested with")
+    hull_cells: int = parameter(60, "Number of cells of that hull along its longest side", low=1)
+    distrust_factor: float = parameter(
+        3.0, "Share of the hull that a mask may cut off, as a factor of the median of all masks"
+    )
+    distrust_share: float = parameter(0.02, "Share of the hull that each mask may cut off", high=1)
 
 
 @dataclass(frozen=True)
 class SegmentOptions:
     """Edges in photos and lines in space."""
 
-    shortest: float = 10.0  # px, of a segment
-    most: int = 600  # segments of a photo, the longest ones
-    margin: int = 6  # px beside the mask within which they count
-    neighbours: int = 14  # photos that each photo is compared with
-    angles: tuple[float, float] = (4.0, 55.0)  # degrees between their directions to the building
-    reach: float = 1.5  # px, distance of a segment from a line that it supports
-    colour: float = 9.0  # Lab, difference of the colours beside an edge; lightness counts a third
-    overlap: float = 0.3  # share of a line that a segment must cover
-    least_views: int = 3  # photos that must show a line
-    least_score: float = 0.8  # sum of the supports, each 0..1
-    residual: float = 1.0  # px, of the segments that stay
-    spread: float = 10.0  # degrees between the rays to a line
+    shortest: float = parameter(10.0, "Minimum length of a segment", "px")
+    most: int = parameter(600, "Maximum number of segments per photo; the longest are kept", low=1)
+    margin: int = parameter(6, "Distance from the mask up to which segments count", "px")
+    neighbours: int = parameter(14, "Number of photos that each photo is compared with", low=1)
+    angles: tuple[float, float] = parameter(
+        (4.0, 55.0), "Angle between the viewing directions of two compared photos", "degrees", high=180
+    )
+    reach: float = parameter(1.5, "Maximum distance between a line and a segment that supports it", "px")
+    colour: float = parameter(9.0, "Maximum difference in Lab of the colours beside an edge; lightness counts a third")
+    overlap: float = parameter(0.3, "Share of a line that a supporting segment must cover", high=1)
+    least_views: int = parameter(3, "Minimum number of photos that show a line", low=2)
+    least_score: float = parameter(0.8, "Minimum sum of the supports of a line, each 0 to 1")
+    residual: float = parameter(1.0, "Maximum residual of a segment that supports the fitted line", "px")
+    spread: float = parameter(10.0, "Minimum angle between two rays to a line", "degrees")
+    outside_views: int = parameter(2, "Number of masks that must call a point of a line outside", low=1)
+    outside_share: float = parameter(0.3, "Share of a line that may lie outside", high=1)
 
 
 @dataclass(frozen=True)
 class PlaneOptions:
     """Planes through lines."""
 
-    near: float = 1.0  # px, distance of lines from their plane
-    most: int = 62  # planes
-    least: float = 40.0  # px of lines that a plane must carry
-    grid: float = 12.0  # px between the points on a plane
-    reach: float = 12.0  # px that a plane reaches beyond its lines
-    layer: float = 4.0  # px between parallel planes of which only the stronger one fills bare stretches
-    crease: float = 5.0  # px between points where planes meet
+    near: float = parameter(1.0, "Maximum distance of a line from its plane", "px")
+    most: int = parameter(62, "Maximum number of planes", low=1, high=62)
+    least: float = parameter(40.0, "Minimum length of lines that a plane carries", "px")
+    grid: float = parameter(12.0, "Distance between the points on a plane", "px", low=1)
+    reach: float = parameter(12.0, "Distance that a plane extends beyond its lines", "px")
+    layer: float = parameter(4.0, "Distance of parallel planes of which only the stronger one fills bare areas", "px")
+    crease: float = parameter(5.0, "Distance between points where planes meet", "px", low=1)
+    direction_angle: float = parameter(3.0, "Maximum angle between a line and its dominant direction", "degrees")
+    direction_share: float = parameter(0.04, "Minimum share of all line length along a dominant direction", high=1)
+    directions: int = parameter(8, "Maximum number of dominant directions")
+    parallel: float = parameter(4.0, "Maximum angle between two lines that count as parallel", "degrees")
+    crossing: float = parameter(15.0, "Minimum angle between two lines that count as crossing", "degrees")
+    along: float = parameter(2.0, "Maximum angle between a line and a plane of two dominant directions", "degrees")
+    candidates: int = parameter(4000, "Maximum number of pairs of lines that are tried", low=1)
+    regular_weight: float = parameter(2.0, "Weight of planes along two dominant directions")
+    longest: float = parameter(100.0, "Length up to which a line counts", "px")
+    same_cosine: float = parameter(0.9995, "Minimum cosine between the normals of two planes that are one", high=1)
+    same_distance: float = parameter(0.5, "Maximum distance of two planes that are one", "px")
+    contradiction_radius: float = parameter(10.0, "Radius in which stereo points contradict a plane", "px")
+    contradiction_points: int = parameter(4, "Minimum number of stereo points that contradict", low=1)
+    contradiction_distance: float = parameter(2.0, "Median distance from which stereo points contradict", "px")
 
 
 @dataclass(frozen=True)
 class DenseOptions:
     """Points by stereo."""
 
-    neighbours: int = 4  # photos that each photo is matched with
-    longest_side: int = 750  # px
-    texture: float = 0.6  # L of Lab per px, gradient in the direction in which it is least within 7 x 7 px
-    confirmed_by: int = 1  # other photos that must say the same
-    size: float = 3.0  # px, side of the voxels that points are averaged in
-    weight: float = 0.3  # of a ray, beside 1 for a point on a line
+    neighbours: int = parameter(4, "Number of photos that each photo is matched with", low=1)
+    longest_side: int = parameter(750, "Longest side of the matched photos", "px", low=16)
+    texture: float = parameter(0.6, "Minimum gradient of L (Lab) per px in its weakest direction within 7 x 7 px")
+    confirmed_by: int = parameter(1, "Number of further photos that must confirm a point")
+    largest_angle: float = parameter(50.0, "Maximum angle between two photos that confirm each other", "degrees")
+    size: float = parameter(3.0, "Side of the voxels in which points are averaged", "px", low=0.1)
+    least_points: int = parameter(2, "Minimum number of points in a voxel", low=1)
+    seen_share: float = parameter(0.4, "Share of a voxel's points that a photo must have seen to count for it", high=1)
+    weight: float = parameter(0.3, "Weight of a ray to a point; one to a point on a line weighs 1")
 
 
 @dataclass(frozen=True)
 class CutOptions:
-    """What speaks how loudly in the cut; a ray to a point on a line has weight 1."""
+    """Weights of the minimum cut; a ray to a point on a line weighs 1."""
 
-    volume: float = 1e-3  # inside, per cubic px of the visual hull
-    area: float = 0.03  # of a face, per square px,
-    flat: float = 0.2  # times this on the strongest plane,
-    slope: float = 0.25  # and on others by their strength to the power of -slope
-    soft: float = 1.0  # px, uncertainty of points along their rays
-    depth: float = 2.0  # px behind a point that are inside,
-    behind: float = 0.3  # with this share of the weight of the ray,
-    well_inside: float = 4.0  # where the point is so many px inside of the mask
-    cover: float = 0.2  # of the ray of a mask pixel that the surface leaves uncovered,
-    short: float = 12.0  # less if more px of it lie in the hull
-    outside_views: int = 2  # so many masks must call a place outside,
-    margin: float = 1.5  # by so many px
+    volume: float = parameter(1e-3, "Reward of volume inside, per px³ of the visual hull")
+    area: float = parameter(0.03, "Cost of a face, per px²")
+    flat: float = parameter(0.2, "Factor on that cost on the strongest plane")
+    slope: float = parameter(0.25, "Exponent of a plane's strength: its factor is flat / strength^slope")
+    soft: float = parameter(1.0, "Uncertainty of points along their rays", "px")
+    depth: float = parameter(2.0, "Depth behind a point that counts as inside", "px")
+    behind: float = parameter(0.3, "Weight of that inside, as a share of the weight of the ray")
+    well_inside: float = parameter(4.0, "Distance from the mask's rim from which points count as inside behind", "px")
+    cover: float = parameter(0.2, "Weight of the ray of a mask pixel that the surface leaves uncovered")
+    short: float = parameter(12.0, "Length of such a ray in the hull beyond which it weighs less", "px", low=0.1)
+    outside_views: int = parameter(2, "Number of masks that must call a point outside", low=1)
+    margin: float = parameter(1.5, "Distance from the mask from which a point is outside", "px")
+    outside_share: float = parameter(0.5, "Share of a tetrahedron outside from which all of it is outside", high=1)
 
 
 @dataclass(frozen=True)
 class StartOptions:
-    """All of the starting surface."""
+    """All options of the starting surface."""
 
-    longest_side: int = 750  # px of the photos
+    views: ViewOptions = ViewOptions()
     segments: SegmentOptions = SegmentOptions()
     planes: PlaneOptions = PlaneOptions()
     dense: DenseOptions = DenseOptions()
     cut: CutOptions = CutOptions()
+
+
+def start_options(config: Config) -> StartOptions:
+    """Return the options of the starting surface as the user set them."""
+    return StartOptions(
+        config.algorithm(ViewOptions),
+        config.algorithm(SegmentOptions),
+        config.algorithm(PlaneOptions),
+        config.algorithm(DenseOptions),
+        config.algorithm(CutOptions),
+    )

@@ -13,15 +13,6 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from mgf_engine.start.lines import Line
 from mgf_engine.start.options import PlaneOptions
 
-_DIRECTION = 3.0  # degrees about a dominant direction
-_DIRECTION_SHARE, _MOST_DIRECTIONS = 0.04, 8  # of the length of all lines that a direction must carry; number of them
-_PARALLEL, _CROSSING, _ALONG = 4.0, 15.0, 2.0  # degrees
-_CANDIDATES = 4000  # pairs of lines that are judged
-_REGULAR = 2.0  # planes along two dominant directions count so much more
-_LONGEST = 100.0  # px of a line that count
-_SAME = (0.9995, 0.5)  # cosine and px between planes that are one
-_CONTRADICTED = (10.0, 4, 2.0)  # px around, points at least, px: median distance of dense points that refuse a plane
-
 
 @dataclass(frozen=True)
 class LinePlanes:
@@ -41,15 +32,17 @@ class LinePlanes:
         return np.asarray(points @ self.planes[:, :3].T + self.planes[:, 3])
 
 
-def dominant_directions(directions: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+def dominant_directions(
+    directions: NDArray[np.float64], lengths: NDArray[np.float64], o: PlaneOptions
+) -> NDArray[np.float64]:
     """Directions [M, 3] that most of the lines (unit [N, 3], lengths [N]) follow, most length first."""
     left = lengths.copy()
     found: list[NDArray[np.float64]] = []
-    limit = np.cos(np.radians(_DIRECTION))
-    while len(found) < _MOST_DIRECTIONS:
+    limit = np.cos(np.radians(o.direction_angle))
+    while len(found) < o.directions:
         votes = (np.abs(directions @ directions.T) > limit) @ left
         best = int(votes.argmax()) if len(votes) else 0
-        if not len(votes) or votes[best] < _DIRECTION_SHARE * lengths.sum():
+        if not len(votes) or votes[best] < o.direction_share * lengths.sum():
             break
         d = directions[best]
         for _ in range(5):
@@ -71,12 +64,12 @@ def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> LinePla
         return LinePlanes(np.zeros((0, 4)), [], np.zeros(0))
     a, b = np.stack([line.ends[0] for line in lines]), np.stack([line.ends[1] for line in lines])
     d, length = _unit(b - a), np.linalg.norm(b - a, axis=1)
-    regular, pairs = _regular(a, b, d, length), _pairs(a, b, d, length, pixel, o.near)
+    regular, pairs = _regular(a, b, d, length, o), _pairs(a, b, d, length, pixel, o)
     normal, offset = np.concatenate([regular[:, :3], pairs[:, :3]]), np.r_[regular[:, 3], pairs[:, 3]]
-    factor = np.r_[np.full(len(regular), _REGULAR), np.ones(len(pairs))]
+    factor = np.r_[np.full(len(regular), o.regular_weight), np.ones(len(pairs))]
     inlier = _within(normal, offset, a, b, o.near * pixel).astype(np.float32)
-    weight = np.minimum(length / pixel, _LONGEST)
-    turned = np.abs(d @ d.T) < np.cos(np.radians(_CROSSING))
+    weight = np.minimum(length / pixel, o.longest)
+    turned = np.abs(d @ d.T) < np.cos(np.radians(o.crossing))
     across = inlier * turned[np.where(inlier > 0, weight, 0).argmax(1)]
     taken, alive = np.zeros(len(lines)), np.ones(len(normal), bool)
     planes: list[NDArray[np.float64]] = []
@@ -94,8 +87,8 @@ def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> LinePla
         mine = np.flatnonzero(_within(plane[None, :3], plane[3:], a, b, o.near * pixel)[0])
         if len(mine) < (2 if factor[best] > 1 else 3):
             continue
-        alive &= ~_same(normal, offset, plane, pixel)
-        if planes and _same(np.stack(planes)[:, :3], np.stack(planes)[:, 3], plane, pixel).any():
+        alive &= ~_same(normal, offset, plane, pixel, o)
+        if planes and _same(np.stack(planes)[:, :3], np.stack(planes)[:, 3], plane, pixel, o).any():
             continue
         planes.append(plane)
         members.append(mine)
@@ -121,17 +114,26 @@ def _within(
 
 
 def _same(
-    normal: NDArray[np.float64], offset: NDArray[np.float64], plane: NDArray[np.float64], pixel: float
+    normal: NDArray[np.float64],
+    offset: NDArray[np.float64],
+    plane: NDArray[np.float64],
+    pixel: float,
+    o: PlaneOptions,
 ) -> NDArray[np.bool_]:
     cosine = normal @ plane[:3]
-    return np.asarray((np.abs(cosine) > _SAME[0]) & (np.abs(offset * np.sign(cosine) - plane[3]) < _SAME[1] * pixel))
+    near = np.abs(offset * np.sign(cosine) - plane[3]) < o.same_distance * pixel
+    return np.asarray((np.abs(cosine) > o.same_cosine) & near)
 
 
 def _regular(
-    a: NDArray[np.float64], b: NDArray[np.float64], d: NDArray[np.float64], length: NDArray[np.float64]
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    d: NDArray[np.float64],
+    length: NDArray[np.float64],
+    o: PlaneOptions,
 ) -> NDArray[np.float64]:
     """Candidates [C, 4] along two dominant directions, through each line that is parallel to both."""
-    main, middle = dominant_directions(d, length), (a + b) / 2
+    main, middle = dominant_directions(d, length, o), (a + b) / 2
     found = [np.zeros((0, 4))]
     for i in range(len(main)):
         for j in range(i):
@@ -139,22 +141,22 @@ def _regular(
             if np.linalg.norm(normal) < 0.5:
                 continue
             normal = normal / np.linalg.norm(normal)
-            rows = np.abs(d @ normal) < np.sin(np.radians(_ALONG))
+            rows = np.abs(d @ normal) < np.sin(np.radians(o.along))
             found.append(np.c_[np.broadcast_to(normal, (rows.sum(), 3)), -(middle[rows] @ normal)])
     return np.concatenate(found)
 
 
 def _pairs(
     a: NDArray[np.float64], b: NDArray[np.float64], d: NDArray[np.float64], length: NDArray[np.float64], pixel: float,
-    near: float,
+    o: PlaneOptions,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Candidates [C, 4] through two lines that cross or run side by side, those of long lines first."""
     strong = np.argsort(-length, kind="stable")[:1500]  # pairs are quadratic in memory
     i, j = (strong[k] for k in np.triu_indices(len(strong), 1))
     middle = (a + b) / 2
     cosine = np.abs((d[i] * d[j]).sum(1))
-    beside = cosine > np.cos(np.radians(_PARALLEL))
-    keep = beside | (cosine < np.cos(np.radians(_CROSSING)))
+    beside = cosine > np.cos(np.radians(o.parallel))
+    keep = beside | (cosine < np.cos(np.radians(o.crossing)))
     i, j, beside = i[keep], j[keep], beside[keep]
     across = middle[j] - middle[i]
     across -= (across * d[i]).sum(1)[:, None] * d[i]
@@ -164,8 +166,8 @@ def _pairs(
     i, j, normal = i[usable], j[usable], normal[usable] / size[usable, None]
     offset = -(normal * (middle[i] + middle[j]) / 2).sum(1)
     reach = [np.abs((normal * p).sum(1) + offset) for p in (a[i], a[j])]
-    touch = np.flatnonzero(np.maximum(*reach) < near * pixel)
-    touch = touch[np.argsort(-np.minimum(length[i[touch]], length[j[touch]]), kind="stable")[:_CANDIDATES]]
+    touch = np.flatnonzero(np.maximum(*reach) < o.near * pixel)
+    touch = touch[np.argsort(-np.minimum(length[i[touch]], length[j[touch]]), kind="stable")[: o.candidates]]
     return np.c_[normal[touch], offset[touch]]
 
 
@@ -235,21 +237,25 @@ def plane_points(
             flat = flat[cKDTree(uv).query(flat)[0] < o.reach * pixel]
         points = flat[:, :1] * along + flat[:, 1:] * down - plane[3] * plane[:3]
         if tree is not None and len(points):
-            points = points[~_contradicted(points, plane, dense, tree, pixel)]
+            points = points[~_contradicted(points, plane, dense, tree, pixel, o)]
         found.append(points)
         owner.append(np.full(len(points), k))
     return np.concatenate(found), np.concatenate(owner)
 
 
 def _contradicted(
-    points: NDArray[np.float64], plane: NDArray[np.float64], dense: NDArray[np.float64], tree: cKDTree, pixel: float
+    points: NDArray[np.float64],
+    plane: NDArray[np.float64],
+    dense: NDArray[np.float64],
+    tree: cKDTree,
+    pixel: float,
+    o: PlaneOptions,
 ) -> NDArray[np.bool_]:
     """Points of a plane around which dense points lie beside it: on a vault, chords are no planes."""
-    reach, least, off = _CONTRADICTED
     result = np.zeros(len(points), bool)
-    for n, near in enumerate(tree.query_ball_point(points, reach * pixel)):
-        if len(near) >= least:
-            result[n] = np.median(np.abs(dense[near] @ plane[:3] + plane[3])) > off * pixel
+    for n, near in enumerate(tree.query_ball_point(points, o.contradiction_radius * pixel)):
+        if len(near) >= o.contradiction_points:
+            result[n] = np.median(np.abs(dense[near] @ plane[:3] + plane[3])) > o.contradiction_distance * pixel
     return result
 
 

@@ -11,15 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 
-_CANDIDATES = 4.0  # random points for each that stays
-_DISK = 0.8  # of the spacing, what no two points are nearer than: as many points as on a grid
-_VIEWS = 2  # photos that must show a point: one alone does not know how far away it is
-_FACING = 0.05  # least cosine between a face's normal and the direction to a view that shows it
+
+@dataclass(frozen=True)
+class SampleOptions:
+    """Options of samples on the starting surface."""
+
+    candidates: float = parameter(4.0, "Number of random points for each point that stays", low=1)
+    disk: float = parameter(
+        0.8, "Minimum distance of two points as a share of the spacing; 0.8 gives as many points as a grid"
+    )
+    least_views: int = parameter(2, "Minimum number of photos that show a point", low=1)
+    least_facing: float = parameter(0.05, "Minimum cosine between a face's normal and the viewing direction", high=1)
 
 
 @dataclass(frozen=True)
@@ -35,7 +43,13 @@ class Samples:
 
 
 def sample_surface(
-    mesh: Mesh, scene: Scene, indices: Sequence[int], most: int, spacing: float, seed: int = 0
+    mesh: Mesh,
+    scene: Scene,
+    indices: Sequence[int],
+    most: int,
+    spacing: float,
+    seed: int = 0,
+    options: SampleOptions = SampleOptions(),
 ) -> Samples:
     """Points on what the photos ``indices`` show of a surface, about ``spacing`` apart, and at most about ``most``."""
     shown = _shown(mesh, scene, indices)
@@ -44,24 +58,26 @@ def sample_surface(
     if not len(area):
         return Samples(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), spacing)
     spacing = max(spacing, float(np.sqrt(area.sum() / max(most, 1))))
-    face, points = spread(mesh, spacing, np.random.default_rng(seed))
+    face, points = spread(mesh, spacing, np.random.default_rng(seed), options)
     normals = face_normals(mesh)[face]
-    colors, seen = _colors(mesh, scene, indices, points, normals, spacing)
+    colors, seen = _colors(mesh, scene, indices, points, normals, spacing, options)
     return Samples(points[seen], np.flatnonzero(shown)[face[seen]], normals[seen], colors[seen], spacing)
 
 
-def spread(mesh: Mesh, spacing: float, generator: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def spread(
+    mesh: Mesh, spacing: float, generator: np.random.Generator, options: SampleOptions = SampleOptions()
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Faces [N] and points on them [N, 3], about ``spacing`` apart (Poisson disks)."""
     area = face_areas(mesh)
     total = np.cumsum(area)
-    count = int(np.ceil(_CANDIDATES * total[-1] / spacing**2))
+    count = int(np.ceil(options.candidates * total[-1] / spacing**2))
     face = np.searchsorted(total, (np.arange(count) + generator.random(count)) / count * total[-1])
     face = np.minimum(face, len(area) - 1)
     u, v = generator.random((2, count))
     root = np.sqrt(u)
     weights = np.stack([1 - root, root * (1 - v), root * v], 1)
     points = np.einsum("nk,nkj->nj", weights, mesh.vertices[mesh.faces[face]])
-    kept = apart(points, _DISK * spacing)
+    kept = apart(points, options.disk * spacing)
     return face[kept], points[kept]
 
 
@@ -102,6 +118,7 @@ def _colors(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     spacing: float,
+    options: SampleOptions,
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Mean colours ``spacing`` around points [N, 3] in the photos that show them; whether enough do, bool [N]."""
     total, weight, views = np.zeros((len(points), 3)), np.zeros(len(points)), np.zeros(len(points), int)
@@ -109,7 +126,7 @@ def _colors(
         view = scene.views[i]
         away = view.centre - points
         facing = (away * normals).sum(1) / np.maximum(np.linalg.norm(away, axis=1), 1e-12)
-        rows = np.flatnonzero(facing > _FACING)
+        rows = np.flatnonzero(facing > options.least_facing)
         uv, depth = view.project(points[rows])
         column, row = np.floor(uv[:, 0]), np.floor(uv[:, 1])
         framed = (depth > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
@@ -123,4 +140,4 @@ def _colors(
         weight[rows[shown]] += facing[rows[shown]]
         views[rows[shown]] += 1
     colors = total / np.maximum(weight, 1e-12)[:, None]
-    return np.clip(colors.round(), 0, 255).astype(np.uint8), views >= _VIEWS
+    return np.clip(colors.round(), 0, 255).astype(np.uint8), views >= options.least_views

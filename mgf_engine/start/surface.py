@@ -69,7 +69,7 @@ def start_surface(
     """
     threads, times = threads or cores(), times or PartTimes()
     with times.part("views"):
-        views = start_views(scene, masks, indices, options.longest_side)
+        views = start_views(scene, masks, indices, options.views)
     reporter.check()
     with times.part("lines"):
         lines = find_lines(find_segments(views, options.segments, threads))

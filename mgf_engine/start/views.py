@@ -17,12 +17,7 @@ from mgf_engine.masks.geometry.visual_hull import FEW, hull_cells
 from mgf_engine.model.masks import BACKGROUND, MaskSet, building
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.library import parallel
-
-_PAD = 0.3  # of the box's longest side, around the points
-_LEAST_TRACK = 3  # photos that must have seen a sparse point
-_TRUST_VIEWS = 4  # masks that must call a cell of the coarse hull outside
-_TRUST_CELLS = 60  # of that hull, along its longest side
-_TRUST_TIMES, _TRUST_LEAST = 3.0, 0.02  # share of the hull a mask may cut off: times the median's, and at least
+from mgf_engine.start.options import ViewOptions
 
 
 @dataclass(frozen=True)
@@ -100,7 +95,7 @@ def count_outside(
     return result
 
 
-def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], longest_side: int) -> StartViews:
+def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOptions) -> StartViews:
     """The views ``indices`` of a scene for the starting surface.
 
     Raises:
@@ -109,20 +104,20 @@ def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], longest_si
     views, labels = [], []
     for i in indices:
         view = scene.views[i]
-        view = scaled_view(view, min(1.0, longest_side / max(view.width, view.height)))
+        view = scaled_view(view, min(1.0, o.longest_side / max(view.width, view.height)))
         size = (view.width, view.height)
         views.append(view)
         labels.append(np.asarray(cv2.resize(masks.labels[i], size, interpolation=cv2.INTER_NEAREST), np.uint8))
-    points, seen = _points_of(scene, masks, indices)
+    points, seen = _points_of(scene, masks, indices, o.least_track)
     low, high, cells = _box(scene, masks, indices, points)
-    pad = _PAD * float((high - low).max())
+    pad = o.padding * float((high - low).max())
     middle = (low + high) / 2
     pixel = float(np.median([np.linalg.norm(view.centre - middle) / view.fx for view in views]))
     if len(points) >= FEW:
         pixel = _pixel(points, seen, views)
     outside = _outside(labels)
     result = StartViews(scene, list(indices), views, labels, outside, points, seen, pixel, low - pad, high + pad, cells)
-    for number in _distrusted(result):
+    for number in _distrusted(result, o):
         outside[number] = 0
     return result
 
@@ -147,7 +142,7 @@ def _box(
 
 
 def _points_of(
-    scene: Scene, masks: MaskSet, indices: Sequence[int]
+    scene: Scene, masks: MaskSet, indices: Sequence[int], least_track: int
 ) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """Sparse points that enough of the views saw inside of their masks [N, 3], and positions of those views."""
     position = np.full(len(scene.views), -1)
@@ -161,7 +156,7 @@ def _points_of(
     used = (number >= 0) & masks.point_mask[point]
     track = np.bincount(point[used], minlength=len(scene.points))
     agree = np.bincount(point[used & inside], minlength=len(scene.points))
-    kept = np.flatnonzero((track >= _LEAST_TRACK) & (agree > 0.66 * track))
+    kept = np.flatnonzero((track >= least_track) & (agree > 0.66 * track))
     seen = [np.unique(number[a:b][used[a:b]]) for a, b in zip(scene.track_start[kept], scene.track_start[kept + 1])]  # noqa: B905
     return scene.points[kept], seen
 
@@ -186,23 +181,23 @@ def _outside(labels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     return result
 
 
-def _distrusted(views: StartViews) -> list[int]:
+def _distrusted(views: StartViews, o: ViewOptions) -> list[int]:
     """Masks that cut off parts of the building.
 
     The coarse hull of what few masks call outside holds the building even where single masks fail. A mask that calls
     far more of it outside than the others do is not trusted; one at a time, and at most half of them.
     """
-    step = float((views.high - views.low).max()) / _TRUST_CELLS
+    step = float((views.high - views.low).max()) / o.hull_cells
     axes = [np.arange(a, b, step) for a, b in zip(views.low, views.high, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     each = zip(views.projections, views.outside, strict=True)
     says = np.stack([count_outside(cells, p[None].copy(), d[None], 2.0) > 0 for p, d in each])
     trusted = np.ones(len(says), bool)
     while trusted.sum() > len(says) / 2:
-        inside = says[trusted].sum(0) < min(_TRUST_VIEWS, len(says))
+        inside = says[trusted].sum(0) < min(o.hull_views, len(says))
         share = says[:, inside].mean(1) if inside.any() else np.zeros(len(says))
         worst = int(np.where(trusted, share, -1).argmax())
-        if share[worst] < max(_TRUST_LEAST, _TRUST_TIMES * float(np.median(share[trusted]))):
+        if share[worst] < max(o.distrust_share, o.distrust_factor * float(np.median(share[trusted]))):
             break
         trusted[worst] = False
     return [int(n) for n in np.flatnonzero(~trusted)]

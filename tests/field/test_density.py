@@ -49,7 +49,7 @@ def test_children_lie_along_the_longest_axis_and_are_narrower_there() -> None:
 def test_those_that_answer_for_most_error_are_split_within_the_budget() -> None:
     optimiser = Optimiser(gaussians())
     marked = optimiser.field.positions[-3:].clone()
-    result = refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 23, make_config(), grow=True)
+    result = refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 23, 0.02, grow=True)
     assert (result.added, result.pruned, len(optimiser.field)) == (3, 0, 23)
     assert not any(bool((optimiser.field.positions == m).all(1).any()) for m in marked)
     for first, second in optimiser.moments.values():
@@ -64,7 +64,7 @@ def test_what_belongs_to_a_gaussian_moves_with_it() -> None:
     for first, _ in optimiser.moments.values():
         first.view(20, -1)[:] = tags[:, None]
     before = optimiser.field.positions.clone()
-    refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 22, make_config(), grow=True)
+    refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 22, 0.02, grow=True)
     kept = [int((optimiser.field.positions == place).all(1).nonzero()) for place in before[:18]]
     assert kept != sorted(kept)  # they did change places
     torch.testing.assert_close(optimiser.field.opacity_logits[kept], tags[:18] / 100)
@@ -80,7 +80,7 @@ def test_the_unseen_the_faint_and_the_outvoted_are_dropped() -> None:
     keep = torch.ones(20, dtype=torch.bool)
     keep[2] = False
     optimiser = Optimiser(field)
-    result = refine(optimiser, stats, keep, 100, make_config(), grow=False)
+    result = refine(optimiser, stats, keep, 100, 0.02, grow=False)
     assert (result.added, result.pruned) == (0, 3)
 
 
@@ -88,7 +88,7 @@ def test_nothing_grows_where_the_picture_is_right() -> None:
     stats = seen_stats(20)
     stats.error.zero_()
     optimiser = Optimiser(gaussians())
-    assert refine(optimiser, stats, torch.ones(20, dtype=torch.bool), 100, make_config(), grow=True).added == 0
+    assert refine(optimiser, stats, torch.ones(20, dtype=torch.bool), 100, 0.02, grow=True).added == 0
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 1000), (0.9, 100_000)])

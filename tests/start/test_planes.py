@@ -36,7 +36,7 @@ def test_a_plane_with_its_lines_is_found_once() -> None:
 def test_directions_are_those_of_the_lines() -> None:
     d = np.array([[1.0, 0, 0], [-1, 0.01, 0], [0, 1, 0], [0, 0, 1]])
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    found = dominant_directions(d, np.array([2.0, 2, 1, 0.01]))
+    found = dominant_directions(d, np.array([2.0, 2, 1, 0.01]), PlaneOptions())
     assert len(found) == 2
     np.testing.assert_allclose(np.abs(found), [[1, 0, 0], [0, 1, 0]], atol=0.02)
 

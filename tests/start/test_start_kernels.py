@@ -13,14 +13,14 @@ from mgf_engine.native.library import parallel
 from mgf_engine.start import reference
 from mgf_engine.start.cut import Tetrahedra, _positive
 from mgf_engine.start.lines import fit_segments, match_segments, neighbours_of
-from mgf_engine.start.options import SegmentOptions
+from mgf_engine.start.options import SegmentOptions, ViewOptions
 from mgf_engine.start.segments import Segments, find_segments, pixel_rays
 from mgf_engine.start.views import StartViews, count_outside, start_views
 
 
 @pytest.fixture(scope="module")
 def views(plain_house: PlainHouse) -> StartViews:
-    return start_views(plain_house.scene, plain_house.masks, range(16), 750)
+    return start_views(plain_house.scene, plain_house.masks, range(16), ViewOptions())
 
 
 @pytest.fixture(scope="module")
