@@ -89,6 +89,21 @@ ALGORITHMS: tuple[Algorithm, ...] = (
         "densification", "field", "Splitting and pruning of Gaussians", "mgf_engine.field.density:DensificationOptions"
     ),
     Algorithm("learning_rates", "field", "Step sizes of Adam", "mgf_engine.field.schedule:LearningRates"),
+    Algorithm(
+        "photometric", "mesh", "Refinement of depth maps by matching photos",
+        "mgf_engine.mesh.photometric:MatchOptions",
+    ),
+    Algorithm(
+        "depth_smoothing", "mesh", "Smoothing of matched depth maps",
+        "mgf_engine.mesh.depth_smoothing:SmoothingOptions",
+    ),
+    Algorithm(
+        "prior", "mesh", "Choice between the field and the starting surface", "mgf_engine.mesh.prior:PriorOptions"
+    ),
+    Algorithm("tsdf", "mesh", "Fusion of depth maps into a signed distance", "mgf_engine.mesh.tsdf:TsdfOptions"),
+    Algorithm(
+        "mesh_refinement", "mesh", "Photometric refinement of the mesh", "mgf_engine.mesh.refine:RefinementOptions"
+    ),
 )  # fmt: skip
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}

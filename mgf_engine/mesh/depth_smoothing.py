@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.photometric import Matched
 from mgf_engine.native.library import call
 
@@ -26,12 +27,18 @@ Array = NDArray[np.float32]
 class SmoothingOptions:
     """How depth maps are smoothed; px are pixels of parallax in the neighbour that sees the most of it."""
 
-    strength: float = 20.0  # weight of squared second differences beside a depth of precision 1 px^-2
-    crease: float = 0.15  # px, second difference from which it counts as a crease rather than as noise
-    jump: float = 2.0  # px, second difference from which pixels show surfaces that are not joined
-    unmatched: float = 0.05  # precision of depths that no photo tells, as a share of the median of the others
-    rounds: int = 3  # of reweighting
-    steps: int = 12  # of conjugate gradients in each
+    strength: float = (
+        20.0  # weight of squared second differences beside a depth of precision 1; depth_smoothing sets it
+    )
+    crease: float = parameter(
+        0.15, "Second difference from which it counts as a crease rather than noise", "px", low=1e-6
+    )
+    jump: float = parameter(2.0, "Second difference from which pixels show separate surfaces", "px")
+    unmatched: float = parameter(
+        0.05, "Precision of depths without a match, as a share of the median of the others", low=1e-6
+    )
+    rounds: int = parameter(3, "Number of rounds of reweighting")
+    steps: int = parameter(12, "Number of conjugate-gradient steps in each round")
 
 
 def smooth_depth(start: Array, matched: Matched, options: SmoothingOptions = SmoothingOptions()) -> Array:

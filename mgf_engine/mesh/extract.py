@@ -21,6 +21,7 @@ from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import belongs
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
+from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import cap_rims, fill_holes
 from mgf_engine.mesh.hull import judging_masks
@@ -28,13 +29,14 @@ from mgf_engine.mesh.isosurface import FREE, find_level, march
 from mgf_engine.mesh.low_confidence_fill import UNCONFIRMED, stretch_unconfirmed
 from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField
+from mgf_engine.mesh.photometric import MatchOptions
 from mgf_engine.mesh.planar import flatten
 from mgf_engine.mesh.planar_clustering import merge_flat
-from mgf_engine.mesh.prior import Prior
-from mgf_engine.mesh.refine import onto_surface, refine
+from mgf_engine.mesh.prior import Prior, PriorOptions
+from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
-from mgf_engine.mesh.tsdf import Photos, TsdfField, fuse_gaussians
+from mgf_engine.mesh.tsdf import FusionOptions, Photos, TsdfField, TsdfOptions, fuse_gaussians
 from mgf_engine.mesh.unobserved_volumes import drop_shadows
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
@@ -131,7 +133,11 @@ def extract_mesh(
     with times.part("refinement"):
         if config.match_photos and isinstance(field, OpacityField) and field.evidence is not None:
             mesh = onto_surface(
-                mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, trusted.views), MATCHED_REACH
+                mesh,
+                vertex_normals(mesh),
+                field.evidence,
+                ground_pixels(mesh, trusted.views),
+                RefinementOptions(reach=MATCHED_REACH),
             )
         mesh = refined(mesh, trusted, config, reporter)
     if config.flatten:
@@ -166,7 +172,7 @@ def find_trusted_views(scene: Scene, masks: MaskSet, config: Config) -> TrustedV
         [scene.views[i] for i in chosen],
         judging_masks(scene, masks, chosen, config.screening_dilation),
         [masks.labels[i] for i in chosen],
-        _photos(scene, masks, chosen, config.depth_smoothing) if config.match_photos else None,
+        _photos(scene, masks, chosen) if config.match_photos else None,
     )
 
 
@@ -182,7 +188,7 @@ def surface_field(
     if config.surface == "fused" or config.match_photos or config.drop_unseen or config.span_dents:
         fused = fuse_gaussians(
             gaussians, trusted.views, trusted.verdicts, trusted.photos,
-            lambda share: reporter.progress(_RENDERED * share), prior, config.visual_hull,
+            lambda share: reporter.progress(_RENDERED * share), prior, config.visual_hull, fusion_options(config),
         )  # fmt: skip
         if config.surface == "fused":
             return fused
@@ -191,14 +197,24 @@ def surface_field(
     )
 
 
-def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], smoothing: float) -> Photos:
+def fusion_options(config: Config) -> FusionOptions:
+    """Return the options of depth maps and their fusion as the user set them."""
+    smoothing = None
+    if config.depth_smoothing > 0:
+        smoothing = replace(config.algorithm(SmoothingOptions), strength=config.depth_smoothing)
+    return FusionOptions(
+        config.algorithm(TsdfOptions), config.algorithm(MatchOptions), config.algorithm(PriorOptions), smoothing
+    )
+
+
+def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
     position = {view: number for number, view in enumerate(chosen)}
     pairs = matching_views(*points_to_match(scene, masks, chosen), chosen, MATCHED_WITH)
 
     def grey(number: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)
 
-    return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen], smoothing)
+    return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
 
 
 def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:
@@ -314,7 +330,8 @@ def refined(mesh: Mesh, trusted: TrustedViews, config: Config, reporter: Reporte
         return mesh
     return refine(
         mesh, trusted.views, trusted.verdicts, trusted.photos, config.refine_rounds,
-        lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share),
+        lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share), fusion_options(config),
+        config.algorithm(RefinementOptions),
     )  # fmt: skip
 
 

@@ -15,30 +15,31 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import parallel
 
-JUMP = 0.01  # share of the depth that pixels of one surface may differ from its plane
-HIDDEN = 0.02  # share of the depth that the neighbour's own depth may differ
-TEXTURE = 0.008 * 255  # least standard deviation of a patch's brightness, grey levels
-LEAST_NOISE = 0.02  # least share of a patch's variance that no other photo explains
-PATCH_PIXELS = 25  # whose depths share one error
-SURE = 0.6  # least correlation at the best depth
+PATCH_PIXELS = 25  # pixels of a patch, whose depths share one error
 
 Array = NDArray[np.float32]
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Search:
-    """Which depths are tried: ``steps`` of them (odd), each of which moves a pixel by ``pixels`` in the neighbour that
-    sees the most parallax."""
+class MatchOptions:
+    """Options of photometric depth refinement: how far and how finely depths are tried, and which matches count."""
 
-    steps: int
-    pixels: float
-
-
-WIDE = Search(9, 0.5)
+    steps: int = parameter(9, "Number of depths that are tried at each pixel; odd", low=3, high=99)
+    pixels: float = parameter(
+        0.5, "Parallax between two tried depths, in the neighbour that sees the most of it", "px", low=1e-3
+    )
+    jump: float = parameter(0.01, "Maximum distance of a patch's pixels from its plane, as a share of the depth")
+    hidden: float = parameter(0.02, "Maximum difference from the neighbour's own depth, as a share of the depth")
+    texture: float = parameter(0.008 * 255, "Minimum standard deviation of a patch's brightness", "grey levels")
+    least_noise: float = parameter(
+        0.02, "Minimum share of a patch's variance that no other photo explains", low=1e-6, high=1
+    )
+    least_correlation: float = parameter(0.6, "Minimum correlation at the best depth", high=1)
 
 
 @dataclass(frozen=True)
@@ -90,23 +91,23 @@ def unmatched(surface: Surface) -> Matched:
     return Matched(surface.depth, nothing, nothing, nothing)
 
 
-def match_surface(first: Surface, others: Sequence[Surface], search: Search = WIDE) -> Matched:
+def match_surface(first: Surface, others: Sequence[Surface], options: MatchOptions = MatchOptions()) -> Matched:
     """The depth of ``first`` where its photo and the neighbours' agree best among those searched."""
     pixels = np.flatnonzero(first.depth.ravel() > 0).astype(np.int32)
     likeness, precision, parallax = (np.zeros(first.depth.size, np.float32) for _ in range(3))
     depth = first.depth.ravel().copy()
     if len(pixels) and others:
-        scores, counts, step = correlations(first, others, pixels, search)
-        shift, best, curvature = _peak(scores, counts)
+        scores, counts, step = correlations(first, others, pixels, options)
+        shift, best, curvature = _peak(scores, counts, options.least_correlation)
         depth[pixels] = depth[pixels] / (1 + shift * step)
-        likeness[pixels], parallax[pixels] = best, step / search.pixels
-        noise = np.maximum(1 - best, LEAST_NOISE) * PATCH_PIXELS * search.pixels**2
+        likeness[pixels], parallax[pixels] = best, step / options.pixels
+        noise = np.maximum(1 - best, options.least_noise) * PATCH_PIXELS * options.pixels**2
         precision[pixels] = counts * curvature / noise
     return Matched(*(values.reshape(first.depth.shape) for values in (depth, likeness, precision, parallax)))
 
 
 def correlations(
-    first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], search: Search = WIDE
+    first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], options: MatchOptions = MatchOptions()
 ) -> tuple[Array, Array, Array]:
     """Correlation of the patches around ``pixels`` [N] for each tried depth, summed over neighbours that see them.
 
@@ -116,12 +117,12 @@ def correlations(
         sums [N, steps], number of neighbours [N], and the steps [N].
     """
     count, view = len(pixels), first.view
-    scores, counts, step = (np.zeros(shape, np.float32) for shape in ((count, search.steps), count, count))
+    scores, counts, step = (np.zeros(shape, np.float32) for shape in ((count, options.steps), count, count))
     normals = np.ascontiguousarray(first.normal.reshape(-1, 3)[pixels])
     inverse = np.array([1 / view.fx, 1 / view.fy, view.cx, view.cy], np.float32)
     parallel(
-        "mgf_match_photos", count, pixels, normals, search.pixels, search.steps, _struct([first], view), inverse,
-        _struct(others, view), len(others), JUMP, HIDDEN, TEXTURE, step, scores, counts,
+        "mgf_match_photos", count, pixels, normals, options.pixels, options.steps, _struct([first], view), inverse,
+        _struct(others, view), len(others), options.jump, options.hidden, options.texture, step, scores, counts,
     )  # fmt: skip
     return scores, counts, step
 
@@ -140,7 +141,7 @@ def between(first: View, second: View) -> NDArray[np.float64]:
     return np.concatenate([(to_second @ rotation @ np.linalg.inv(first.intrinsics)).ravel(), to_second @ translation])
 
 
-def _peak(scores: Array, counts: Array) -> tuple[Array, Array, Array]:
+def _peak(scores: Array, counts: Array, least: float) -> tuple[Array, Array, Array]:
     """Where the mean correlation peaks, in steps from the start, how high and how sharply, [N] each; 0 where nothing is
     sure."""
     count, steps = scores.shape
@@ -148,7 +149,7 @@ def _peak(scores: Array, counts: Array) -> tuple[Array, Array, Array]:
     at, mean = np.arange(0, count * steps, steps) + best, np.maximum(counts, 1)
     low, top, high = (scores.ravel().take(at + k) / mean for k in (-1, 0, 1))
     curvature = low - 2 * top + high
-    sure = (counts > 0) & (top >= SURE) & (top >= low) & (top >= high) & (curvature < 0)
+    sure = (counts > 0) & (top >= least) & (top >= low) & (top >= high) & (curvature < 0)
     offset = 0.5 * (low - high) / np.where(sure, curvature, 1.0)
     shift = best - steps // 2 + offset
     values = (shift, top, -curvature)

@@ -14,18 +14,28 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import face_normals, render_mesh
-from mgf_engine.mesh.photometric import Matched, Search, Surface, match_surface
+from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
-SAME = 1.5  # px: depths whose places differ by less are one
-GAIN = 0.05  # of the correlation: what the photos must like the field's depth better by, where the plane is sure
-SURE = 0.3  # strength from which a plane is sure
-PLANE_PRECISION = 1.0  # px^-2 of the strongest plane where no photo has a say
-TRUST = (0.2, 0.6)  # weight of what no photo confirms: any of it, and in addition on the strongest planes
-
 Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class PriorOptions:
+    """Options of the choice between the field and the starting surface."""
+
+    same: float = parameter(1.5, "Distance within which two depths show the same surface", "px")
+    gain: float = parameter(
+        0.05, "Correlation by which photos must prefer the field where a plane is certain, and the plane elsewhere"
+    )
+    sure: float = parameter(0.3, "Strength (0 to 1) from which a plane is certain", high=1)
+    plane_precision: float = parameter(1.0, "Precision of the strongest plane where no photo is matched", "1/px²")
+    trust: tuple[float, float] = parameter(
+        (0.2, 0.6), "Weight of depths that no photo confirms: everywhere, and in addition on the strongest planes"
+    )
 
 
 @dataclass(frozen=True)
@@ -72,18 +82,19 @@ def sight_surface(
     return Surface(view, grey, np.where(front, depth, 0.0).astype(np.float32), normal, np.zeros(face.shape, bool))
 
 
-def joined(field: Surface, prior: Surface, sure: Array) -> Surface:
+def joined(field: Surface, prior: Surface, sure: Array, options: PriorOptions = PriorOptions()) -> Surface:
     """The field's surface with the prior where both are one and its plane is sure, or where the field shows nothing."""
-    same = np.abs(field.depth - prior.depth) * field.view.fx < SAME * prior.depth
-    take = (prior.depth > 0) & ((same & (sure >= SURE)) | (field.depth == 0))
+    same = np.abs(field.depth - prior.depth) * field.view.fx < options.same * prior.depth
+    take = (prior.depth > 0) & ((same & (sure >= options.sure)) | (field.depth == 0))
     depth = np.where(take, prior.depth, field.depth).astype(np.float32)
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
     return replace(field, depth=depth, normal=normal, through=field.through & (prior.depth == 0))
 
 
 def decided(
-    field: Surface, prior: Surface, sure: Array, matched: Matched, others: Sequence[Surface], search: Search,
-    match: Callable[[Surface, Sequence[Surface], Search], Matched] = match_surface,
+    field: Surface, prior: Surface, sure: Array, matched: Matched, others: Sequence[Surface],
+    search: MatchOptions, match: Callable[[Surface, Sequence[Surface], MatchOptions], Matched] = match_surface,
+    options: PriorOptions = PriorOptions(),
 ) -> tuple[Surface, Matched]:  # fmt: skip
     """The surface of a view and its matched depth, each pixel from the field or from the prior.
 
@@ -92,17 +103,17 @@ def decided(
         others: what the neighbours show of the prior.
     """
     known = prior.depth > 0
-    apart = known & (np.abs(field.depth - prior.depth) * field.view.fx >= SAME * prior.depth)
+    apart = known & (np.abs(field.depth - prior.depth) * field.view.fx >= options.same * prior.depth)
     rival = match(replace(prior, depth=np.where(apart, prior.depth, 0).astype(np.float32)), others, search)
-    better = rival.likeness > matched.likeness - np.where(sure >= SURE, GAIN, -GAIN)
+    better = rival.likeness > matched.likeness - np.where(sure >= options.sure, options.gain, -options.gain)
     # A field shows what is behind where its Gaussians leave gaps; the prior, which is closed, does not.
     silent = (matched.likeness == 0) & ((sure > 0) | (prior.depth < field.depth))
     take = apart & np.where(rival.likeness > 0, better, silent)
     depth = np.where(take, rival.depth, matched.depth).astype(np.float32)
     likeness = np.where(take, rival.likeness, matched.likeness).astype(np.float32)
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
-    here = known & (np.abs(depth - prior.depth) * field.view.fx < SAME * prior.depth)
-    trust = np.where(here, TRUST[0] + TRUST[1] * sure, TRUST[0]).astype(np.float32)
+    here = known & (np.abs(depth - prior.depth) * field.view.fx < options.same * prior.depth)
+    trust = np.where(here, options.trust[0] + options.trust[1] * sure, options.trust[0]).astype(np.float32)
     precision = np.where(take, rival.precision, matched.precision)
-    precision = np.where((precision == 0) & here, PLANE_PRECISION * sure, precision).astype(np.float32)
+    precision = np.where((precision == 0) & here, options.plane_precision * sure, precision).astype(np.float32)
     return replace(field, depth=depth, normal=normal), Matched(depth, likeness, precision, matched.parallax, trust)

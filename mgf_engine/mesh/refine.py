@@ -9,26 +9,40 @@ the photos tell its place more sharply. Only places change: no face comes or goe
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
-from mgf_engine.mesh.photometric import Search, Surface
+from mgf_engine.mesh.photometric import Surface
 from mgf_engine.mesh.prior import sight_surface
-from mgf_engine.mesh.tsdf import Photos, TsdfField
+from mgf_engine.mesh.tsdf import FusionOptions, Photos, TsdfField
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
-SEARCH = Search(9, 0.25)  # within one pixel of parallax
-BAND_PIXELS = 1.5  # half width of the band: narrower than at first, because the mesh is nearer to the truth
-REACH_PIXELS = 1.0  # a vertex moves this far at most in a round
-STEPS = 3  # of the search for the surface along a vertex's normal
-SURE = 0.5  # of the band: vertices for which the search ends further from the surface stay
-SMOOTHING = 2  # rounds in which each move is drawn half way to those around it
+
+@dataclass(frozen=True)
+class RefinementOptions:
+    """Options of photometric mesh refinement."""
+
+    steps: int = parameter(9, "Number of depths that are tried at each pixel; odd", low=3, high=99)
+    pixels: float = parameter(0.25, "Parallax between two tried depths", "px", low=1e-3)
+    band: float = parameter(1.5, "Half width of the band in which distances are known", "px", low=1e-3)
+    reach: float = parameter(1.0, "Maximum distance that a vertex moves in a round", "px")
+    search_steps: int = parameter(3, "Number of steps of the search for the surface along a vertex's normal")
+    sure: float = parameter(
+        0.5, "Distance from the surface, as a share of the band, beyond which a search has failed", high=1
+    )
+    smoothing: int = parameter(2, "Number of rounds that smooth the moves of the vertices")
+
+    def narrowed(self, fusion: FusionOptions) -> FusionOptions:
+        """Options of the fusion with the smaller steps and the narrower band of the refinement."""
+        match = replace(fusion.match, steps=self.steps, pixels=self.pixels)
+        return replace(fusion, match=match, tsdf=replace(fusion.tsdf, band=self.band))
 
 
 def refine(
@@ -38,17 +52,21 @@ def refine(
     photos: Photos,
     rounds: int,
     progress: Callable[[float], None] = lambda share: None,
+    fusion: FusionOptions = FusionOptions(),
+    options: RefinementOptions = RefinementOptions(),
 ) -> Mesh:
     """The mesh with its vertices where the photos agree about it.
 
     Args:
         views: normalised frame.
         masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
+        fusion: options of the matching, the smoothing and the fusion.
     """
     for number in range(rounds):
         normals = vertex_normals(mesh)
-        field = _matched(mesh, normals, views, masks, photos, lambda share, n=number: progress((n + share) / rounds))  # type: ignore[misc]
-        mesh = onto_surface(mesh, normals, field, ground_pixels(mesh, views))
+        told = lambda share, n=number: progress((n + share) / rounds)  # noqa: E731
+        field = _matched(mesh, normals, views, masks, photos, told, options.narrowed(fusion))  # type: ignore[arg-type]
+        mesh = onto_surface(mesh, normals, field, ground_pixels(mesh, views), options)
     return mesh
 
 
@@ -70,6 +88,7 @@ def _matched(
     masks: Sequence[NDArray[np.uint8]],
     photos: Photos,
     progress: Callable[[float], None],
+    options: FusionOptions,
 ) -> TsdfField:
     """The mesh as the photos would have it."""
     smoothed = vertex_normal[mesh.faces].mean(1)
@@ -78,7 +97,7 @@ def _matched(
     def show(number: int) -> Surface:
         return look_surface(mesh, normals, views[number], photos.grey(number))
 
-    return TsdfField(show, masks, photos.neighbours, SEARCH, BAND_PIXELS, progress, smoothing=photos.smoothing)
+    return TsdfField(show, masks, photos.neighbours, options, progress)
 
 
 def onto_surface(
@@ -86,7 +105,7 @@ def onto_surface(
     normals: NDArray[np.float64],
     field: TsdfField,
     pixel: NDArray[np.float32],
-    reach: float = REACH_PIXELS,
+    options: RefinementOptions = RefinementOptions(),
 ) -> Mesh:
     """Every vertex moved along its normal onto the surface of ``field``, where that is near enough.
 
@@ -95,16 +114,15 @@ def onto_surface(
     Args:
         normals: of the vertices, [N, 3].
         pixel: size of a pixel at each vertex, [N].
-        reach: pixels that a vertex moves at most.
     """
-    shift = np.zeros(len(pixel))
+    shift, reach = np.zeros(len(pixel)), options.reach
     off = np.full(len(pixel), np.nan, np.float32)
-    for _ in range(STEPS):
+    for _ in range(options.search_steps):
         off = field.distance(mesh.vertices + shift[:, None] * normals)
         step = np.nan_to_num(off) * field.band * pixel
         shift = np.clip(shift - step, -reach * pixel, reach * pixel)
-    shift[~(np.abs(off) < SURE)] = 0.0
+    shift[~(np.abs(off) < options.sure)] = 0.0
     moves, none = shift[:, None] * normals, np.zeros(len(shift), bool)
-    for _ in range(SMOOTHING):
+    for _ in range(options.smoothing):
         moves = mesh.adjacency.smooth(moves, none)
     return replace(mesh, vertices=mesh.vertices + moves)

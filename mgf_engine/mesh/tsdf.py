@@ -19,11 +19,12 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions, smooth_depth
 from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
-from mgf_engine.mesh.photometric import WIDE, Matched, Search, Surface, match_surface, unmatched
-from mgf_engine.mesh.prior import Prior, decided, joined
+from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface, unmatched
+from mgf_engine.mesh.prior import Prior, PriorOptions, decided, joined
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import parallel
@@ -33,21 +34,9 @@ from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.device import each_view
 from mgf_engine.raster.points import INSIDE, NEAR
 
-BAND_PIXELS = 2.0  # half width of the band, in pixels at the depth of the surface
-JUMP = 0.01  # share of the depth that neighbouring pixels of one surface differ at most
-MIXED = 0.01  # mean and median depth that differ by a larger share belong to several surfaces
-MIN_ALPHA = 0.5  # pixels that the field covers less show no surface,
-THROUGH, THROUGH_WEIGHT = 0.2, 0.25  # and less than this let the view through, with this share of the usual weight
 CPU = torch.device("cpu")
 FAR = 1e6  # depth of what lies behind everything
-UNMATCHED = 0.2  # weight of a depth that only the field vouches for, beside one that photos agree on
-LEAST_SLOPE = 0.1  # distance along the normal per unit of depth, of surfaces that a view sees from the side
-
-CONFIRMED = 0.5  # of the band: a surface of the mesh further from what the views show is made up
-ENOUGH_VIEWS = 3  # photos that must show a spot for full confidence
-OUTVOTED = 3  # times the square of the views that call a point free: as many that cover it closely outvote them
 CHUNK = 1 << 16  # points that are asked at a time, which bounds the memory
-ENOUGH = 50  # triangulated points from which the level is calibrated
 
 T = TypeVar("T")
 Progress = Callable[[float], None]
@@ -65,18 +54,55 @@ _VIEW = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
 
 
 @dataclass(frozen=True)
+class TsdfOptions:
+    """Options of the fusion of depth maps."""
+
+    band: float = parameter(
+        2.0, "Half width of the band in which distances are known, at the depth of the surface", "px"
+    )
+    jump: float = parameter(0.01, "Difference of neighbouring depths of one surface, as a share of the depth", low=1e-6)
+    mixed: float = parameter(
+        0.01, "Difference of mean and median depth beyond which a pixel shows several surfaces, as a share of the depth"
+    )
+    min_alpha: float = parameter(0.5, "Minimum opacity of a pixel that shows a surface", high=1)
+    through: float = parameter(0.2, "Opacity below which a view looks past the field", high=1)
+    through_weight: float = parameter(0.25, "Weight of such a pixel, as a share of the median weight")
+    unmatched: float = parameter(0.2, "Weight of a depth without a match; a matched depth weighs 1")
+    least_slope: float = parameter(
+        0.1, "Minimum distance along the normal per unit of depth, for surfaces seen from the side", low=1e-6
+    )
+    confirmed: float = parameter(
+        0.5, "Distance from the views' surface beyond which the mesh is unconfirmed, as a share of the band", high=1
+    )
+    full_views: int = parameter(3, "Number of photos that must show a place for full confidence", low=1)
+    outvoted: int = parameter(
+        3,
+        "Views with a surface just before a point that outvote those that see it free, per square of their number",
+    )
+    calibration_points: int = parameter(50, "Minimum number of sparse points that calibrate the level", low=1)
+
+
+@dataclass(frozen=True)
+class FusionOptions:
+    """All options of depth maps and their fusion; ``smoothing`` None leaves depths as matched."""
+
+    tsdf: TsdfOptions = TsdfOptions()
+    match: MatchOptions = MatchOptions()
+    prior: PriorOptions = PriorOptions()
+    smoothing: SmoothingOptions | None = None
+
+
+@dataclass(frozen=True)
 class Photos:
     """What matching needs of the photos.
 
     Attributes:
         grey: number of a view -> uint8 [H, W], brightness.
         neighbours: per view the numbers of those to match it with.
-        smoothing: of the matched depths, as :class:`TsdfField` takes it.
     """
 
     grey: Callable[[int], NDArray[np.uint8]]
     neighbours: Sequence[Sequence[int]]
-    smoothing: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,12 +128,10 @@ class TsdfField:
         show: number of a view -> the surface it shows; asked once for each while it is needed.
         masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
         neighbours: per view the numbers of those to move its depths with to where their photos look most alike.
-        search: how far, and in which steps.
-        band: half width of the band in which distances are known, in pixels.
+        options: of the matching, the smoothing and the fusion.
         device: where ``show`` draws.
         prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
         hull: whether what several masks call background is free, whatever the depths say.
-        smoothing: weight of the depths' second differences (:class:`SmoothingOptions`); 0 leaves them as matched.
     """
 
     def __init__(
@@ -115,15 +139,14 @@ class TsdfField:
         show: Callable[[int], Surface],
         masks: Sequence[NDArray[np.uint8]],
         neighbours: Sequence[Sequence[int]] = (),
-        search: Search = WIDE,
-        band: float = BAND_PIXELS,
+        options: FusionOptions = FusionOptions(),
         progress: Progress = lambda share: None,
         device: torch.device = CPU,
         prior: Callable[[int], tuple[Surface, NDArray[np.float32]]] | None = None,
         hull: bool = True,
-        smoothing: float = 0.0,
     ) -> None:
-        self.offset, self.band, self.hull = 0.0, band, hull
+        self.offset, self.options, self.hull = 0.0, options.tsdf, hull
+        self.band = self.options.band
         near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
         left = np.bincount([k for number in range(len(masks)) for k in (number, *near[number])], minlength=len(masks))
         surfaces: dict[int, Surface] = {}  # only those that a view still to come is matched with
@@ -139,7 +162,7 @@ class TsdfField:
                         surfaces[k] = next(shown)
                         if prior is not None:
                             before[k] = prior(k)
-                            surfaces[k] = joined(surfaces[k], *before[k])
+                            surfaces[k] = joined(surfaces[k], *before[k], options.prior)
                 yield _Asked(mask, [surfaces[k] for k in wanted], [before[k] for k in wanted if k in before])
                 for k in wanted:
                     left[k] -= 1
@@ -149,14 +172,15 @@ class TsdfField:
 
         def matched(asked: _Asked) -> DepthMap:
             surface, *others = asked.surfaces
-            found = match_surface(surface, others, search) if others else unmatched(surface)
+            found = match_surface(surface, others, options.match) if others else unmatched(surface)
             if asked.prior:
                 (known, sure), *rest = asked.prior
-                surface, found = decided(surface, known, sure, found, [other for other, _ in rest], search)
-            if smoothing > 0:
-                depth = smooth_depth(surface.depth, found, SmoothingOptions(strength=smoothing))
-                found = replace(found, depth=depth)
-            return depth_map(surface, asked.mask, found)
+                surface, found = decided(
+                    surface, known, sure, found, [other for other, _ in rest], options.match, options=options.prior
+                )
+            if options.smoothing is not None:
+                found = replace(found, depth=smooth_depth(surface.depth, found, options.smoothing))
+            return depth_map(surface, asked.mask, found, options.tsdf)
 
         self.maps: list[DepthMap] = []
         for m in parallel_map(matched, needed()):
@@ -178,7 +202,7 @@ class TsdfField:
 
         def verdict(sample: NDArray[np.void]) -> NDArray[np.float32]:
             result = _distance(sample) - self.offset
-            result[sample["behind"] >= OUTVOTED * sample["judging"] ** 2] = -np.inf
+            result[sample["behind"] >= self.options.outvoted * sample["judging"] ** 2] = -np.inf
             unknown = sample["weight"] == 0
             result[unknown] = np.where(sample["covered"][unknown] > 0, -np.inf, np.nan)
             if self.hull:
@@ -200,7 +224,7 @@ class TsdfField:
             return distance[np.abs(distance) < 0.9]
 
         near = _joined(self._ask(points, near_level), np.float32)
-        self.offset = float(np.median(near)) if len(near) >= ENOUGH else 0.0
+        self.offset = float(np.median(near)) if len(near) >= self.options.calibration_points else 0.0
         return self.offset * self.band
 
     def distance(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -222,9 +246,9 @@ class TsdfField:
 
         def trust(sample: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
             alike = sample["likeness"] / np.maximum(sample["near"], 1)
-            enough = np.minimum(sample["near"] / ENOUGH_VIEWS, 1.0)
+            enough = np.minimum(sample["near"] / self.options.full_views, 1.0)
             confidence = enough * (0.5 + 0.5 * np.clip(alike, 0, 1))
-            shown = (sample["weight"] > 0) & (np.abs(_distance(sample) - self.offset) < CONFIRMED)
+            shown = (sample["weight"] > 0) & (np.abs(_distance(sample) - self.offset) < self.options.confirmed)
             return shown, np.minimum(sample["near"], 255).astype(np.uint8), confidence.astype(np.float32)
 
         found = list(self._ask(points, trust))
@@ -244,7 +268,7 @@ class TsdfField:
         def one(start: int) -> T:
             part = np.ascontiguousarray(points[start : start + CHUNK], dtype=np.float32)
             sample = np.zeros(len(part), _SAMPLE)
-            parallel("mgf_integrate_depths", len(part), part, views, len(views), NEAR, JUMP, sample)
+            parallel("mgf_integrate_depths", len(part), part, views, len(views), NEAR, self.options.jump, sample)
             return answer(sample)
 
         starts = range(0, len(points), CHUNK)
@@ -255,7 +279,8 @@ class TsdfField:
     def _view_struct(self, m: DepthMap) -> tuple[Any, ...]:
         """A depth map as ``native/csrc/mesh/fuse.c`` takes it (struct TrustedView)."""
         arrays = m.mask.ctypes.data, m.pixels.ctypes.data, m.rows.ctypes.data
-        return (*pose_and_intrinsics(m.view), *arrays, m.view.height, m.view.width, self.band / m.view.fx, LEAST_SLOPE)
+        numbers = m.view.height, m.view.width, self.band / m.view.fx, self.options.least_slope
+        return (*pose_and_intrinsics(m.view), *arrays, *numbers)
 
 
 @dataclass(frozen=True)
@@ -285,6 +310,7 @@ def fuse_gaussians(
     progress: Progress = lambda share: None,
     prior: Prior | None = None,
     hull: bool = True,
+    options: FusionOptions = FusionOptions(),
 ) -> TsdfField:
     """The field's own surface as the cameras that judge see it, normalised frame.
 
@@ -292,48 +318,54 @@ def fuse_gaussians(
         photos: where given, the depths are first moved to where the photos look most alike.
         prior: a surface known before the field, used with ``photos`` only.
         hull: as :class:`TsdfField` takes it.
+        options: of the matching, the smoothing and the fusion.
     """
 
     def show(number: int) -> Surface:
-        return render_surface(gaussians, views[number], photos.grey(number) if photos else None)
+        return render_surface(gaussians, views[number], photos.grey(number) if photos else None, options.tsdf)
 
     def known(number: int) -> tuple[Surface, NDArray[np.float32]]:
         assert prior is not None and photos is not None
         return prior.seen_from(views[number], photos.grey(number))
 
     return TsdfField(
-        show, masks, photos.neighbours if photos else (), progress=progress, device=gaussians.positions.device,
-        prior=known if prior is not None and photos is not None else None, hull=hull,
-        smoothing=photos.smoothing if photos else 0.0,
+        show, masks, photos.neighbours if photos else (), options, progress, gaussians.positions.device,
+        known if prior is not None and photos is not None else None, hull,
     )  # fmt: skip
 
 
-def render_surface(gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None) -> Surface:
+def render_surface(
+    gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None, options: TsdfOptions = TsdfOptions()
+) -> Surface:
     """What the field shows in a view, where it covers the pixel at all, with the photo's brightness beside it."""
     with torch.no_grad():
         seen = render(gaussians, Camera.from_view(view), sh_degree=0).cpu()
     assert seen.median is not None and seen.normal is not None
     alpha = seen.alpha.numpy()
-    depth = _surface_depth(seen.median.numpy(), seen.depth.numpy() / np.maximum(alpha, 1e-6))
+    depth = _surface_depth(seen.median.numpy(), seen.depth.numpy() / np.maximum(alpha, 1e-6), options.mixed)
     normal = seen.normal.numpy() / np.maximum(np.linalg.norm(seen.normal.numpy(), axis=0), 1e-6)
-    depth = np.where((alpha >= MIN_ALPHA) & (depth > NEAR), depth, 0.0).astype(np.float32)
+    depth = np.where((alpha >= options.min_alpha) & (depth > NEAR), depth, 0.0).astype(np.float32)
     grey = np.zeros(depth.shape, np.uint8) if grey is None else grey
-    return Surface(view, grey, depth, np.ascontiguousarray(normal.transpose(1, 2, 0)), alpha < THROUGH)
+    return Surface(view, grey, depth, np.ascontiguousarray(normal.transpose(1, 2, 0)), alpha < options.through)
 
 
-def depth_map(surface: Surface, mask: NDArray[np.uint8], matched: Matched) -> DepthMap:
+def depth_map(
+    surface: Surface, mask: NDArray[np.uint8], matched: Matched, options: TsdfOptions = TsdfOptions()
+) -> DepthMap:
     """A rendered surface as the fusion asks for it, with its matched depth and how far each pixel may be trusted."""
     view, normal, depth = surface.view, surface.normal, matched.depth
-    trust = UNMATCHED if matched.trust is None else matched.trust
+    trust = options.unmatched if matched.trust is None else matched.trust
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
-    slope = np.clip(-(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), LEAST_SLOPE, None)
+    slope = np.clip(
+        -(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), options.least_slope, None
+    )
     weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, trust)
+    weight *= np.where(_rim(depth, options.jump), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, trust)
     shown = depth > 0
     weight = np.where(shown, weight, 0.0)
     if shown.any():  # where the view looks past everything, all along the ray is free
-        weight[surface.through] = THROUGH_WEIGHT * np.median(weight[shown])
+        weight[surface.through] = options.through_weight * np.median(weight[shown])
     depth, slope = np.where(surface.through, FAR, depth), np.where(surface.through, 1.0, slope)
     rows, kept = _spans(mask == INSIDE)
     return DepthMap(
@@ -359,13 +391,13 @@ def _spans(inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.boo
     return (np.cumsum(length) - length - first).astype(np.int64), kept
 
 
-def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32]) -> NDArray[np.float32]:
+def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32], mixed: float) -> NDArray[np.float32]:
     """The mean depth, which is smooth, where it tells of the same surface as the median, which never mixes two."""
-    return np.where(np.abs(mean - median) < MIXED * median, mean, median)
+    return np.where(np.abs(mean - median) < mixed * median, mean, median)
 
 
-def _rim(depth: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _rim(depth: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
     """Pixels next to a jump in depth, where the surface seen is uncertain."""
     kernel = np.ones((3, 3), np.uint8)
-    spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * JUMP * depth
+    spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * jump * depth
     return spread

@@ -55,7 +55,7 @@ def start_surface(
     indices: Sequence[int],
     reporter: Reporter,
     threads: int = 0,
-    options: StartOptions = StartOptions(),  # noqa: B008  # frozen
+    options: StartOptions = StartOptions(),  # frozen
     times: PartTimes | None = None,
 ) -> StartSurface:
     """The surface that the photos ``indices`` and their masks speak for.

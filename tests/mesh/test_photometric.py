@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.mesh.photometric import (
-    HIDDEN,
-    JUMP,
-    TEXTURE,
-    WIDE,
+    MatchOptions,
     Surface,
     between,
     correlations,
@@ -25,6 +22,7 @@ from mgf_engine.model.scene import View
 from mgf_engine.native import library
 
 SIZE, DISTANCE = 64, 5.0
+OPTIONS = MatchOptions()
 
 
 def view(x: float, turn: float = 0.0) -> View:
@@ -81,9 +79,9 @@ def test_kernel_equals_its_twin(variant: str) -> None:
     maps = [between(v, other.view) for other in others]
     found = [
         match_depths(
-            pixels, noisy.normal.reshape(-1, 3)[pixels].astype(float), step.astype(float), WIDE.steps,
+            pixels, noisy.normal.reshape(-1, 3)[pixels].astype(float), step.astype(float), OPTIONS.steps,
             (noisy.grey.astype(float), noisy.depth.astype(float)), np.array([1 / v.fx, 1 / v.fy, v.cx, v.cy]),
-            m, (other.grey.astype(float), other.depth.astype(float)), JUMP, HIDDEN, TEXTURE,
+            m, (other.grey.astype(float), other.depth.astype(float)), OPTIONS.jump, OPTIONS.hidden, OPTIONS.texture,
         )
         for m, other in zip(maps, others, strict=True)
     ]  # fmt: skip
@@ -95,7 +93,7 @@ def test_kernel_equals_its_twin(variant: str) -> None:
     assert np.abs(scores - expected)[same].max() < 2e-3
     assert np.abs(scores - expected)[same].mean() < 2e-5
     inside = (np.minimum(pixels % SIZE, pixels // SIZE) >= 2) & (np.maximum(pixels % SIZE, pixels // SIZE) < SIZE - 2)
-    steps = depth_steps(pixels, noisy.depth.astype(float), maps, WIDE.pixels, 0.5 / WIDE.steps)
+    steps = depth_steps(pixels, noisy.depth.astype(float), maps, OPTIONS.pixels, 0.5 / OPTIONS.steps)
     np.testing.assert_allclose(step[inside], steps[inside], rtol=1e-5)
     assert np.ptp(step) > 0.1 * step.mean()
 

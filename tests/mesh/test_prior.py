@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.photometric import WIDE, Matched, Surface, match_surface
-from mgf_engine.mesh.prior import TRUST, Prior, decided, joined
-from mgf_engine.mesh.tsdf import UNMATCHED, depth_map
+from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface
+from mgf_engine.mesh.prior import Prior, PriorOptions, decided, joined
+from mgf_engine.mesh.tsdf import TsdfOptions, depth_map
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.raster.points import INSIDE
 from tests.mesh.test_photometric import SIZE, view
@@ -38,7 +38,7 @@ def likes(depth: float):
 def decide(field: float, prior: float, sure: float, confirmed: float) -> tuple[Surface, Matched]:
     match = likes(confirmed)
     both, known = joined(surface(field), surface(prior), NOTHING + np.float32(sure)), surface(prior)
-    return decided(both, known, NOTHING + np.float32(sure), match(both, [], WIDE), [], WIDE, match)
+    return decided(both, known, NOTHING + np.float32(sure), match(both, [], MatchOptions()), [], MatchOptions(), match)
 
 
 @pytest.mark.parametrize(("confirmed", "taken"), [(AT, AT), (BESIDE, BESIDE), (9.0, BESIDE)])
@@ -66,8 +66,10 @@ def test_what_no_photo_confirms_weighs_by_how_sure_its_plane_is() -> None:
     for sure in (0.0, 1.0):
         shown, matched = decide(AT, AT, sure, 9.0)
         weights.append(depth_map(shown, mask, matched).pixels[..., 2].mean())
-    assert weights[1] / weights[0] == pytest.approx((TRUST[0] + TRUST[1]) / TRUST[0], rel=1e-4)
-    assert TRUST[0] == UNMATCHED
+    assert weights[1] / weights[0] == pytest.approx(
+        (PriorOptions.trust[0] + PriorOptions.trust[1]) / PriorOptions.trust[0], rel=1e-4
+    )
+    assert PriorOptions.trust[0] == TsdfOptions.unmatched
 
 
 def test_a_view_shows_the_prior_from_the_front_only() -> None:
@@ -83,4 +85,4 @@ def test_a_view_shows_the_prior_from_the_front_only() -> None:
 
 
 def test_matching_without_neighbours_leaves_the_prior_alone() -> None:
-    assert match_surface(surface(AT), [], WIDE).likeness.max() == 0
+    assert match_surface(surface(AT), [], MatchOptions()).likeness.max() == 0

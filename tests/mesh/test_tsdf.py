@@ -11,7 +11,7 @@ from support.analytic import HEIGHT, WIDTH, camera, ring
 from mgf_engine.mesh import tsdf
 from mgf_engine.mesh.isosurface import FREE, SOLID
 from mgf_engine.mesh.photometric import Surface
-from mgf_engine.mesh.tsdf import JUMP, LEAST_SLOPE, DepthMap, TsdfField
+from mgf_engine.mesh.tsdf import DepthMap, TsdfField, TsdfOptions
 from mgf_engine.model.scene import View
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
 
@@ -124,7 +124,7 @@ def plain_beliefs(
             here, left, top = pixels[int(v), int(u)], int(np.floor(u - 0.5)), int(np.floor(v - 0.5))
             if here[2] > 0 and left >= 0 and top >= 0 and left + 1 < view.width and top + 1 < view.height:
                 four, a, b = pixels[top : top + 2, left : left + 2], u - 0.5 - left, v - 0.5 - top
-                if (four[..., 2] > 0).all() and (np.abs(four[..., 0] - here[0]) <= JUMP * here[0]).all():
+                if (four[..., 2] > 0).all() and (np.abs(four[..., 0] - here[0]) <= TsdfOptions.jump * here[0]).all():
                     here = np.einsum("i,j,ijk->k", [1 - b, b], [1 - a, a], four)
             if not here[2] > 0:
                 continue
@@ -147,7 +147,10 @@ def test_beliefs_are_those_of_the_plain_sum_over_views() -> None:
     maps = []
     for view in views:
         depth = np.linalg.norm(view.centre) * (0.85 + 0.2 * (rng.random(shape) < 0.1) + 0.004 * rng.random(shape))
-        slope, weight = rng.uniform(LEAST_SLOPE, 1, shape), rng.uniform(0.5, 1, shape) * (rng.random(shape) < 0.9)
+        slope, weight = (
+            rng.uniform(TsdfOptions.least_slope, 1, shape),
+            rng.uniform(0.5, 1, shape) * (rng.random(shape) < 0.9),
+        )
         maps.append(np.stack([depth, slope, weight, np.zeros(shape)], -1).astype(np.float32))
     field = TsdfField(lambda number: pytest.fail("nothing to show"), [])
     rows = np.arange(HEIGHT, dtype=np.int64) * WIDTH
