@@ -104,6 +104,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm(
         "mesh_refinement", "mesh", "Photometric refinement of the mesh", "mgf_engine.mesh.refine:RefinementOptions"
     ),
+    Algorithm("planar", "mesh", "Projection of planar regions", "mgf_engine.mesh.planar:PlanarOptions"),
 )  # fmt: skip
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}

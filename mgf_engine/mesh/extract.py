@@ -30,7 +30,7 @@ from mgf_engine.mesh.low_confidence_fill import UNCONFIRMED, stretch_unconfirmed
 from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.photometric import MatchOptions
-from mgf_engine.mesh.planar import flatten
+from mgf_engine.mesh.planar import PlanarOptions, flatten
 from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.prior import Prior, PriorOptions
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
@@ -142,7 +142,7 @@ def extract_mesh(
         mesh = refined(mesh, trusted, config, reporter)
     if config.flatten:
         with times.part("planes"):
-            mesh = flatten(mesh, ground_pixels(mesh, trusted.views))
+            mesh = flatten(mesh, ground_pixels(mesh, trusted.views), config.algorithm(PlanarOptions))
     with times.part("colours"):
         colored = color_from_photos(
             trimmed(mesh, config, box), trusted.views, lambda i: scene.photo(trusted.indices[i]),

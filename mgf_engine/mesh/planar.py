@@ -17,28 +17,47 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import edges, face_areas
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.mesh.divide import divide_long_edges
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.morton import arrange, cells_of, morton
 
-#: All lengths are in ground pixels (:func:`mgf_engine.mesh.decimate.ground_pixels`), all areas in their squares.
-LEAST_AREA, LEAST_WIDTH = 400.0, 6.0  # of a plane
-SEED_SIDE, SEED_AREA, SEED_EVEN = 10.0, 25.0, 0.95  # cells that planes begin in: side, area, length of the mean normal
-TRIES = 250  # places at most where a plane is begun
-RADII = 15.0, 40.0, 120.0  # around its beginning within which a plane is fitted, one after the other
-SAME_TURN, SAME_SHIFT = np.cos(np.radians(0.5)), 0.15  # angle and pixels within which two planes are one at a place
-BAND = 1.0  # faces this near belong to a plane, and no vertex is moved further into one
-TURN = np.cos(np.radians(30.0))  # and their smoothed normals are within this angle
-SIGMAS = 3.0  # of the noise: what stands out by more is not noise
-BEND_CELL, BEND_AREA = 12.0, 30.0  # side and least area of the cells whose means tell whether a plane is bent
-WAVES = 0.1, 0.3  # their root mean square may be as large as the noise around them, within these bounds
-BOWS = 0.06, 0.2  # that of a paraboloid through the faces half as large
-CREASE = np.cos(np.radians(20.0))  # planes with a smaller angle between them meet nowhere in particular
-CREASE_MOVE = 1.5  # a vertex moves this far at most onto a crease or into a corner
-RINGS = 3  # edges between a plane's vertices and those that may lie on its crease
-NORMAL_ROUNDS = 2  # of smoothing
+
+@dataclass(frozen=True)
+class PlanarOptions:
+    """Options of planar regions; a ground pixel is that of :func:`mgf_engine.mesh.decimate.ground_pixels`."""
+
+    least_area: float = parameter(400.0, "Minimum area of a plane", "ground px²")
+    least_width: float = parameter(6.0, "Minimum width of a plane", "ground px")
+    seed_side: float = parameter(10.0, "Side of the cells in which planes begin", "ground px", low=0.1)
+    seed_area: float = parameter(25.0, "Minimum area of the faces of such a cell", "ground px²")
+    seed_even: float = parameter(0.95, "Minimum length of the mean normal of such a cell", high=1)
+    tries: int = parameter(250, "Maximum number of cells in which a plane is begun")
+    radii: tuple[float, float, float] = parameter(
+        (15.0, 40.0, 120.0), "Radii around the beginning in which a plane is fitted, one after the other", "ground px"
+    )
+    same_angle: float = parameter(0.5, "Maximum angle between two planes that are one", "degrees")
+    same_shift: float = parameter(0.15, "Maximum distance between two planes that are one", "ground px")
+    band: float = parameter(1.0, "Distance from a plane up to which faces belong to it and vertices move into it",
+                            "ground px", low=1e-3)  # fmt: skip
+    turn: float = parameter(30.0, "Maximum angle between a plane and the smoothed normals of its faces", "degrees")
+    sigmas: float = parameter(3.0, "Distance that counts as noise, in standard deviations")
+    bend_cell: float = parameter(
+        12.0, "Side of the cells whose means tell whether a plane is bent", "ground px", low=0.1
+    )
+    bend_area: float = parameter(30.0, "Minimum area of such a cell", "ground px²")
+    waves: tuple[float, float] = parameter(
+        (0.1, 0.3), "Bounds of the noise that those means (root mean square) must not exceed", "ground px"
+    )
+    bows: tuple[float, float] = parameter(
+        (0.06, 0.2), "Bounds of half the noise that a paraboloid through the faces must not exceed", "ground px"
+    )
+    crease: float = parameter(20.0, "Minimum angle between two planes that meet in an edge", "degrees")
+    crease_move: float = parameter(1.5, "Maximum distance that a vertex moves onto an edge or a corner", "ground px")
+    rings: int = parameter(3, "Number of edges between a plane's vertices and those that may lie on its crease")
+    normal_rounds: int = parameter(2, "Number of rounds that smooth the normals")
 
 
 @dataclass(frozen=True)
@@ -74,7 +93,7 @@ class _Faces:
     pairs: NDArray[np.int64]
 
 
-def flatten(mesh: Mesh, pixel: NDArray[np.floating]) -> Mesh:
+def flatten(mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOptions()) -> Mesh:
     """The mesh with its planar parts in their planes; no face comes, goes or turns over.
 
     Args:
@@ -83,20 +102,20 @@ def flatten(mesh: Mesh, pixel: NDArray[np.floating]) -> Mesh:
     if len(mesh.faces) == 0 or not (np.asarray(pixel) > 0).all():
         return mesh
     size: NDArray[np.float64] = np.asarray(pixel, np.float64)
-    faces = _faces(mesh, size)
-    planes = find_planes(faces)
+    faces = _faces(mesh, size, o)
+    planes = find_planes(faces, o)
     if len(planes.normals) == 0:
         return mesh
-    vertex, plane = _near(mesh, size, planes)
-    label = _sides(mesh, faces, planes, vertex, plane)
-    moved = mesh.vertices + _moves(mesh, size, planes, label, vertex)
+    vertex, plane = _near(mesh, size, planes, o)
+    label = _sides(mesh, faces, planes, vertex, plane, o)
+    moved = mesh.vertices + _moves(mesh, size, planes, label, vertex, o)
     return replace(mesh, vertices=_unturned(mesh, moved, planes, label))
 
 
-def _faces(mesh: Mesh, pixel: NDArray[np.float64]) -> _Faces:
+def _faces(mesh: Mesh, pixel: NDArray[np.float64], o: PlanarOptions) -> _Faces:
     at = np.ascontiguousarray(mesh.vertices)
     normal = _unit(mesh.adjacency.vertex_normals(at))
-    for _ in range(NORMAL_ROUNDS):
+    for _ in range(o.normal_rounds):
         normal = mesh.adjacency.smooth(normal, np.zeros(len(at), bool))
     key, face = edges(mesh.faces)
     order = np.argsort(key, kind="stable")
@@ -111,42 +130,42 @@ def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300))
 
 
-def planes_of(mesh: Mesh, pixel: float) -> Planes:
+def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> Planes:
     """The planes of a finished mesh, which may have large faces: those are divided, and their own normals count.
 
     Args:
         pixel: size of a ground pixel in the mesh's units.
     """
-    vertices, parts, origin = divide_long_edges(np.asarray(mesh.vertices, np.float64), mesh.faces, SEED_SIDE * pixel)
+    vertices, parts, origin = divide_long_edges(np.asarray(mesh.vertices, np.float64), mesh.faces, o.seed_side * pixel)
     fine = Mesh(vertices, parts, np.zeros((len(vertices), 3), np.uint8))
-    faces = _faces(fine, np.full(len(vertices), pixel))
-    large = (face_areas(mesh) / (SEED_AREA * pixel**2))[origin, None]
-    planes = find_planes(replace(faces, normal=_unit(faces.normal + large * face_normals(mesh)[origin])))
+    faces = _faces(fine, np.full(len(vertices), pixel), o)
+    large = (face_areas(mesh) / (o.seed_area * pixel**2))[origin, None]
+    planes = find_planes(replace(faces, normal=_unit(faces.normal + large * face_normals(mesh)[origin])), o)
     label = np.full(len(mesh.faces), -1, np.int32)
     label[origin] = planes.label  # of its last part; parts of one face lie in one plane
     return replace(planes, label=label)
 
 
-def find_planes(faces: _Faces) -> Planes:
-    """Planes of at least ``LEAST_AREA``, the most even places first."""
+def find_planes(faces: _Faces, o: PlanarOptions) -> Planes:
+    """Planes of at least ``least_area``, the most even places first."""
     label = np.full(len(faces.area), -1, np.int32)
     found: list[tuple[NDArray[np.float64], float, float]] = []
     refused: list[tuple[NDArray[np.float64], float]] = []
-    group, begin = _seeds(faces)
+    group, begin = _seeds(faces, o)
     tree = cKDTree(faces.centre)
-    for seed in begin[:TRIES]:
+    for seed in begin[: o.tries]:
         rows = np.flatnonzero(group == seed)
         rows = rows[label[rows] < 0]
-        if faces.area[rows].sum() < SEED_AREA:
+        if faces.area[rows].sum() < o.seed_area:
             continue
         at, pixel = faces.centre[rows].mean(0), float(np.median(faces.pixel[rows]))
-        local = _begin(faces, rows, tree, label)
-        if local is None or _same(local, refused, at, pixel):
+        local = _begin(faces, rows, tree, label, o)
+        if local is None or _same(local, refused, at, pixel, o):
             continue
         free = np.flatnonzero(label < 0)
-        free = free[faces.normal[free] @ local[0] > TURN]
-        whole = _refit(faces, free, *local)
-        grown = None if whole is None or _same(whole, refused, at, pixel) else _grow(faces, whole, free)
+        free = free[faces.normal[free] @ local[0] > np.cos(np.radians(o.turn))]
+        whole = _refit(faces, free, *local, o)
+        grown = None if whole is None or _same(whole, refused, at, pixel, o) else _grow(faces, whole, free, o)
         if grown is None:
             refused += [local] if whole is None else [local, whole]
             continue
@@ -156,9 +175,9 @@ def find_planes(faces: _Faces) -> Planes:
     return Planes(normals, np.array([at for _, at, _ in found]), np.array([noise for *_, noise in found]), label)
 
 
-def _seeds(faces: _Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _seeds(faces: _Faces, o: PlanarOptions) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The group of each face, by place and direction, and the groups that planes may begin in, best first."""
-    side = SEED_SIDE * float(np.median(faces.pixel))
+    side = o.seed_side * float(np.median(faces.pixel))
     local = np.floor((faces.centre - faces.centre.min(0)) / side)
     cell = morton(local.astype(np.int64)) if local.max() < 2**20 else morton(cells_of(faces.centre))
     axis = np.abs(faces.normal).argmax(1)
@@ -169,22 +188,26 @@ def _seeds(faces: _Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     area = np.bincount(group, faces.area)
     mean = np.stack([np.bincount(group, faces.area * faces.normal[:, k]) for k in range(3)], 1)
     even = np.linalg.norm(mean, axis=1) / np.maximum(area, 1e-12)
-    fit = np.flatnonzero((area >= SEED_AREA) & (even >= SEED_EVEN))
-    return group, fit[np.argsort(-(even[fit] - SEED_EVEN) * np.minimum(area[fit], SEED_SIDE**2), kind="stable")]
+    fit = np.flatnonzero((area >= o.seed_area) & (even >= o.seed_even))
+    return group, fit[np.argsort(-(even[fit] - o.seed_even) * np.minimum(area[fit], o.seed_side**2), kind="stable")]
 
 
 def _begin(
-    faces: _Faces, seed: NDArray[np.int64], tree: cKDTree, label: NDArray[np.int32]
+    faces: _Faces,
+    seed: NDArray[np.int64],
+    tree: cKDTree,
+    label: NDArray[np.int32],
+    o: PlanarOptions,
 ) -> tuple[NDArray[np.float64], float] | None:
-    """The plane (normal, offset) around the faces ``seed``, fitted within one of ``RADII`` after the other."""
+    """The plane (normal, offset) around the faces ``seed``, fitted within one of ``radii`` after the other."""
     normal, offset = _fit(faces, seed, np.ones(len(seed)))
     if normal @ faces.normal[seed].sum(0) < 0:
         normal, offset = -normal, -offset
     middle, side, facing = faces.centre[seed].mean(0), float(np.median(faces.pixel[seed])), normal
-    for radius in RADII:
+    for radius in o.radii:
         near = np.sort(np.asarray(tree.query_ball_point(middle, radius * side), np.int64))
-        near = near[(label[near] < 0) & (faces.normal[near] @ facing > TURN)]
-        fitted = _refit(faces, near, normal, offset)
+        near = near[(label[near] < 0) & (faces.normal[near] @ facing > np.cos(np.radians(o.turn)))]
+        fitted = _refit(faces, near, normal, offset, o)
         if fitted is None:
             return None
         normal, offset = fitted
@@ -192,16 +215,20 @@ def _begin(
 
 
 def _refit(
-    faces: _Faces, near: NDArray[np.int64], normal: NDArray[np.float64], offset: float
+    faces: _Faces,
+    near: NDArray[np.int64],
+    normal: NDArray[np.float64],
+    offset: float,
+    o: PlanarOptions,
 ) -> tuple[NDArray[np.float64], float] | None:
     """The plane moved onto those of the faces ``near`` that lie in it, twice; None where they are too few."""
     centre, pixel = faces.centre[near], faces.pixel[near]
     for _ in range(2):
         off = (centre @ normal - offset) / pixel
-        inside = np.abs(off) < BAND
-        if faces.area[near[inside]].sum() < SEED_AREA:
+        inside = np.abs(off) < o.band
+        if faces.area[near[inside]].sum() < o.seed_area:
             return None
-        normal, offset = _turned(normal, *_fit(faces, near[inside], (1 - (off[inside] / BAND) ** 2) ** 2))
+        normal, offset = _turned(normal, *_fit(faces, near[inside], (1 - (off[inside] / o.band) ** 2) ** 2))
     return normal, offset
 
 
@@ -210,36 +237,40 @@ def _same(
     others: list[tuple[NDArray[np.float64], float]],
     at: NDArray[np.float64],
     pixel: float,
+    o: PlanarOptions,
 ) -> bool:
     """Whether a plane is one of others, near a point."""
     if not others:
         return False
     normals, offsets = np.array([normal for normal, _ in others]), np.array([offset for _, offset in others])
     shift = np.abs((at @ plane[0] - plane[1]) - (normals @ at - offsets)) / pixel
-    return bool(((normals @ plane[0] > SAME_TURN) & (shift < SAME_SHIFT)).any())
+    return bool(((normals @ plane[0] > np.cos(np.radians(o.same_angle))) & (shift < o.same_shift)).any())
 
 
 def _grow(
-    faces: _Faces, plane: tuple[NDArray[np.float64], float], free: NDArray[np.int64]
+    faces: _Faces,
+    plane: tuple[NDArray[np.float64], float],
+    free: NDArray[np.int64],
+    o: PlanarOptions,
 ) -> tuple[tuple[NDArray[np.float64], float, float], NDArray[np.int64]] | None:
     """The largest connected part of a plane (normal, offset, noise) and its faces; None where it is refused."""
     normal, offset = plane
     off = (faces.centre[free] @ normal - offset) / faces.pixel[free]
-    inside = _largest_part(faces, free[np.abs(off) < BAND])
-    if faces.area[inside].sum() < LEAST_AREA:
+    inside = _largest_part(faces, free[np.abs(off) < o.band])
+    if faces.area[inside].sum() < o.least_area:
         return None
     for _ in range(3):
         off = (faces.centre[inside] @ normal - offset) / faces.pixel[inside]
-        reach = max(min(SIGMAS * _noise(off, faces.area[inside]), BAND), 1e-6)
+        reach = max(min(o.sigmas * _noise(off, faces.area[inside]), o.band), 1e-6)
         weight = np.maximum(1 - (off / reach) ** 2, 0) ** 2
-        if faces.area[inside[weight > 0]].sum() < LEAST_AREA:
+        if faces.area[inside[weight > 0]].sum() < o.least_area:
             return None
         normal, offset = _turned(normal, *_fit(faces, inside, weight))
     off = (faces.centre[inside] @ normal - offset) / faces.pixel[inside]
     # the mean of three corners has less noise than each: a relief of some sigma has hardly a face that passes for flat
-    kept = np.abs(off) <= SIGMAS * _noise(off, faces.area[inside])
+    kept = np.abs(off) <= o.sigmas * _noise(off, faces.area[inside])
     inside, off = inside[kept], off[kept]
-    if faces.area[inside].sum() < LEAST_AREA or _bent(faces, inside, off, normal):
+    if faces.area[inside].sum() < o.least_area or _bent(faces, inside, off, normal, o):
         return None
     corners = (faces.mesh.vertices[faces.mesh.faces[inside]] @ normal - offset) / faces.pixel[inside, None]
     noise = _noise(corners.ravel(), np.repeat(faces.area[inside], 3))
@@ -279,7 +310,9 @@ def _noise(off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
     return float(1.4826 * np.abs(off)[order[np.searchsorted(sums, sums[-1] / 2)]])
 
 
-def _bent(faces: _Faces, rows: NDArray[np.int64], off: NDArray[np.float64], normal: NDArray[np.float64]) -> bool:
+def _bent(
+    faces: _Faces, rows: NDArray[np.int64], off: NDArray[np.float64], normal: NDArray[np.float64], o: PlanarOptions
+) -> bool:
     """Whether the faces are too narrow for a plane, or leave it together.
 
     Two tests: the means over cells against the noise around them, and what a paraboloid explains.
@@ -288,31 +321,33 @@ def _bent(faces: _Faces, rows: NDArray[np.int64], off: NDArray[np.float64], norm
     flat = (faces.centre[rows] - faces.centre[rows].mean(0)) @ across.T / np.median(faces.pixel[rows])
     area = faces.area[rows]
     spread = np.linalg.eigvalsh((flat * area[:, None]).T @ flat / area.sum())
-    if np.sqrt(12 * max(spread[0], 0.0)) < LEAST_WIDTH:
+    if np.sqrt(12 * max(spread[0], 0.0)) < o.least_width:
         return True
-    places = np.floor(flat / BEND_CELL).astype(np.int64)
+    places = np.floor(flat / o.bend_cell).astype(np.int64)
     places -= places.min(0)
     cell = places[:, 0] * (places[:, 1].max() + 1) + places[:, 1]
     sums = np.bincount(cell, area)
     means = np.bincount(cell, area * off) / np.maximum(sums, 1e-12)
     noise = _noise(off - means[cell], area)
-    full = sums >= BEND_AREA
+    full = sums >= o.bend_area
     waves = np.sqrt((sums * means**2)[full].sum() / max(sums[full].sum(), 1e-12))
     u, v = (flat / np.abs(flat).max()).T
     terms = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], 1)
     weighted = terms * area[:, None]
     bow = terms @ np.linalg.lstsq(weighted.T @ terms, weighted.T @ off, rcond=1e-9)[0]
     bows = np.sqrt(area @ bow**2 / area.sum())
-    return bool(waves > np.clip(noise, *WAVES) or bows > np.clip(0.5 * noise, *BOWS))
+    return bool(waves > np.clip(noise, *o.waves) or bows > np.clip(0.5 * noise, *o.bows))
 
 
-def _near(mesh: Mesh, pixel: NDArray[np.float64], planes: Planes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _near(
+    mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, o: PlanarOptions
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs of a vertex and a plane that it is near, by distance and along edges, ordered by vertex."""
     count = len(planes.normals)
     labelled = np.flatnonzero(planes.label >= 0)
     keys = np.unique(mesh.faces[labelled].astype(np.int64) * count + planes.label[labelled, None])
     start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
-    for _ in range(RINGS):
+    for _ in range(o.rings):
         # only vertices beside a part without plane, or of another one, pass theirs on
         vertex, plane = np.divmod(keys, count)
         several = np.bincount(vertex, minlength=len(pixel))
@@ -323,14 +358,19 @@ def _near(mesh: Mesh, pixel: NDArray[np.float64], planes: Planes) -> tuple[NDArr
         times = several[a]
         rows = np.repeat(begin[a] - np.r_[0, np.cumsum(times)[:-1]], times) + np.arange(times.sum())
         new, of = np.repeat(b, times), plane[rows]
-        close = np.abs(planes.distances(mesh.vertices[new], of)) <= BAND * pixel[new]
+        close = np.abs(planes.distances(mesh.vertices[new], of)) <= o.band * pixel[new]
         keys = np.union1d(keys, new[close].astype(np.int64) * count + of[close])
     vertex, plane = np.divmod(keys, count)
     return vertex, plane
 
 
 def _sides(
-    mesh: Mesh, faces: _Faces, planes: Planes, vertex: NDArray[np.int64], plane: NDArray[np.int64]
+    mesh: Mesh,
+    faces: _Faces,
+    planes: Planes,
+    vertex: NDArray[np.int64],
+    plane: NDArray[np.int64],
+    o: PlanarOptions,
 ) -> NDArray[np.int32]:
     """The plane of each face, int32 [F], also of those along creases: there the nearest of its planes."""
     corner = mesh.adjacency.corner
@@ -348,13 +388,18 @@ def _sides(
     face, of = face[order], of[order]
     first = np.r_[True, face[1:] != face[:-1]][: len(face)]
     second = np.flatnonzero(first) + 1  # every face here has two planes at least
-    meet = np.einsum("ij,ij->i", planes.normals[of[first]], planes.normals[of[second]]) < CREASE
+    meet = np.einsum("ij,ij->i", planes.normals[of[first]], planes.normals[of[second]]) < np.cos(np.radians(o.crease))
     label[face[first][meet]] = of[first][meet]
     return label
 
 
 def _moves(
-    mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, label: NDArray[np.int32], near: NDArray[np.int64]
+    mesh: Mesh,
+    pixel: NDArray[np.float64],
+    planes: Planes,
+    label: NDArray[np.int32],
+    near: NDArray[np.int64],
+    o: PlanarOptions,
 ) -> NDArray[np.float64]:
     """The shortest way of each vertex into the planes of its faces, [N, 3]; none where it is too far."""
     count, total = len(planes.normals), len(pixel)
@@ -363,7 +408,7 @@ def _moves(
     key = np.unique(mesh.faces[labelled].astype(np.int64) * count + label[labelled, None])
     vertex, plane = np.divmod(key, count)
     off = planes.distances(mesh.vertices[vertex], plane)
-    reach = np.where(several[vertex], BAND, np.minimum(SIGMAS * planes.noise[plane], BAND)) * pixel[vertex]
+    reach = np.where(several[vertex], o.band, np.minimum(o.sigmas * planes.noise[plane], o.band)) * pixel[vertex]
     far = np.zeros(total, bool)
     far[vertex[np.abs(off) > reach]] = True
     times = np.bincount(vertex, minlength=total)
@@ -378,7 +423,7 @@ def _moves(
     matrix[at, place[more]], want[at, place[more]] = planes.normals[plane[more]], -off[more]
     if len(rows):
         moves[rows] = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=0.15), want)
-    far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, CREASE_MOVE, BAND) * pixel
+    far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, o.crease_move, o.band) * pixel
     moves[far] = 0
     return moves
 
