@@ -14,7 +14,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.geometry.rasterize import face_normals
-from mgf_engine.georef.model import read_georeference
+from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.job import read_job
 from mgf_engine.masks.geometry.point_features import up_direction
 from mgf_engine.masks.store import read_masks
@@ -31,8 +31,11 @@ AXIS = np.cos(np.radians(1.0))  # up this near to an axis of the scene is that a
 ROUNDS = 5
 
 
-def read_survey(folder: Path) -> Survey:
+def read_survey(folder: Path, georeference: Georeference | None = None) -> Survey:
     """All that a job folder knows about its building.
+
+    Args:
+        georeference: in the place of the job's own, such as that of the town it belongs to.
 
     Raises:
         BadInput: there is no finished mesh, or a file is damaged.
@@ -42,7 +45,7 @@ def read_survey(folder: Path) -> Survey:
         raise BadInput(f"The job in '{folder}' has no mesh yet; run 'mgf reconstruct' to its end first.")
     scene = read_scene(folder / "scene")
     masks = read_masks(folder / "masks", scene)
-    mesh, georeference = read_ply(folder / "mesh.ply"), read_georeference(folder)
+    mesh, georeference = read_ply(folder / "mesh.ply"), georeference or read_georeference(folder)
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     parts = named_parts(folder / "masks", scene)
     in_georeference = replace(mesh, vertices=georeference.local(mesh.vertices))

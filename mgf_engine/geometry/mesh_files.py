@@ -169,7 +169,7 @@ def write_glb(
         rgba = np.column_stack([mesh.colors, np.full(len(mesh.colors), 255, np.uint8)])
         local = trimesh.Trimesh(mesh.vertices - centre, mesh.faces, vertex_colors=rgba, process=False)
     else:
-        local = _textured(replace(mesh, vertices=mesh.vertices - centre), texture, picture or path.parent / IMAGE)
+        local = textured(replace(mesh, vertices=mesh.vertices - centre), texture, picture or path.parent / IMAGE)
     scene = trimesh.Scene()
     place = _translation(centre)
     if turn is not None:
@@ -185,7 +185,8 @@ def write_glb(
         temporary.write_bytes(data)
 
 
-def _textured(mesh: Mesh, texture: Texture, picture: Path) -> Any:
+def textured(mesh: Mesh, texture: Texture, picture: Path) -> Any:
+    """A mesh of trimesh with a texture; vertices are doubled where faces find them in several places of the picture."""
     import trimesh
 
     corner = np.column_stack([mesh.faces.ravel(), texture.uv.reshape(-1, 2)])

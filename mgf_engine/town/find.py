@@ -27,6 +27,7 @@ _GROUND, _WIDEST, _CELL, _AREA, _FEWEST = 1.5, 40.0, 0.75, 18.0, 25
 #: Share of the points of a building whose surroundings are plane: trees have a quarter, roofs and walls two thirds.
 _PLANE, _FLAT, _SCATTERED = 0.65, 0.5, 0.5
 _NEIGHBOURS = 10
+_ROUNDS, _LOWER = 8, 60.0  # of fitting the slope, and the percentage of points that are low enough for it
 _AROUND, _STRAY = 20, 0.8  # points whose heights a point is compared with; metres below them that are too much
 
 
@@ -56,8 +57,22 @@ def height_over_ground(points: Array, metre: float) -> Array:
     known = np.isfinite(floor)
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     filled = ndimage.median_filter(floor[tuple(nearest)], 3)
-    opened = ndimage.grey_opening(filled, size=max(3, round(_WIDEST / _GROUND)), mode="nearest")
+    trend = _trend(filled, known)  # without it an opening takes the upper rim of a slope for something on the ground
+    opened = trend + ndimage.grey_opening(filled - trend, size=max(3, round(_WIDEST / _GROUND)), mode="nearest")
     return np.asarray(points[:, 2] - opened[tuple(cells.T)])
+
+
+def _trend(floor: Array, known: NDArray[np.bool_]) -> Array:
+    """The plane of the slope that lies under a map of lowest points [X, Y]: fitted to the lower ones in turns."""
+    place = np.column_stack([*np.nonzero(known), np.ones(known.sum())]).astype(float)
+    height, kept = floor[known], np.ones(known.sum(), bool)
+    plane = np.zeros(3)
+    for _ in range(_ROUNDS):
+        plane = np.linalg.lstsq(place[kept], height[kept], rcond=None)[0]
+        off = height - place @ plane
+        kept = off <= np.percentile(off, _LOWER)
+    x, y = np.indices(floor.shape)
+    return np.asarray(plane[0] * x + plane[1] * y + plane[2])
 
 
 def _sunken(points: Array, metre: float) -> NDArray[np.bool_]:

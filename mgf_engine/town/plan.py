@@ -159,7 +159,7 @@ def plan_building(
         return Building(hull, ViewSelection([], 0.0, 0.0, 0.0, 0), {})
     choice = choose_photos(scene, placed.georeference, hull, number, hulls, drawn, most, placed.metre)
     if len(choice.photos) < FEWEST:
-        few = f"{len(choice.photos)} photos show it, and {FEWEST} are needed; fly there again."
+        few = f"Photos that show it: {len(choice.photos)}, where {FEWEST} are needed; fly there again."
         return Building(replace(hull, state=UNSEEN, reason=few), choice, {})
     if hull.state != READY:
         return Building(hull, choice, {})

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.geometry.mesh_files import read_ply
+from mgf_engine.geometry.mesh_files import IMAGE, read_ply, read_texture, textured, write_ply
+from mgf_engine.georef.export import GLTF_AXES
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.mesh.decimate import reduce_faces
-from mgf_engine.model.mesh import Mesh
-from mgf_engine.system import atomic_path
+from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.system import atomic_path, write_json
 from mgf_engine.town.plan import BUILDINGS, read_plan
+from mgf_engine.town.solid import merge_cityjson, read_solids
+from mgf_engine.town.terrain import DONE as TERRAIN_DONE
+from mgf_engine.town.terrain import FOLDER as TERRAIN_FOLDER
+from mgf_engine.town.terrain import LOG as TERRAIN_TEXT
+from mgf_engine.town.terrain import MESH as TERRAIN_MESH
 from mgf_engine.town.tiles import FILE as TILESET
 from mgf_engine.town.tiles import FOLDER as TILES_FOLDER
 from mgf_engine.town.tiles import write_tiles
 from mgf_engine.town.worker import DONE, FAILED, FINISHED, JOB, RUNNING, STATUS, WAITING
+from mgf_engine.town.workflow import Wanted
 
 Array = NDArray[np.float64]
-GLB, TABLE, PAGE = "town.glb", "town.gpkg", "town.html"
+GLB, TABLE, PAGE, CITYJSON = "town.glb", "town.gpkg", "town.html", "town.city.json"
+TERRAIN, TERRAIN_LOG = f"{TERRAIN_FOLDER}/{TERRAIN_DONE}", f"{TERRAIN_FOLDER}/{TERRAIN_TEXT}"
+#: A building with few faces, in its folder: at most, and as a share of those in ``town.glb`` (LoD 2 of ``mgf models``).
+LIGHT, MOST_LIGHT, LIGHT_SHARE = "light.ply", 2000, 0.06
 TILES = f"{TILES_FOLDER}/{TILESET}"
 _CELL = 0.5  # metres: cells in which the top of a building is looked for
 
@@ -57,11 +68,12 @@ def _json(path: Path) -> dict[str, Any]:
         return {}
 
 
-def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool = False) -> None:
-    """Write ``town.glb``, ``town.gpkg`` and 3D Tiles where wanted, and put what the meshes tell into the rows.
+def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool, wanted: Wanted) -> None:
+    """Write ``town.glb``, ``town.gpkg``, ``town.city.json`` and 3D Tiles, and put what meshes tell into the rows.
 
     Args:
         most_faces: of each building in ``town.glb``.
+        tiles: 3D Tiles are wanted.
     """
     georeference, metre = read_georeference(town), float(read_plan(town)["metre"])
     meshes = {}
@@ -77,11 +89,32 @@ def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool 
         local = Mesh(georeference.local(mesh.vertices), mesh.faces, mesh.colors)
         row["measured"] = measure(local, row, metre)
         meshes[row["id"]] = reduce_faces(local, most_faces)
+        write_light(meshes[row["id"]], town / BUILDINGS / row["id"] / LIGHT)
     write_table(town / TABLE, town, rows, georeference)
+    terrain = read_terrain(town) if wanted.terrain else None
     if meshes:
-        write_town(town / GLB, meshes, georeference)
+        write_town(town / GLB, meshes, georeference, terrain)
         if tiles:
-            write_tiles(town / TILES_FOLDER, meshes, georeference)
+            write_tiles(town / TILES_FOLDER, meshes, georeference, terrain)
+    solids = read_solids([town / BUILDINGS / row["id"] for row in rows if row["job"] == FINISHED])
+    if wanted.solids and solids:
+        write_json(town / CITYJSON, merge_cityjson(solids, town.resolve().name))
+
+
+def write_light(mesh: Mesh, path: Path) -> None:
+    """The building with few faces for a first look at the whole town, local frame; kept where it is newer."""
+    source = path.parent / JOB / "mesh.ply"
+    if not path.is_file() or path.stat().st_mtime_ns < source.stat().st_mtime_ns:
+        coarse = reduce_faces(mesh, max(MOST_LIGHT // 10, min(MOST_LIGHT, round(LIGHT_SHARE * len(mesh.faces)))))
+        write_ply(coarse, path, comments=("in the local frame of the town, z up",))
+
+
+def read_terrain(town: Path) -> tuple[Mesh, Texture] | None:
+    """The terrain, local frame, and its texture; None where there is none."""
+    folder = town / TERRAIN_FOLDER
+    if not (town / TERRAIN).is_file():
+        return None
+    return read_ply(folder / TERRAIN_MESH), read_texture(folder)
 
 
 def measure(mesh: Mesh, row: dict[str, Any], metre: float) -> dict[str, float]:
@@ -127,11 +160,18 @@ def write_table(path: Path, town: Path, rows: list[dict[str, Any]], georeference
         )  # fmt: skip
 
 
-def write_town(path: Path, meshes: dict[str, Mesh], georeference: Georeference) -> None:
-    """All buildings in one GLB, a node each, in local coordinates with y up as the format wants it."""
+def write_town(
+    path: Path, meshes: dict[str, Mesh], georeference: Georeference, terrain: tuple[Mesh, Texture] | None = None
+) -> None:
+    """All buildings and the terrain in one GLB, a node each, in local coordinates with y up as the format wants it."""
     import trimesh
 
     scene = trimesh.Scene()
+    if terrain is not None:
+        ground, texture = terrain
+        y_up = replace(ground, vertices=ground.vertices @ GLTF_AXES.T)
+        surface = textured(y_up, texture, path.parent / TERRAIN_FOLDER / IMAGE)
+        scene.add_geometry(surface, node_name="terrain", geom_name="terrain")
     for name, mesh in meshes.items():
         turned = np.stack([mesh.vertices[:, 0], mesh.vertices[:, 2], -mesh.vertices[:, 1]], 1)
         scene.add_geometry(

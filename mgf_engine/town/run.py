@@ -23,10 +23,10 @@ from mgf_engine.town.command import plan_town, time_and_memory
 from mgf_engine.town.footprints import TOWN
 from mgf_engine.town.page import write_page
 from mgf_engine.town.plan import BUILDINGS
-from mgf_engine.town.result import GLB, PAGE, TABLE, TILES, gather, read_rows
+from mgf_engine.town.result import CITYJSON, GLB, PAGE, TABLE, TERRAIN, TERRAIN_LOG, TILES, gather, read_rows
 from mgf_engine.town.slurm import SLURM, cancel_jobs, check_slurm
 from mgf_engine.town.worker import FAILED, FINISHED, RUNNING, STATUS, STOPPED
-from mgf_engine.town.workflow import LOCAL, LOG, MOST_JOBS, Executor, snakemake, write_config
+from mgf_engine.town.workflow import LOCAL, LOG, MOST_JOBS, Executor, Wanted, snakemake, write_config
 
 _LOOK, _PAGE = 1.0, 5.0  # seconds between two looks at the jobs, and two writings of the page
 MOST_FACES = 20_000
@@ -52,6 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--faces-per-building", type=int, default=MOST_FACES, metavar="N", help=f"in town.glb (default {MOST_FACES})"
     )
     parser.add_argument("--tiles", action="store_true", default=False, help="write 3D Tiles of the town as well")
+    parser.add_argument("--no-terrain", action="store_true", default=False, help="leave the terrain between them out")
+    parser.add_argument("--no-solids", action="store_true", default=False, help="leave their solids (CityJSON) out")
     parser.add_argument(
         "--plan-only", action="store_true", default=False, help="stop before the jobs, as mgf buildings"
     )
@@ -68,7 +70,7 @@ def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
     with _one_town(args.out), _stoppable():
         if executor.name == SLURM and (left := cancel_jobs(args.out)):
             print(f"{left} jobs of an earlier run were ended; they go on where they were.", file=sys.stderr)
-        plan_town(args, given, Reporter(make_sink("auto")))
+        plan = plan_town(args, given, Reporter(make_sink("auto")))
         rows = read_rows(args.out, running=False)
         ready = [row for row in rows if row["job"]]
         if not ready:
@@ -78,8 +80,10 @@ def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
         if args.plan_only:
             return EXIT_DONE
         clean_status(args.out, ready)
-        code = run_jobs(args.out, executor, len(ready), given)
-        return finish(args.out, code, args.faces_per_building, args.tiles)
+        wanted = Wanted(not args.no_terrain, not args.no_solids)
+        memory = write_config(args.out, executor, wanted, len(ready), len(plan.scene.views), given)
+        code = run_jobs(args.out, executor, memory)
+        return finish(args.out, code, args.faces_per_building, args.tiles, wanted)
 
 
 def _check(args: argparse.Namespace) -> Executor:
@@ -133,13 +137,15 @@ def clean_status(town: Path, rows: list[dict[str, Any]]) -> None:
             (town / BUILDINGS / row["id"] / STATUS).unlink(missing_ok=True)
 
 
-def run_jobs(town: Path, executor: Executor, buildings: int, given: dict[str, Any]) -> int:
+def run_jobs(town: Path, executor: Executor, memory: int) -> int:
     """Run Snakemake on the folder and show how far it is; returns its exit code.
+
+    Args:
+        memory: megabytes for all local jobs together.
 
     Raises:
         Cancelled: Ctrl-C or SIGTERM.
     """
-    memory = write_config(town, executor, buildings, given)
     try:
         with snakemake(town, executor, memory) as process:
             _watch(town, process)
@@ -200,7 +206,7 @@ def table(rows: list[dict[str, Any]]) -> Any:
     return shown
 
 
-def finish(town: Path, code: int, most_faces: int, tiles: bool = False) -> int:
+def finish(town: Path, code: int, most_faces: int, tiles: bool, wanted: Wanted) -> int:
     """Gather the results, print the table, and say what failed.
 
     Raises:
@@ -209,12 +215,12 @@ def finish(town: Path, code: int, most_faces: int, tiles: bool = False) -> int:
     from rich.console import Console
 
     rows = read_rows(town, running=False)
-    gather(town, rows, most_faces, tiles)
+    gather(town, rows, most_faces, tiles, wanted)
     write_page(town / PAGE, town, rows)
     Console(width=None if sys.stdout.isatty() else 140).print(table(rows))
     ready = [row for row in rows if row["job"]]
     bad = [row for row in ready if row["job"] != FINISHED]
-    made = [name for name in (PAGE, TABLE, GLB, TILES) if (town / name).is_file()]
+    made = [name for name in (PAGE, TABLE, GLB, TILES, CITYJSON) if (town / name).is_file()]
     print(f"{len(ready) - len(bad)} of {len(ready)} buildings are done; written to {town}: {', '.join(made)}")
     if bad and all(row["job"] == "waiting" for row in bad) and code:
         raise BadInput(f"Snakemake could not run the jobs; '{town / LOG}' says why.")
@@ -222,6 +228,12 @@ def finish(town: Path, code: int, most_faces: int, tiles: bool = False) -> int:
         print(
             f"Error: {len(bad)} of {len(ready)} buildings failed (first: {bad[0]['id']}); "
             f"'{town / PAGE}' says why, and running again tries them anew.", file=sys.stderr,
+        )  # fmt: skip
+        return EXIT_BAD_INPUT
+    if wanted.terrain and not (town / TERRAIN).is_file():
+        print(
+            f"Error: the buildings are done, and their terrain could not be made; '{town / TERRAIN_LOG}' says why.",
+            file=sys.stderr,
         )  # fmt: skip
         return EXIT_BAD_INPUT
     return EXIT_DONE

@@ -9,25 +9,28 @@ from typing import Any
 import numpy as np
 
 from mgf_engine import __version__
-from mgf_engine.geometry.mesh_files import write_glb
+from mgf_engine.geometry.mesh_files import IMAGE, write_glb
 from mgf_engine.georef.export import GLTF_AXES
 from mgf_engine.georef.model import Georeference
 from mgf_engine.mesh.decimate import reduce_faces
-from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.lod import measure_deviation
 from mgf_engine.models.place import place_on_earth
 from mgf_engine.models.tiles import make_tileset
 from mgf_engine.system import write_json
 
-FOLDER, FILE = "tiles", "tileset.json"
+FOLDER, FILE, TERRAIN = "tiles", "tileset.json", "terrain.glb"
 _COARSE, _SAMPLES = 0.1, 20_000  # share of the faces from afar; points that tell how far off that is
 
 
-def write_tiles(folder: Path, meshes: dict[str, Mesh], georeference: Georeference) -> bool:
-    """Write the tileset and two GLB files for each building.
+def write_tiles(
+    folder: Path, meshes: dict[str, Mesh], georeference: Georeference, terrain: tuple[Mesh, Texture] | None = None
+) -> bool:
+    """Write the tileset, two GLB files for each building, and one of the terrain.
 
     Args:
         meshes: by name, local frame.
+        terrain: local frame, with its texture, whose picture lies in ``terrain`` beside the folder.
 
     Returns:
         Whether anybody knows where on Earth the town lies; else it is at the centre of the globe.
@@ -43,6 +46,11 @@ def write_tiles(folder: Path, meshes: dict[str, Mesh], georeference: Georeferenc
         error = measure_deviation(mesh, coarse, _SAMPLES).p95
         children.append(make_tileset(names, [0.0, error], mesh.vertices, None)["root"])
     everything = np.concatenate([mesh.vertices for mesh in meshes.values()])
+    if terrain is not None:
+        ground, texture = terrain
+        write_glb(ground, folder / TERRAIN, texture, GLTF_AXES, picture=folder.parent / "terrain" / IMAGE)
+        children.append(make_tileset([TERRAIN], [0.0], ground.vertices, None)["root"])
+        everything = np.concatenate([everything, ground.vertices])
     low, high = everything.min(0), everything.max(0)
     box = [*(0.5 * (low + high)).tolist(), *np.diag(0.5 * (high - low)).ravel().tolist()]
     size = float(np.linalg.norm(high - low))

@@ -48,13 +48,34 @@ class Executor:
         return self.name == LOCAL
 
 
-def write_config(town: Path, executor: Executor, buildings: int, given: dict[str, Any]) -> int:
-    """Write what the Snakefile wants to know; returns the megabytes that all local jobs may take together (else 0)."""
+@dataclass(frozen=True)
+class Wanted:
+    """What is made beside the buildings themselves."""
+
+    terrain: bool = True
+    solids: bool = True
+
+
+def write_config(
+    town: Path, executor: Executor, wanted: Wanted, buildings: int, photos: int, given: dict[str, Any]
+) -> int:
+    """Write what the Snakefile wants to know.
+
+    Args:
+        buildings: that will run; photos: of the whole scene.
+        given: options of jobs.
+
+    Returns:
+        The megabytes that all local jobs may take together; 0 on a cluster.
+    """
     number = executor.cores or cores()
     usual = max(1, number // buildings) if executor.local else CLUSTER_THREADS
-    wanted = float(given.get("memory", 0))
-    memory = round(budget_of(wanted) / 1e6) if executor.local else round(wanted * 1000)
-    values = {"python": sys.executable, "threads": int(given.get("threads", 0)) or usual, "memory_mb": memory}
+    allowed = float(given.get("memory", 0))
+    memory = round(budget_of(allowed) / 1e6) if executor.local else round(allowed * 1000)
+    values = {
+        "python": sys.executable, "threads": int(given.get("threads", 0)) or usual, "memory_mb": memory,
+        "photos": photos, "terrain": wanted.terrain, "solids": wanted.solids,
+    }  # fmt: skip
     write_json(town / CONFIG, values)
     return memory if executor.local else 0
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,8 +15,14 @@ import pytest
 from benchmarks.synthetic.house import OFFSET
 from benchmarks.synthetic.street import PLACES, Street, build_street, write_footprints
 from mgf_engine.cli import main
+from mgf_engine.config import make_config
+from mgf_engine.job import Job
+from mgf_engine.results import load_scene_of
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.crop import parse_crop_box
+from mgf_engine.town.footprints import read_footprints
+from mgf_engine.town.place import place_footprints
+from mgf_engine.town.plan import make_plan
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +138,23 @@ def test_what_the_map_lacks_is_listed_and_not_guessed(street: Street, out: Path,
     assert found["unmapped_1"]["photos"] == [] and not (out / "buildings" / "unmapped_1").exists()
     outline = json.loads((out / "buildings.geojson").read_text())["features"][1]["geometry"]["coordinates"][0]
     assert np.abs(np.mean(outline[:-1], axis=0) - OFFSET[:2] - PLACES["right"]).max() < 0.5
+
+
+def test_what_two_photos_show_is_not_photographed(street: Street, out: Path) -> None:
+    footprints = read_footprints(street.folder / "footprints.geojson", "")
+    with Job.start(out / "scene", resume=True) as job:
+        scene = load_scene_of(job)
+    placed = place_footprints(footprints, scene, make_config({}), "scene")
+    few = make_plan(replace(scene, views=scene.views[:2]), placed, footprints, 12)
+    states = {building.hull.id: (building.hull.state, building.hull.reason) for building in few.buildings}
+    seen = {"left": 1, "right": 2}  # which the other house hides from one of the two
+    for name, count in seen.items():
+        assert states[name] == (
+            "not photographed",
+            f"Photos that show it: {count}, where 3 are needed; fly there again.",
+        )
+    assert states["gone"][0] == "nothing there"
+    assert not any(building.clicks or building.runs for building in few.buildings)
 
 
 def test_buildings_are_found_without_a_map(street: Street, out: Path, tmp_path: Path, capsys: object) -> None:

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -20,6 +22,7 @@ from filelock import FileLock
 from benchmarks.synthetic.street import PLACES, Street, build_street
 from mgf_engine.cli import main
 from mgf_engine.geometry.mesh_files import read_ply
+from mgf_engine.georef.model import read_georeference
 from mgf_engine.town.worker import options_of, worth_retrying
 
 OPTIONS = [
@@ -82,11 +85,14 @@ def test_a_town_goes_on_after_a_kill_and_comes_back_whole(
     page = (town / "town.html").read_text()
     assert all(f'id="{name}"' in page for name in (*PLACES, "gone")) and page.count("data:image/jpeg") == 2
     scene = trimesh.load(town / "town.glb")
-    assert set(scene.geometry) == set(PLACES)
-    assert abs(scene.extents[1] - 3.2) < 0.3  # y is up
+    assert set(scene.geometry) == {*PLACES, "terrain"}
+    houses = np.concatenate([scene.geometry[name].vertices for name in PLACES])
+    assert abs(np.ptp(houses[:, 1]) - 3.2) < 0.3  # y is up
+    check_terrain(town, street)
+    check_solids(town)
     tileset = json.loads((town / "tiles" / "tileset.json").read_text())
-    assert len(tileset["root"]["children"]) == 2
-    for tile in tileset["root"]["children"]:
+    assert len(tileset["root"]["children"]) == 3 and (town / "tiles" / "terrain.glb").is_file()
+    for tile in tileset["root"]["children"][:2]:
         assert tile["geometricError"] > tile["children"][0]["geometricError"] == 0
         assert all((town / "tiles" / t["content"]["uri"]).is_file() for t in (tile, tile["children"][0]))
     meta, _, shapes, columns = pyogrio.raw.read(town / "town.gpkg", layer="buildings")
@@ -95,9 +101,33 @@ def test_a_town_goes_on_after_a_kill_and_comes_back_whole(
     assert np.isfinite(table["volume"][:2].astype(float)).all() and np.isnan(float(table["volume"][2]))
 
 
+def check_terrain(town: Path, street: Street) -> None:
+    """Level ground at the height of the street, in the colours of the photos, and coarse houses on it."""
+    ground = read_ply(town / "terrain" / "terrain.ply")
+    assert len(ground.faces) > 50 and (town / "terrain" / "texture.jpg").is_file()
+    bottom = min(mesh.vertices[:, 2].min() for mesh in street.meshes.values())
+    local = read_georeference(town).scene(ground.vertices)[:, 2]
+    assert np.abs(local - bottom).max() < 0.25
+    for name in PLACES:
+        light, full = (read_ply(town / "buildings" / name / file) for file in ("light.ply", "job/mesh.ply"))
+        assert len(light.faces) < 0.5 * len(full.faces)
+        assert np.ptp(light.vertices[:, 2]) == pytest.approx(3.2, abs=0.4)
+
+
+def check_solids(town: Path) -> None:
+    """Each building has a solid or a reason, and the file of all has those that are there."""
+    solids = {name: json.loads((town / "buildings" / name / "solid.json").read_text()) for name in PLACES}
+    found = {name for name, solid in solids.items() if solid["lod"] is not None}
+    assert all(solid["lod"] or solid["reason"] for solid in solids.values())
+    assert found and set(json.loads((town / "town.city.json").read_text())["CityObjects"]) == found
+
+
 def test_a_town_that_is_done_is_not_made_again(street: Street, killed: tuple[Path, list[Path]]) -> None:
     town, _ = killed
-    files = [town / "buildings" / name / "job" / "job.json" for name in PLACES]
+    files = [
+        town / "buildings" / name / file for name in PLACES for file in ("job/job.json", "solid.json", "light.ply")
+    ]
+    files.append(town / "terrain" / "terrain.ply")
     before = [file.stat().st_mtime_ns for file in files]
     assert main(arguments(street, town)) == 0
     assert [file.stat().st_mtime_ns for file in files] == before
@@ -114,6 +144,28 @@ def test_one_building_that_fails_leaves_the_others(
     assert "1 of 2 buildings are done" in said.out and "first: left" in said.err
     page = (town / "town.html").read_text()
     assert "outside the photo" in page
+
+
+def test_a_worker_that_is_killed_is_tried_again_with_smaller_photos(
+    street: Street, killed: tuple[Path, list[Path]]
+) -> None:
+    folder = killed[0] / "buildings" / "left"
+    (folder / "prompts.json").unlink(missing_ok=True)  # automatic clicks again
+    run = subprocess.Popen([sys.executable, "-m", "mgf_engine", *arguments(street, killed[0])])
+    until = time.monotonic() + 120
+    status: dict = {}
+    while status.get("stage") not in ("masks", "field") or status["state"] != "running":
+        assert run.poll() is None and time.monotonic() < until
+        time.sleep(0.05)
+        with contextlib.suppress(OSError, ValueError):
+            status = json.loads((folder / "status.json").read_text())
+    os.kill(status["pid"], signal.SIGKILL)
+    assert run.wait(200) == 0
+    done = json.loads((folder / "done.json").read_text())
+    assert (
+        done["attempt"] == 2
+        and done["resolution"] < json.loads((folder.parent / "right/done.json").read_text())["resolution"]
+    )
 
 
 def test_two_towns_in_one_folder_are_refused(

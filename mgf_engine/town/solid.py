@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Solids of a town: ``python -m mgf_engine.town.solid buildings/ID``, as the Snakefile calls it, and all in one file.
+
+A building without a solid is no failure: ``solid.json`` says why there is none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mgf_engine.errors import EXIT_DONE, explain
+from mgf_engine.georef.model import read_georeference
+from mgf_engine.system import cpu_seconds, write_json
+from mgf_engine.town.worker import JOB
+
+CITYJSON, DONE = "solid.city.json", "solid.json"
+
+
+def make_solid(folder: Path, georeference_of: Path) -> dict[str, Any]:
+    """Make the solid of a finished building in the frame of its town; returns what is known about it.
+
+    Args:
+        folder: of the building.
+        georeference_of: the town.
+
+    Raises:
+        BadInput: the job is damaged.
+    """
+    from mgf_engine.drawings.load import read_survey
+    from mgf_engine.models.cityjson import make_cityjson
+    from mgf_engine.models.solid.build import NoSolid, build_solid
+
+    began, cpu = time.perf_counter(), cpu_seconds()
+    survey = read_survey(folder / JOB, read_georeference(georeference_of))
+    (folder / CITYJSON).unlink(missing_ok=True)
+    try:
+        solid = build_solid(survey)
+    except NoSolid as reason:
+        return {"lod": None, "reason": str(reason)}
+    write_json(folder / CITYJSON, make_cityjson(solid, survey, folder.name))
+    return {
+        "lod": solid.level, "faces": len(solid.faces), "volume": round(solid.volume, 2),
+        "seconds": round(time.perf_counter() - began, 1), "cpu_seconds": round(cpu_seconds() - cpu, 1),
+    }  # fmt: skip
+
+
+def merge_cityjson(parts: list[dict[str, Any]], title: str) -> dict[str, Any]:
+    """CityJSON files of one CRS and one step as a single one.
+
+    Args:
+        parts: as :func:`mgf_engine.models.cityjson.make_cityjson` makes them, each with objects of other names.
+    """
+    step = parts[0]["transform"]["scale"][0]
+    places = [
+        np.array(part["vertices"], np.float64) * part["transform"]["scale"] + part["transform"]["translate"]
+        for part in parts
+    ]
+    every = np.concatenate(places)
+    low = np.floor(every.min(0))
+    objects, count = dict[str, Any](), 0
+    for part in parts:
+        for name, item in part["CityObjects"].items():
+            geometry = [{**g, "boundaries": _shifted(g["boundaries"], count)} for g in item["geometry"]]
+            objects[name] = {**item, "geometry": geometry}
+        count += len(part["vertices"])
+    extent = [round(float(v), 3) for v in (*every.min(0), *every.max(0))]
+    metadata = {**parts[0]["metadata"], "geographicalExtent": extent, "title": title}
+    return {
+        "type": "CityJSON", "version": parts[0]["version"],
+        "transform": {"scale": [step] * 3, "translate": low.tolist()}, "metadata": metadata, "CityObjects": objects,
+        "vertices": np.rint((every - low) / step).astype(np.int64).tolist(),
+    }  # fmt: skip
+
+
+def _shifted(nested: Any, count: int) -> Any:
+    """Indices in nested lists, each larger by a number."""
+    return [_shifted(inner, count) for inner in nested] if isinstance(nested, list) else nested + count
+
+
+def read_solids(folders: list[Path]) -> list[dict[str, Any]]:
+    """The CityJSON of those buildings that have a solid."""
+    files = [folder / CITYJSON for folder in folders]
+    return [json.loads(file.read_text(encoding="utf-8")) for file in files if file.is_file()]
+
+
+def main() -> int:
+    """The command of the Snakefile; returns the exit code."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    try:
+        figures = make_solid(folder, folder.resolve().parents[1])
+    except (Exception, KeyboardInterrupt) as error:
+        code, text = explain(error)
+        print(text, file=sys.stderr)
+        return code
+    write_json(folder / DONE, figures)
+    return EXIT_DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bare earth between buildings and under them, and solids of several buildings in one file."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import shapely
+
+from mgf_engine.errors import BadInput
+from mgf_engine.geometry.rasterize import face_normals
+from mgf_engine.town.solid import merge_cityjson
+from mgf_engine.town.terrain import ground_surface
+
+HOUSE = shapely.box(-6, -5, 6, 5)
+
+
+def slope(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 500 + 0.08 * x - 0.03 * y
+
+
+def hillside(seed: int = 0) -> np.ndarray:
+    """Points of a hillside of 60 m with a house, a tree and some wrong matches below the ground."""
+    random = np.random.default_rng(seed)
+    plan = random.uniform(-30, 30, (4000, 2))
+    plan = plan[~shapely.contains_xy(HOUSE, plan)]
+    ground = np.column_stack([plan, slope(*plan.T) + random.normal(0, 0.05, len(plan))])
+    roof = random.uniform((-6, -5, 505), (6, 5, 507), (800, 3))
+    tree = random.normal((18, 12, slope(18, 12) + 5), (1.5, 1.5, 1.0), (300, 3))
+    sunken = random.uniform((-30, -30, 480), (30, 30, 497), (15, 3))
+    return np.concatenate([ground, roof, tree, sunken])
+
+
+def test_the_ground_goes_on_under_houses_and_trees() -> None:
+    mesh = ground_surface(hillside(), [HOUSE], 1.0)
+    x, y, z = mesh.vertices.T
+    off = np.abs(z - slope(x, y))
+    assert np.percentile(off, 95) < 0.15 and off.max() < 0.7  # smoothed at the rim
+    assert shapely.contains_xy(HOUSE, mesh.vertices).sum() > 15
+    assert (face_normals(mesh)[:, 2] > 0.9).all()
+    assert 2.0 * len(mesh.faces) == pytest.approx(60 * 60, rel=0.12)  # half of 2 m x 2 m each
+
+
+def test_the_unit_of_the_scene_does_not_matter() -> None:
+    one = ground_surface(hillside(), [HOUSE], 1.0)
+    small = shapely.transform(HOUSE, lambda p: 0.01 * p)
+    other = ground_surface(0.01 * hillside(), [small], 0.01)
+    assert len(one.faces) == len(other.faces)
+    assert np.abs(100 * other.vertices - one.vertices).max() < 1e-6
+
+
+def test_what_nobody_saw_has_no_terrain() -> None:
+    points = hillside()
+    far = points[np.abs(points[:, 0]) < 10] + (200, 0, 16)  # another quarter, 190 m away
+    mesh = ground_surface(np.concatenate([points, far]), [HOUSE], 1.0)
+    assert mesh.vertices[:, 0].max() < 40
+    with pytest.raises(BadInput, match=r"0 points show the ground.* --no-terrain"):
+        ground_surface(points, [shapely.box(-50, -50, 50, 50)], 1.0)
+
+
+def cube(name: str, corner: tuple[float, float, float]) -> dict:
+    low = [0, 0, 0]
+    places = [[x, y, z] for z in (0, 3000) for x, y in ((0, 0), (5000, 0), (5000, 5000), (0, 5000))]
+    sides = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    shell = [[[3, 2, 1, 0]], [[4, 5, 6, 7]], *([side] for side in sides)]
+    surfaces = [{"type": "GroundSurface"}, {"type": "RoofSurface"}, *({"type": "WallSurface"} for _ in sides)]
+    solid = {"type": "Solid", "lod": "2", "boundaries": [shell],
+             "semantics": {"surfaces": surfaces, "values": [[0, 1, 2, 3, 4, 5]]}}  # fmt: skip
+    return {
+        "type": "CityJSON", "version": "2.0",
+        "transform": {"scale": [0.001] * 3, "translate": [a + b for a, b in zip(low, corner, strict=True)]},
+        "metadata": {"title": name, "referenceSystem": "https://www.opengis.net/def/crs/EPSG/0/25832"},
+        "CityObjects": {name: {"type": "Building", "attributes": {"measuredHeight": 3.0}, "geometry": [solid]}},
+        "vertices": places,
+    }  # fmt: skip
+
+
+def test_solids_are_one_file_that_keeps_to_the_schema() -> None:
+    corners = {"a": (691000.0, 5334000.0, 500.0), "b": (691040.0, 5333990.0, 502.0)}
+    town = merge_cityjson([cube(name, corner) for name, corner in corners.items()], "town")
+    schema = Path(__file__).parents[1] / "models" / "cityjson.schema.json.gz"
+    jsonschema.Draft7Validator(json.loads(gzip.decompress(schema.read_bytes()))).validate(town)
+    places = np.array(town["vertices"]) * town["transform"]["scale"] + town["transform"]["translate"]
+    for name, corner in corners.items():
+        (geometry,) = town["CityObjects"][name]["geometry"]
+        used = sorted({index for face in geometry["boundaries"][0] for ring in face for index in ring})
+        assert len(used) == 8 and places[used].min(0) == pytest.approx(corner, abs=1e-6)
+        assert places[used].max(0) == pytest.approx(np.add(corner, (5, 5, 3)), abs=1e-6)
+    assert town["metadata"]["geographicalExtent"] == [691000.0, 5333990.0, 500.0, 691045.0, 5334005.0, 505.0]
