@@ -30,6 +30,11 @@ def place(scene: bpy.types.Scene, tree: Tree, found: Placement) -> None:
     tree.root.matrix_world = Matrix(root_matrix(tree, found).tolist())
     for obj in tree.objects("Cameras"):
         set_clipping(obj.data, tree)
+    note_place(scene, found)
+
+
+def note_place(scene: bpy.types.Scene, found: Placement) -> None:
+    """Note where a scene whose world is the local frame lies, in its custom properties."""
     scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
     values: dict[str, str | float] = dict(zip((EAST, NORTH, HEIGHT), found.offset, strict=True))
     if found.crs:

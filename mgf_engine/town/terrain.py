@@ -152,7 +152,7 @@ def _heights(ground: Array, start: Array, cell: float, shape: tuple[int, ...]) -
 def _extent(known: NDArray[np.bool_], built: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Where there is terrain: at points and buildings, and in small gaps between them; the largest piece of it."""
     near = ndimage.binary_closing(np.pad(known | built, _GAP), iterations=_GAP)[_GAP:-_GAP, _GAP:-_GAP]
-    filled = ndimage.binary_fill_holes(near)
+    filled = ndimage.binary_opening(ndimage.binary_fill_holes(near), np.ones((3, 3)))  # no strips at the rim
     labels, count = ndimage.label(filled)
     if count > 1:
         filled = labels == 1 + np.argmax(np.bincount(labels.ravel())[1:])

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A town comes in as a collection for each building, light at first, and the full meshes on demand."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from layouts import draw
+
+from mgf_blender.common.ply import read_ply
+from mgf_blender.town.load import LIGHT_KEY, find_town
+from mgf_blender.town.panel import MGF_PT_town
+
+OFFSET = [691234.0, 5334876.0, 500.0]
+
+
+def write_light(path: Path, corner: tuple[float, float, float]) -> None:
+    """A tetrahedron in the local frame."""
+    places = np.add(corner, [[0, 0, 0], [4, 0, 0], [0, 4, 0], [1, 1, 3]])
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    names = "".join(f"property float {axis}\n" for axis in "xyz")
+    names += "".join(f"property uchar {channel}\n" for channel in ("red", "green", "blue"))
+    head = f"ply\nformat ascii 1.0\nelement vertex 4\n{names}element face 4\nproperty list uchar int vertex_indices\n"
+    rows = [f"{x} {y} {z} 200 90 40" for x, y, z in places] + [f"3 {a} {b} {c}" for a, b, c in faces]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(head + "end_header\n" + "\n".join(rows) + "\n")
+
+
+@pytest.fixture
+def town(house, tmp_path) -> Path:
+    """Two finished buildings and one that failed; the scene is doubled and moved on its way to the local frame."""
+    folder = tmp_path / "Ostviertel"
+    matrix = np.diag([2.0, 2.0, 2.0, 1.0])
+    matrix[:3, 3] = [3.0, -1.0, 19.0]
+    placement = {
+        "format": 1, "to_local": matrix.tolist(), "offset": OFFSET, "crs": "EPSG:25832", "unit": "metre",
+        "up_known": True, "north_known": True, "method": "gps", "heights": "", "origin": [48.1, 11.6, 500.0],
+        "accuracy": {},
+    }  # fmt: skip
+    for name, corner in (("a", (0, 0, 0)), ("b", (20, 0, 1))):
+        write_light(folder / "buildings" / name / "light.ply", corner)
+        (folder / "buildings" / name / "done.json").write_text(json.dumps({"confidence": 0.75}))
+        shutil.copytree(house.job, folder / "buildings" / name / "job")
+    write_light(folder / "terrain" / "terrain.ply", (-5, -5, -1))
+    rows = [{"id": name} for name in ("a", "b", "failed")]
+    (folder / "buildings.json").write_text(json.dumps({"format": 1, "buildings": rows}))
+    (folder / "georef.json").write_text(json.dumps(placement))
+    return folder
+
+
+def choose(*names: str) -> None:
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(obj.name in names)
+
+
+def test_a_town_is_a_collection_of_collections_in_true_coordinates(addon, town):
+    assert bpy.ops.mgf.import_town(directory=str(town)) == {"FINISHED"}
+    scene = bpy.context.scene
+    top = find_town(scene)
+    assert top.name == "Ostviertel" and sorted(c.name for c in top.children) == ["Terrain", "a", "b"]
+    house = bpy.data.objects["b"]
+    assert house.users_collection == (bpy.data.collections["b"],) and len(house.data.polygons) == 4
+    low = np.array(house.bound_box).min(0)
+    assert low == pytest.approx([20, 0, 1], abs=1e-5) and house["confidence"] == 0.75
+    assert [scene[k] for k in ("SRID", "crs x", "crs y", "crs z")] == ["EPSG:25832", *OFFSET]
+    said = draw(MGF_PT_town).said
+    assert "2 buildings, 0 in full" in said and "Import Town" in said
+
+
+def test_full_meshes_come_on_demand_and_go_again(addon, town):
+    bpy.ops.mgf.import_town(directory=str(town))
+    with pytest.raises(RuntimeError, match="Select buildings of a town first"):
+        choose("Terrain")
+        bpy.ops.mgf.show_full_building()
+    choose("a")
+    assert bpy.ops.mgf.show_full_building() == {"FINISHED"}
+    obj, other = bpy.data.objects["a"], bpy.data.objects["b"]
+    full = read_ply(town / "buildings" / "a" / "job" / "mesh.ply")
+    assert len(obj.data.vertices) == len(full.positions) and len(other.data.polygons) == 4
+    places = np.array([v.co for v in obj.data.vertices])
+    assert places == pytest.approx(2 * full.positions + [3.0, -1.0, 19.0], abs=1e-3)
+    said = draw(MGF_PT_town).said
+    assert "2 buildings, 1 in full" in said and "a: confidence 0.75" in said
+    bpy.ops.mgf.show_full_building()  # again: nothing to do
+    meshes = len(bpy.data.meshes)
+    assert bpy.ops.mgf.show_light_building() == {"FINISHED"}
+    assert len(bpy.data.objects["a"].data.polygons) == 4 and LIGHT_KEY not in bpy.data.objects["a"]
+    assert len(bpy.data.meshes) == meshes - 1
+
+
+def test_importing_again_replaces_the_town_and_keeps_what_is_not_ours(addon, town, tmp_path):
+    bpy.ops.mgf.import_town(directory=str(town))
+    choose("a")
+    bpy.ops.mgf.show_full_building()
+    tree = bpy.data.objects.new("oak", None)
+    bpy.data.collections["b"].objects.link(tree)
+    bpy.ops.mgf.import_town(directory=str(town))
+    towns = [c for c in bpy.context.scene.collection.children_recursive if "mgf_town" in c]
+    assert len({o.name for o in bpy.data.objects if "mgf_building" in o}) == 3 and tree.name in bpy.data.objects
+    assert [len(o.data.polygons) for o in bpy.data.objects if "mgf_building_job" in o] == [4, 4]
+    assert len(towns) == 1 and tree.users_collection[0].name == "b"
+    path = str(tmp_path / "town.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert len(find_town(bpy.context.scene).children) == 3
+
+
+def test_what_is_no_town_is_refused(addon, town, tmp_path):
+    with pytest.raises(RuntimeError, match="holds no town"):
+        bpy.ops.mgf.import_town(directory=str(tmp_path))
+    for name in ("a", "b"):
+        (town / "buildings" / name / "light.ply").unlink()
+    with pytest.raises(RuntimeError, match=r"No building of .* is done"):
+        bpy.ops.mgf.import_town(directory=str(town))
+    (town / "georef.json").unlink()
+    with pytest.raises(RuntimeError, match="says not where its buildings lie"):
+        bpy.ops.mgf.import_town(directory=str(town))
+    assert find_town(bpy.context.scene) is None
