@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Prove that a mechanical change changes nothing: hash the masks, field and mesh of a small scene.
+"""Prove that a mechanical change changes nothing: hash the masks, field, mesh and texture of a small scene.
 
 ``python -m benchmarks.byte_check --write before.json`` at the old commit, ``--against before.json`` at the new one;
 the exit code is 1 where anything differs. Seed and threads are fixed. Without ``--scene`` it reconstructs the painted
@@ -28,6 +28,8 @@ COMPARED = (
     "checkpoints/start.npz",
     "field.ply",
     "mesh.ply",
+    "texture.jpg",
+    "mesh_texture.npz",
 )
 PHOTOS = 14
 SMALL = ("seed=0", "threads=2", "device=cpu", "passes=6", "resolution=240")
@@ -65,12 +67,22 @@ def painted_house(folder: Path) -> Path:
 
 
 def reconstruct(scene: Path, prompts: Path, job: Path, preset: str, options: Sequence[str] = ()) -> Path:
-    """Run a job up to the mesh in a process of its own and return its folder.
+    """Run a job in a process of its own and return its folder.
 
     Raises:
         SystemExit: the job failed.
     """
-    command = [sys.executable, "-m", "mgf_engine", "mesh", str(scene), "--prompts", str(prompts), "--out", str(job)]
+    command = [
+        sys.executable,
+        "-m",
+        "mgf_engine",
+        "reconstruct",
+        str(scene),
+        "--prompts",
+        str(prompts),
+        "--out",
+        str(job),
+    ]
     for pair in (f"preset={preset}", *SMALL, *options):
         command += ["--set", pair]
     run = subprocess.run([*command, "--progress", "none"], cwd=ROOT)

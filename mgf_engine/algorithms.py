@@ -105,6 +105,15 @@ ALGORITHMS: tuple[Algorithm, ...] = (
         "mesh_refinement", "mesh", "Photometric refinement of the mesh", "mgf_engine.mesh.refine:RefinementOptions"
     ),
     Algorithm("planar", "mesh", "Projection of planar regions", "mgf_engine.mesh.planar:PlanarOptions"),
+    Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mgf_engine.mesh.colors:ColorOptions"),
+    Algorithm(
+        "texture_visibility", "deliver", "Photos that show a face", "mgf_engine.texture.visibility:VisibilityOptions"
+    ),
+    Algorithm(
+        "texture_views", "deliver", "Choice of the photo that paints a face",
+        "mgf_engine.texture.view_selection:ViewSelectionOptions",
+    ),
+    Algorithm("seams", "deliver", "Levelling of colours at seams", "mgf_engine.texture.seams:SeamOptions"),
 )  # fmt: skip
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}

@@ -4,25 +4,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import call
 from mgf_engine.native.parallel import parallel_map
 
-BEST = 5  # photos that share in the colour of a vertex: those that see it largest and straightest
 SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
-LEAST_FACING = 0.1  # cosine of the angle at which a photo sees a vertex
 CHUNK = 1 << 15  # vertices that are blended at a time
 STRIP = 4096  # pixels in a row of what is looked up at once; OpenCV takes fewer than 32,768 columns and rows
-OUTLIER = 40.0  # grey levels from the median beyond which a photo is left out (reflections, passers-by)
+
+
+@dataclass(frozen=True)
+class ColorOptions:
+    """Options of vertex colours."""
+
+    best: int = parameter(
+        5, "Number of photos that share in the colour of a vertex: those that see it largest and straightest", low=1
+    )
+    least_facing: float = parameter(0.1, "Minimum cosine of the angle at which a photo sees a vertex", high=1)
+    outlier: float = parameter(
+        40.0, "Difference from the median beyond which a photo is left out (reflections, passers-by)", "grey levels"
+    )
 
 
 def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
@@ -38,6 +49,7 @@ def color_from_photos(
     photo: Callable[[int], NDArray[np.uint8]],
     inside: Sequence[NDArray[np.bool_]],
     progress: Callable[[float], None] = lambda share: None,
+    options: ColorOptions = ColorOptions(),
 ) -> Mesh:
     """The mesh with a colour at each vertex.
 
@@ -46,12 +58,12 @@ def color_from_photos(
         photo: position in ``views`` -> RGB uint8 [H, W, 3].
         inside: per view, bool [H, W]: pixels that show the building.
     """
-    weight = np.zeros((len(mesh.vertices), BEST), np.float32)
-    shown = np.zeros((len(mesh.vertices), BEST, 3), np.uint8)
+    weight = np.zeros((len(mesh.vertices), options.best), np.float32)
+    shown = np.zeros((len(mesh.vertices), options.best, 3), np.uint8)
     normals = vertex_normals(mesh)
 
     def seen(i: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
-        return _samples(mesh, normals, views[i], photo(i), inside[i])
+        return _samples(mesh, normals, views[i], photo(i), inside[i], options.least_facing)
 
     for i, (index, new_weight, new_shown) in enumerate(parallel_map(seen, range(len(views)))):
         progress(i / len(views))
@@ -60,13 +72,22 @@ def color_from_photos(
         weight[index[better], worst[better]] = new_weight[better]
         shown[index[better], worst[better]] = new_shown[better]
     starts = range(0, len(weight), CHUNK)
-    blended = parallel_map(lambda start: _blend(weight[start : start + CHUNK], shown[start : start + CHUNK]), starts)
+
+    def blend(start: int) -> NDArray[np.uint8]:
+        return _blend(weight[start : start + CHUNK], shown[start : start + CHUNK], options.outlier)
+
+    blended = parallel_map(blend, starts)
     colors = np.concatenate([np.zeros((0, 3), np.uint8), *blended])
     return replace(mesh, colors=_fill(mesh, colors, weight.max(1) > 0))
 
 
 def _samples(
-    mesh: Mesh, normals: NDArray[np.float64], view: View, photo: NDArray[np.uint8], inside: NDArray[np.bool_]
+    mesh: Mesh,
+    normals: NDArray[np.float64],
+    view: View,
+    photo: NDArray[np.uint8],
+    inside: NDArray[np.bool_],
+    least_facing: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
     """Vertices that a view sees, how well, and the colour it sees there."""
     at = corners(mesh.vertices, view)
@@ -74,7 +95,7 @@ def _samples(
     farthest = cv2.dilate(render_mesh(mesh, view, at).depth, np.ones((3, 3), np.uint8))
     index, weight = np.empty(len(at), np.int64), np.empty(len(at), np.float32)
     points, shown = np.ascontiguousarray(mesh.vertices, dtype=np.float64), np.ascontiguousarray(inside)
-    camera = np.array([*view.centre, view.fx, LEAST_FACING])
+    camera = np.array([*view.centre, view.fx, least_facing])
     given = (len(at), at, points, normals, camera, farthest, shown, *farthest.shape, 1.0 + SLACK)
     count = call("mgf_seen_vertices", *given, index, weight)
     return index[:count], weight[:count], sample(photo, at[index[:count], :2])
@@ -92,12 +113,12 @@ def sample(
     return np.asarray(found.reshape(-1, 3)[: len(at)], np.uint8)
 
 
-def _blend(weight: NDArray[np.float32], shown: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Weighted mean over the samples [N, BEST, 3] that lie near their median."""
+def _blend(weight: NDArray[np.float32], shown: NDArray[np.uint8], outlier: float) -> NDArray[np.uint8]:
+    """Weighted mean over the samples [N, K, 3] that lie near their median."""
     known = np.where(weight[..., None] > 0, shown, np.nan).astype(np.float32)
     known[weight.max(1) <= 0] = 0
     median = np.nanmedian(known, axis=1, keepdims=True)
-    near = np.abs(shown - median).max(2) <= OUTLIER
+    near = np.abs(shown - median).max(2) <= outlier
     kept = np.where(near, weight, 0) + 1e-6 * weight
     total = np.maximum(kept.sum(1, keepdims=True), 1e-30)
     blended = (shown * kept[..., None]).sum(1) / total

@@ -18,7 +18,7 @@ from mgf_engine.geometry import clean
 from mgf_engine.geometry.delaunay import begun
 from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.mesh.clip import clip
-from mgf_engine.mesh.colors import color_from_photos, vertex_normals
+from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import belongs
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions
@@ -147,7 +147,7 @@ def extract_mesh(
         colored = color_from_photos(
             trimmed(mesh, config, box), trusted.views, lambda i: scene.photo(trusted.indices[i]),
             [building(label) for label in trusted.labels],
-            lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share),
+            lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share), config.algorithm(ColorOptions),
         )  # fmt: skip
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
     with times.part("reduction"):

@@ -18,18 +18,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import cg
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, face_normals
 from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.texture.model import NO_VIEW, painting_views
-
-STIFF = 0.2  # weight of the differences along edges, against one on seams
-CALM = 0.02  # weight of the correction itself
-USUAL = 15.0  # grey levels of difference at a seam that are nothing unusual
-SPACING, MOST = 2.0, 9  # px between samples along a seam, and how many an edge has
-CREASE = 0.1  # cosine between faces from which a seam is an edge of the building, where colours may change
-BLUR = 1.0  # px (standard deviation) before colours are compared
 
 Array = NDArray[np.float64]
 Photo = Callable[[int], NDArray[np.uint8]]
@@ -48,8 +42,30 @@ class Corrections:
     value: NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class SeamOptions:
+    """Options of seam levelling."""
+
+    stiffness: float = parameter(0.2, "Weight of differences of the correction along edges; one on a seam weighs 1")
+    damping: float = parameter(0.02, "Weight of the correction itself", low=1e-9)
+    usual: float = parameter(15.0, "Difference of colours at a seam that is usual", "grey levels", low=1e-3)
+    spacing: float = parameter(2.0, "Distance between samples along a seam", "px", low=0.1)
+    most_samples: int = parameter(9, "Maximum number of samples of an edge", low=1)
+    crease: float = parameter(
+        0.1,
+        "Cosine between two faces from which a seam is an edge of the building, where colours may change",
+        high=0.999,
+    )
+    blur: float = parameter(1.0, "Blur (standard deviation) before colours are compared", "px", low=0.01)
+
+
 def level_seams(
-    mesh: Mesh, label: NDArray[np.int32], neighbours: NDArray[np.int64], views: Sequence[View], photo: Photo
+    mesh: Mesh,
+    label: NDArray[np.int32],
+    neighbours: NDArray[np.int64],
+    views: Sequence[View],
+    photo: Photo,
+    o: SeamOptions = SeamOptions(),
 ) -> Corrections:
     """Corrections for the faces painted as ``label`` [F] says.
 
@@ -62,9 +78,9 @@ def level_seams(
     of_corner = of_corner.reshape(-1, 3)
     sides = neighbours[label[neighbours[:, 0]] != label[neighbours[:, 1]]]
     ends = _shared_edges(mesh.faces, sides)
-    samples = _samples(mesh, ends, label[sides], views)
-    difference = _differences(mesh, ends, samples, label[sides], views, photo)
-    weight = samples * _flat(mesh, sides) / (1.0 + (np.abs(difference).max(1, initial=0) / USUAL) ** 2)
+    samples = _samples(mesh, ends, label[sides], views, o)
+    difference = _differences(mesh, ends, samples, label[sides], views, photo, o)
+    weight = samples * _flat(mesh, sides, o) / (1.0 + (np.abs(difference).max(1, initial=0) / o.usual) ** 2)
     first, second = (np.searchsorted(node, (label[sides[:, [k]]] + 1) * len(mesh.vertices) + ends) for k in (0, 1))
     seams = np.stack([first.T.ravel(), second.T.ravel()], 1)  # at one end of each edge, then at the other
     pull = np.tile(weight[:, None] * difference, (2, 1))
@@ -72,9 +88,9 @@ def level_seams(
     np.add.at(right, seams[:, 0], -pull)
     np.add.at(right, seams[:, 1], pull)
     edges = np.concatenate([of_corner[:, [0, 1]], of_corner[:, [1, 2]], of_corner[:, [2, 0]]])
-    along = _laplacian(edges, np.full(len(edges), STIFF / 2), len(node))
+    along = _laplacian(edges, np.full(len(edges), o.stiffness / 2), len(node))
     bare = node // len(mesh.vertices) - 1 == NO_VIEW  # painted with the colours of the vertices: stays as it is
-    matrix = _laplacian(seams, np.tile(weight, 2), len(node)) + along + sparse.diags(np.where(bare, 1e3, CALM))
+    matrix = _laplacian(seams, np.tile(weight, 2), len(node)) + along + sparse.diags(np.where(bare, 1e3, o.damping))
     return Corrections(of_corner, _solve(matrix.tocsr(), right))
 
 
@@ -86,14 +102,16 @@ def _shared_edges(faces: NDArray[np.int32], pairs: NDArray[np.int64]) -> NDArray
     return first[shared].reshape(-1, 2).astype(np.int64)
 
 
-def _flat(mesh: Mesh, pairs: NDArray[np.int64]) -> Array:
-    """1 where the faces of a pair lie in one plane, 0 from :data:`CREASE` on, [K]."""
+def _flat(mesh: Mesh, pairs: NDArray[np.int64], o: SeamOptions) -> Array:
+    """1 where the faces of a pair lie in one plane, 0 from ``crease`` of the options on, [K]."""
     normals = face_normals(mesh)
     bend = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(1)
-    return np.clip((bend - CREASE) / (1 - CREASE), 0, 1)
+    return np.clip((bend - o.crease) / (1 - o.crease), 0, 1)
 
 
-def _samples(mesh: Mesh, ends: NDArray[np.int64], label: NDArray[np.int32], views: Sequence[View]) -> NDArray[np.int64]:
+def _samples(
+    mesh: Mesh, ends: NDArray[np.int64], label: NDArray[np.int32], views: Sequence[View], o: SeamOptions
+) -> NDArray[np.int64]:
     """Return the number of samples of each seam, [K], by its length in the photos.
 
     Args:
@@ -103,8 +121,8 @@ def _samples(mesh: Mesh, ends: NDArray[np.int64], label: NDArray[np.int32], view
     for index in painting_views(label):
         rows = np.flatnonzero((label == index).any(1))
         low, high = (corners(mesh.vertices[ends[rows, k]], views[index])[:, :2] for k in range(2))
-        length[rows] = np.maximum(length[rows], np.linalg.norm(high - low, axis=1) / SPACING)
-    return np.minimum(np.ceil(length), MOST).astype(np.int64)
+        length[rows] = np.maximum(length[rows], np.linalg.norm(high - low, axis=1) / o.spacing)
+    return np.minimum(np.ceil(length), o.most_samples).astype(np.int64)
 
 
 def _differences(
@@ -114,6 +132,7 @@ def _differences(
     label: NDArray[np.int32],
     views: Sequence[View],
     photo: Photo,
+    o: SeamOptions,
 ) -> Array:
     """Mean colour along each seam on its first side less that on its second, [K, 3]; arguments as above."""
     seam = np.repeat(np.arange(len(ends)), samples)
@@ -127,13 +146,13 @@ def _differences(
     sides = np.stack([plain, plain], 1)
     for index in painting_views(label):
         rows, side = np.nonzero(label[seam] == index)
-        sides[rows, side] = _colors(points[rows], views[index], photo(index))
+        sides[rows, side] = _colors(points[rows], views[index], photo(index), o)
     off = sides[:, 0] - sides[:, 1]
     return np.stack([np.bincount(seam, off[:, k], len(ends)) for k in range(3)], 1) / samples[:, None]
 
 
-def _colors(points: Array, view: View, photo: NDArray[np.uint8]) -> Array:
-    calm = np.asarray(cv2.GaussianBlur(photo, (0, 0), BLUR), np.uint8)
+def _colors(points: Array, view: View, photo: NDArray[np.uint8], o: SeamOptions) -> Array:
+    calm = np.asarray(cv2.GaussianBlur(photo, (0, 0), o.blur), np.uint8)
     return sample(calm, corners(points, view)[:, :2]).astype(np.float64)
 
 

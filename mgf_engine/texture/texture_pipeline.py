@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.rasterize import corners
@@ -22,14 +23,30 @@ from mgf_engine.scene.photos import original_photo
 from mgf_engine.texture.bake import bake
 from mgf_engine.texture.charts import lay_out
 from mgf_engine.texture.model import NO_VIEW, Source, painting_views
-from mgf_engine.texture.seams import Corrections, level_seams
-from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
-from mgf_engine.texture.visibility import find_sights
+from mgf_engine.texture.seams import Corrections, SeamOptions, level_seams
+from mgf_engine.texture.view_selection import ViewSelectionOptions, choose_views, face_neighbours, patches
+from mgf_engine.texture.visibility import VisibilityOptions, find_sights
 
 log = logging.getLogger("mgf")
 
 #: Shares of the work, for the progress bar.
 _SEEN, _LEVELLED = 0.35, 0.5
+
+
+@dataclass(frozen=True)
+class TextureOptions:
+    """All options of the texture."""
+
+    visibility: VisibilityOptions = VisibilityOptions()
+    views: ViewSelectionOptions = ViewSelectionOptions()
+    seams: SeamOptions = SeamOptions()
+
+
+def texture_options(config: Config) -> TextureOptions:
+    """Return the options of the texture as the user set them."""
+    return TextureOptions(
+        config.algorithm(VisibilityOptions), config.algorithm(ViewSelectionOptions), config.algorithm(SeamOptions)
+    )
 
 
 def make_texture(
@@ -39,6 +56,7 @@ def make_texture(
     largest_side: int,
     warn: Callable[[str], None],
     progress: Callable[[float], None] = lambda share: None,
+    options: TextureOptions = TextureOptions(),
 ) -> Texture:
     """A texture from the photos whose masks may be trusted.
 
@@ -47,7 +65,7 @@ def make_texture(
         largest_side: of the picture, pixels.
         warn: gets a sentence when photos of the user are gone; their working copies are taken instead.
     """
-    painting = choose_painting(mesh, scene, masks, lambda share: progress(_LEVELLED * share))
+    painting = choose_painting(mesh, scene, masks, lambda share: progress(_LEVELLED * share), options)
     views, label, neighbours = painting.views, painting.label, painting.neighbours
     corrections, originals = painting.corrections, painting.source
     finest = float(np.median([v.original_width / v.width for v in views]))
@@ -91,7 +109,11 @@ class Painting:
 
 
 def choose_painting(
-    mesh: Mesh, scene: Scene, masks: MaskSet, progress: Callable[[float], None] = lambda share: None
+    mesh: Mesh,
+    scene: Scene,
+    masks: MaskSet,
+    progress: Callable[[float], None] = lambda share: None,
+    options: TextureOptions = TextureOptions(),
 ) -> Painting:
     """Choose the photos that paint a mesh (normalised frame) among those whose masks may be trusted."""
     chosen = voting_views(scene, masks)
@@ -102,12 +124,17 @@ def choose_painting(
 
     seen = _SEEN / _LEVELLED
     sights = find_sights(
-        mesh, views, photo, lambda i: building(masks.labels[chosen[i]]), lambda share: progress(seen * share)
+        mesh,
+        views,
+        photo,
+        lambda i: building(masks.labels[chosen[i]]),
+        lambda share: progress(seen * share),
+        options.visibility,
     )
     neighbours = face_neighbours(mesh.faces)
-    label = choose_views(sights, neighbours, face_areas(mesh))
+    label = choose_views(sights, neighbours, face_areas(mesh), options.views, options.visibility.least_size)
     progress(seen)
-    corrections = level_seams(mesh, label, neighbours, views, photo)
+    corrections = level_seams(mesh, label, neighbours, views, photo, options.seams)
     progress(1.0)
     return Painting(chosen, views, label, neighbours, corrections, Originals(views, photo))
 

@@ -3,36 +3,53 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import edges
 from mgf_engine.texture.model import NO_VIEW
-from mgf_engine.texture.visibility import FAIR, Sights
-
-NEARLY_BEST = 0.5  # of the largest size at which any photo shows a face; FAIR: may take it over from neighbours
-ROUNDS = 12  # of smoothing the borders
-SMALL = 40.0  # px of the working photo; smaller patches go to their neighbours where those show them
+from mgf_engine.texture.visibility import Sights, VisibilityOptions
 
 
-def choose_views(sights: Sights, neighbours: NDArray[np.int64], area: NDArray[np.float64]) -> NDArray[np.int32]:
+@dataclass(frozen=True)
+class ViewSelectionOptions:
+    """Options of which photo paints which face."""
+
+    nearly_best: float = parameter(
+        0.5, "Size of a face in a photo, as a share of the largest, from which the photo may be chosen first", high=1
+    )
+    rounds: int = parameter(12, "Number of rounds that smooth the borders between photos")
+    small: float = parameter(40.0, "Area below which a patch is given to its neighbours", "px²")
+
+
+def choose_views(
+    sights: Sights,
+    neighbours: NDArray[np.int64],
+    area: NDArray[np.float64],
+    options: ViewSelectionOptions = ViewSelectionOptions(),
+    least_size: float = VisibilityOptions.least_size,
+) -> NDArray[np.int32]:
     """The view that paints each face, :data:`NO_VIEW` where none shows it, int32 [F].
 
     Args:
         neighbours: pairs of faces that share an edge, [E, 2].
         area: of each face, [F].
+        least_size: share of the largest size of a face from which a photo may take it over from its neighbours.
     """
     best = np.zeros(sights.faces, np.float32)
     np.maximum.at(best, sights.face, sights.size)
     share = sights.size / best[sights.face]
-    label = _cover(sights, share >= NEARLY_BEST, area)
-    fair = share >= FAIR
+    label = _cover(sights, share >= options.nearly_best, area)
+    fair = share >= least_size
     shows = _Pairs(sights.face[fair], sights.view[fair])
-    for step in range(ROUNDS):
+    for step in range(options.rounds):
         label = _smoothed(label, neighbours, shows, step % 2)
-    return _without_small(label, neighbours, shows, best)
+    return _without_small(label, neighbours, shows, best, options)
 
 
 def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -93,13 +110,17 @@ def patches(label: NDArray[np.int32], neighbours: NDArray[np.int64]) -> NDArray[
 
 
 def _without_small(
-    label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _Pairs, size: NDArray[np.float32]
+    label: NDArray[np.int32],
+    neighbours: NDArray[np.int64],
+    shows: _Pairs,
+    size: NDArray[np.float32],
+    options: ViewSelectionOptions,
 ) -> NDArray[np.int32]:
     """Faces of small patches go to a neighbouring view that shows them, from the rim inwards."""
     both = np.concatenate([neighbours, neighbours[:, ::-1]])
-    for _ in range(ROUNDS):
+    for _ in range(options.rounds):
         patch = patches(label, neighbours)
-        small = np.bincount(patch, size)[patch] < SMALL
+        small = np.bincount(patch, size)[patch] < options.small
         first, second = both[small[both[:, 0]] & ~small[both[:, 1]]].T
         fits = shows(first, label[second])
         if not fits.any():

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, face_normals, render_mesh
 from mgf_engine.mesh.colors import SLACK, sample
 from mgf_engine.model.mesh import Mesh
@@ -18,16 +19,28 @@ from mgf_engine.native.parallel import parallel_map
 
 MARGIN = 1.5  # px to the edge of the photo
 STEEP = 0.15  # cosine between the face's normal and the ray below which a photo is no use
-LARGE = 12.0  # px; faces of this area and more must show this share of it in the mask, smaller ones their corners
-SHOWN = 0.75
-OTHER_COLOR = 25.0  # grey levels from the blended colours of the vertices: leaves before the wall, reflections
-FAIR = 0.25  # of the largest size at which any photo shows a face: a photo that may paint it
-ODD = 0.01  # what the size of a face counts where a photo shows it in such a colour
+
+
+@dataclass(frozen=True)
+class VisibilityOptions:
+    """Options of which photos show which faces."""
+
+    large: float = parameter(12.0, "Area from which a face is tested by pixels, smaller ones by corners", "px²")
+    shown: float = parameter(0.75, "Share of such a face's area that must show in the mask", high=1)
+    other_color: float = parameter(
+        25.0,
+        "Difference from the blended vertex colours that means something else (leaves, reflections)",
+        "grey levels",
+    )
+    odd_weight: float = parameter(0.01, "Weight of a face's size in a photo that shows it in such a colour")
+    least_size: float = parameter(
+        0.25, "Size of a face in a photo, as a share of the largest, from which the photo may paint it", high=1
+    )
 
 
 @dataclass(frozen=True)
 class Sights:
-    """Pairs of a view and a face that it shows fairly large (:data:`FAIR`), ordered by view.
+    """Pairs of a view and a face that it shows fairly large (``least_size`` of the options), ordered by view.
 
     Attributes:
         view: int32 [K], position among the views; face: int32 [K].
@@ -47,6 +60,7 @@ def find_sights(
     photo: Callable[[int], NDArray[np.uint8]],
     inside: Callable[[int], NDArray[np.bool_]],
     progress: Callable[[float], None] = lambda share: None,
+    options: VisibilityOptions = VisibilityOptions(),
 ) -> Sights:
     """Find the faces that each view shows.
 
@@ -58,9 +72,9 @@ def find_sights(
     normals = face_normals(mesh)
 
     def seen(i: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        return _shown(mesh, normals, views[i], photo(i), inside(i))
+        return _shown(mesh, normals, views[i], photo(i), inside(i), options)
 
-    found = _Found(len(mesh.faces))
+    found = _Found(len(mesh.faces), options.least_size)
     for i, (faces, sizes) in enumerate(parallel_map(seen, range(len(views)))):
         progress(i / len(views))
         found.add(i, faces, sizes)
@@ -71,7 +85,8 @@ class _Found:
     """Collects sights. Each photo shows a tenth of the faces, so that hundreds would fill the memory: what is small
     beside what another photo shows is dropped underway, which changes nothing."""
 
-    def __init__(self, faces: int) -> None:
+    def __init__(self, faces: int, least_size: float) -> None:
+        self._least_size = least_size
         self._best = np.zeros(faces, np.float32)
         self._parts: list[tuple[int, NDArray[np.int32], NDArray[np.float32]]] = []
         self._count, self._limit = 0, 2 * faces
@@ -95,13 +110,18 @@ class _Found:
 
     def _drop_small(self) -> None:
         for number, (view, faces, sizes) in enumerate(self._parts):
-            kept = sizes >= FAIR * self._best[faces]
+            kept = sizes >= self._least_size * self._best[faces]
             self._parts[number] = view, faces[kept], sizes[kept]
         self._count = sum(len(faces) for _, faces, _ in self._parts)
 
 
 def _shown(
-    mesh: Mesh, normals: NDArray[np.float64], view: View, photo: NDArray[np.uint8], inside: NDArray[np.bool_]
+    mesh: Mesh,
+    normals: NDArray[np.float64],
+    view: View,
+    photo: NDArray[np.uint8],
+    inside: NDArray[np.bool_],
+    o: VisibilityOptions,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """The faces that a view shows, and how large they are in it."""
     at = corners(mesh.vertices, view)
@@ -114,11 +134,11 @@ def _shown(
     at_corners = np.asarray(visible[mesh.faces].all(1))
     face = np.flatnonzero(at_corners | ((drawn > 0) & framed[mesh.faces].all(1)))
     area = _area(at[mesh.faces[face], :2])
-    kept = np.where(area < LARGE, at_corners[face], drawn[face] >= SHOWN * area)
+    kept = np.where(area < o.large, at_corners[face], drawn[face] >= o.shown * area)
     kept &= (area > 0) & (_facing(mesh, normals, face, view) > STEEP)
     face, area = face[kept], area[kept]
-    odd = off[mesh.faces[face]].mean(1) > OTHER_COLOR
-    return face.astype(np.int32), np.where(odd, ODD * area, area).astype(np.float32)
+    odd = off[mesh.faces[face]].mean(1) > o.other_color
+    return face.astype(np.int32), np.where(odd, o.odd_weight * area, area).astype(np.float32)
 
 
 def _at_vertices(

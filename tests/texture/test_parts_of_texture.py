@@ -17,7 +17,7 @@ from mgf_engine.texture.charts import CELL, GUTTER, lay_out, pack
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
 from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
-from mgf_engine.texture.visibility import FAIR, Sights, _Found, find_sights
+from mgf_engine.texture.visibility import Sights, VisibilityOptions, _Found, find_sights
 
 SIDE = 12
 
@@ -182,7 +182,7 @@ def test_sights_that_are_small_beside_others_are_dropped_underway() -> None:
     rng, faces, views = np.random.default_rng(2), 400, 500
     shown = [np.sort(rng.choice(faces, faces // 10, replace=False)).astype(np.int32) for _ in range(views)]
     sizes = [(rng.random(len(f)) ** 4).astype(np.float32) for f in shown]
-    found, most = _Found(faces), 0
+    found, most = _Found(faces, VisibilityOptions.least_size), 0
     for k in range(views):
         found.add(k, shown[k], sizes[k])
         most = max(most, found._count)
@@ -191,7 +191,10 @@ def test_sights_that_are_small_beside_others_are_dropped_underway() -> None:
     for f, s in zip(shown, sizes, strict=True):
         best[f] = np.maximum(best[f], s)
     expected = [
-        (k, int(f)) for k in range(views) for f, s in zip(shown[k], sizes[k], strict=True) if s >= FAIR * best[f]
+        (k, int(f))
+        for k in range(views)
+        for f, s in zip(shown[k], sizes[k], strict=True)
+        if s >= VisibilityOptions.least_size * best[f]
     ]
     assert list(zip(kept.view.tolist(), kept.face.tolist(), strict=True)) == expected
     assert len(expected) < most < 0.75 * sum(map(len, shown))
