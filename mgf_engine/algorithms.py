@@ -60,29 +60,29 @@ class Algorithm:
 
 ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm(
-        "random_walker", "masks", "Label propagation from clicks to all photos and points",
+        "random_walker",
+        "masks",
+        "Label propagation from clicks to all photos and points",
         "mgf_engine.masks.propagation.random_walker:RandomWalkerOptions",
     ),
     Algorithm(
-        "start_views", "field", "Photos and masks that the starting surface is made from",
+        "start_views",
+        "field",
+        "Photos and masks that the starting surface is made from",
         "mgf_engine.start.options:ViewOptions",
     ),
-    Algorithm(
-        "start_lines", "field", "Edges in photos and lines in space", "mgf_engine.start.options:SegmentOptions"
-    ),
+    Algorithm("start_lines", "field", "Edges in photos and lines in space", "mgf_engine.start.options:SegmentOptions"),
     Algorithm("start_planes", "field", "Planes through lines", "mgf_engine.start.options:PlaneOptions"),
     Algorithm("start_stereo", "field", "Points by stereo", "mgf_engine.start.options:DenseOptions"),
     Algorithm(
         "start_cut", "field", "Minimum cut that makes the starting surface", "mgf_engine.start.options:CutOptions"
     ),
+    Algorithm("start_samples", "field", "Samples on the starting surface", "mgf_engine.start.samples:SampleOptions"),
+    Algorithm("start_points", "field", "Points that Gaussians start from", "mgf_engine.field.start:StartPointOptions"),
     Algorithm(
-        "start_samples", "field", "Samples on the starting surface", "mgf_engine.start.samples:SampleOptions"
-    ),
-    Algorithm(
-        "start_points", "field", "Points that Gaussians start from", "mgf_engine.field.start:StartPointOptions"
-    ),
-    Algorithm(
-        "initialisation", "field", "Shape and opacity of the first Gaussians",
+        "initialisation",
+        "field",
+        "Shape and opacity of the first Gaussians",
         "mgf_engine.field.initialise:InitialisationOptions",
     ),
     Algorithm(
@@ -90,11 +90,15 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     ),
     Algorithm("learning_rates", "field", "Step sizes of Adam", "mgf_engine.field.schedule:LearningRates"),
     Algorithm(
-        "photometric", "mesh", "Refinement of depth maps by matching photos",
+        "photometric",
+        "mesh",
+        "Refinement of depth maps by matching photos",
         "mgf_engine.mesh.photometric:MatchOptions",
     ),
     Algorithm(
-        "depth_smoothing", "mesh", "Smoothing of matched depth maps",
+        "depth_smoothing",
+        "mesh",
+        "Smoothing of matched depth maps",
         "mgf_engine.mesh.depth_smoothing:SmoothingOptions",
     ),
     Algorithm(
@@ -110,11 +114,38 @@ ALGORITHMS: tuple[Algorithm, ...] = (
         "texture_visibility", "deliver", "Photos that show a face", "mgf_engine.texture.visibility:VisibilityOptions"
     ),
     Algorithm(
-        "texture_views", "deliver", "Choice of the photo that paints a face",
+        "texture_views",
+        "deliver",
+        "Choice of the photo that paints a face",
         "mgf_engine.texture.view_selection:ViewSelectionOptions",
     ),
     Algorithm("seams", "deliver", "Levelling of colours at seams", "mgf_engine.texture.seams:SeamOptions"),
-)  # fmt: skip
+    Algorithm("sky", "masks", "Sky regions and the skyline", "mgf_engine.masks.propagation.sky_regions:SkyOptions"),
+    Algorithm(
+        "sky_holes",
+        "masks",
+        "Sky that shows through the building",
+        "mgf_engine.masks.refinement.sky_holes:SkyHoleOptions",
+    ),
+    Algorithm(
+        "ground_homography",
+        "masks",
+        "Ground that shows through the building",
+        "mgf_engine.masks.refinement.ground_homography:GroundHomographyOptions",
+    ),
+    Algorithm(
+        "far_background",
+        "masks",
+        "Far background behind an open building",
+        "mgf_engine.masks.refinement.far_background:FarBackgroundOptions",
+    ),
+    Algorithm(
+        "building_extent",
+        "masks",
+        "Extent of the building in the photos",
+        "mgf_engine.masks.geometry.building_extent:ExtentOptions",
+    ),
+)
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}
 

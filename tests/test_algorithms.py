@@ -27,7 +27,12 @@ def test_each_algorithm_has_a_dataclass_with_defaults_and_a_stage(algorithm: Alg
     assert is_dataclass(kind) and kind.__dataclass_params__.frozen and kind().__class__ is kind
     assert algorithm.stage in STAGE_NAMES and algorithm.section not in SECTIONS
     assert algorithm.title[0].isupper() and not algorithm.title.endswith(".")
-    assert list(algorithm.parameters()), "a section without options"
+    parameters = list(algorithm.parameters())
+    assert parameters, "a section without options"
+    for spec in parameters:
+        kinds = [type(n).__name__ for n in spec.default] if isinstance(spec.default, tuple) else []
+        declared = f"tuple[{', '.join(kinds)}]" if kinds else type(spec.default).__name__
+        assert spec.type == declared, f"{spec.name}: the default is {declared}"
     assert make_config().algorithm(kind) == kind()
 
 

@@ -25,6 +25,7 @@ from mgf_engine.masks.geometry.point_features import measure_shape
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
 from mgf_engine.masks.propagation.propagate import RETRY_BELOW, make_hints
 from mgf_engine.masks.propagation.random_walker import LabelGraph, RandomWalkerOptions
+from mgf_engine.masks.propagation.sky_regions import SkyOptions
 from mgf_engine.masks.propagation.stable_masks import first_clicks, join, obey, touch
 from mgf_engine.masks.propagation.superpixels import cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
@@ -154,7 +155,13 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
 
 def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Config) -> Segment:
     regions = cut_regions(photo)
-    graph = LabelGraph(scene, [regions], measure_shape(scene), options=config.algorithm(RandomWalkerOptions))
+    graph = LabelGraph(
+        scene,
+        [regions],
+        measure_shape(scene),
+        options=config.algorithm(RandomWalkerOptions),
+        sky=config.algorithm(SkyOptions),
+    )
     segmenter = choose_segmenter(config, default_folder().parent)
 
     def answer(given: Clicks) -> tuple[Segment, Hints]:

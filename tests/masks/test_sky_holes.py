@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.propagation.propagate import _Work
-from mgf_engine.masks.refinement.sky_holes import HORIZON, sky_through
+from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, sky_through
 from mgf_engine.masks.refinement.sky_silhouette import over_horizon
 from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN
 
@@ -44,7 +44,7 @@ def test_the_sky_between_bars_is_no_building() -> None:
     photo, hut, mast = photograph(VIEW)
     mask = around(mast) | hut
     found = sky_through(lab_of(photo), mask, large_sky(mask), VIEW, UP, NO_POINTS)
-    air = mask & over_horizon(VIEW, UP, HORIZON) & ~mast & ~hut
+    air = mask & over_horizon(VIEW, UP, SkyHoleOptions.horizon) & ~mast & ~hut
     assert air.sum() > 200
     assert (found & ~air).sum() == 0
     assert (found & air).sum() > 0.9 * air.sum()

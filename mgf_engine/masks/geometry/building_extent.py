@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs, enclosed
 from mgf_engine.masks.geometry.point_features import Shape, looking_down
@@ -29,16 +30,32 @@ from mgf_engine.model.scene import Scene, View
 
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
-#: Samples of the building are so many map pixels apart at least, in the photos taken from closest by.
-FINE, CLOSE_BY = 1.25, 10
-CORE = 1.5  # spacings of the points
-SAME_SIDE = 0.94  # cosine between two viewing directions that should see the same points
-STEEP = 0.35  # cosine to the normal below which a surface is too oblique to expect its points
-EXPECTED = 8.0  # points that should be seen within the window in which they are counted
-PLAN_SIDE = 64  # cells along the longer side of the building's ground plan
-PLAN_CLOSE = 0.12  # of that side; gaps up to twice this between its points belong to the plan
-OVER_SHARE = 0.7  # of the building's height around, from which a point above its plan stands on it
-HIDDEN_BLUR = (5.0, 14.0)  # px on the map, smallest and largest window (standard deviation)
+
+
+@dataclass(frozen=True)
+class ExtentOptions:
+    """Options of the building's extent in the photos."""
+
+    fine: float = parameter(
+        1.25, "Minimum distance of samples on the maps of the photos taken from nearest by", "px", low=0.1
+    )
+    close_by: float = parameter(10.0, "Percentile of the distances that counts as nearest by", high=100)
+    core: float = parameter(1.5, "Size of the gaps between points that are closed", "point spacings")
+    same_side: float = parameter(
+        0.94, "Minimum cosine between two viewing directions that should see the same points", high=1
+    )
+    steep: float = parameter(0.35, "Minimum cosine to the normal at which a photo should see a point", high=1)
+    expected: float = parameter(8.0, "Number of expected points in the window in which they are counted", low=0.1)
+    plan_side: int = parameter(64, "Number of cells along the longer side of the ground plan", low=4)
+    plan_close: float = parameter(
+        0.12, "Half width of gaps that belong to the ground plan, as a share of its longer side", high=1
+    )
+    over_share: float = parameter(
+        0.7, "Height above the plan from which a point stands on the building, as a share of the height around"
+    )
+    hidden_blur: tuple[float, float] = parameter(
+        (5.0, 14.0), "Standard deviation of the smallest and the largest window, on the map", "px", low=0.1
+    )
 
 
 @dataclass(frozen=True)
@@ -71,11 +88,13 @@ class Extent:
         ground: Ground | None,
         visibility: Visibility,
         others: Map | None = None,
+        options: ExtentOptions = ExtentOptions(),
     ) -> None:
+        self.options = options
         keep = keep & _supported(shape, keep)
         self.scene, self.keep, self.ground = scene, keep, ground
         self.visibility = visibility
-        fine = FINE * _map_pixel(scene, keep)
+        fine = self.options.fine * _map_pixel(scene, keep, self.options)
         over = None
         if keep.any():
             spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene) is None
@@ -95,7 +114,7 @@ class Extent:
             return ViewRegions(empty, empty, empty.astype(np.float32), empty, empty, empty, nowhere)
         near = self.body.depth(view, h, w)
         places, _, radius = self.posts.project(view, h, w)
-        core = _close(places, CORE * radius, h, w)
+        core = _close(places, self.options.core * radius, h, w)
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
         reach = core | np.isfinite(near)
         outside = (~enclosed(reach)).astype(np.uint8)
@@ -142,10 +161,12 @@ class Extent:
         counts = counts.astype(np.float32)
         # As wide a window as it takes to expect enough points; 4 pi sigma^2 is the area it weighs like a disc.
         covered = float((cv2.dilate(counts[0], np.ones((15, 15), np.uint8)) > 0).sum())
-        sigma = float(np.clip(np.sqrt(EXPECTED * covered / (4 * np.pi * len(x))), *HIDDEN_BLUR))
+        sigma = float(
+            np.clip(np.sqrt(self.options.expected * covered / (4 * np.pi * len(x))), *self.options.hidden_blur)
+        )
         local = [cv2.GaussianBlur(c, (0, 0), sigma) * (4 * np.pi * sigma**2) for c in counts]
         usual = float(seen.mean())
-        return (local[0] > 0.6 * EXPECTED) & (local[1] < 0.2 * usual * local[0])
+        return (local[0] > 0.6 * self.options.expected) & (local[1] < 0.2 * usual * local[0])
 
 
 class Visibility:
@@ -156,7 +177,10 @@ class Visibility:
             a track. None for all.
     """
 
-    def __init__(self, scene: Scene, shape: Shape, sparse: int | None = None) -> None:
+    def __init__(
+        self, scene: Scene, shape: Shape, sparse: int | None = None, options: ExtentOptions = ExtentOptions()
+    ) -> None:
+        self.options = options
         self.scene, self.shape, self.owner = scene, shape, scene.track_point
         self._tracked = np.arange(len(scene.points)) < (len(scene.points) if sparse is None else sparse)
         centres = np.stack([v.centre for v in scene.views])
@@ -175,23 +199,23 @@ class Visibility:
         if index not in self._expected:
             towards = self.scene.points - self.scene.views[index].centre
             length = np.linalg.norm(towards, axis=1)
-            facing = np.abs((towards * self.shape.normals).sum(1)) > STEEP * length
+            facing = np.abs((towards * self.shape.normals).sum(1)) > self.options.steep * length
             mine = length[self.owner]
             cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
-            alike = (cosine > SAME_SIDE) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
+            alike = (cosine > self.options.same_side) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
             result = np.zeros(len(self.scene.points), bool)
             result[self.owner[alike]] = True
             self._expected[index] = ((result & facing) | self.observed(index)) & self._tracked
         return self._expected[index]
 
 
-def _map_pixel(scene: Scene, keep: Map) -> float:
+def _map_pixel(scene: Scene, keep: Map, o: ExtentOptions) -> float:
     """Side of a map pixel at the kept points, in the photos taken from closest by; normalised units."""
     if not keep.any():
         return 0.0
     middle = np.median(scene.points[keep], axis=0)
     sides = [np.linalg.norm(v.centre - middle) * v.width / (v.fx * map_size(v)[1]) for v in scene.views]
-    return float(np.percentile(sides, CLOSE_BY))
+    return float(np.percentile(sides, o.close_by))
 
 
 def map_size(view: View) -> tuple[int, int]:
@@ -212,7 +236,9 @@ def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float
     return np.where(depth > 0, depth, np.inf)
 
 
-def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
+def over_building(
+    points: NDArray[np.float64], keep: Map, shape: Shape, options: ExtentOptions = ExtentOptions()
+) -> Map:
     """Points that stand on the building: above its ground plan and not low, as spires and chimneys do, [P].
 
     Args:
@@ -224,8 +250,8 @@ def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
     side = np.linalg.svd(shape.up[None])[2][1:]
     plan, height = points @ side.T, points @ shape.up
     low, high = plan[keep].min(0), plan[keep].max(0)
-    cell = max(float((high - low).max()) / PLAN_SIDE, 1e-9)
-    reach = round(PLAN_CLOSE * PLAN_SIDE)
+    cell = max(float((high - low).max()) / options.plan_side, 1e-9)
+    reach = round(options.plan_close * options.plan_side)
     size = np.ceil((high - low) / cell).astype(int) + 1 + 2 * reach
     at = np.floor((plan - low) / cell).astype(np.int64) + reach
     inside = ((at >= 0) & (at < size)).all(1)
@@ -239,7 +265,7 @@ def over_building(points: NDArray[np.float64], keep: Map, shape: Shape) -> Map:
     tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), kernel)
     tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells
     x, y = at.T
-    return np.asarray(inside & area[x, y] & (height - floor > OVER_SHARE * tall[x, y]), bool)
+    return np.asarray(inside & area[x, y] & (height - floor > options.over_share * tall[x, y]), bool)
 
 
 def _supported(shape: Shape, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
-from mgf_engine.masks.geometry.building_extent import Extent
+from mgf_engine.masks.geometry.building_extent import Extent, ExtentOptions
 from mgf_engine.masks.geometry.densify_points import with_bare_points
 from mgf_engine.masks.geometry.point_features import measure_shape
 from mgf_engine.masks.geometry.visual_hull import hull_agreement
@@ -33,12 +33,12 @@ from mgf_engine.masks.propagation.prompt_outliers import (
     without,
 )
 from mgf_engine.masks.propagation.random_walker import Belief, LabelGraph, RandomWalkerOptions
-from mgf_engine.masks.propagation.sky_regions import draw_skyline
+from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
 from mgf_engine.masks.propagation.superpixels import Regions, cut_regions
-from mgf_engine.masks.refinement.far_background import cut_distant
-from mgf_engine.masks.refinement.ground_homography import GroundSeen
+from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, cut_distant
+from mgf_engine.masks.refinement.ground_homography import GroundHomographyOptions, GroundSeen
 from mgf_engine.masks.refinement.homogeneous_regions import find_missing_pixels
-from mgf_engine.masks.refinement.sky_holes import sky_through
+from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, sky_through
 from mgf_engine.masks.refinement.thin_structures import Openwork, find_openwork
 from mgf_engine.masks.refinement.vegetation import leaves_before
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
@@ -108,8 +108,10 @@ class _Work:
         self.full = with_bare_points(self.scene, self._leafy, self.threads, self.reporter.check)
         self.reporter.progress(0.4)
         self.shape = measure_shape(self.scene)
-        walker = self.config.algorithm(RandomWalkerOptions)
-        self.graph = LabelGraph(self.scene, self.regions, self.shape, self.threads, self.full, walker)
+        self.graph = LabelGraph(
+            self.scene, self.regions, self.shape, self.threads, self.full, self.config.algorithm(RandomWalkerOptions),
+            self.config.algorithm(SkyOptions), self.config.algorithm(ExtentOptions),
+        )  # fmt: skip
         doubts = self._drop_doubtful()
         self.belief = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
@@ -268,13 +270,16 @@ class _Work:
         extent, point_mask = self.graph.extent(accepted, plane), accepted[: len(self.scene.points)]
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
-        ground = None if plane is None else GroundSeen(self.scene, plane)
+        ground = (
+            None if plane is None else GroundSeen(self.scene, plane, self.config.algorithm(GroundHomographyOptions))
+        )
         opened = ground is not None and self._cut_ground(ground, voters)
         openwork = self._add_openwork(ground, point_mask)
         if opened or openwork is not None:
             cut_distant(
-                self.scene, self.labels, self.shape.up, lambda i: self._seen_points(i, point_mask), self.threads
-            )
+                self.scene, self.labels, self.shape.up, lambda i: self._seen_points(i, point_mask), self.threads,
+                self.config.algorithm(FarBackgroundOptions),
+            )  # fmt: skip
         if openwork is not None:
             point_mask = self._accepted(self.scene, voters)
             doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
@@ -301,8 +306,9 @@ class _Work:
         seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
         labels, sky = self.labels[index], self._sky(index)
         lab = lab_of(self.scene.photo(index))
-        drawn = draw_skyline(lab, building(labels), sky)
-        through = sky_through(lab, drawn | seen, sky, view, self.shape.up, self._observed(index))
+        drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
+        options = self.config.algorithm(SkyHoleOptions)
+        through = sky_through(lab, drawn | seen, sky, view, self.shape.up, self._observed(index), options)
         labels[:], sky = drawn & ~through, sky | through
         labels[self._strays(index, core, accepted)] = BACKGROUND
         labels[find_missing_pixels(lab, labels, sky, self.prompts.get(index, Clicks()).negative)] = BUILDING

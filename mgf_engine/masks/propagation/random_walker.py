@@ -23,12 +23,12 @@ from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import cKDTree
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.building_extent import Extent, ViewRegions, Visibility, over_building
+from mgf_engine.masks.geometry.building_extent import Extent, ExtentOptions, ViewRegions, Visibility, over_building
 from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
 from mgf_engine.masks.geometry.point_features import Shape, clicked_groups, measure_shape
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, Mixture, fit_mixture, log_ratio, plants
-from mgf_engine.masks.propagation.sky_regions import find_sky
+from mgf_engine.masks.propagation.sky_regions import SkyOptions, find_sky
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
@@ -123,12 +123,14 @@ class LabelGraph:
         threads: int = 1,
         full: Scene | None = None,
         options: RandomWalkerOptions = RandomWalkerOptions(),
+        sky: SkyOptions = SkyOptions(),
+        extent: ExtentOptions = ExtentOptions(),
     ) -> None:
         self.scene, self.regions, self.shape, self.options = scene, regions, shape, options
-        self.threads = threads
+        self.threads, self._extent_options = threads, extent
         self.full = scene if full is None else full
         self.full_shape = shape if full is None else measure_shape(full)
-        self.visibility = Visibility(self.full, self.full_shape, len(scene.points))
+        self.visibility = Visibility(self.full, self.full_shape, len(scene.points), extent)
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
         self.features = np.concatenate([r.features for r in regions])
@@ -142,7 +144,7 @@ class LabelGraph:
         self.point_features = self._point_features(shape)
         counts = [self.region_count, self.point_count]
         self.evidence_weight = np.repeat([self.options.evidence_weight, self.options.point_evidence_weight], counts)
-        self.sky = self._sky()
+        self.sky = self._sky(sky)
         self.plants = np.concatenate([plants(self.features), plants(self.point_features)])
 
     def solve(
@@ -201,7 +203,7 @@ class LabelGraph:
         keep &= ~apart
         if keep.sum() < 10:
             return _Placed(odds, grounded, over, ground)
-        over[self.region_count :] = over_building(self.scene.points, keep, self.shape)
+        over[self.region_count :] = over_building(self.scene.points, keep, self.shape, self._extent_options)
         odds += self.options.over_odds * over
         keep |= over[self.region_count :] & (points > self.options.other_below)
         away = (points < self.options.other_below) & ~grounded[self.region_count :] & ~over[self.region_count :]
@@ -235,7 +237,7 @@ class LabelGraph:
         """
         if others is not None:
             others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
-        return Extent(self.full, self.full_shape, keep, ground, self.visibility, others)
+        return Extent(self.full, self.full_shape, keep, ground, self.visibility, others, self._extent_options)
 
     def _added(self, belief: Array) -> NDArray[np.bool_]:
         """Find the added points that are seen in regions of the building, bool [A]."""
@@ -248,12 +250,13 @@ class LabelGraph:
         total = np.bincount(self.added_observed, values[self.added_owner], minlength=self.region_count)
         return np.asarray(total / np.maximum(np.bincount(self.added_observed, minlength=self.region_count), 1))
 
-    def _sky(self) -> NDArray[np.int64]:
+    def _sky(self, options: SkyOptions) -> NDArray[np.int64]:
         """Piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""
         result = np.zeros(self.region_count + self.point_count, np.int64)
         for index, regions in enumerate(self.regions):
             part = slice(self.start[index], self.start[index + 1])
-            sky = find_sky(regions, self.observed[self.scene.observations(index)] - self.start[index])
+            observed = self.observed[self.scene.observations(index)] - self.start[index]
+            sky = find_sky(regions, observed, options)
             result[part] = np.where(sky > 0, sky + result.max(), 0)
         return result
 

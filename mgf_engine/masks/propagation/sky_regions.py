@@ -7,36 +7,49 @@ edge, and that no point of the scene was ever found in it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import distance, enlarge, grow, masked_mean, shrink
 from mgf_engine.masks.propagation.superpixels import Regions
 
-#: CIELAB steps between regions that the sky may pass; the largest at which it stays free of points is taken.
-STEPS = (8.0, 5.0, 3.0, 2.0)
-SMOOTH = 1.0  # log of the mean gradient, see :class:`Regions`
-#: A piece with more than this share of the points its size would have elsewhere is no sky.
-POINTS_SHARE = 0.03
-SMALLEST = 0.004  # share of the photo
-LARGE = 0.03  # share of the photo from which one wrong point does not speak against a piece
-#: A region of a clear sky is this near (CIELAB) to the sky's even change across the photo; in a cloudy one as near as
-#: the middle of the others times FIELD_SPREAD.
-FIELD_STEP, FIELD_SPREAD = 4.0, 5.0
-#: Skyline: how far from the regions that are sky it is looked for (share of the longer side), and the CIELAB steps from
-#: the sky between which it is drawn.
-SKYLINE_REACH = 0.016
-SKYLINE_STEPS = (4.0, 12.0)
-SEEN = 1e-3  # share of a mean's weight below which a colour is too far away to tell
-#: How often the skyline may go on downwards from where it was drawn, the contrast it takes and the largest step then.
-SKYLINE_ROUNDS, GAP_CONTRAST, GAP_STEP = 8, 20.0, 6.0
-TOP_SHARE = 0.02  # of the photo's width that a piece must touch at the top
+
+@dataclass(frozen=True)
+class SkyOptions:
+    """Options of sky detection; distances of colours are in CIELAB."""
+
+    steps: tuple[float, float, float, float] = parameter(
+        (8.0, 5.0, 3.0, 2.0),
+        "Colour steps between regions that the sky may pass; the largest at which it stays free of points is taken",
+    )
+    smooth: float = parameter(1.0, "Maximum logarithm of the mean gradient of a region of sky")
+    points_share: float = parameter(0.03, "Share of the usual density of sparse points above which a piece is no sky")
+    smallest: float = parameter(0.004, "Minimum size of a piece of sky, as a share of the photo", high=1)
+    large: float = parameter(
+        0.03, "Size from which one wrong point does not speak against a piece, as a share of the photo", high=1
+    )
+    top_share: float = parameter(0.02, "Share of the top edge of the photo that a piece of sky must touch", high=1)
+    gradient_step: float = parameter(4.0, "Maximum colour distance of a region from the even change of a clear sky")
+    gradient_spread: float = parameter(5.0, "That distance in a cloudy sky, as a factor of the median distance")
+    skyline_reach: float = parameter(
+        0.016, "Distance from the sky in which the skyline is drawn, as a share of the longer side", high=1
+    )
+    skyline_steps: tuple[float, float] = parameter(
+        (4.0, 12.0), "Bounds of the colour distance from the sky at which the skyline is drawn"
+    )
+    least_weight: float = parameter(1e-3, "Weight of a mean colour below which it is unknown")
+    skyline_rounds: int = parameter(8, "Number of rounds in which the skyline may continue downwards")
+    gap_contrast: float = parameter(20.0, "Minimum contrast between sky and building for that")
+    gap_step: float = parameter(6.0, "Maximum colour distance from the sky for that")
 
 
-def find_sky(regions: Regions, observed: NDArray[np.int64]) -> NDArray[np.int64]:
+def find_sky(regions: Regions, observed: NDArray[np.int64], options: SkyOptions = SkyOptions()) -> NDArray[np.int64]:
     """Number of the piece of sky each region belongs to, 0 for none, [S].
 
     Args:
@@ -45,20 +58,22 @@ def find_sky(regions: Regions, observed: NDArray[np.int64]) -> NDArray[np.int64]
     count = len(regions.area)
     points = np.bincount(observed, minlength=count)
     result = np.zeros(count, np.int64)
-    for step in STEPS:
-        piece = _pieces(regions, step)
+    for step in options.steps:
+        piece = _pieces(regions, step, options)
         size = np.bincount(piece, regions.area)
         found = np.bincount(piece, points)
         touching = np.bincount(piece, regions.top)
-        allowed = POINTS_SHARE * size * max(len(observed), 1) + (size > LARGE)
-        good = (size > SMALLEST) & (touching > TOP_SHARE) & (found <= allowed)
+        allowed = options.points_share * size * max(len(observed), 1) + (size > options.large)
+        good = (size > options.smallest) & (touching > options.top_share) & (found <= allowed)
         new = good[piece] & (result == 0)
         result[new] = piece[new] + 1 + result.max()
-    result[~_even(regions, result)] = 0
-    return _with_rim(regions, result, points)
+    result[~_even(regions, result, options)] = 0
+    return _with_rim(regions, result, points, options)
 
 
-def draw_skyline(lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def draw_skyline(
+    lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], options: SkyOptions = SkyOptions()
+) -> NDArray[np.bool_]:
     """The mask with its edge against the sky drawn pixel by pixel: regions are coarser than roof edges and chimneys.
 
     Args:
@@ -66,28 +81,28 @@ def draw_skyline(lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray
     """
     if not (sky & ~mask).any():
         return mask
-    near, like, clear = _like_sky(lab, mask, sky, 2 * SKYLINE_STEPS[0], SKYLINE_STEPS[1])
+    near, like, clear = _like_sky(lab, mask, sky, 2 * options.skyline_steps[0], options.skyline_steps[1], options)
     # Half as far: at the horizon the land beside the building is near the sky, too.
-    reach = _reach(mask)
+    reach = _reach(mask, options)
     beside = cv2.dilate(mask.astype(np.uint8), np.ones((reach | 1, reach | 1), np.uint8)) > 0
     gap = near & ~like & beside & ~mask & _joined(mask | (near & ~like & beside), mask)
     drawn = mask & ~clear
     # Between two chimneys the sky reaches further down than any of its regions.
-    for _ in range(SKYLINE_ROUNDS):
+    for _ in range(options.skyline_rounds):
         sky = sky | (mask & ~drawn)
-        further = drawn & _like_sky(lab, drawn, sky, GAP_CONTRAST, GAP_STEP)[2]
+        further = drawn & _like_sky(lab, drawn, sky, options.gap_contrast, options.gap_step, options)[2]
         if not further.any():
             break
         drawn &= ~further
     return drawn | gap
 
 
-def _reach(mask: NDArray[np.bool_]) -> int:
-    return max(3, round(SKYLINE_REACH * max(mask.shape)))
+def _reach(mask: NDArray[np.bool_], o: SkyOptions) -> int:
+    return max(3, round(o.skyline_reach * max(mask.shape)))
 
 
 def _like_sky(
-    lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], least: float, step: float
+    lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], least: float, step: float, o: SkyOptions
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
     """Pixels near the sky, those like it, and those that are sky, [H, W] each.
 
@@ -95,18 +110,18 @@ def _like_sky(
         least: contrast (CIELAB) between sky and building from which pixels of the mask may be sky.
         step: from the sky (CIELAB) up to which a pixel may be like it.
     """
-    reach = _reach(mask)
+    reach = _reach(mask, o)
     sure = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not sure.any():
         none = np.zeros_like(mask)
         return none, none, none
     above = masked_mean(lab, sure, 2.0 * reach)
     below = masked_mean(lab, shrink(mask, reach), 2.0 * reach)
-    told = below.weight > SEEN
+    told = below.weight > o.least_weight
     contrast = distance(above.colour, below.colour)
-    most = np.where(told, np.clip(0.4 * contrast, SKYLINE_STEPS[0], step), np.float32(SKYLINE_STEPS[0]))
+    most = np.where(told, np.clip(0.4 * contrast, o.skyline_steps[0], step), np.float32(o.skyline_steps[0]))
     like = distance(lab, enlarge(above.colour, mask.shape)) < enlarge(most, mask.shape)
-    near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > SEEN)
+    near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > o.least_weight)
     clear = near & like & _joined(like & (near | sure), sure)
     # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
     clear &= enlarge(((contrast > least) | ~told).astype(np.float32), mask.shape) > 0.5
@@ -122,7 +137,7 @@ def _joined(mask: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.boo
     return np.asarray(held[pieces], bool)
 
 
-def _even(regions: Regions, sky: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _even(regions: Regions, sky: NDArray[np.int64], o: SkyOptions) -> NDArray[np.bool_]:
     """Regions whose colour is what the sky around would have there; a pale roof is not, though no edge parts it."""
     result = np.ones(len(sky), bool)
     centres = regions.centres / np.maximum(regions.centres.max(0), 1e-6)
@@ -138,24 +153,24 @@ def _even(regions: Regions, sky: NDArray[np.int64]) -> NDArray[np.bool_]:
             away = np.linalg.norm(colour - basis[rows] @ fit, axis=1)
             scale = max(float(np.median(away)), 0.5)
             weight = regions.area[rows] / (1 + (away / (2 * scale)) ** 2)
-        result[rows] = away < max(FIELD_STEP, FIELD_SPREAD * scale)
+        result[rows] = away < max(o.gradient_step, o.gradient_spread * scale)
     return result
 
 
-def _with_rim(regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64]) -> NDArray[np.int64]:
+def _with_rim(regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64], o: SkyOptions) -> NDArray[np.int64]:
     """The pieces grown by regions of the same colour beside them: next to an edge no region is smooth."""
     result = sky.copy()
     a, b = np.concatenate([regions.pairs, regions.pairs[:, ::-1]]).T
     colour = np.linalg.norm(regions.features[a, :3] - regions.features[b, :3], axis=1)
-    joins = (sky[a] > 0) & (sky[b] == 0) & (colour < STEPS[-1]) & (points[b] == 0)
+    joins = (sky[a] > 0) & (sky[b] == 0) & (colour < o.steps[-1]) & (points[b] == 0)
     result[b[joins]] = sky[a[joins]]
     return result
 
 
-def _pieces(regions: Regions, step: float) -> NDArray[np.int64]:
+def _pieces(regions: Regions, step: float, o: SkyOptions) -> NDArray[np.int64]:
     """Smooth regions joined where no edge runs between them: number of the piece, [S]."""
     count = len(regions.area)
-    smooth = regions.features[:, 3] <= SMOOTH
+    smooth = regions.features[:, 3] <= o.smooth
     a, b = regions.pairs.T
     open_ = (regions.contrast <= step) & smooth[a] & smooth[b]
     links = coo_matrix((np.ones(int(open_.sum())), (a[open_], b[open_])), shape=(count, count))

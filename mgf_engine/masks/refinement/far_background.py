@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import distance, shrink
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.propagation.appearance import lab_of
@@ -28,16 +29,23 @@ from mgf_engine.native.parallel import parallel_map
 #: photos to confirm it; above is sky.
 LOWEST, HIGHEST, STEP = -25.0, 6.0, 0.5
 LEVELS = round((HIGHEST - LOWEST) / STEP)
-RIM = 3  # px between the background that is learned from and the mask
-FEWEST = 150  # px of background on a level
-#: CIELAB distance from the usual colour of a level that is still alike: so many times the median over the background
-#: there, at least and at most. Where more is needed, several things are beside the building.
-SPREAD, LEAST, MOST = 2.0, 6.0, 14.0
-#: A level's colour must be so near to the median of all photos, CIELAB, and so many photos must have one: in one photo
-#: a neighbour of the same brick may fill it.
-USUAL, PHOTOS = 15.0, 3
-#: Share of the building's sparse points that look like what is beside it: with more, colour proves nothing.
-ALIKE_POINTS, ENOUGH_POINTS = 0.05, 10
+
+
+@dataclass(frozen=True)
+class FarBackgroundOptions:
+    """Options of the far background; distances of colours are in CIELAB."""
+
+    rim: int = parameter(3, "Distance between the mask and the background that is learned from", "px")
+    least_pixels: int = parameter(150, "Minimum number of background pixels at an elevation", low=1)
+    spread: float = parameter(2.0, "Colour distance that is still alike, as a factor of the median distance")
+    least: float = parameter(6.0, "Lower limit of that distance", low=0.1)
+    most: float = parameter(14.0, "Upper limit; with more, several things are beside the building")
+    usual: float = parameter(15.0, "Maximum distance of a photo's colour from the median of all photos")
+    least_photos: int = parameter(3, "Minimum number of photos that know the colour of an elevation", low=1)
+    alike_points: float = parameter(
+        0.05, "Share of the building's sparse points with the colour beyond which it proves nothing", high=1
+    )
+    enough_points: int = parameter(10, "Minimum number of sparse points for that test")
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,7 @@ def cut_distant(
     up: NDArray[np.float64],
     points_in: Callable[[int], NDArray[np.floating]],
     threads: int = 1,
+    options: FarBackgroundOptions = FarBackgroundOptions(),
 ) -> None:
     """Make background, in place, of what looks like the far background beside the building.
 
@@ -67,44 +76,46 @@ def cut_distant(
     """
 
     def learn(index: int) -> Levels:
-        return _beside(scene.photo(index), labels[index], scene.views[index], up)
+        return _beside(scene.photo(index), labels[index], scene.views[index], up, options)
 
     def cut(index: int) -> None:
         level = _level_of(scene.views[index], up)
         alike = _alike(scene.photo(index), level, levels[index])
-        if not _holds_points(alike, level, points_in(index)):
+        if not _holds_points(alike, level, points_in(index), options):
             labels[index][alike] = BACKGROUND
 
     views = range(len(labels))
-    levels = _agreed(list(parallel_map(learn, views, threads)))
+    levels = _agreed(list(parallel_map(learn, views, threads)), options)
     for _ in parallel_map(cut, views, threads):
         pass
 
 
-def _beside(photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, up: NDArray[np.float64]) -> Levels:
+def _beside(
+    photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, up: NDArray[np.float64], o: FarBackgroundOptions
+) -> Levels:
     """The usual colour of each level in one photo's background."""
     level = _level_of(view, up)
-    chosen = (level >= 0) & shrink(labels == BACKGROUND, RIM)
+    chosen = (level >= 0) & shrink(labels == BACKGROUND, o.rim)
     order = np.argsort(level[chosen], kind="stable")
     colours = _colour(photo)[chosen][order]
     cuts = np.searchsorted(level[chosen][order], np.arange(LEVELS + 1))
     result = Levels(np.zeros((LEVELS, 3), np.float32), np.zeros(LEVELS, np.float32))
     for row, (start, end) in enumerate(pairwise(cuts)):
-        if end - start >= FEWEST:
+        if end - start >= o.least_pixels:
             here = colours[start:end]
             usual = np.median(here, axis=0)
-            near = SPREAD * float(np.median(np.linalg.norm(here - usual, axis=1)))
-            result.colour[row], result.near[row] = usual, max(near, LEAST)
+            near = o.spread * float(np.median(np.linalg.norm(here - usual, axis=1)))
+            result.colour[row], result.near[row] = usual, max(near, o.least)
     return result
 
 
-def _agreed(found: list[Levels]) -> list[Levels]:
+def _agreed(found: list[Levels], o: FarBackgroundOptions) -> list[Levels]:
     """Each photo's levels, less those that are too uneven or unlike all photos; of all photos where it has none."""
     colour, near = np.stack([f.colour for f in found]), np.stack([f.near for f in found])
-    good = (near > 0) & (near < MOST)
-    enough = good.sum(0) >= PHOTOS
+    good = (near > 0) & (near < o.most)
+    enough = good.sum(0) >= o.least_photos
     usual, spread = _median(colour, good), _median(near, good)
-    good &= np.linalg.norm(colour - usual, axis=2) < USUAL
+    good &= np.linalg.norm(colour - usual, axis=2) < o.usual
     result = []
     for own, known, has in zip(found, good, near > 0, strict=True):
         width = np.where(has, own.near * known, spread) * enough
@@ -124,11 +135,13 @@ def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: Levels) -
     return np.asarray((level >= 0) & (away < levels.near[level]), bool)
 
 
-def _holds_points(alike: NDArray[np.bool_], level: NDArray[np.int16], points: NDArray[np.floating]) -> bool:
+def _holds_points(
+    alike: NDArray[np.bool_], level: NDArray[np.int16], points: NDArray[np.floating], o: FarBackgroundOptions
+) -> bool:
     """Tell whether the building's own points lie in what looks like background."""
     y, x = pixel_at(alike.shape, points)
-    here = shrink(alike, RIM)[y, x][level[y, x] >= 0]
-    return bool(len(here) >= ENOUGH_POINTS and here.mean() > ALIKE_POINTS)
+    here = shrink(alike, o.rim)[y, x][level[y, x] >= 0]
+    return bool(len(here) >= o.enough_points and here.mean() > o.alike_points)
 
 
 def _level_of(view: View, up: NDArray[np.float64]) -> NDArray[np.int16]:

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.building_extent import ground_depth
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
@@ -23,32 +24,50 @@ from mgf_engine.masks.refinement.patch_ncc import Patches
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
 
-PHOTOS, FEWEST = 12, 4  # compared with at most, and at least
-#: Degrees between the directions in which two photos see the ground: nearer ones see the building in the same place
-#: too, farther ones see another texture. And how much farther away one of them may be.
-ANGLES, SCALES = (6.0, 45.0), (0.5, 2.0)
-#: Share of the photos that must agree, as a mean over the best: bars stand before the ground in the others.
-BEST = 0.3
-ALIKE = 0.5  # mean normalised cross-correlation of the lightness from which a patch is the same
-COLOUR = 12.0  # CIELAB distance, from which it is not
-#: Planes over the ground that must fit worse, by how many pixels they move in the other photos: at the foot of a wall
-#: the ground fits nearly as well as the wall. And how many photos, those farthest aside, are asked.
-RAISED, ASIDE, BETTER = (1.5, 4.0, 9.0), 5, 0.05
-SPREAD, DENSE = 2.5, 0.35  # px, and share of alike pixels around a pixel of the ground
-SMALLEST = 12  # px
-#: Pixels so near to found ground and as near to its colour as this share of it (in percent) may be ground, too.
-REACH, USUAL = 8, 90
-#: Photos that are tried, and the share of their masks' inside, so many px from the edge, that must be ground for the
-#: building to be an open one. Closed buildings have ground at the edge alone, where the masks are as good without.
-TRIED, OPEN, RIM = 12, 0.03, 4
+
+@dataclass(frozen=True)
+class GroundHomographyOptions:
+    """Options of ground that shows through the building; distances of colours are in CIELAB."""
+
+    photos: int = parameter(12, "Maximum number of photos that a photo is compared with", low=1)
+    least_photos: int = parameter(4, "Minimum number of photos", low=2)
+    angles: tuple[float, float] = parameter(
+        (6.0, 45.0), "Angle between the directions in which two photos see the ground", "degrees"
+    )
+    scales: tuple[float, float] = parameter((0.5, 2.0), "Ratio of the distances of two photos from the ground")
+    best: float = parameter(0.3, "Share of the photos, the best ones, that must agree on average", high=1)
+    correlation: float = parameter(0.5, "Minimum normalised cross-correlation of patches", high=1)
+    colour: float = parameter(12.0, "Maximum colour distance of patches")
+    raised: tuple[float, float, float] = parameter(
+        (1.5, 4.0, 9.0), "Parallax of planes above the ground that must fit worse", "px"
+    )
+    aside: int = parameter(5, "Number of photos, those farthest aside, that are compared through these planes", low=1)
+    better: float = parameter(0.05, "Correlation by which these planes may fit better")
+    spread: float = parameter(
+        2.5, "Standard deviation of the window in which pixels of the ground are counted", "px", low=0.1
+    )
+    dense: float = parameter(0.35, "Minimum share of confirmed pixels in that window", high=1)
+    smallest: int = parameter(12, "Minimum area of a piece of ground", "px²")
+    reach: int = parameter(8, "Distance from confirmed ground in which pixels may be ground, too", "px", low=1)
+    usual: float = parameter(90.0, "Percentile of the ground's own colour distances up to which they may", high=100)
+    tried: int = parameter(12, "Number of photos that tell whether the building is open", low=1)
+    open_share: float = parameter(0.03, "Share of the masks' inside that must be ground for an open building", high=1)
+    rim: int = parameter(4, "Distance from the edge from which a pixel counts as inside", "px")
 
 
 @dataclass(frozen=True)
 class Through:
-    """One photo, bool [H, W] each: pixels of the mask that show the ground, and those that may."""
+    """The ground in one photo.
+
+    Attributes:
+        certain: bool [H, W], pixels of the mask that show the ground.
+        possible: bool [H, W], those that may.
+        reach: distance from the ground in px within which its colour was compared.
+    """
 
     certain: NDArray[np.bool_]
     possible: NDArray[np.bool_]
+    reach: int = GroundHomographyOptions.reach
 
 
 @dataclass(frozen=True)
@@ -72,10 +91,15 @@ class GroundSeen:
         ground: normalised frame.
     """
 
-    def __init__(self, scene: Scene, ground: Ground) -> None:
+    def __init__(
+        self, scene: Scene, ground: Ground, options: GroundHomographyOptions = GroundHomographyOptions()
+    ) -> None:
+        self.options = options
         self.scene, self.ground = scene, ground
-        self._lab: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * PHOTOS)(self._read)
-        self._light: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * PHOTOS)(lambda i: self._lab(i)[..., 0].copy())
+        self._lab: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * self.options.photos)(self._read)
+        self._light: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * self.options.photos)(
+            lambda i: self._lab(i)[..., 0].copy()
+        )
 
     def shows_through(
         self, views: Sequence[int], mask_of: Callable[[int], NDArray[np.bool_]], threads: int = 1
@@ -84,17 +108,18 @@ class GroundSeen:
 
         def share(index: int) -> tuple[int, int]:
             mask = mask_of(index)
-            inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * RIM + 1,) * 2, np.uint8)) > 0
+            inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * self.options.rim + 1,) * 2, np.uint8)) > 0
             return int((self.within(index, mask) & inside).sum()), int(inside.sum())
 
-        tried = list(views)[:: max(1, len(views) // TRIED)]
+        tried = list(views)[:: max(1, len(views) // self.options.tried)]
         found = list(parallel_map(share, tried, threads))
-        return sum(ground for ground, _ in found) > OPEN * sum(total for _, total in found)
+        return sum(ground for ground, _ in found) > self.options.open_share * sum(total for _, total in found)
 
     def through(self, index: int, mask: NDArray[np.bool_]) -> Through:
         """The ground in a mask [H, W], and what is near to it and has its colour."""
         certain = self.within(index, mask)
-        return Through(certain, mask & ~certain & _alike_around(self._lab(index), certain))
+        near = mask & ~certain & _alike_around(self._lab(index), certain, self.options)
+        return Through(certain, near, self.options.reach)
 
     def within(self, index: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Pixels of a mask [H, W] in which other photos confirm the ground, [H, W]."""
@@ -103,21 +128,26 @@ class GroundSeen:
         depth = ground_depth(view, self.ground, view.height, view.width)
         box = _box_of(mask & np.isfinite(depth))
         others = self._others(index, mask, depth) if box is not None else []
-        if box is None or len(others) < FEWEST:
+        if box is None or len(others) < self.options.least_photos:
             return result
         patches = Patches(self._lab(index)[box.part])
         pictures, seen = self._through(index, others, self._lab, box, self.ground)
         fits, colours, level = patches.compare(
-            pictures, seen, _counting(len(others)), COLOUR, min(ASIDE, len(others)), _counting(ASIDE)
+            pictures,
+            seen,
+            _counting(len(others), self.options),
+            self.options.colour,
+            min(self.options.aside, len(others)),
+            _counting(self.options.aside, self.options),
         )
-        sure = np.isfinite(depth[box.part]) & (fits > ALIKE)
+        sure = np.isfinite(depth[box.part]) & (fits > self.options.correlation)
         if not sure.any():
             return result
         middle = float(np.median(depth[box.part][sure]))
-        sure &= self._raised(index, others[-ASIDE:], box, patches, middle) <= level + BETTER
-        dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), SPREAD) > DENSE
-        result[box.part] = mask[box.part] & dense & (colours > -COLOUR)
-        return _without_specks(result)
+        sure &= self._raised(index, others[-self.options.aside :], box, patches, middle) <= level + self.options.better
+        dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), self.options.spread) > self.options.dense
+        result[box.part] = mask[box.part] & dense & (colours > -self.options.colour)
+        return _without_specks(result, self.options)
 
     def _read(self, index: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB), np.uint8)
@@ -134,8 +164,13 @@ class GroundSeen:
         towards /= length[:, None]
         angle = np.degrees(np.arccos(np.clip(towards @ towards[index], -1, 1)))
         scale = length / length[index]
-        good = (angle > ANGLES[0]) & (angle < ANGLES[1]) & (scale > SCALES[0]) & (scale < SCALES[1])
-        return [int(i) for i in np.argsort(angle, kind="stable") if good[i]][:PHOTOS]
+        good = (
+            (angle > self.options.angles[0])
+            & (angle < self.options.angles[1])
+            & (scale > self.options.scales[0])
+            & (scale < self.options.scales[1])
+        )
+        return [int(i) for i in np.argsort(angle, kind="stable") if good[i]][: self.options.photos]
 
     def _raised(self, index: int, others: list[int], box: _Box, patches: Patches, depth: float) -> NDArray[np.float32]:
         """Compute the best correlation of planes a little over the ground, -1..1, [h, w]: feet of walls lie on one."""
@@ -143,12 +178,12 @@ class GroundSeen:
         aside = np.median([np.linalg.norm(self.scene.views[i].centre - view.centre) for i in others])
         over = float(self.ground.height(view.centre[None])[0])
         result = np.full((box.height, box.width), -1, np.float32)
-        for pixels in RAISED:
+        for pixels in self.options.raised:
             # Raised by h, the plane comes nearer by h / over of the depth; seen from aside that is a parallax.
             raised = pixels * over * depth / (view.fx * float(aside))
             plane = Ground(self.ground.normal, self.ground.level + raised, self.ground.thickness)
             lights, seen = self._through(index, others, self._light, box, plane)
-            np.maximum(result, patches.correlate(lights, seen, _counting(len(others))), out=result)
+            np.maximum(result, patches.correlate(lights, seen, _counting(len(others), self.options)), out=result)
         return result
 
     def _through(
@@ -191,29 +226,29 @@ def spans_inside(matrix: NDArray[np.float64], view: View, size: tuple[int, int])
     return np.clip(ends, 0, width).astype(np.int32)
 
 
-def _counting(photos: int) -> int:
-    """Return how many of the best photos count; at least :data:`FEWEST` are compared."""
-    return max(FEWEST - 1, round(BEST * photos))
+def _counting(photos: int, o: GroundHomographyOptions) -> int:
+    """Return how many of the best photos count; at least ``least_photos`` of the options are compared."""
+    return max(o.least_photos - 1, round(o.best * photos))
 
 
-def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_], o: GroundHomographyOptions) -> NDArray[np.bool_]:
     """Pixels near to the ground whose colour is as near to its mean around them as most of its own, [H, W]."""
-    result, near = np.zeros_like(ground), near_ground(ground)
+    result, near = np.zeros_like(ground), near_ground(ground, o.reach)
     box = _box_of(near)
     if box is None:
         return result
     # A mean reaches less far than this: what is beyond the part changes nothing.
-    top, left = max(0, box.top - 5 * REACH), max(0, box.left - 5 * REACH)
-    part = slice(top, box.top + box.height + 5 * REACH), slice(left, box.left + box.width + 5 * REACH)
+    top, left = max(0, box.top - 5 * o.reach), max(0, box.left - 5 * o.reach)
+    part = slice(top, box.top + box.height + 5 * o.reach), slice(left, box.left + box.width + 5 * o.reach)
     here, colour = ground[part], _smooth(np.ascontiguousarray(lab[part]))
-    away = distance(colour, enlarge(masked_mean(colour, here, REACH).colour, here.shape))
-    result[part] = near[part] & (away < np.percentile(away[here], USUAL))
+    away = distance(colour, enlarge(masked_mean(colour, here, o.reach).colour, here.shape))
+    result[part] = near[part] & (away < np.percentile(away[here], o.usual))
     return result
 
 
-def near_ground(ground: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels of the ground and around it, [H, W]."""
-    return np.asarray(cv2.dilate(ground.astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0, bool)
+def near_ground(ground: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Pixels of the ground and up to ``reach`` px around it, [H, W]."""
+    return np.asarray(cv2.dilate(ground.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0, bool)
 
 
 def homography(view: View, other: View, ground: Ground) -> NDArray[np.float64]:
@@ -240,8 +275,8 @@ def _smooth(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(cv2.transform(cv2.blur(lab, (3, 3)).astype(np.float32), np.diag([100 / 255, 1, 1])), np.float32)
 
 
-def _without_specks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _without_specks(mask: NDArray[np.bool_], o: GroundHomographyOptions) -> NDArray[np.bool_]:
     _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    large = stats[:, cv2.CC_STAT_AREA] >= SMALLEST
+    large = stats[:, cv2.CC_STAT_AREA] >= o.smallest
     large[0] = False
     return np.asarray(large[pieces], bool)

@@ -6,6 +6,7 @@ A mask is drawn around such parts as a whole. Called building, the air between t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -13,25 +14,34 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.refinement.sky_silhouette import OVER_HORIZON, outline, over_horizon
 from mgf_engine.model.scene import View
 
-#: CIELAB distance between the sky and the building around a gap; a wall as pale as the sky is no gap.
-CONTRAST = 20.0
-#: Degrees over the horizon down to which sky is looked for, and the share of a piece that may lie below it all the
-#: same: a pale column reaches down to its foot.
-HORIZON, FOOT = 0.0, 0.05
-SMALLEST = 6  # px
-#: Share of the building below the horizon, where no sky is, that may have its colour: beyond, colour proves nothing.
-PALE = 0.03
-BIN = 4.0  # CIELAB; colours of the sky are counted in bins of this side
-#: Points that a gap may hold all the same (features between bars), or such a share of what as much building holds.
-FEW_POINTS, CROWDED = 1, 0.5
-#: px: a point so near to the edge of a gap is a corner of what is around it, if the gap has so many pixels farther in.
-RIM, DEEP = 3, 30
-AROUND = 0.03  # share of the longer side: the building around a gap
+
+@dataclass(frozen=True)
+class SkyHoleOptions:
+    """Options of sky that shows through the building; distances of colours are in CIELAB."""
+
+    contrast: float = parameter(20.0, "Minimum colour distance between the sky and the building around a hole")
+    horizon: float = parameter(0.0, "Elevation above which sky is sought", "degrees", low=-90)
+    below_share: float = parameter(0.05, "Share of a hole that may lie below it", high=1)
+    smallest: int = parameter(6, "Minimum area of a hole", "px²")
+    pale: float = parameter(
+        0.03,
+        "Share of the building below the horizon with the colour of the sky beyond which colour proves nothing",
+        high=1,
+    )
+    bin: float = parameter(4.0, "Side of the bins in which colours of the sky are counted", low=1)
+    few_points: int = parameter(1, "Number of sparse points that a hole may hold")
+    crowded: float = parameter(0.5, "Share of the usual density of sparse points that a hole may hold")
+    rim: int = parameter(3, "Distance from the edge of a hole within which points belong to what is around it", "px")
+    deep: int = parameter(30, "Minimum area of a hole farther in for that", "px²")
+    around: float = parameter(
+        0.03, "Radius of the building around a hole, as a share of the longer side", low=1e-4, high=1
+    )
 
 
 def sky_through(
@@ -41,6 +51,7 @@ def sky_through(
     view: View,
     up: NDArray[np.float64],
     points: NDArray[np.floating],
+    options: SkyHoleOptions = SkyHoleOptions(),
 ) -> NDArray[np.bool_]:
     """Pixels that are sky behind the building, [H, W].
 
@@ -55,39 +66,41 @@ def sky_through(
     if not sky.any():
         return none
     seen = outline(lab, sky, view, up, degrees=-90)
-    over, under = over_horizon(view, up, HORIZON), ~over_horizon(view, up, -OVER_HORIZON)
+    over, under = over_horizon(view, up, options.horizon), ~over_horizon(view, up, -OVER_HORIZON)
     gaps = seen.empty & mask
     if not (gaps & over).any():
         return none
     clear = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((9, 9), np.uint8), borderValue=1) > 0
-    if _pale(lab, mask & under, clear & over_horizon(view, up)) > PALE:
+    if _pale(lab, mask & under, clear & over_horizon(view, up), options) > options.pale:
         return none
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(gaps.astype(np.uint8), connectivity=4)
-    good = stats[:, cv2.CC_STAT_AREA] >= SMALLEST
-    good &= np.bincount(pieces[gaps & under], minlength=count) <= FOOT * stats[:, cv2.CC_STAT_AREA]
+    good = stats[:, cv2.CC_STAT_AREA] >= options.smallest
+    good &= np.bincount(pieces[gaps & under], minlength=count) <= options.below_share * stats[:, cv2.CC_STAT_AREA]
     y, x = pixel_at(mask.shape, points)
-    counting = _counting(gaps, pieces, count)
+    counting = _counting(gaps, pieces, count, options)
     inside = np.bincount(pieces[y, x][counting[y, x]], minlength=count)
     usual = mask[y, x].sum() / max(int(mask.sum()), 1)
-    good &= inside <= np.maximum(FEW_POINTS, CROWDED * usual * np.bincount(pieces[counting], minlength=count))
-    good &= _contrasts(lab, gaps, mask & seen.solid, pieces, count) > CONTRAST
+    good &= inside <= np.maximum(
+        options.few_points, options.crowded * usual * np.bincount(pieces[counting], minlength=count)
+    )
+    good &= _contrasts(lab, gaps, mask & seen.solid, pieces, count, options) > options.contrast
     good[0] = False
     return np.asarray(good[pieces] & over, bool)
 
 
-def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int) -> NDArray[np.bool_]:
+def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int, o: SkyHoleOptions) -> NDArray[np.bool_]:
     """Erode a piece to where points count, off its edge, bool [H, W]; all of it where hardly anything is left."""
-    deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * RIM + 1,) * 2, np.uint8), borderValue=1) > 0
-    large = np.bincount(pieces[deep], minlength=count) >= DEEP
+    deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * o.rim + 1,) * 2, np.uint8), borderValue=1) > 0
+    large = np.bincount(pieces[deep], minlength=count) >= o.deep
     return np.asarray(gaps & (deep | ~large[pieces]), bool)
 
 
-def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_]) -> float:
+def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_], o: SkyHoleOptions) -> float:
     """Share of the pixels of ``body`` that have a colour of the sky, give or take a bin."""
-    size = int(256 / BIN)
+    size = int(256 / o.bin)
 
     def places(where: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], ...]:
-        bins = (lab[where] + np.array([0, 128, 128], np.float32)) / BIN
+        bins = (lab[where] + np.array([0, 128, 128], np.float32)) / o.bin
         return tuple(np.clip(bins, 0, size - 1).astype(np.uint8).T)
 
     known = np.zeros((size,) * 3, np.uint8)
@@ -97,10 +110,15 @@ def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.boo
 
 
 def _contrasts(
-    lab: NDArray[np.float32], gaps: NDArray[np.bool_], body: NDArray[np.bool_], pieces: NDArray[Any], count: int
+    lab: NDArray[np.float32],
+    gaps: NDArray[np.bool_],
+    body: NDArray[np.bool_],
+    pieces: NDArray[Any],
+    count: int,
+    o: SkyHoleOptions,
 ) -> NDArray[np.float64]:
     """CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
-    around = masked_mean(lab, body, AROUND * max(body.shape))
+    around = masked_mean(lab, body, o.around * max(body.shape))
     away = distance(lab, enlarge(around.colour, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
     sums = np.bincount(pieces[gaps], away[gaps], minlength=count)
     return np.asarray(sums / np.maximum(np.bincount(pieces[gaps], minlength=count), 1), np.float64)

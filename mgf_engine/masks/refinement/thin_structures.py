@@ -51,7 +51,7 @@ class Openwork:
         shown[covered] = UNKNOWN
         if ground is not None:
             through = ground.through(index, covered)
-            shown[covered & near_ground(through.certain) & ~through.possible] = BUILDING
+            shown[covered & near_ground(through.certain, through.reach) & ~through.possible] = BUILDING
             shown[through.certain] = BACKGROUND
         seen = self.outlines[index]
         shown[covered & seen.empty] = BACKGROUND
