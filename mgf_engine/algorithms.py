@@ -145,6 +145,56 @@ ALGORITHMS: tuple[Algorithm, ...] = (
         "Extent of the building in the photos",
         "mgf_engine.masks.geometry.building_extent:ExtentOptions",
     ),
+    Algorithm(
+        "planar_clustering",
+        "mesh",
+        "Merging of vertices in flat areas",
+        "mgf_engine.mesh.planar_clustering:PlanarClusteringOptions",
+    ),
+    Algorithm("mask_votes", "mesh", "Vote of the masks on faces", "mgf_engine.mesh.mask_votes:MaskVoteOptions"),
+    Algorithm(
+        "low_confidence_fill",
+        "mesh",
+        "Membrane over dents that no photo confirms",
+        "mgf_engine.mesh.low_confidence_fill:LowConfidenceFillOptions",
+    ),
+    Algorithm(
+        "unobserved_volumes",
+        "mesh",
+        "Removal of volumes that no photo shows",
+        "mgf_engine.mesh.unobserved_volumes:UnobservedVolumeOptions",
+    ),
+    Algorithm(
+        "superpixels",
+        "masks",
+        "Superpixels of each photo",
+        "mgf_engine.masks.propagation.superpixels:SuperpixelOptions",
+    ),
+    Algorithm(
+        "prompt_outliers",
+        "masks",
+        "Cross-validation of clicks",
+        "mgf_engine.masks.propagation.prompt_outliers:PromptOutlierOptions",
+    ),
+    Algorithm(
+        "prompt_agreement",
+        "masks",
+        "Clicks in several photos that confirm each other",
+        "mgf_engine.masks.propagation.prompt_agreement:PromptAgreementOptions",
+    ),
+    Algorithm(
+        "thin_structures",
+        "masks",
+        "Thin structures against the sky",
+        "mgf_engine.masks.refinement.thin_structures:ThinStructureOptions",
+    ),
+    Algorithm(
+        "propagation",
+        "masks",
+        "Drawing and checking of the masks",
+        "mgf_engine.masks.propagation.propagate:PropagationOptions",
+    ),
+    Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mgf_engine.mesh.extract:ExtractionOptions"),
 )
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}

@@ -23,11 +23,11 @@ from mgf_engine.images import read_rgb, shrink, turn
 from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.point_features import measure_shape
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
-from mgf_engine.masks.propagation.propagate import RETRY_BELOW, make_hints
+from mgf_engine.masks.propagation.propagate import PropagationOptions, make_hints
 from mgf_engine.masks.propagation.random_walker import LabelGraph, RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions
 from mgf_engine.masks.propagation.stable_masks import first_clicks, join, obey, touch
-from mgf_engine.masks.propagation.superpixels import cut_regions
+from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
 from mgf_engine.masks.segmenters.download import default_folder
 from mgf_engine.masks.store import write_png
@@ -154,7 +154,7 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
 
 
 def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Config) -> Segment:
-    regions = cut_regions(photo)
+    regions, options = cut_regions(photo, config.algorithm(SuperpixelOptions)), config.algorithm(PropagationOptions)
     graph = LabelGraph(
         scene,
         [regions],
@@ -168,7 +168,7 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
         belief = graph.solve({0: given}, config.seed)
         hints = make_hints(scene, 0, given, regions, belief, (belief.points > 0.5)[scene.track_point])
         segment = segmenter.segment(0, photo, hints)
-        if segment.score < RETRY_BELOW:
+        if segment.score < options.retry_below:
             again = segmenter.segment(0, photo, hints, attempt=1)
             segment = again if again.score > segment.score + 0.02 else segment
         return segment, hints

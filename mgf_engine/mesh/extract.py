@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
@@ -26,18 +27,18 @@ from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import cap_rims, fill_holes
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.isosurface import FREE, find_level, march
-from mgf_engine.mesh.low_confidence_fill import UNCONFIRMED, stretch_unconfirmed
-from mgf_engine.mesh.mask_votes import cut_background
+from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions, stretch_unconfirmed
+from mgf_engine.mesh.mask_votes import MaskVoteOptions, cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.photometric import MatchOptions
 from mgf_engine.mesh.planar import PlanarOptions, flatten
-from mgf_engine.mesh.planar_clustering import merge_flat
+from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions, merge_flat
 from mgf_engine.mesh.prior import Prior, PriorOptions
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
 from mgf_engine.mesh.tsdf import FusionOptions, Photos, TsdfField, TsdfOptions, fuse_gaussians
-from mgf_engine.mesh.unobserved_volumes import drop_shadows
+from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_shadows
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
@@ -53,12 +54,23 @@ log = logging.getLogger("mgf")
 
 #: Shares of the stage, for the progress bar.
 _RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED, _REFINED, _COLORED = 0.15, 0.22, 0.3, 0.5, 0.6, 0.75, 0.8
-SURE_ERROR, SURE_TRACK = 1.0, 3  # sparse points with a smaller error (px) and as many photos calibrate the level
-MADE_UP = 0.005  # share of the area up to which a patch that no view shows may stay
-MATCHED_WITH = 4  # photos that each photo's depths are matched with
-MATCHED_REACH = 2.0  # px that an opacity surface moves at most to the matched depths, which search as far
 BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry the surface to where it is cut
-SMALL_HOLE = 60  # ground pixels: holes with a shorter rim that no view looks through are closed
+
+
+@dataclass(frozen=True)
+class ExtractionOptions:
+    """Options of the mesh extraction that belong to no single step."""
+
+    calibration_error: float = parameter(
+        1.0, "Reprojection error below which a sparse point calibrates the level of the surface", "px"
+    )
+    calibration_track: int = parameter(3, "Minimum number of photos that observed such a point", low=1)
+    neighbours: int = parameter(4, "Number of photos that each photo's depths are matched with", low=1)
+    opacity_reach: float = parameter(2.0, "Maximum distance that an opacity surface moves to the matched depths", "px")
+    made_up: float = parameter(
+        0.005, "Area up to which a patch that no view shows may stay, as a share of the mesh's area", high=1
+    )
+    small_hole: int = parameter(60, "Length of the rim below which a hole is closed", "ground px")
 
 
 @dataclass(frozen=True)
@@ -98,7 +110,7 @@ def extract_mesh(
         BadInput: nothing is left to mesh; the message says at which step.
         Cancelled: the user asked to stop.
     """
-    times = times or PartTimes()
+    times, options = times or PartTimes(), config.algorithm(ExtractionOptions)
     trusted = find_trusted_views(scene, masks, config)
     reporter.progress(0.0)
     box = crop_of(config.crop_box, scene)
@@ -113,7 +125,8 @@ def extract_mesh(
         with times.part("depth maps"):
             field = surface_field(kept, trusted, config, reporter, prior)
             if config.calibrate_level:
-                sure = masks.point_mask & (scene.errors < SURE_ERROR) & (np.diff(scene.track_start) >= SURE_TRACK)
+                long_tracks = np.diff(scene.track_start) >= options.calibration_track
+                sure = masks.point_mask & (scene.errors < options.calibration_error) & long_tracks
                 level = field.calibrate(scene.points[sure])
                 what = "px behind the depths" if isinstance(field, TsdfField) else "is their opacity"
                 log.info("mesh: the surface runs through %d sparse points: %.2f %s", sure.sum(), level, what)
@@ -137,7 +150,7 @@ def extract_mesh(
                 vertex_normals(mesh),
                 field.evidence,
                 ground_pixels(mesh, trusted.views),
-                RefinementOptions(reach=MATCHED_REACH),
+                RefinementOptions(reach=options.opacity_reach),
             )
         mesh = refined(mesh, trusted, config, reporter)
     if config.flatten:
@@ -155,7 +168,9 @@ def extract_mesh(
         values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
         mesh = replace(mesh, values=values)
         dents = config.span_dents and "confidence" in mesh.values
-        return stretch_unconfirmed(mesh, mesh.values["confidence"]) if dents else mesh
+        if not dents:
+            return mesh
+        return stretch_unconfirmed(mesh, mesh.values["confidence"], config.algorithm(LowConfidenceFillOptions))
 
 
 def find_trusted_views(scene: Scene, masks: MaskSet, config: Config) -> TrustedViews:
@@ -172,7 +187,7 @@ def find_trusted_views(scene: Scene, masks: MaskSet, config: Config) -> TrustedV
         [scene.views[i] for i in chosen],
         judging_masks(scene, masks, chosen, config.screening_dilation),
         [masks.labels[i] for i in chosen],
-        _photos(scene, masks, chosen) if config.match_photos else None,
+        _photos(scene, masks, chosen, config.algorithm(ExtractionOptions).neighbours) if config.match_photos else None,
     )
 
 
@@ -207,9 +222,9 @@ def fusion_options(config: Config) -> FusionOptions:
     )
 
 
-def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int]) -> Photos:
+def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], neighbours: int) -> Photos:
     position = {view: number for number, view in enumerate(chosen)}
-    pairs = matching_views(*points_to_match(scene, masks, chosen), chosen, MATCHED_WITH)
+    pairs = matching_views(*points_to_match(scene, masks, chosen), chosen, neighbours)
 
     def grey(number: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)
@@ -282,15 +297,18 @@ def cleaned(
     Raises:
         BadInput: nothing is left.
     """
+    options = config.algorithm(ExtractionOptions)
     mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
     if config.merge_flat:
-        mesh = merge_flat(mesh, views)
+        mesh = merge_flat(mesh, views, config.algorithm(PlanarClusteringOptions))
     free = lambda points: field.classify(points) == FREE  # noqa: E731
     if config.drop_unseen:
         mesh = replace(mesh, values=field.known(mesh.vertices))
         if "confidence" in mesh.values:
-            mesh = drop_shadows(mesh, mesh.values["confidence"] >= UNCONFIRMED, ground_pixels(mesh, views), free)
-        mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], MADE_UP), values={})
+            confirmed = mesh.values["confidence"] >= config.algorithm(LowConfidenceFillOptions).unconfirmed
+            volumes = config.algorithm(UnobservedVolumeOptions)
+            mesh = drop_shadows(mesh, confirmed, ground_pixels(mesh, views), free, volumes)
+        mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], options.made_up), values={})
     mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
     counts = count_pixels(mesh, views, labels)
     mesh = clean.orient_outward(mesh, counts.front, counts.back)
@@ -300,12 +318,13 @@ def cleaned(
     if labels is None:
         mesh = clean.with_faces(mesh, mesh.faces[seen])
     else:
-        mesh = clean.drop_small_parts(cut_background(mesh, views, labels, counts, seen), config.min_component)
+        mesh = cut_background(mesh, views, labels, counts, seen, config.algorithm(MaskVoteOptions))
+        mesh = clean.drop_small_parts(mesh, config.min_component)
         mesh = clean.split_nonmanifold(mesh)
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
     if config.fill_holes:
-        mesh = fill_holes(mesh, SMALL_HOLE * ground_pixels(mesh, views), free)
+        mesh = fill_holes(mesh, options.small_hole * ground_pixels(mesh, views), free)
     return clean.smooth(mesh, config.smoothing)
 
 

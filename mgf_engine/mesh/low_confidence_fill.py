@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -11,20 +11,30 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import edges, open_edges, with_faces
 from mgf_engine.model.mesh import Mesh
 
-#: Below what one photo alone gives (:meth:`mgf_engine.mesh.tsdf.TsdfField.known`).
-UNCONFIRMED = 0.2
-#: Share of the mesh's size beyond which a patch stays as it is: too few photos there to say that it is wrong.
-LARGEST = 0.2
-FEWEST_ON_RIM = 3
-#: A patch with this many times the area that its rim spans is a bag or a flap; a cube's corner has 1.7 times.
-BAG = 2.5
 TOGETHER = 1e-5  # of the mesh's size
 
 
-def stretch_unconfirmed(mesh: Mesh, confidence: NDArray[np.floating]) -> Mesh:
+@dataclass(frozen=True)
+class LowConfidenceFillOptions:
+    """Options of the membrane over unconfirmed dents."""
+
+    unconfirmed: float = parameter(
+        0.2, "Confidence below which a vertex is unconfirmed; one photo alone gives more", high=1
+    )
+    largest: float = parameter(0.2, "Maximum size of a patch, as a share of the mesh's size", high=1)
+    least_rim: int = parameter(3, "Minimum number of vertices on the rim of a patch", low=3)
+    bag: float = parameter(
+        2.5, "Ratio of a patch's area to that of its membrane from which it is a bag; a cube's corner has 1.7"
+    )
+
+
+def stretch_unconfirmed(
+    mesh: Mesh, confidence: NDArray[np.floating], options: LowConfidenceFillOptions = LowConfidenceFillOptions()
+) -> Mesh:
     """Move the vertices of unconfirmed patches to the surface that their rims span: each to the mean of its neighbours.
 
     Only dents and bags are moved: what stands out may be a corner that few photos see. A bag with a narrow neck shrinks
@@ -34,14 +44,14 @@ def stretch_unconfirmed(mesh: Mesh, confidence: NDArray[np.floating]) -> Mesh:
     Args:
         confidence: [N], 0..1.
     """
-    loose = confidence < UNCONFIRMED
+    loose = confidence < options.unconfirmed
     loose[np.concatenate(open_edges(mesh))] = False
     if not loose.any():
         return mesh
     neighbours = _neighbours(mesh)
-    moved, label = _of_patches(mesh, neighbours, np.flatnonzero(loose))
+    moved, label = _of_patches(mesh, neighbours, np.flatnonzero(loose), options)
     spanned = _spanned(mesh, neighbours, moved)
-    wrong = _dents_and_bags(mesh, spanned, moved, label)
+    wrong = _dents_and_bags(mesh, spanned, moved, label, options)
     moved, label = moved[wrong], label[wrong]
     while len(moved):
         vertices = mesh.vertices.astype(np.float64)
@@ -67,7 +77,11 @@ def _spanned(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64]
 
 
 def _dents_and_bags(
-    mesh: Mesh, spanned: NDArray[np.float64], moved: NDArray[np.int64], label: NDArray[np.int32]
+    mesh: Mesh,
+    spanned: NDArray[np.float64],
+    moved: NDArray[np.int64],
+    label: NDArray[np.int32],
+    o: LowConfidenceFillOptions,
 ) -> NDArray[np.bool_]:
     """Which of the moved vertices, [M], are of patches that gain volume when spanned or shrink to a fraction."""
     patch = np.full(len(spanned), -1)
@@ -83,7 +97,7 @@ def _dents_and_bags(
         return tuple(np.bincount(of_face, amount, count).astype(np.float64) for amount in (area, volume))
 
     (area, volume), (spanned_area, spanned_volume) = area_and_volume(mesh.vertices), area_and_volume(spanned)
-    wrong: NDArray[np.bool_] = (spanned_volume > volume) | (area > BAG * spanned_area)
+    wrong: NDArray[np.bool_] = (spanned_volume > volume) | (area > o.bag * spanned_area)
     return wrong[label]
 
 
@@ -121,17 +135,17 @@ def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
 
 
 def _of_patches(
-    mesh: Mesh, neighbours: sparse.csr_matrix, loose: NDArray[np.int64]
+    mesh: Mesh, neighbours: sparse.csr_matrix, loose: NDArray[np.int64], o: LowConfidenceFillOptions
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Those of these vertices whose patch is small and held by a rim, [M], and which patch that is, [M]."""
     count, label = connected_components(neighbours[loose][:, loose], directed=False)
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, label, mesh.vertices[loose])
     np.maximum.at(high, label, mesh.vertices[loose])
-    small = np.linalg.norm(high - low, axis=1) <= LARGEST * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    small = np.linalg.norm(high - low, axis=1) <= o.largest * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     belongs = sparse.coo_matrix((np.ones(len(loose)), (label, loose)), (count, len(mesh.vertices))).tocsr()
     touched = (belongs @ neighbours).tocoo()
     on_rim = ~np.isin(touched.col, loose)
-    held = np.bincount(touched.row[on_rim], minlength=count) >= FEWEST_ON_RIM
+    held = np.bincount(touched.row[on_rim], minlength=count) >= o.least_rim
     good = (small & held)[label]
     return loose[good], label[good]

@@ -9,19 +9,25 @@ On the surface it is known which photos really see a face, and the vote can be t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import with_faces
 from mgf_engine.mesh.face_visibility import PixelCounts, count_pixels, count_uncovered
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
-ROUNDS = 3  # what lies behind a face that went is seen, and judged, in the next round
-MAJORITY = 0.5  # least share of a face's pixels that masks call building
-SPREAD = 2  # times each vote is shared with the next faces, so that single faces do not fray the rim
+
+@dataclass(frozen=True)
+class MaskVoteOptions:
+    """Options of the vote of the masks on faces."""
+
+    rounds: int = parameter(3, "Number of rounds; faces behind removed ones are judged in the next", low=1)
+    majority: float = parameter(0.5, "Minimum share of a face's pixels that masks show as building", high=1)
+    spread: int = parameter(2, "Number of times each vote is averaged with those of the neighbouring faces")
 
 
 def cut_background(
@@ -30,6 +36,7 @@ def cut_background(
     labels: Sequence[NDArray[np.uint8]],
     counts: PixelCounts | None = None,
     left: NDArray[np.bool_] | None = None,
+    options: MaskVoteOptions = MaskVoteOptions(),
 ) -> Mesh:
     """The mesh without faces that lie on background in most of the pixels that see them.
 
@@ -41,22 +48,24 @@ def cut_background(
     """
     counts = counts or count_pixels(mesh, views, labels)
     left = np.ones(len(mesh.faces), bool) if left is None else left.copy()
-    for number in range(ROUNDS):
+    for number in range(options.rounds):
         if number > 0:
             counts = count_uncovered(mesh, left, counts, views, labels)
         part = replace(mesh, faces=mesh.faces[left])
-        keep = _shared(part, counts.inside[left]) >= MAJORITY * _shared(part, counts.known[left])
+        keep = _shared(part, counts.inside[left], options) >= options.majority * _shared(
+            part, counts.known[left], options
+        )
         left[left] = keep
         if keep.all() or not keep.any():
             break
     return with_faces(mesh, mesh.faces[left])
 
 
-def _shared(mesh: Mesh, count: NDArray[np.int32]) -> NDArray[np.float64]:
+def _shared(mesh: Mesh, count: NDArray[np.int32], o: MaskVoteOptions) -> NDArray[np.float64]:
     """Votes [F] averaged with those of the faces around."""
     around = np.maximum(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)), 1)
     votes = count.astype(np.float64)
-    for _ in range(SPREAD):
+    for _ in range(o.spread):
         of_vertex = np.bincount(mesh.faces.ravel(), np.repeat(votes, 3), len(mesh.vertices)) / around
         votes = of_vertex[mesh.faces].mean(1)
     return votes

@@ -8,11 +8,13 @@ per cell of a grid; edges, bars and all that is thinner than a cell keep every v
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import weld
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
@@ -20,13 +22,20 @@ from mgf_engine.model.topology import Adjacency
 from mgf_engine.morton import BITS, arrange, morton
 from mgf_engine.native.library import call
 
-CELLS = 1.5, 3.0  # sides of the cells in pixels of the nearest photo, one round after the other
-OFF = 0.1  # root mean square distance from the plane, in such pixels
-EVEN = 0.98  # least length of the mean normal in and around a cell: 1 in a plane, 0.98 across an edge of 23 degrees
-TRIES = 3  # rounds in which what would pinch the surface is left as it was
+
+@dataclass(frozen=True)
+class PlanarClusteringOptions:
+    """Options of merging vertices in flat areas; px are pixels of the nearest photo."""
+
+    cells: tuple[float, float] = parameter((1.5, 3.0), "Sides of the cells, one round after the other", "px", low=0.01)
+    tolerance: float = parameter(0.1, "Maximum root mean square distance from the plane", "px")
+    even: float = parameter(
+        0.98, "Minimum length of the mean normal in and around a cell; 0.98 is an edge of 23 degrees", high=1
+    )
+    tries: int = parameter(3, "Number of rounds that undo what would pinch the surface")
 
 
-def merge_flat(mesh: Mesh, views: Sequence[View]) -> Mesh:
+def merge_flat(mesh: Mesh, views: Sequence[View], options: PlanarClusteringOptions = PlanarClusteringOptions()) -> Mesh:
     """The mesh with one vertex in place of all that lie in one plane and one cell.
 
     Args:
@@ -35,9 +44,9 @@ def merge_flat(mesh: Mesh, views: Sequence[View]) -> Mesh:
     Raises:
         MemoryError: the work needs about 100 bytes per vertex.
     """
-    for side in CELLS:
+    for side in options.cells:
         pixel = nearest_pixels(mesh.vertices, views)
-        mesh = merge_cells(mesh, _cells(mesh.vertices, side * pixel), OFF * pixel)
+        mesh = merge_cells(mesh, _cells(mesh.vertices, side * pixel), options.tolerance * pixel, options)
     return mesh
 
 
@@ -48,7 +57,12 @@ def nearest_pixels(points: NDArray[np.float64], views: Sequence[View]) -> NDArra
     return sizes
 
 
-def merge_cells(mesh: Mesh, cell: NDArray[np.integer], tolerance: NDArray[np.floating]) -> Mesh:
+def merge_cells(
+    mesh: Mesh,
+    cell: NDArray[np.integer],
+    tolerance: NDArray[np.floating],
+    options: PlanarClusteringOptions = PlanarClusteringOptions(),
+) -> Mesh:
     """One round of :func:`merge_flat`.
 
     Args:
@@ -57,9 +71,9 @@ def merge_cells(mesh: Mesh, cell: NDArray[np.integer], tolerance: NDArray[np.flo
     """
     at, into = np.array(mesh.vertices, np.float64, order="C"), np.empty(len(mesh.vertices), np.int32)
     given = np.ascontiguousarray(mesh.faces), np.asarray(cell, np.int32), np.asarray(tolerance, np.float32)
-    if call("mgf_merge_flat", len(at), len(mesh.faces), at, *given, EVEN, into):
+    if call("mgf_merge_flat", len(at), len(mesh.faces), at, *given, options.even, into):
         raise MemoryError("Not enough memory to merge flat parts of the mesh; lower max_gaussians or the resolution.")
-    for _ in range(TRIES):
+    for _ in range(options.tries):
         apart = _pinched(into, mesh.faces)
         if not apart.any():
             break

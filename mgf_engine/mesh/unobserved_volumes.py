@@ -7,23 +7,33 @@ Its surface is made up. What tells it from a wall that few photos see is how thi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas, open_edges, unconfirmed_patches, with_faces
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.model.mesh import Mesh
 
-#: How thick a shadow is at most: ground pixels, and share of the mesh's size. A building is thicker.
-THICK, THICK_SHARE = 45.0, 0.05
-PROBES = (1 / 3, 2 / 3, 1.0)  # where behind the surface it is asked, as shares of that
-#: Share of the mesh's area from which a patch is asked about; smaller ones close holes.
-SMALLEST = 0.0005
-#: Pixels: patches less wide than four (twice their area by their rim) close slits and stay, too.
-LEAST_WIDTH = 4.0
-MOST = 0.5  # of a patch's area, before a shadow
+
+@dataclass(frozen=True)
+class UnobservedVolumeOptions:
+    """Options of the removal of volumes that no photo shows."""
+
+    thick: float = parameter(45.0, "Maximum thickness of such a volume", "ground px")
+    thick_share: float = parameter(0.05, "Maximum thickness, as a share of the mesh's size", high=1)
+    probes: tuple[float, float, float] = parameter(
+        (1 / 3, 2 / 3, 1.0), "Depths behind the surface at which free space is sought, as shares of that", high=1
+    )
+    smallest: float = parameter(
+        0.0005, "Minimum area of a patch, as a share of the mesh; smaller ones close holes", high=1
+    )
+    least_width: float = parameter(
+        4.0, "Minimum width of a patch (twice its area by its rim); narrower ones close slits", "ground px"
+    )
+    most: float = parameter(0.5, "Share of a patch's area that must have free space behind it", high=1)
 
 
 def drop_shadows(
@@ -31,6 +41,7 @@ def drop_shadows(
     confirmed: NDArray[np.bool_],
     pixel: NDArray[np.floating],
     free: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
+    options: UnobservedVolumeOptions = UnobservedVolumeOptions(),
 ) -> Mesh:
     """The mesh without patches that are not confirmed and have free space close behind them.
 
@@ -43,16 +54,18 @@ def drop_shadows(
     if not len(made_up):
         return mesh
     areas = face_areas(mesh)
-    wide = 2 * area > LEAST_WIDTH * _rims(replace(mesh, faces=mesh.faces[made_up]), patch, pixel)
-    large = (wide & (area > SMALLEST * areas.sum()))[patch]
+    wide = 2 * area > options.least_width * _rims(replace(mesh, faces=mesh.faces[made_up]), patch, pixel)
+    large = (wide & (area > options.smallest * areas.sum()))[patch]
     made_up, patch = made_up[large], patch[large]
     asked = np.unique(mesh.faces[made_up])
-    reach = np.minimum(THICK * pixel[asked], THICK_SHARE * np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    reach = np.minimum(
+        options.thick * pixel[asked], options.thick_share * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    )
     spots, inward = mesh.vertices[asked], -reach[:, None] * vertex_normals(mesh)[asked]
     thin = np.zeros(len(mesh.vertices))
-    thin[asked] = np.any([free(spots + depth * inward) for depth in PROBES], axis=0)
+    thin[asked] = np.any([free(spots + depth * inward) for depth in options.probes], axis=0)
     before = np.bincount(patch, weights=areas[made_up] * thin[mesh.faces[made_up]].mean(1), minlength=len(area))
-    return with_faces(mesh, np.delete(mesh.faces, made_up[(before > MOST * area)[patch]], axis=0))
+    return with_faces(mesh, np.delete(mesh.faces, made_up[(before > options.most * area)[patch]], axis=0))
 
 
 def _rims(mesh: Mesh, patch: NDArray[np.integer], pixel: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -11,8 +11,9 @@ import numpy as np
 from mast import HEIGHT, LAND, SKY, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
+from mgf_engine.config import Config
 from mgf_engine.masks.propagation.appearance import lab_of
-from mgf_engine.masks.propagation.propagate import _Work
+from mgf_engine.masks.propagation.propagate import PropagationOptions, _Work
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, sky_through
 from mgf_engine.masks.refinement.sky_silhouette import over_horizon
 from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN
@@ -121,6 +122,7 @@ def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
     _, hut, mast = photograph(VIEW)
     work = object.__new__(_Work)
     work.scene, work.prompts = make_scene(tmp_path, [VIEW]), {}
+    work.config, work.options = Config(), PropagationOptions()
     work.owner, work.shape = work.scene.track_point, SimpleNamespace(up=UP)
     mask = around(mast) | hut
     work.labels = [mask.astype(np.uint8)]

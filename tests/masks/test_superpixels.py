@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
-from mgf_engine.masks.propagation.superpixels import COMPACT, REDUCED_SIDE, REGION_SIDE, ROUNDS, SPECK, cut_regions
+from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, cut_regions
 from mgf_engine.native.library import call
 
 
@@ -20,7 +20,7 @@ def halves(height: int, width: int) -> np.ndarray:
 def test_regions_cover_the_photo(size: tuple[int, int]):
     regions = cut_regions(halves(*size))
     count = len(regions.area)
-    assert max(regions.labels.shape) <= REDUCED_SIDE
+    assert max(regions.labels.shape) <= SuperpixelOptions.reduced_side
     assert sorted(np.unique(regions.labels)) == list(range(count))
     assert regions.area.sum() == pytest.approx(1, abs=1e-5)
     assert regions.features.shape == (count, 6) and np.isfinite(regions.features).all()
@@ -52,11 +52,25 @@ def test_superpixels_are_those_of_opencv(size: tuple[int, int], grain: float):
     noise = cv2.GaussianBlur(rng.uniform(0, 255, (*size, 3)).astype(np.float32), (0, 0), grain)
     picture = np.clip(128 + (noise - 128) * (1 + grain), 0, 255).astype(np.uint8)
     picture[: size[0] // 3, : size[1] // 2] = (200, 120, 130)  # even: nothing to choose by but place
-    twin = cv2.ximgproc.createSuperpixelSLIC(picture, cv2.ximgproc.SLIC, REGION_SIDE, COMPACT)
-    twin.iterate(ROUNDS)
-    twin.enforceLabelConnectivity(SPECK)
+    twin = cv2.ximgproc.createSuperpixelSLIC(
+        picture, cv2.ximgproc.SLIC, SuperpixelOptions.side, SuperpixelOptions.compactness
+    )
+    twin.iterate(SuperpixelOptions.rounds)
+    twin.enforceLabelConnectivity(SuperpixelOptions.speck)
     labels = np.empty(size, np.int32)
-    assert call("mgf_superpixels", *size, picture, REGION_SIDE, COMPACT, ROUNDS, SPECK, labels) == 0
+    assert (
+        call(
+            "mgf_superpixels",
+            *size,
+            picture,
+            SuperpixelOptions.side,
+            SuperpixelOptions.compactness,
+            SuperpixelOptions.rounds,
+            SuperpixelOptions.speck,
+            labels,
+        )
+        == 0
+    )
     np.testing.assert_array_equal(labels, twin.getLabels())
 
 

@@ -12,7 +12,7 @@ from support.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
 
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.clean import weld
-from mgf_engine.mesh.planar_clustering import EVEN, OFF, merge_cells, merge_flat, nearest_pixels
+from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions, merge_cells, merge_flat, nearest_pixels
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import call
 
@@ -57,7 +57,20 @@ def grid(mesh: Mesh, side: float) -> NDArray[np.int32]:
 def kernel(mesh: Mesh, cell: NDArray[np.int32], tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     at, into = mesh.vertices.copy(), np.empty(len(mesh.vertices), np.int32)
     allowed = np.full(len(at), tolerance, np.float32)
-    assert call("mgf_merge_flat", len(at), len(mesh.faces), at, mesh.faces, cell, allowed, EVEN, into) == 0
+    assert (
+        call(
+            "mgf_merge_flat",
+            len(at),
+            len(mesh.faces),
+            at,
+            mesh.faces,
+            cell,
+            allowed,
+            PlanarClusteringOptions.even,
+            into,
+        )
+        == 0
+    )
     return at, into
 
 
@@ -69,7 +82,7 @@ def test_the_kernel_merges_what_its_plain_twin_does(mesh: Mesh, side: float) -> 
     cell = grid(mesh, side)
     at, into = kernel(mesh, cell, 0.004)
     found = [set(np.flatnonzero(into == first).tolist()) for first in np.flatnonzero(np.bincount(into) > 1)]
-    expected = plain_groups(mesh, cell, 0.004, EVEN)
+    expected = plain_groups(mesh, cell, 0.004, PlanarClusteringOptions.even)
     folded = [g for g in expected if g not in found]
     assert all(g in expected for g in found) and len(folded) <= 0.1 * len(expected)
     for group in found:
@@ -87,7 +100,7 @@ def test_a_box_keeps_its_shape_with_a_third_of_the_vertices() -> None:
     shape = as_trimesh(merged)
     assert shape.is_watertight and shape.is_winding_consistent and shape.euler_number == 2
     distance = Surface(merged.vertices, merged.faces).distances(mesh.vertices)
-    assert distance.max() < 3 * OFF * pixel and distance.mean() < 0.1 * pixel
+    assert distance.max() < 3 * PlanarClusteringOptions.tolerance * pixel and distance.mean() < 0.1 * pixel
 
 
 def test_a_bar_thinner_than_a_cell_keeps_every_vertex() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.analytic import ball
 
-from mgf_engine.mesh.unobserved_volumes import THICK, THICK_SHARE, drop_shadows
+from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_shadows
 
 PIXEL = 0.02
 
@@ -25,7 +25,7 @@ def without(thickness: float, confirmed=lambda x: x > 0.0):
 
 
 def test_a_shadow_behind_a_thin_thing_goes():
-    mesh, shown, left = without(0.9 * THICK_SHARE)
+    mesh, shown, left = without(0.9 * UnobservedVolumeOptions.thick_share)
     assert len(left.faces) == shown[mesh.faces].any(1).sum() < len(mesh.faces)
     assert left.vertices[:, 0].min() > mesh.vertices[:, 0].min() / 2
 
@@ -33,7 +33,7 @@ def test_a_shadow_behind_a_thin_thing_goes():
 @pytest.mark.parametrize("case", ["thick", "all confirmed", "small patch", "slit"])
 def test_what_has_a_building_behind_it_stays(case):
     if case == "thick":
-        mesh, _, left = without(THICK * PIXEL)
+        mesh, _, left = without(UnobservedVolumeOptions.thick * PIXEL)
     elif case == "all confirmed":
         mesh, _, left = without(0.04, lambda x: np.ones(len(x), bool))
     elif case == "slit":

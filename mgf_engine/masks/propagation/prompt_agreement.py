@@ -8,25 +8,43 @@ the rays must meet where the sparse points beside both clicks are.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt, clicked_elsewhere
 from mgf_engine.model.scene import Scene, View
-
-NEAR = 0.06  # share of the photo's width within which points tell the distance of a click
-FEWEST = 3  # such points
-REACH = 0.05  # share of the distance that two clicks on the same thing lie apart at most,
-GAP = 0.02  # and their rays, where both are doubted
 
 _Click = tuple[int, int]  # view, row among its clicks on the building
 _Range = tuple[float, float]
 
 
-def drop_confirmed(doubts: list[OutlierPrompt], scene: Scene, prompts: Prompts) -> list[OutlierPrompt]:
+@dataclass(frozen=True)
+class PromptAgreementOptions:
+    """Options of clicks in several photos that confirm each other."""
+
+    near: float = parameter(
+        0.06, "Radius around a click in which sparse points tell its distance, as a share of the photo's width", high=1
+    )
+    least_points: int = parameter(3, "Minimum number of such points", low=1)
+    reach: float = parameter(
+        0.05, "Maximum distance between two clicks on one thing, as a share of the distance from the camera", high=1
+    )
+    gap: float = parameter(
+        0.02, "Maximum distance between the rays of two outlier clicks, as a share of the distance", high=1
+    )
+
+
+def drop_confirmed(
+    doubts: list[OutlierPrompt],
+    scene: Scene,
+    prompts: Prompts,
+    options: PromptAgreementOptions = PromptAgreementOptions(),
+) -> list[OutlierPrompt]:
     """The doubts less those on clicks on the building that other photos second.
 
     One other photo is enough; two where all clicks on the building in a photo are doubted, as if it were clicked on
@@ -36,14 +54,16 @@ def drop_confirmed(doubts: list[OutlierPrompt], scene: Scene, prompts: Prompts) 
     if not doubted:
         return doubts
     places = {
-        (i, row): _distance(scene, i, uv) for i, clicks in prompts.items() for row, uv in enumerate(clicks.positive)
+        (i, row): _distance(scene, i, uv, options)
+        for i, clicks in prompts.items()
+        for row, uv in enumerate(clicks.positive)
     }
     seconds: dict[_Click, set[int]] = {click: set() for click in doubted}
     for first, second in combinations(places, 2):
         if first[0] == second[0] or not {first, second} & doubted:
             continue
         both = {first, second} <= doubted
-        if _same_thing(scene, prompts, first, second, None if both else places):
+        if _same_thing(scene, prompts, first, second, None if both else places, options):
             for click, other in ((first, second), (second, first)):
                 seconds.get(click, set()).add(other[0])
     kept = []
@@ -54,18 +74,23 @@ def drop_confirmed(doubts: list[OutlierPrompt], scene: Scene, prompts: Prompts) 
     return kept
 
 
-def _distance(scene: Scene, index: int, uv: NDArray[np.float64]) -> _Range | None:
+def _distance(scene: Scene, index: int, uv: NDArray[np.float64], o: PromptAgreementOptions) -> _Range | None:
     """Bound the depth of a click along its ray by the sparse points seen beside it; None where there are too few."""
     rows, view = scene.observations(index), scene.views[index]
-    beside = np.linalg.norm(scene.track_uv[rows] - uv, axis=1) < NEAR * view.width
-    if beside.sum() < FEWEST:
+    beside = np.linalg.norm(scene.track_uv[rows] - uv, axis=1) < o.near * view.width
+    if beside.sum() < o.least_points:
         return None
     depth = view.project(scene.points[scene.track_point[rows[beside]]])[1]
     return float(depth.min()), float(depth.max())
 
 
 def _same_thing(
-    scene: Scene, prompts: Prompts, first: _Click, second: _Click, distances: dict[_Click, _Range | None] | None
+    scene: Scene,
+    prompts: Prompts,
+    first: _Click,
+    second: _Click,
+    distances: dict[_Click, _Range | None] | None,
+    o: PromptAgreementOptions,
 ) -> bool:
     """Tell whether the rays of two clicks meet and, with ``distances``, at the depth of the points beside both."""
     (a, along_a), (b, along_b) = (_ray(scene.views[i], prompts[i].positive[row]) for i, row in (first, second))
@@ -74,11 +99,11 @@ def _same_thing(
         return False
     gap = np.linalg.norm(a + meeting[0] * along_a - b - meeting[1] * along_b)
     if distances is None:
-        return bool(gap <= GAP * meeting.min())
+        return bool(gap <= o.gap * meeting.min())
     for along, known in zip(meeting, (distances[first], distances[second]), strict=True):
-        if known is None or not known[0] - REACH * along <= along <= known[1] + REACH * along:
+        if known is None or not known[0] - o.reach * along <= along <= known[1] + o.reach * along:
             return False
-    return bool(gap <= REACH * meeting.min())
+    return bool(gap <= o.reach * meeting.min())
 
 
 def _ray(view: View, uv: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

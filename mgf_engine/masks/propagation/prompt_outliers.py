@@ -14,14 +14,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.random_walker import LabelGraph
 from mgf_engine.native.parallel import parallel_map
 
-GROUPS = 5
-ROUNDS = 2
-PASSES = 3
-SURE = 0.12  # belief below which a positive click, and above one minus which a negative click, is doubted
+
+@dataclass(frozen=True)
+class PromptOutlierOptions:
+    """Options of the cross-validation of clicks."""
+
+    groups: int = parameter(5, "Number of groups that the clicked photos are split into", low=2)
+    rounds: int = parameter(2, "Number of rounds of label propagation in each test", low=1)
+    passes: int = parameter(3, "Maximum number of passes; each leaves out what the one before found")
+    certain: float = parameter(
+        0.12,
+        "Probability of building below which a click on it is an outlier; above 1 minus this, a click beside it",
+        high=0.5,
+    )
 
 
 @dataclass(frozen=True)
@@ -34,7 +44,9 @@ class OutlierPrompt:
     belief: float
 
 
-def find_outlier_prompts(graph: LabelGraph, prompts: Prompts, seed: int) -> list[OutlierPrompt]:
+def find_outlier_prompts(
+    graph: LabelGraph, prompts: Prompts, seed: int, options: PromptOutlierOptions = PromptOutlierOptions()
+) -> list[OutlierPrompt]:
     """The clicks that the other photos' clicks contradict; empty with fewer than three clicked photos.
 
     Wrong clicks blur each other's test: what is found is left out and the rest tested again. The first pass, mostly
@@ -42,8 +54,8 @@ def find_outlier_prompts(graph: LabelGraph, prompts: Prompts, seed: int) -> list
     """
     found: list[OutlierPrompt] = []
     kept = prompts
-    for number in range(PASSES):
-        new = _one_pass(graph, kept, seed, clicked_alone=number == 0)
+    for number in range(options.passes):
+        new = _one_pass(graph, kept, seed, clicked_alone=number == 0, o=options)
         if not new:
             break
         found += [_original_row(d, prompts, kept) for d in new]
@@ -78,19 +90,21 @@ def _original_row(doubt: OutlierPrompt, prompts: Prompts, kept: Prompts) -> Outl
     return OutlierPrompt(doubt.view, doubt.positive, row, doubt.belief)
 
 
-def _one_pass(graph: LabelGraph, prompts: Prompts, seed: int, clicked_alone: bool) -> list[OutlierPrompt]:
+def _one_pass(
+    graph: LabelGraph, prompts: Prompts, seed: int, clicked_alone: bool, o: PromptOutlierOptions
+) -> list[OutlierPrompt]:
     clicked = [i for i in sorted(prompts) if len(prompts[i].positive) or len(prompts[i].negative)]
     if len(clicked) < 3:
         return []
-    count = min(GROUPS, len(clicked))
+    count = min(o.groups, len(clicked))
 
     def against(group: int) -> list[OutlierPrompt]:
         held = clicked[group::count]
         others = {i: c for i, c in prompts.items() if i not in held}
         if not any(len(c.positive) for c in others.values()):
             return []
-        belief = graph.solve(others, seed, ROUNDS, clicked if clicked_alone else None)
-        return [doubt for i in held for doubt in _against(graph, belief.regions[i], i, prompts[i])]
+        belief = graph.solve(others, seed, o.rounds, clicked if clicked_alone else None)
+        return [doubt for i in held for doubt in _against(graph, belief.regions[i], i, prompts[i], o)]
 
     return [doubt for doubts in parallel_map(against, range(count), graph.threads) for doubt in doubts]
 
@@ -107,7 +121,9 @@ def without(prompts: Prompts, doubts: list[OutlierPrompt]) -> Prompts:
     return result
 
 
-def _against(graph: LabelGraph, regions: np.ndarray, index: int, clicks: Clicks) -> list[OutlierPrompt]:
+def _against(
+    graph: LabelGraph, regions: np.ndarray, index: int, clicks: Clicks, o: PromptOutlierOptions
+) -> list[OutlierPrompt]:
     doubts = []
     around = np.array([[0, 0], [10, 0], [-10, 0], [0, 10], [0, -10]])
     for positive, points in ((True, clicks.positive), (False, clicks.negative)):
@@ -115,6 +131,6 @@ def _against(graph: LabelGraph, regions: np.ndarray, index: int, clicks: Clicks)
             # A click a few pixels over the edge is no contradiction: take the kindest neighbour.
             here = regions[graph.regions[index].at(click + around)]
             belief = float(here.max() if positive else here.min())
-            if (belief < SURE) if positive else (belief > 1 - SURE):
+            if (belief < o.certain) if positive else (belief > 1 - o.certain):
                 doubts.append(OutlierPrompt(index, positive, row, belief))
     return doubts

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import Extent, ExtentOptions
 from mgf_engine.masks.geometry.densify_points import with_bare_points
@@ -23,9 +24,10 @@ from mgf_engine.masks.geometry.visual_hull import hull_agreement
 from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of, plants
-from mgf_engine.masks.propagation.prompt_agreement import drop_confirmed
+from mgf_engine.masks.propagation.prompt_agreement import PromptAgreementOptions, drop_confirmed
 from mgf_engine.masks.propagation.prompt_outliers import (
     OutlierPrompt,
+    PromptOutlierOptions,
     clicked_elsewhere,
     find_outlier_prompts,
     left_out,
@@ -34,12 +36,12 @@ from mgf_engine.masks.propagation.prompt_outliers import (
 )
 from mgf_engine.masks.propagation.random_walker import Belief, LabelGraph, RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
-from mgf_engine.masks.propagation.superpixels import Regions, cut_regions
+from mgf_engine.masks.propagation.superpixels import Regions, SuperpixelOptions, cut_regions
 from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, cut_distant
 from mgf_engine.masks.refinement.ground_homography import GroundHomographyOptions, GroundSeen
 from mgf_engine.masks.refinement.homogeneous_regions import find_missing_pixels
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, sky_through
-from mgf_engine.masks.refinement.thin_structures import Openwork, find_openwork
+from mgf_engine.masks.refinement.thin_structures import Openwork, ThinStructureOptions, find_openwork
 from mgf_engine.masks.refinement.vegetation import leaves_before
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
@@ -52,17 +54,22 @@ from mgf_engine.system import cores
 
 T = TypeVar("T")
 
-#: Agreement below which a photo is prompted again, and below which it is flagged and not trained on.
-RETRY_BELOW = 0.9
-FLAG_BELOW = 0.75
-HULL_BELOW = 0.3  # a hull of few photos is larger than the building
-#: Share of a photo's points on which the other photos may say otherwise before the mask is made again.
-DISAGREE_ABOVE = 0.05
-LEAFY = 0.3  # likeness to leaves, 0..1, from which no surface is looked for
-#: A mask below this share of its photo shows too little of the building to train on.
-MIN_BUILDING = 0.005
-#: A piece of mask without points stays where at least this share of it is covered by the building's extent.
-STRAY_COVER = 0.3
+
+@dataclass(frozen=True)
+class PropagationOptions:
+    """Options of drawing and checking the masks."""
+
+    retry_below: float = parameter(0.9, "Agreement of mask and points below which a mask is drawn again", high=1)
+    flag_below: float = parameter(0.75, "Agreement of mask and points below which a mask is left out", high=1)
+    hull_below: float = parameter(
+        0.3, "Agreement with the visual hull of the other photos below which a mask without points is left out", high=1
+    )
+    disagree_above: float = parameter(
+        0.05, "Share of a photo's points that other photos contradict, above which its mask is drawn again", high=1
+    )
+    leafy: float = parameter(0.3, "Likeness to leaves from which no surface is sought", high=1)
+    least_building: float = parameter(0.005, "Minimum share of a photo that the building covers", high=1)
+    stray_cover: float = parameter(0.3, "Share of a piece without points that the building's extent must cover", high=1)
 
 
 @dataclass(frozen=True)
@@ -91,6 +98,7 @@ class _Work:
     def __init__(
         self, scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter
     ) -> None:
+        self.options = config.algorithm(PropagationOptions)
         self.scene, self.prompts, self.segmenter = scene, prompts, segmenter
         self.config, self.reporter = config, reporter
         self.threads = config.threads or cores()
@@ -102,7 +110,8 @@ class _Work:
 
     def run(self) -> Propagation:
         """All steps in order."""
-        for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i)), self.views):
+        superpixels = self.config.algorithm(SuperpixelOptions)
+        for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i), superpixels), self.views):
             self.regions.append(regions)
             self.reporter.progress(0.25 * (index + 1) / len(self.views))
         self.full = with_bare_points(self.scene, self._leafy, self.threads, self.reporter.check)
@@ -126,8 +135,10 @@ class _Work:
 
     def _drop_doubtful(self) -> list[OutlierPrompt]:
         """Leave out clicks that the other photos contradict; returns all doubted ones, also those that count."""
-        found = find_outlier_prompts(self.graph, self.prompts, self.config.seed)
-        doubts = drop_confirmed(found, self.scene, self.prompts)
+        found = find_outlier_prompts(
+            self.graph, self.prompts, self.config.seed, self.config.algorithm(PromptOutlierOptions)
+        )
+        doubts = drop_confirmed(found, self.scene, self.prompts, self.config.algorithm(PromptAgreementOptions))
         self.confirmed = [d for d in found if d not in doubts]
         kept = without(self.prompts, left_out(doubts, self.prompts))
         self.original = self.prompts
@@ -195,7 +206,7 @@ class _Work:
     def _segment(self, index: int, accepted: NDArray[np.bool_]) -> Segment:
         photo, hints = self.scene.photo(index), self._hints(index, accepted)
         segment = self.segmenter.segment(index, photo, hints)
-        if segment.score < RETRY_BELOW:
+        if segment.score < self.options.retry_below:
             again = self.segmenter.segment(index, photo, hints, attempt=1)
             if again.score > segment.score + 0.02:
                 return again
@@ -233,7 +244,7 @@ class _Work:
     def _made_again(self, index: int, votes: Votes) -> float:
         """Make a mask again where all others contradict it; what they still contradict."""
         result, accepted = self._disagreement(index, votes)
-        if result <= DISAGREE_ABOVE:
+        if result <= self.options.disagree_above:
             return result
         hints = self._hints(index, accepted)
         before = agreement(building(self.labels[index]), hints)
@@ -261,7 +272,9 @@ class _Work:
         return float(differ.sum() / max(1, sure.sum())), accepted
 
     def _finish(self, disagreement: NDArray[np.float64], doubts: list[OutlierPrompt]) -> Propagation:
-        reasons = [_reason(self.labels[i], float(self.scores[i]), float(disagreement[i])) for i in self.views]
+        reasons = [
+            _reason(self.labels[i], float(self.scores[i]), float(disagreement[i]), self.options) for i in self.views
+        ]
         reasons = self._without_points(reasons)
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
@@ -296,7 +309,7 @@ class _Work:
         kept = self._accepted(self.scene, list(self.views))
         judged = [len(self._seen_points(i, kept)) >= FEWEST_SPOTS or i in self.prompts for i in self.views]
         masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
-        return judged_by_masks(self.scene, masks, reasons, np.array(judged))
+        return judged_by_masks(self.scene, masks, reasons, np.array(judged), self.options)
 
     def _finish_view(self, index: int, extent: Extent, accepted: NDArray[np.bool_]) -> None:
         """The edge of one mask against the sky, what is stray in it, and what stands before it; in place."""
@@ -320,8 +333,9 @@ class _Work:
         """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""
         leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
         found = find_openwork(
-            self.scene, self.original, self.labels, self._sky, leafy, accepted, up, self.belief.ground
-        )
+            self.scene, self.original, self.labels, self._sky, leafy, accepted, up, self.belief.ground,
+            self.config.algorithm(ThinStructureOptions),
+        )  # fmt: skip
         if found is not None:
             for _ in self._parallel(lambda i: found.draw(i, self.scene.views[i], self.labels[i], ground), self.views):
                 self.reporter.check()
@@ -347,7 +361,7 @@ class _Work:
         known = np.concatenate([self._seen_points(index, accepted), self._positive(index)])
         covered = np.bincount(pieces[core], minlength=len(stats)) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
         holds = np.bincount(pieces[pixel_at(mask.shape, known)], minlength=len(stats)) > 0
-        stray = ~holds & (covered < STRAY_COVER)
+        stray = ~holds & (covered < self.options.stray_cover)
         stray[0] = False
         return np.asarray(stray[pieces] if holds[1:].any() else np.zeros_like(mask), bool)
 
@@ -369,7 +383,7 @@ class _Work:
     def _leafy(self, index: int) -> NDArray[np.bool_]:
         """Regions of a photo that look like leaves, on the reduced photo."""
         regions = self.regions[index]
-        return np.asarray(plants(regions.features)[regions.labels] > LEAFY, bool)
+        return np.asarray(plants(regions.features)[regions.labels] > self.options.leafy, bool)
 
     def _of_regions(self, index: int, values: NDArray[np.generic]) -> NDArray[np.float32]:
         """Spread values of the graph's nodes over a photo's pixels by their regions, float32 [H, W]."""
@@ -415,18 +429,24 @@ def _box(points: NDArray[np.floating]) -> tuple[float, float, float, float] | No
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _reason(labels: NDArray[np.uint8], score: float, disagreement: float) -> str:
+def _reason(labels: NDArray[np.uint8], score: float, disagreement: float, o: PropagationOptions) -> str:
     share = float(building(labels).mean())
-    if share < MIN_BUILDING:
+    if share < o.least_building:
         return "hardly any building in this photo"
-    if score < FLAG_BELOW:
+    if score < o.flag_below:
         return f"mask and points agree only to {score:.0%}"
-    if disagreement > 1 - FLAG_BELOW:
+    if disagreement > 1 - o.flag_below:
         return f"other photos contradict {disagreement:.0%} of its points"
     return ""
 
 
-def judged_by_masks(scene: Scene, masks: MaskSet, reasons: list[str], judged: NDArray[np.bool_]) -> list[str]:
+def judged_by_masks(
+    scene: Scene,
+    masks: MaskSet,
+    reasons: list[str],
+    judged: NDArray[np.bool_],
+    options: PropagationOptions = PropagationOptions(),
+) -> list[str]:
     """Why each mask is left out, where points do not tell: only because the other photos' masks contradict it.
 
     Args:
@@ -436,9 +456,9 @@ def judged_by_masks(scene: Scene, masks: MaskSet, reasons: list[str], judged: ND
     result = list(reasons)
     used = np.flatnonzero(masks.used).tolist()
     for index in np.flatnonzero(~judged).tolist():
-        if float(building(masks.labels[index]).mean()) < MIN_BUILDING:
+        if float(building(masks.labels[index]).mean()) < options.least_building:
             continue
         share = hull_agreement(scene, masks, [i for i in used if i != index], index)
-        low = share is not None and share < HULL_BELOW
+        low = share is not None and share < options.hull_below
         result[index] = f"the other photos' masks agree with it only to {share:.0%}" if low else ""
     return result

@@ -2,7 +2,7 @@
 """Small regions (superpixels) of a photo: the nodes on which building and background are decided.
 
 A photo at 1000 px has 700,000 pixels and about 1,800 regions; deciding on regions lets all photos of a
-scene be decided together. Edges are refined at working resolution afterwards (``refine.py``).
+scene be decided together. Segmenters and the skyline draw the edges at working resolution afterwards.
 """
 
 from __future__ import annotations
@@ -13,15 +13,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.native.library import call
 
-#: Longest side of the reduced photo on which regions are cut, and their mean side there, in pixels.
-REDUCED_SIDE = 500
-REGION_SIDE = 10
-#: Difference of colour (8-bit CIELAB) that parts pixels like a region's side; how often the regions are drawn anew; and
-#: percent of their usual size below which pieces join another.
-COMPACT, ROUNDS, SPECK = 12.0, 6, 20
+
+@dataclass(frozen=True)
+class SuperpixelOptions:
+    """Options of the superpixels (SLIC)."""
+
+    reduced_side: int = parameter(500, "Longest side of the reduced photo on which superpixels are cut", "px", low=16)
+    side: int = parameter(10, "Mean side of a superpixel on the reduced photo", "px", low=2)
+    compactness: float = parameter(
+        12.0, "Colour distance (8-bit CIELAB) that separates pixels like a distance of one side", low=0.1
+    )
+    rounds: int = parameter(6, "Number of iterations", low=1)
+    speck: int = parameter(20, "Size below which a piece joins a neighbour, in percent of the usual size", high=100)
 
 
 @dataclass(frozen=True)
@@ -59,14 +66,14 @@ class Regions:
         return self.labels[y, x]
 
 
-def cut_regions(photo: NDArray[np.uint8]) -> Regions:
+def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = SuperpixelOptions()) -> Regions:
     """Regions of a photo, RGB uint8 [H, W, 3]."""
     h, w = photo.shape[:2]
-    factor = min(1.0, REDUCED_SIDE / max(h, w))
+    factor = min(1.0, options.reduced_side / max(h, w))
     size = (max(1, round(w * factor)), max(1, round(h * factor)))
     small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
     lab = lab_of(small)
-    labels = _superpixels(small)
+    labels = _superpixels(small, options)
     count = int(labels.max()) + 1
     flat = labels.ravel()
     pixels = np.bincount(flat, minlength=count).astype(np.float32)
@@ -87,16 +94,16 @@ def cut_regions(photo: NDArray[np.uint8]) -> Regions:
     )
 
 
-def _superpixels(small: NDArray[np.uint8]) -> NDArray[np.int32]:
+def _superpixels(small: NDArray[np.uint8], o: SuperpixelOptions) -> NDArray[np.int32]:
     """SLIC labels 0..S-1 without gaps; tiny photos become one region per pixel block."""
-    if min(small.shape[:2]) < 2 * REGION_SIDE:
+    if min(small.shape[:2]) < 2 * o.side:
         h, w = small.shape[:2]
         ys, xs = np.mgrid[0:h, 0:w] // 2
         return (ys * ((w + 1) // 2) + xs).astype(np.int32)
     smooth = cv2.GaussianBlur(small, (3, 3), 0.7)
     labels = np.empty(small.shape[:2], np.int32)
     picture = np.ascontiguousarray(cv2.cvtColor(smooth, cv2.COLOR_RGB2LAB))
-    if call("mgf_superpixels", *labels.shape, picture, REGION_SIDE, COMPACT, ROUNDS, SPECK, labels):
+    if call("mgf_superpixels", *labels.shape, picture, o.side, o.compactness, o.rounds, o.speck, labels):
         raise MemoryError("Not enough memory to cut the photo into regions; work at a lower resolution.")
     return labels
 

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
@@ -25,12 +26,17 @@ from mgf_engine.masks.refinement.sky_silhouette import Hull, Outline, carve, out
 from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN, building
 from mgf_engine.model.scene import Scene, View
 
-PHOTOS = 2  # in which a part must be clicked
-NEAR = 3  # px around a click
-LEAFY = 0.5
-#: Side of the space that is searched, in the building's largest extent, and the cells' side in pixels.
-SPACE, CELL = 4.0, 3.0
-LARGEST = 60  # photos asked where a cell is; more tell no more
+
+@dataclass(frozen=True)
+class ThinStructureOptions:
+    """Options of thin structures against the sky."""
+
+    photos: int = parameter(2, "Number of photos in which a part must be clicked", low=1)
+    near: int = parameter(3, "Radius around a click", "px")
+    leafy: float = parameter(0.5, "Likeness to leaves from which a pixel is vegetation", high=1)
+    space: float = parameter(4.0, "Side of the searched cube, as a factor of the building's largest extent", low=1)
+    cell: float = parameter(3.0, "Side of a cell", "px", low=0.1)
+    largest: int = parameter(60, "Maximum number of photos that decide on a cell", low=2)
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,7 @@ def find_openwork(
     accepted: NDArray[np.bool_],
     up: NDArray[np.float64],
     ground: Ground | None,
+    options: ThinStructureOptions = ThinStructureOptions(),
 ) -> Openwork | None:
     """Parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
 
@@ -78,53 +85,59 @@ def find_openwork(
         up: [3], normalised frame.
         ground: on which they stand, if known.
     """
-    missed = _missed(prompts, labels)
-    if len({view for view, _, _ in missed}) < PHOTOS or accepted.sum() < 10:
+    missed = _missed(prompts, labels, options)
+    if len({view for view, _, _ in missed}) < options.photos or accepted.sum() < 10:
         return None
     outlines = []
     for index, view in enumerate(scene.views):
         seen = outline(lab_of(scene.photo(index)), sky(index), view, up)
-        unexplained = seen.solid & ~building(labels[index]) & (leafy(index) < LEAFY)
+        unexplained = seen.solid & ~building(labels[index]) & (leafy(index) < options.leafy)
         outlines.append(Outline(seen.empty, unexplained))
-    hull = _hull(scene, outlines, accepted)
+    hull = _hull(scene, outlines, accepted, options)
     parts = hull.parts()
-    wanted, explained = _clicked(scene, hull, parts, missed)
+    wanted, explained = _clicked(scene, hull, parts, missed, options)
     if not wanted:
         return None
     hull = hull.where(np.isin(parts, list(wanted)))
     return Openwork(hull if ground is None else hull.standing(ground), outlines, explained)
 
 
-def _missed(prompts: Prompts, labels: Sequence[NDArray[np.uint8]]) -> list[tuple[int, int, NDArray[np.float64]]]:
+def _missed(
+    prompts: Prompts, labels: Sequence[NDArray[np.uint8]], o: ThinStructureOptions
+) -> list[tuple[int, int, NDArray[np.float64]]]:
     """Positive clicks with no building around them: view, row, pixel."""
     result: list[tuple[int, int, NDArray[np.float64]]] = []
     for index, clicks in prompts.items():
-        near = cv2.dilate(building(labels[index]).astype(np.uint8), np.ones((2 * NEAR + 1,) * 2, np.uint8))
+        near = cv2.dilate(building(labels[index]).astype(np.uint8), np.ones((2 * o.near + 1,) * 2, np.uint8))
         outside = near[pixel_at(near.shape, clicks.positive)] == 0
         result += [(index, int(row), clicks.positive[row]) for row in np.flatnonzero(outside)]
     return result
 
 
-def _hull(scene: Scene, outlines: Sequence[Outline], accepted: NDArray[np.bool_]) -> Hull:
+def _hull(scene: Scene, outlines: Sequence[Outline], accepted: NDArray[np.bool_], o: ThinStructureOptions) -> Hull:
     """Carve the hull of the unexplained silhouettes around the building."""
     low, high = np.percentile(scene.points[accepted], (1, 99), axis=0)
-    centre, size = (low + high) / 2, SPACE * float((high - low).max())
+    centre, size = (low + high) / 2, o.space * float((high - low).max())
     pixel = float(np.median([np.linalg.norm(v.centre - centre) / v.fx for v in scene.views]))
-    telling = np.argsort([-int(o.solid.sum()) for o in outlines], kind="stable")[:LARGEST]
+    telling = np.argsort([-int(o.solid.sum()) for o in outlines], kind="stable")[: o.largest]
     views = [scene.views[i] for i in telling]
-    return carve(views, [outlines[i] for i in telling], centre - size / 2, size, CELL * pixel)
+    return carve(views, [outlines[i] for i in telling], centre - size / 2, size, o.cell * pixel)
 
 
 def _clicked(
-    scene: Scene, hull: Hull, parts: NDArray[np.int64], missed: Sequence[tuple[int, int, NDArray[np.float64]]]
+    scene: Scene,
+    hull: Hull,
+    parts: NDArray[np.int64],
+    missed: Sequence[tuple[int, int, NDArray[np.float64]]],
+    o: ThinStructureOptions,
 ) -> tuple[set[int], set[tuple[int, int]]]:
     """Parts that clicks in enough photos fall on, and those clicks."""
     on: dict[int, set[tuple[int, int]]] = {}
     centres = hull.centres
     for index, row, click in missed:
         uv, depth = scene.views[index].project(centres)
-        hit = (depth > 0) & (np.abs(uv - click) <= NEAR).all(1)
+        hit = (depth > 0) & (np.abs(uv - click) <= o.near).all(1)
         for part in np.unique(parts[hit]).tolist():
             on.setdefault(part, set()).add((index, row))
-    wanted = {part for part, clicks in on.items() if len({index for index, _ in clicks}) >= PHOTOS}
+    wanted = {part for part, clicks in on.items() if len({index for index, _ in clicks}) >= o.photos}
     return wanted, {click for part in wanted for click in on[part]}
