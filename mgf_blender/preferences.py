@@ -71,6 +71,12 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         description="Install what drawings and map coordinates need, too: rasterio, ezdxf, shapely, pyproj, pyceres",
         default=False,
     )
+    install_models: bpy.props.BoolProperty(
+        name="Models",
+        description="Install what models need, too: levels of detail, 3D Tiles, IFC, USD, LAZ (xatlas, "
+        "fast-simplification, ifcopenshell, usd-core, laspy)",
+        default=False,
+    )
     weights_folder: bpy.props.StringProperty(
         name="Mask Weights",
         description="Folder of the weights of the mask model; empty uses the engine's cache folder",
@@ -99,6 +105,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         column.prop(self, "default_index")
         column.prop(self, "install_weights")
         column.prop(self, "install_survey")
+        column.prop(self, "install_models")
         there = python_of(managed_environment()).is_file()
         row = layout.row(align=True)
         row.operator("mgf.install_engine", text="Reinstall Engine" if there else "Install Engine", icon="IMPORT")

@@ -9,6 +9,7 @@ from .common import options
 from .compat import PATH
 from .drawings.properties import MGF_PG_drawings
 from .georef.properties import MGF_PG_control_point, MGF_PG_georef, MGF_PG_mark
+from .models.properties import MGF_PG_models
 from .prompts.properties import BUILDING, MGF_PG_click, MGF_PG_photo, show_photo
 
 PARTS = [BUILDING, "window", "door", "roof", "wall", "balcony"]
@@ -47,6 +48,7 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
     )
     options: bpy.props.PointerProperty(type=OptionsGroup)
     drawings: bpy.props.PointerProperty(name="Drawings", type=MGF_PG_drawings)
+    models: bpy.props.PointerProperty(name="Models", type=MGF_PG_models)
     georef: bpy.props.PointerProperty(name="Georeference", type=MGF_PG_georef)
     photos: bpy.props.CollectionProperty(type=MGF_PG_photo)
     photo_index: bpy.props.IntProperty(name="Photo", description="The photo to click on", update=show_photo)
@@ -114,6 +116,7 @@ CLASSES = (
     MGF_PG_photo,
     OptionsGroup,
     MGF_PG_drawings,
+    MGF_PG_models,
     MGF_PG_control_point,
     MGF_PG_mark,
     MGF_PG_georef,

@@ -354,7 +354,8 @@ def _estimate_command(args: argparse.Namespace) -> int:
 
     config, photos = make_config(_given_options(args)), inspect_photos(args.scene, args.out)
     photos = with_clicks(photos, PromptsFile.read(args.prompts) if args.prompts else None)
-    found, budget = estimate(config, photos), budget_of(config.memory)
+    budget = budget_of(config.memory)
+    found = estimate(config, photos, budget=budget)
     data = as_data(found, config, photos, budget)
     print(json.dumps(data, indent=1) if args.json else as_table(data))
     return EXIT_DONE

@@ -12,6 +12,7 @@ photos     photos that the job takes
 pixels     millions of pixels of a photo while working
 taken      millions of pixels of a photo as it was taken
 building   millions of working pixels that show the building, all photos together
+measured   photos that are compared with their renderings: those kept out, and three more
 surface    the same where training starts on a surface, else 0
 unplaced   photos whose cameras are to be found (0 with a COLMAP model)
 pairs      pairs of those that are matched
@@ -33,15 +34,16 @@ Terms = dict[str, float]
 
 #: Per stage ``cpu`` (seconds on one core of the machine that was measured), ``serial`` (the share of them that one
 #: core works on alone) and ``bytes``. ``building``: share of the pixels before clicks or masks tell. ``gaussians``:
-#: what a field reaches of those that it may have, trained or not, and no more than so many per pixel of the building.
-#: ``pairs``: of each photo where not all are matched. ``speed``: limits of what is learned of a machine. ``threads``:
-#: more bring nothing.
+#: what a field reaches of those that it may have, trained or not; where that is fewer, ``least`` and so many per pixel
+#: of the building. ``measured``: photos compared besides those kept out. ``pairs``: of each photo where not all are
+#: matched. ``speed``: limits of what is learned of a machine. ``threads``: more bring nothing.
 COSTS: dict[str, Any] = {
     "stages": {stage.name: stage.cost for stage in STAGES},
     "building": 0.4,
-    "gaussians": {"grown": 0.9, "untrained": 0.5, "per_pixel": 0.012},
+    "gaussians": {"grown": 0.9, "untrained": 0.5, "least": 25_000, "per_pixel": 0.007},
+    "measured": 3,
     "pairs": 25,
-    "speed": [0.05, 20.0],
+    "speed": [0.1, 10.0],
     "threads": 16,
 }
 
@@ -59,5 +61,11 @@ def seconds_of(stage: str, quantities: dict[str, float]) -> float:
 
 
 def bytes_of(stage: str, quantities: dict[str, float]) -> float:
-    """The most memory that a stage takes."""
-    return amount(COSTS["stages"][stage]["bytes"], quantities)
+    """The most memory that a stage takes with so many threads."""
+    threads = min(COSTS["threads"], quantities["threads"])
+    return amount(COSTS["stages"][stage]["bytes"], {**quantities, "threads": threads})
+
+
+def least_bytes_of(stage: str, quantities: dict[str, float]) -> float:
+    """The memory that a stage cannot do without: one photo is worked on at a time."""
+    return amount(COSTS["stages"][stage]["bytes"], {**quantities, "threads": 1})

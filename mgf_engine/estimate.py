@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mgf_engine.config import Config
-from mgf_engine.costs import COSTS, bytes_of, seconds_of
+from mgf_engine.costs import COSTS, amount, bytes_of, least_bytes_of, seconds_of
 from mgf_engine.errors import BadInput
 from mgf_engine.images import read_info
 from mgf_engine.masks.building_share import building_share
@@ -30,8 +30,9 @@ from mgf_engine.terminal import duration
 
 _HEADERS = 12  # photos whose size is looked at
 _SPEED = "speed.json"
-_NEWEST = 0.5  # weight of the newest job in what is known of this machine
+_NEWEST = 5  # jobs whose median is what is known of this machine
 #: What is tried to make a job fit, in steps: working photos, their number, the texture.
+_FEWER_GAUSSIANS = 0.75, 0.5
 _LEAST_SIDE, _SIDE_STEP, _LEAST_PHOTOS, _PHOTO_STEP = 300, 50, 20, 10
 
 
@@ -63,6 +64,14 @@ class Estimate:
     def largest(self) -> str:
         """The stage that needs most memory."""
         return max(self.memory, key=lambda stage: self.memory[stage])
+
+
+@dataclass(frozen=True)
+class Took:
+    """What a stage took: seconds by the clock, and of processor time in all threads and workers."""
+
+    seconds: float
+    cpu_seconds: float
 
 
 def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
@@ -116,28 +125,35 @@ def quantities(config: Config, photos: Photos) -> dict[str, float]:
         "unplaced": 0 if photos.placed else photos.count,
         "pairs": 0 if photos.placed else min(all_pairs, COSTS["pairs"] * photos.count),
         "passes": passes,
-        "gaussians": min(most, usual["per_pixel"] * building * 1e6) / 1e5,
+        "measured": held_out + COSTS["measured"],
+        "gaussians": min(most, usual["least"] + usual["per_pixel"] * building * 1e6) / 1e5,
         "threads": config.threads or cores(),
         "texture": config.texture_size**2 / 1e6 if config.texture else 0,
     }  # fmt: skip
 
 
 def estimate(
-    config: Config, photos: Photos, stages: Sequence[str] = STAGE_NAMES, speed: float | None = None
+    config: Config,
+    photos: Photos,
+    stages: Sequence[str] = STAGE_NAMES,
+    speed: float | None = None,
+    budget: float = math.inf,
 ) -> Estimate:
     """What the stages of a job with these options take.
 
     Args:
         speed: time of this machine over that of the measured one; what is known of it when None.
+        budget: bytes that may be used: fewer photos are worked on at a time where all threads together would take more.
     """
     asked, factor = quantities(config, photos), known_speed() if speed is None else speed
-    return Estimate({s: factor * seconds_of(s, asked) for s in stages}, {s: bytes_of(s, asked) for s in stages})
+    memory = {s: max(least_bytes_of(s, asked), min(budget, bytes_of(s, asked))) for s in stages}
+    return Estimate({s: factor * seconds_of(s, asked) for s in stages}, memory)
 
 
 def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
     """The least change of options with which a job stays below a budget, as flags; empty where none of those does."""
     for changes in _changes(config, photos):
-        if max(estimate(replace(config, **changes), photos, stages, 1.0).memory.values()) <= budget:
+        if max(estimate(replace(config, **changes), photos, stages, 1.0, 0.0).memory.values()) <= budget:
             return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in changes.items())
     return ""
 
@@ -150,13 +166,14 @@ def _changes(config: Config, photos: Photos) -> Iterator[dict[str, Any]]:
     if config.texture and config.texture_size > 2048:
         yield {"texture_size": 2048}
     yield from ({"resolution": side} for side in sides if 2 * side >= config.resolution)
+    yield from ({"max_gaussians": round(share * config.max_gaussians)} for share in _FEWER_GAUSSIANS)
     yield from ({"max_photos": number} for number in fewer if 2 * number >= count)
     yield from ({"max_photos": number, "resolution": side} for side in sides for number in fewer)
 
 
 def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
     """One sentence where a job needs more than a budget; empty where it fits."""
-    found = estimate(config, photos, stages, 1.0)
+    found = estimate(config, photos, stages, 1.0, 0.0)
     needed = found.memory[found.largest]
     if needed <= budget:
         return ""
@@ -169,29 +186,45 @@ def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str
 
 
 def known_speed() -> float:
-    """Time of this machine over that of the measured one, learned from its own jobs; 1 before the first."""
-    try:
-        found = float(json.loads(_speed_file().read_text(encoding="utf-8"))["factor"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return 1.0
-    low, high = COSTS["speed"]
-    return found if low <= found <= high else 1.0
+    """Time of this machine over that of the measured one: the median of its last whole jobs; 1 before the first."""
+    ratios = _known_ratios()
+    return float(np.median(ratios)) if ratios else 1.0
 
 
-def learn(config: Config, photos: Photos, seconds: dict[str, float]) -> float | None:
-    """Take in the true seconds of stages that ran; the new factor, None where they tell nothing."""
-    expected = sum(estimate(config, photos, list(seconds), 1.0).seconds.values())
-    ratio = sum(seconds.values()) / expected if expected else 0.0
-    low, high = COSTS["speed"]
-    if not low <= ratio <= high:
+def learn(config: Config, photos: Photos, took: dict[str, Took]) -> float | None:
+    """Take in what the stages of a whole job took; the new factor, None where they tell nothing.
+
+    Processor time tells how fast the cores are, however many other programs they serve; the clock tells it better
+    where two threads share a core, which makes processor time longer than the work. So the smaller ratio counts.
+    """
+    asked = quantities(config, photos)
+    usual_cpu = sum(amount(COSTS["stages"][stage]["cpu"], asked) for stage in took)
+    usual = sum(seconds_of(stage, asked) for stage in took)
+    if not usual:
         return None
-    known = known_speed() if _speed_file().is_file() else ratio
-    factor = math.exp(_NEWEST * math.log(ratio) + (1 - _NEWEST) * math.log(known))
+    ratio = min(sum(t.cpu_seconds for t in took.values()) / usual_cpu, sum(t.seconds for t in took.values()) / usual)
+    if not _plausible(ratio):
+        return None
+    ratios = [*_known_ratios(), round(ratio, 4)][-_NEWEST:]
     try:
-        write_json(_speed_file(), {"factor": round(factor, 4)})
+        write_json(_speed_file(), {"ratios": ratios})
     except OSError:
         return None  # an estimate that does not get better is no reason to bother anyone
-    return factor
+    return float(np.median(ratios))
+
+
+def _known_ratios() -> list[float]:
+    """Of the last whole jobs on this machine, oldest first."""
+    try:
+        found = [float(ratio) for ratio in json.loads(_speed_file().read_text(encoding="utf-8"))["ratios"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+    return [ratio for ratio in found if _plausible(ratio)][-_NEWEST:]
+
+
+def _plausible(ratio: float) -> bool:
+    low, high = COSTS["speed"]
+    return bool(low <= ratio <= high)
 
 
 def _speed_file() -> Path:

@@ -75,6 +75,17 @@ def share(part: float, most: int) -> int:
     return int(min(most, part * allowed()))
 
 
+def at_once(bytes_each: float) -> int:
+    """How many pieces of work fit into half of what the process may still take (another thread may do the same).
+
+    One always does: what a single one takes is part of the estimate before the job.
+    """
+    if not bytes_each:
+        return sys.maxsize
+    left = _allowed - psutil.Process().memory_info().rss if _allowed else budget_of(0.0)
+    return max(1, int(0.5 * left / bytes_each))
+
+
 class MemoryMonitor:
     """The most memory that this process and its workers take together inside a ``with`` block; bytes in ``peak``.
 

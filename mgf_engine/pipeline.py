@@ -13,7 +13,7 @@ import numpy as np
 from mgf_engine import __version__
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import Photos, estimate, inspect_photos, learn, shortage, with_clicks
+from mgf_engine.estimate import Photos, Took, estimate, inspect_photos, learn, shortage, with_clicks
 from mgf_engine.job import Job
 from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
 from mgf_engine.messages import Reporter
@@ -22,7 +22,7 @@ from mgf_engine.system import cores, cpu_seconds
 from mgf_engine.terminal import duration
 
 log = logging.getLogger("mgf")
-#: Seconds: what shorter jobs took is mostly their start.
+#: CPU seconds: what shorter jobs took is mostly their start.
 TELLING = 30.0
 
 
@@ -109,7 +109,7 @@ def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos | Non
         return None
     if "masks" not in stages:
         photos = _with_masks(job, photos)
-    found = estimate(job.config, photos, stages)
+    found = estimate(job.config, photos, stages, budget=allowed())
     reporter.expect(found.seconds)
     seconds, memory = sum(found.seconds.values()), max(found.memory.values())
     _check_memory(job, photos, stages, reporter)
@@ -150,10 +150,11 @@ def learn_from(job: Job, photos: Photos) -> float | None:
     """What a whole job on the CPU tells of this machine's speed; None where it was too short, or on a card."""
     from mgf_engine.raster.device import choose_device
 
-    seconds = {name: float(entry["seconds"]) for name, entry in job.stages.items()}
-    if sum(seconds.values()) < TELLING or choose_device(job.config.device).device.type != "cpu":
+    took = {name: Took(float(entry["seconds"]), float(entry["cpu_seconds"])) for name, entry in job.stages.items()}
+    too_short = sum(t.cpu_seconds for t in took.values()) < TELLING
+    if too_short or choose_device(job.config.device).device.type != "cpu":
         return None
-    return learn(job.config, photos, seconds)
+    return learn(job.config, photos, took)
 
 
 def _run_stage(job: Job, name: str, reporter: Reporter) -> None:

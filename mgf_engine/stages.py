@@ -107,9 +107,9 @@ STAGES: tuple[Stage, ...] = (
         inputs="photos",
         outputs=(Output("scene"), Output("scene/scene.npz", proof=True)),
         cost={
-            "cpu": {"": 0.6, "photos taken": 0.035, "photos pixels": 0.03, "unplaced": 1.0, "pairs": 0.05},
+            "cpu": {"": 0.25, "photos taken": 0.043, "photos pixels": 0.046, "unplaced": 1.0, "pairs": 0.05},
             "serial": 0.3,
-            "bytes": {"": 0.40e9, "photos pixels": 3e6, "taken": 15e6},
+            "bytes": {"": 0.42e9, "photos pixels": 3.5e6, "threads taken": 17e6},
         },
     ),
     Stage(
@@ -128,9 +128,9 @@ STAGES: tuple[Stage, ...] = (
             Output("masks/contact_sheet.jpg", "masks"),
         ),
         cost={
-            "cpu": {"photos": 0.22, "photos pixels": 1.1},
+            "cpu": {"photos": 0.25, "photos pixels": 0.7},
             "serial": 0.15,
-            "bytes": {"": 0.55e9, "photos pixels": 11e6},
+            "bytes": {"": 0.53e9, "photos pixels": 11e6, "threads pixels": 80e6},
         },
     ),
     Stage(
@@ -149,11 +149,11 @@ STAGES: tuple[Stage, ...] = (
         ),
         cost={
             "cpu": {
-                "": 1.0, "surface": 10.5, "photos pixels": 0.1,
-                "passes": 0.004, "passes gaussians": 0.028, "passes pixels": 0.13,
+                "": 1.3, "surface": 7.9, "photos pixels": 0.1,
+                "passes": 0.0104, "passes gaussians": 0.085, "passes pixels": 0.02,
             },
             "serial": 0.15,
-            "bytes": {"": 0.45e9, "surface": 0.26e9, "photos pixels": 4e6, "gaussians": 0.1e9},
+            "bytes": {"": 0.59e9, "surface": 0.145e9, "gaussians": 0.05e9, "threads pixels": 30e6},
         },
     ),
     Stage(
@@ -171,9 +171,9 @@ STAGES: tuple[Stage, ...] = (
             Output("mesh_parts.npz", kept=True, manifest="parts"),
         ),
         cost={
-            "cpu": {"": 1.5, "building": 11.5, "gaussians": 15.0},
+            "cpu": {"": 5.5, "building": 4.8, "photos building": 0.08},
             "serial": 0.15,
-            "bytes": {"": 0.45e9, "building": 0.24e9, "gaussians": 0.35e9},
+            "bytes": {"": 0.35e9, "building": 0.18e9, "gaussians": 1.2e9, "threads pixels": 40e6},
         },
     ),
     Stage(
@@ -202,9 +202,9 @@ STAGES: tuple[Stage, ...] = (
             Output(MANIFEST, proof=True),
         ),
         cost={
-            "cpu": {"": 2.0, "photos": 0.06, "photos pixels": 0.3, "photos taken": 0.008},
+            "cpu": {"": 1.3, "photos pixels": 0.08, "building": 0.6, "measured pixels": 0.85},
             "serial": 0.3,
-            "bytes": {"": 0.40e9, "building": 0.15e9, "texture": 25e6, "taken": 25e6},
+            "bytes": {"": 0.25e9, "building": 0.01e9, "gaussians": 0.85e9, "texture": 6e6, "threads pixels": 280e6},
         },
     ),
 )  # fmt: skip

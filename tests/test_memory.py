@@ -5,14 +5,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from mgf_engine import memory
-from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, free_memory, share
+from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, at_once, budget_of, free_memory, share
+from mgf_engine.native.library import set_threads
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.subprocesses import worker
 from mgf_engine.system import total_memory
 
@@ -29,6 +33,34 @@ def test_a_job_may_use_what_the_user_says_or_three_quarters_of_what_is_free() ->
     assert 0 < free_memory() < total_memory()
     allow(4 * GB)
     assert allowed() == 4 * GB and share(0.25, 10**12) == GB and share(0.25, 1000) == 1000
+
+
+def test_no_more_is_worked_on_at_a_time_than_memory_is_left_for() -> None:
+    """Counted, for both kinds of threads; what comes out and its order stay the same."""
+    lock, now, most = threading.Lock(), 0, 0
+
+    def work(item: int) -> int:
+        nonlocal now, most
+        with lock:
+            now += 1
+            most = max(most, now)
+        time.sleep(0.01)
+        with lock:
+            now -= 1
+        return item * item
+
+    set_threads(6)
+    try:
+        for threads in (6, None):
+            for fitting in (100, 3, 1, 0):
+                most = 0
+                allow(psutil.Process().memory_info().rss + GB)
+                each = 0.5 * GB / (fitting + 0.2)
+                assert list(parallel_map(work, range(24), threads, each)) == [n * n for n in range(24)]
+                assert most <= max(1, fitting) and (most > 1) == (fitting > 1)
+    finally:
+        set_threads(0)
+    assert at_once(0) > 10**9
 
 
 @pytest.mark.parametrize(("limit", "left"), [("3000", [3000 - (1200 - 200)]), ("max", [])])

@@ -36,7 +36,7 @@ class Job:
         command: program and arguments.
         folder: the job folder.
         title: what people call it.
-        kind: the engine's command: reconstruct, masks, scene, drawings, georef; or places, suggest.
+        kind: the engine's command: reconstruct, masks, scene, drawings, models, georef; or places, suggest.
         scene_key: names the Blender scene that asked for it.
         on_message: called with every message, on the thread that drains.
         on_end: called once when the job ends, on the thread that drains.

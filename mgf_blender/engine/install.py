@@ -26,8 +26,8 @@ from .task import CANCELLED, DONE, Step, Task
 SIZE_CPU, SIZE_CUDA = N_("about 2 GB"), N_("about 7 GB")
 _TORCH_INDEX = "https://download.pytorch.org/whl/"
 _FREE_CPU, _FREE_CUDA = 3, 7  # GiB
-#: The engine's extra with the packages for drawings and map coordinates.
-SURVEY = "survey"
+#: The engine's extras with the packages for drawings and map coordinates, and for models.
+SURVEY, MODELS = "survey", "models"
 #: Letters of the longest file name in the packages, below site-packages: a licence in torch's wheel.
 _LONGEST_NAME = 167
 _LONGEST_PATH = 259  # letters that Windows allows unless long paths were switched on
@@ -53,7 +53,7 @@ class Plan:
         default_index: leave the choice of torch's build to the package index in use.
         weights: fetch the weights of EfficientSAM, too.
         weights_folder: where they go; None is the engine's own cache folder.
-        survey: the packages for drawings and map coordinates, too.
+        survey: the packages for drawings and map coordinates, too; models: those for models.
     """
 
     target: Path
@@ -66,6 +66,7 @@ class Plan:
     weights: bool = False
     weights_folder: Path | None = None
     survey: bool = False
+    models: bool = False
 
 
 def carried_wheel() -> Path:
@@ -148,7 +149,8 @@ def _steps(plan: Plan) -> list[Step]:
 
 def _engine(plan: Plan) -> str:
     """The wheel as pip takes it, with the extra packages that were ticked."""
-    return f"{plan.wheel}[{SURVEY}]" if plan.survey else str(plan.wheel)
+    extras = [name for name, wanted in ((SURVEY, plan.survey), (MODELS, plan.models)) if wanted]
+    return f"{plan.wheel}[{','.join(extras)}]" if extras else str(plan.wheel)
 
 
 def _weights_step(plan: Plan, python: str) -> list[Step]:

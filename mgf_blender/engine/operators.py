@@ -227,6 +227,7 @@ def _plan() -> install.Plan:
         managed_environment(), Path(sys.executable), wheel, wheel.parent / "constraints.txt", folder, torch,
         prefs.default_index, prefs.install_weights,
         Path(bpy.path.abspath(prefs.weights_folder)) if prefs.weights_folder else None, prefs.install_survey,
+        prefs.install_models,
     )  # fmt: skip
 
 

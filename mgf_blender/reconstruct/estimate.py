@@ -65,7 +65,10 @@ def estimate(options: bpy.types.PropertyGroup, photos: Photos, factor: float | N
     known, stages = quantities(options, photos), COSTS["stages"].values()
     threads = min(COSTS["threads"], known["threads"])
     seconds = sum(_amount(s["cpu"], known) * (s["serial"] + (1 - s["serial"]) / threads) for s in stages)
-    return Estimate(seconds * (speed() if factor is None else factor), max(_amount(s["bytes"], known) for s in stages))
+    return Estimate(
+        seconds * (speed() if factor is None else factor),
+        max(_amount(s["bytes"], {**known, "threads": threads}) for s in stages),
+    )
 
 
 def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, float]:
@@ -81,7 +84,8 @@ def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, fl
         "surface": building if options.start == "surface" and options.use_masks else 0,
         "unplaced": 0, "pairs": 0,
         "passes": passes,
-        "gaussians": min(most, usual["per_pixel"] * building * 1e6) / 1e5,
+        "measured": held_out + COSTS["measured"],
+        "gaussians": min(most, usual["least"] + usual["per_pixel"] * building * 1e6) / 1e5,
         "threads": options.threads or os.cpu_count() or 1,
         "texture": options.texture_size**2 / 1e6 if options.texture else 0,
     }  # fmt: skip

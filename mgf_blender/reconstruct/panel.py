@@ -20,12 +20,15 @@ _DONE = {
     "masks": N_("Masks found in {time}"),
     "scene": N_("Cameras found in {time}"),
     "drawings": N_("Drawings finished in {time}"),
+    "models": N_("Models finished in {time}"),
     "georef": N_("Georeferenced in {time}"),
     "places": N_("Control points read in {time}"),
     "suggest": N_("Points proposed in {time}"),
 }
 #: What is shown while a command runs that is no stage.
-_TOOLS = {"drawings": N_("Drawings"), "georef": N_("Georeference"), "suggest": N_("Proposing points")}
+_TOOLS = {
+    "drawings": N_("Drawings"), "models": N_("Models"), "georef": N_("Georeference"), "suggest": N_("Proposing points"),
+}  # fmt: skip
 
 
 class MGF_PT_mark(bpy.types.Panel):
@@ -197,6 +200,12 @@ def in_panel_words(text: str) -> str:
         r"(?:install with: |get it by )pip install 'mgf-engine\[survey\]'(?:, in (?:the engine's|its) environment)?",
         "tick Drawings and Map Coordinates in the preferences and press Install Engine, or in an environment of your "
         "own: pip install 'mgf-engine[survey]'",
+        text,
+    )
+    text = re.sub(
+        r"install with: pip install 'mgf-engine\[models\]', in the engine's environment, or leave them out with --only",
+        "tick Models in the preferences and press Install Engine, or leave them out; in an environment of your own: "
+        "pip install 'mgf-engine[models]'",
         text,
     )
     text = re.sub(r"--prompts(?: FILE)?", "points", re.sub(r"--masks(?: FOLDER)?", "Own Masks", text))

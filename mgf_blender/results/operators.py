@@ -149,6 +149,8 @@ class MGF_OT_paint_mesh(Operator):
         for obj in Tree.find(context.scene).objects("Mesh"):
             surface.show(obj.data, self.kind)
             hide(obj, False)
+        for level in Tree.find(context.scene).objects("LODs"):
+            hide(level)  # the finest lies on the mesh
         draw_texture(context.scene, self.kind == "TEXTURE")
 
 

@@ -34,7 +34,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh, Texture
-from mgf_engine.model.scene import Scene
+from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.library import variant
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.raster.device import choose_device, each_view
@@ -44,6 +44,7 @@ from mgf_engine.texture.draw import draw_textured
 
 _TRAINING_VIEWS_SHOWN = 3
 _RELIEF_SIDES = 4
+_BYTES_PER_PIXEL = 300  # of a photo while it is compared with its rendering (measured)
 
 
 def report_job(
@@ -69,7 +70,8 @@ def report_job(
         return _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown, lpips)
 
     views: list[ViewReport] = []
-    for report in each_view(one, range(len(scene.views)), field.positions.device):
+    each = _BYTES_PER_PIXEL * most_pixels(scene.views)
+    for report in each_view(one, range(len(scene.views)), field.positions.device, each):
         reporter.progress(0.3 + 0.5 * len(views) / len(scene.views))
         views.append(report)
     drawing, turned = curve_svg(job.stages["field"]["figures"]["curve"]), turntable(mesh, scene)  # beside the texture
@@ -103,7 +105,8 @@ def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, vi
         return score(scene.photo(index), picture, building(masks.labels[index])) if measured else None
 
     shown = [index for index, view in enumerate(views) if view.pictures]
-    return mean_scores([scores for scores in parallel_map(one, shown) if scores]).psnr
+    each = _BYTES_PER_PIXEL * most_pixels(scene.views)
+    return mean_scores([scores for scores in parallel_map(one, shown, bytes_each=each) if scores]).psnr
 
 
 def _evenness(mesh: Mesh, scene: Scene) -> Evenness | None:

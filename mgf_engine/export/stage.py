@@ -24,7 +24,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh, Texture
-from mgf_engine.model.scene import Scene, View
+from mgf_engine.model.scene import Scene, View, most_pixels
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.device import choose_device, each_view
 from mgf_engine.results import load_field, load_inputs, load_mesh
@@ -35,6 +35,7 @@ from mgf_engine.texture.texture_pipeline import make_texture, texture_options
 
 #: What people take from a job, and the clicks it was made with.
 _RESULT = [*(output.path for output in outputs() if output.kept), CLICKS]
+_BYTES_PER_PIXEL = 100  # of a rendering in the making
 _RENDERED = 0.3  # share of the stage, for the progress bar
 
 
@@ -63,7 +64,8 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
         make = partial(_texture, job, scene, masks, normalised, warnings.append, reporter.check)
         painting = beside.submit(make) if job.config.texture else None
         renders: dict[int, str] = {}
-        for index, name in zip(chosen, each_view(one, chosen, field.positions.device), strict=True):
+        rendered = each_view(one, chosen, field.positions.device, _BYTES_PER_PIXEL * most_pixels(scene.views))
+        for index, name in zip(chosen, rendered, strict=True):
             reporter.progress(_RENDERED * len(renders) / len(chosen))
             renders[index] = name
 

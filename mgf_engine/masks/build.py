@@ -34,12 +34,13 @@ from mgf_engine.masks.validation.low_texture import PLAIN, plain_share, plain_te
 from mgf_engine.masks.validation.mask_coverage import forgive, measure_fit, misfits
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
-from mgf_engine.model.scene import Scene
+from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.parallel import parallel_map, plain_opencv
 from mgf_engine.system import cores
 
 log = logging.getLogger("mgf")
 
+ELEMENT_BYTES = 90  # per pixel of a photo whose parts are looked for
 SLIP = 10  # px that a click may lie beside the building
 _NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks."
 
@@ -172,7 +173,8 @@ def _second_level(
         parts = clicks[index].parts if index in clicks else {}
         return add_elements(masks.labels[index], scene.photo(index), parts, sam)
 
-    for with_elements, named in parallel_map(elements, range(len(masks.labels)), threads):
+    each = ELEMENT_BYTES * most_pixels(scene.views)
+    for with_elements, named in parallel_map(elements, range(len(masks.labels)), threads, each):
         labels.append(with_elements)
         names.append(named)
         reporter.check()

@@ -14,11 +14,12 @@ from scipy.spatial import cKDTree
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.model.scene import View
+from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.library import call
 from mgf_engine.native.parallel import parallel_map
 
 SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
+_BYTES_PER_PIXEL, _BYTES_PER_VERTEX = 30, 80  # while a view is drawn
 CHUNK = 1 << 15  # vertices that are blended at a time
 STRIP = 4096  # pixels in a row of what is looked up at once; OpenCV takes fewer than 32,768 columns and rows
 
@@ -60,12 +61,12 @@ def color_from_photos(
     """
     weight = np.zeros((len(mesh.vertices), options.best), np.float32)
     shown = np.zeros((len(mesh.vertices), options.best, 3), np.uint8)
-    normals = vertex_normals(mesh)
+    normals, each = vertex_normals(mesh), _BYTES_PER_PIXEL * most_pixels(views) + _BYTES_PER_VERTEX * len(mesh.vertices)
 
     def seen(i: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
         return _samples(mesh, normals, views[i], photo(i), inside[i], options.least_facing)
 
-    for i, (index, new_weight, new_shown) in enumerate(parallel_map(seen, range(len(views)))):
+    for i, (index, new_weight, new_shown) in enumerate(parallel_map(seen, range(len(views)), bytes_each=each)):
         progress(i / len(views))
         worst = weight[index].argmin(1)
         better = new_weight > weight[index, worst]

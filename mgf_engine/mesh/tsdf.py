@@ -36,6 +36,7 @@ from mgf_engine.raster.points import INSIDE, NEAR
 
 CPU = torch.device("cpu")
 FAR = 1e6  # depth of what lies behind everything
+BYTES_PER_PIXEL = 150  # of a depth map while it is matched and smoothed (measured)
 CHUNK = 1 << 16  # points that are asked at a time, which bounds the memory
 
 T = TypeVar("T")
@@ -183,7 +184,7 @@ class TsdfField:
             return depth_map(surface, asked.mask, found, options.tsdf)
 
         self.maps: list[DepthMap] = []
-        for m in parallel_map(matched, needed()):
+        for m in parallel_map(matched, needed(), bytes_each=BYTES_PER_PIXEL * max((m.size for m in masks), default=0)):
             progress(len(self.maps) / len(masks))
             self.maps.append(m)
 

@@ -9,6 +9,7 @@ of the top-left pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -103,6 +104,11 @@ class View:
         for axis, (focal, centre) in enumerate(((self.fx, self.cx), (self.fy, self.cy))):
             uv[:, axis] = local[axis] / safe * focal + centre
         return uv, depth
+
+
+def most_pixels(views: Sequence[View]) -> int:
+    """Pixels of the largest working photo."""
+    return max((view.width * view.height for view in views), default=0)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -167,14 +168,16 @@ def own_threads() -> int:
     return 1 if getattr(_here, "alone", False) else threads()
 
 
-def map_on_kernel_threads(work: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
+def map_on_kernel_threads(work: Callable[[S], T], items: Iterable[S], most: int = sys.maxsize) -> Iterator[T]:
     """Yield ``work`` of each item, in order, made on :func:`threads` threads, a few ahead of what is taken.
 
     Work loops inside ``work`` run on one thread each: with many items that costs less than sharing every one. The items
     themselves are made by the thread that asks.
-    """
 
-    if own_threads() == 1:
+    Args:
+        most: that may be there at a time, begun or waiting to be taken.
+    """
+    if own_threads() == 1 or most == 1:
         yield from map(work, items)
         return
     assert _side is not None
@@ -182,7 +185,7 @@ def map_on_kernel_threads(work: Callable[[S], T], items: Iterable[S]) -> Iterato
     try:
         for item in items:
             ahead.append(_side.submit(work, item))
-            if len(ahead) > threads():
+            if len(ahead) > min(threads(), most - 1):
                 yield ahead.popleft().result()
         while ahead:
             yield ahead.popleft().result()

@@ -10,13 +10,16 @@ from typing import TypeVar
 
 import cv2
 
+from mgf_engine.memory import at_once
 from mgf_engine.native.library import map_on_kernel_threads
 
 S = TypeVar("S")
 T = TypeVar("T")
 
 
-def parallel_map(work: Callable[[S], T], items: Iterable[S], threads: int | None = None) -> Iterator[T]:
+def parallel_map(
+    work: Callable[[S], T], items: Iterable[S], threads: int | None = None, bytes_each: float = 0.0
+) -> Iterator[T]:
     """Yield ``work(item)`` of each item, in the order of the items, whichever is done first.
 
     What has not begun is dropped when the caller stops early, as on a cancelled job.
@@ -27,11 +30,13 @@ def parallel_map(work: Callable[[S], T], items: Iterable[S], threads: int | None
         threads: how many items are worked on at a time, for work in NumPy and OpenCV, which release the interpreter.
             None: on the kernels' own threads, a few items ahead of what is taken; kernels that ``work`` calls run on
             one thread each, which with many items costs less than sharing every one.
+        bytes_each: what one takes while it is worked on, where that is much: no more at a time than memory is left for.
     """
+    most = at_once(bytes_each)
     if threads is None:
-        yield from map_on_kernel_threads(work, items)
+        yield from map_on_kernel_threads(work, items, most)
         return
-    pool = ThreadPoolExecutor(max(1, threads))
+    pool = ThreadPoolExecutor(max(1, min(threads, most)))
     try:
         yield from pool.map(work, list(items))
     finally:

@@ -72,9 +72,15 @@ def choose_device(wanted: str) -> Choice:
     return Choice(torch.device("cuda", 0), f"Device: {found.name}, {memory}, {why}.")
 
 
-def each_view(work: Callable[[int], T], views: Iterable[int], device: torch.device) -> Iterator[T]:
-    """``work`` of each view, in order: side by side on the CPU, one after another on a card, which has one queue."""
-    return parallel_map(work, views) if device.type == "cpu" else map(work, views)
+def each_view(
+    work: Callable[[int], T], views: Iterable[int], device: torch.device, bytes_each: float = 0.0
+) -> Iterator[T]:
+    """``work`` of each view, in order: side by side on the CPU, one after another on a card, which has one queue.
+
+    Args:
+        bytes_each: as :func:`mgf_engine.native.parallel.parallel_map` takes it.
+    """
+    return parallel_map(work, views, bytes_each=bytes_each) if device.type == "cpu" else map(work, views)
 
 
 def rendered_nothing(device: torch.device) -> int:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -19,6 +20,8 @@ from mgf_engine.scene.photos import Room
 from mgf_engine.texture.charts import GUTTER
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
 from mgf_engine.texture.seams import Corrections
+
+BLOCK = 1 << 18  # pixels looked up together, which bounds the memory: each takes some 300 bytes meanwhile
 
 
 def bake(
@@ -47,15 +50,28 @@ def bake(
     room = Room()
 
     def colors(k: int) -> NDArray[np.uint8]:
-        faces, index = face.ravel()[parts[k]], int(kinds[k])
-        at = np.stack([parts[k] % layout.width, parts[k] // layout.width], 1) + 0.5
-        weight = barycentric(layout.at[faces], at)[..., None]
+        index = int(kinds[k])
         if index == NO_VIEW:
+            return in_blocks(parts[k], None)
+        with room.photo(views[index].original_width, views[index].original_height):
+            return in_blocks(parts[k], shrunk(views[index], source(index), layout.scale))
+
+    def in_blocks(pixels: NDArray[np.int64], photo: Source | None) -> NDArray[np.uint8]:
+        found = np.empty((len(pixels), 3), np.uint8)
+        for first in range(0, len(pixels), BLOCK):
+            block = slice(first, first + BLOCK)
+            found[block] = painted_with(pixels[block], photo)
+        return found
+
+    def painted_with(pixels: NDArray[np.int64], photo: Source | None) -> NDArray[np.uint8]:
+        faces = face.ravel()[pixels]
+        at = np.stack([pixels % layout.width, pixels // layout.width], 1) + 0.5
+        weight = barycentric(layout.at[faces], at)[..., None]
+        if photo is None:
             painted = (mesh.colors[mesh.faces[faces]] * weight).sum(1)
         else:
             points = (mesh.vertices[mesh.faces[faces]] * weight).sum(1)
-            with room.photo(views[index].original_width, views[index].original_height):
-                painted = look_up(views[index], source(index), points, layout.scale)
+            painted = sample_photo(views[int(label[faces[0]])], photo, points)
         painted = painted + (corrections.value[corrections.of_corner[faces]] * weight).sum(1)
         return np.clip(np.rint(painted), 0, 255).astype(np.uint8)
 
@@ -80,15 +96,28 @@ def look_up(view: View, source: Source, points: NDArray[np.float64], scale: floa
     Args:
         scale: pixels wanted per pixel of the working photo; a photo that has more is made smaller first.
     """
-    photo, at = source.image, view.project(points)[0]
+    return sample_photo(view, shrunk(view, source, scale), points)
+
+
+def shrunk(view: View, source: Source, scale: float) -> Source:
+    """The photo of a view with at most ``scale`` pixels per pixel of the working photo."""
+    height, width = source.image.shape[:2]
+    shrink = min(1.0, scale * view.width / width)
+    if shrink == 1.0:
+        return source
+    size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
+    return replace(source, image=np.asarray(cv2.resize(source.image, size, interpolation=cv2.INTER_AREA), np.uint8))
+
+
+def sample_photo(view: View, source: Source, points: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Colours of a photo, of whatever size, at points [n, 3] in its view; RGB uint8 [n, 3]."""
+    at, size = view.project(points)[0], (view.width, view.height)
     if source.original:
-        at = to_original(view, at)
-    shrink = min(1.0, scale * view.width / photo.shape[1])
-    if shrink < 1.0:
-        size = (max(1, round(photo.shape[1] * shrink)), max(1, round(photo.shape[0] * shrink)))
-        at = at * (size[0] / photo.shape[1], size[1] / photo.shape[0])
-        photo = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return sample(photo, at, cv2.INTER_CUBIC)
+        at, size = to_original(view, at), (view.original_width, view.original_height)
+    height, width = source.image.shape[:2]
+    if (width, height) != size:
+        at = at * (width / size[0], height / size[1])
+    return sample(source.image, at, cv2.INTER_CUBIC)
 
 
 def fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -14,10 +14,11 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, face_normals, render_mesh
 from mgf_engine.mesh.colors import SLACK, sample
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.model.scene import View
+from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.parallel import parallel_map
 
 MARGIN = 1.5  # px to the edge of the photo
+_BYTES_PER_PIXEL, _BYTES_PER_FACE = 30, 60  # while a view is drawn
 STEEP = 0.15  # cosine between the face's normal and the ray below which a photo is no use
 
 
@@ -75,7 +76,8 @@ def find_sights(
         return _shown(mesh, normals, views[i], photo(i), inside(i), options)
 
     found = _Found(len(mesh.faces), options.least_size)
-    for i, (faces, sizes) in enumerate(parallel_map(seen, range(len(views)))):
+    each = _BYTES_PER_PIXEL * most_pixels(views) + _BYTES_PER_FACE * len(mesh.faces)
+    for i, (faces, sizes) in enumerate(parallel_map(seen, range(len(views)), bytes_each=each)):
         progress(i / len(views))
         found.add(i, faces, sizes)
     return found.sights()

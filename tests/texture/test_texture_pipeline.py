@@ -91,7 +91,7 @@ def test_every_spot_has_its_colour_finer_than_the_working_photos(house: House, s
 def test_no_more_photos_are_open_at_once_than_memory_allows(scene, house, monkeypatch, fit: float, most: int) -> None:
     view = scene.views[0]
     size = view.original_width * view.original_height
-    opened, counts, painting = [0], [], bake.look_up
+    opened, counts, painting = [0], [], bake.shrunk
 
     def counted(*arguments: Any) -> Any:
         opened[0] += 1
@@ -101,7 +101,7 @@ def test_no_more_photos_are_open_at_once_than_memory_allows(scene, house, monkey
         return painting(*arguments)
 
     monkeypatch.setattr(photos, "_MEMORY", int(fit * size * photos._BYTES_PER_PIXEL))
-    monkeypatch.setattr(bake, "look_up", counted)
+    monkeypatch.setattr(bake, "shrunk", counted)
     set_threads(8)
     try:
         texture = make_texture(in_frame(scene, house.mesh), scene, masks_of(scene, house), 256, lambda text: None)
@@ -167,6 +167,13 @@ def test_a_picture_of_the_textured_mesh_is_the_photo(house: House, scene: Scene)
         inside = cv2.erode(seen.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         error = np.abs(picture.astype(float) - scene.photo(index))[inside].mean()
         assert seen.mean() > 0.05 and error < 10 and (picture[~seen] == 255).all()
+
+
+def test_pixels_looked_up_in_many_blocks_are_the_same(house: House, scene: Scene, monkeypatch) -> None:
+    mesh, masks = in_frame(scene, house.mesh), masks_of(scene, house)
+    whole = make_texture(mesh, scene, masks, 512, lambda text: None)
+    monkeypatch.setattr(bake, "BLOCK", 97)
+    assert (make_texture(mesh, scene, masks, 512, lambda text: None).image == whole.image).all()
 
 
 def test_a_photo_is_looked_up_through_its_lens(scene: Scene) -> None:

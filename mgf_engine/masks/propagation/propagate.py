@@ -47,12 +47,13 @@ from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreemen
 from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN, MaskSet, building
-from mgf_engine.model.scene import Scene
+from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.system import cores
 
 T = TypeVar("T")
+BYTES_PER_PIXEL = 90  # of a photo that is segmented (measured)
 
 
 @dataclass(frozen=True)
@@ -393,8 +394,8 @@ class _Work:
         return np.asarray(wide, np.float32)
 
     def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
-        indices = list(indices)
-        return zip(indices, parallel_map(task, indices, self.threads), strict=True)
+        indices, each = list(indices), BYTES_PER_PIXEL * most_pixels(self.scene.views)
+        return zip(indices, parallel_map(task, indices, self.threads, each), strict=True)
 
 
 def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:

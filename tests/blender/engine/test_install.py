@@ -54,6 +54,8 @@ def test_the_packages_for_drawings_come_where_they_are_ticked(addon, tmp_path, m
 
     assert engine() == str(tmp_path / "mgf_engine-1.whl")
     assert engine(survey=True) == str(tmp_path / "mgf_engine-1.whl") + "[survey]"
+    assert engine(models=True) == str(tmp_path / "mgf_engine-1.whl") + "[models]"
+    assert engine(survey=True, models=True) == str(tmp_path / "mgf_engine-1.whl") + "[survey,models]"
 
 
 def test_wheel_folder_means_no_network(tmp_path):

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Levels of detail in the scene: one empty that moves them all, a mesh object per level, one of them shown.
+
+The objects are named ``NAME_LOD0`` … as game engines expect, and the empty carries ``fbx_type`` = ``LodGroup``, which
+Blender's FBX exporter writes and Unreal reads as one mesh with levels.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import addon_utils
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..common.errors import UserError
+from ..scene_import.tree import Tree, hide
+from .index import Levels
+
+KIND, LEVEL_KEY, _OURS = "LODs", "mgf_level", "mgf_lod"
+_ADDON = "io_scene_gltf2"
+
+
+def levels_of(tree: Tree) -> list[bpy.types.Object]:
+    """The imported levels, the finest first."""
+    return sorted((o for o in tree.objects(KIND) if LEVEL_KEY in o), key=lambda o: o[LEVEL_KEY])
+
+
+def import_levels(tree: Tree, levels: Levels, name: str) -> list[bpy.types.Object]:
+    """Import the levels of detail and show the finest; earlier ones are replaced, the mesh is hidden.
+
+    Args:
+        name: of the building.
+
+    Raises:
+        UserError: a file cannot be read, or Blender's importer is switched off; the scene is then unchanged.
+    """
+    if not addon_utils.check(_ADDON)[1]:
+        raise UserError("Blender's own importer of glTF is off; enable 'glTF 2.0 format' among the add-ons.")
+    read: list[bpy.types.Object] = []
+    try:
+        for path in levels.files:
+            read.append(_read(path))
+    except UserError:
+        _remove(read)
+        raise
+    clear_levels(tree)
+    group = bpy.data.objects.new(name, None)
+    group["fbx_type"] = "LodGroup"
+    group.empty_display_type, group.empty_display_size = "CUBE", 0.1 * tree.radius
+    shift = np.eye(4)
+    shift[:3, 3] = -tree.offset
+    place = shift @ levels.to_scene
+    tree.add(KIND, group, np.eye(4))
+    for level, obj in enumerate(read):
+        obj.name = obj.data.name = f"{name}_LOD{level}"
+        obj[LEVEL_KEY] = level
+        tree.add(KIND, obj, place @ np.array(obj.matrix_world, np.float64))
+        obj.parent, obj.matrix_parent_inverse = group, Matrix.Identity(4)
+    show_level(tree, 0)
+    for mesh in tree.objects("Mesh"):
+        hide(mesh)  # the finest level lies on it
+    return read
+
+
+def show_level(tree: Tree, level: int) -> None:
+    """Show one level, in viewports and renders; none where there is no such level."""
+    for obj in levels_of(tree):
+        hide(obj, obj[LEVEL_KEY] != level)
+        obj.hide_render = obj[LEVEL_KEY] != level
+
+
+def shown_level(tree: Tree) -> int | None:
+    """The level that is shown; None when none is."""
+    return next((int(o[LEVEL_KEY]) for o in levels_of(tree) if not o.hide_render and not o.hide_get()), None)
+
+
+def clear_levels(tree: Tree) -> None:
+    """Remove the imported levels with their materials and pictures."""
+    tree.clear(KIND)
+    for store in (bpy.data.materials, bpy.data.images):  # in this order: materials use pictures
+        for block in [b for b in store if _OURS in b and b.users == 0]:
+            store.remove(block)
+
+
+def _read(path: Path) -> bpy.types.Object:
+    """The mesh object of a GLB, in no collection; its materials and pictures carry our mark."""
+    stores = (bpy.data.objects, bpy.data.materials, bpy.data.images, bpy.data.meshes, bpy.data.collections)
+    before = [{block.name_full for block in store} for store in stores]
+    try:
+        bpy.ops.import_scene.gltf(filepath=str(path))
+    except RuntimeError as error:
+        raise UserError("'{path}' cannot be read; make the models again.", path=path) from error
+    objects, materials, images, _, collections = (
+        [block for block in store if block.name_full not in names] for store, names in zip(stores, before, strict=True)
+    )
+    for block in (*materials, *images):
+        block[_OURS] = True
+    found = [o for o in objects if o.type == "MESH"]
+    bpy.context.view_layer.update()
+    for obj in objects:
+        world = obj.matrix_world.copy()
+        for collection in tuple(obj.users_collection):
+            collection.objects.unlink(obj)
+        if obj in found:
+            obj.parent, obj.matrix_world = None, world
+    bpy.data.batch_remove([*(o for o in objects if o not in found[:1]), *collections])
+    if not found:
+        raise UserError("'{path}' cannot be read; make the models again.", path=path)
+    return found[0]
+
+
+def _remove(objects: list[bpy.types.Object]) -> None:
+    """Remove what was read before a file that cannot be."""
+    meshes = [o.data for o in objects]
+    bpy.data.batch_remove(objects)
+    bpy.data.batch_remove([m for m in meshes if m.users == 0])
+    for store in (bpy.data.materials, bpy.data.images):
+        for block in [b for b in store if _OURS in b and b.users == 0]:
+            store.remove(block)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators of the Models panel."""
+
+import bpy
+
+from ..common.editors import draw_texture
+from ..common.errors import UserError
+from ..common.job import Job
+from ..common.operators import Operator
+from ..common.text import tr
+from ..engine.environment import engine_command
+from ..properties import scene_key
+from ..reconstruct.operators import FinishedJobOperator, submit
+from ..reconstruct.start import ended, has_job_file, job_folder
+from ..results.load import job_name
+from ..scene_import.operators import select_only
+from ..scene_import.tree import Tree
+from .index import FILE, FOLDER, read_levels
+from .lods import import_levels, levels_of, show_level
+
+
+def models_job(scene: bpy.types.Scene) -> Job:
+    """The job that makes what the scene's options say; starts nothing.
+
+    Raises:
+        UserError: nothing is to be made, or there is no engine.
+    """
+    wanted, folder = scene.mgf.models, job_folder(scene)
+    if not wanted.kinds:
+        raise UserError("Nothing is chosen to be made; choose levels of detail, the solid or another kind.")
+    command = ["models", str(folder), "--progress", "json", "--cancel-on-eof", "--only", ",".join(sorted(wanted.kinds))]
+    if wanted.detail > 0:
+        command += ["--detail", f"{wanted.detail:.6g}"]
+    return Job(engine_command(*command), folder, job_name(folder), "models", scene_key(scene), on_end=ended)
+
+
+class MGF_OT_make_models(FinishedJobOperator):
+    """Make lighter and simpler models of the finished job: levels of detail, solid, IFC, USD, 3D Tiles, points"""
+
+    bl_idname = "mgf.make_models"
+    bl_label = "Make Models"
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        return submit(self, models_job(context.scene))
+
+
+class MGF_OT_import_lods(Operator):
+    """Import the levels of detail as one object, the finest shown; replaces only those of an earlier import"""
+
+    bl_idname = "mgf.import_lods"
+    bl_label = "Import LODs"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        imported = cls.needs(Tree.find(context.scene) is not None, "Import a result first")
+        made = imported and cls.needs(has_job_file(context.scene, f"{FOLDER}/{FILE}"), "Make the models first")
+        return made and cls.needs(context.mode == "OBJECT", "Leave the mode first: models come in Object Mode")
+
+    def run(self, context: bpy.types.Context) -> None:
+        folder, tree = job_folder(context.scene), Tree.find(context.scene)
+        found = import_levels(tree, read_levels(folder), job_name(folder))
+        select_only(context, found[0].parent)
+        draw_texture(context.scene, True)
+        faces = ", ".join(f"{len(o.data.polygons):,}" for o in found)
+        self.report({"INFO"}, tr("{count} levels of {faces} faces", count=len(found), faces=faces))
+
+
+class MGF_OT_show_lod(Operator):
+    """Show this level of detail in viewports and renders"""
+
+    bl_idname = "mgf.show_lod"
+    bl_label = "Show Level of Detail"
+    bl_options = {"REGISTER", "UNDO"}
+
+    level: bpy.props.IntProperty(name="Level", description="0 is the finest", min=0, options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        tree = Tree.find(context.scene)
+        return cls.needs(tree is not None and levels_of(tree), "Import the levels of detail first")
+
+    def run(self, context: bpy.types.Context) -> None:
+        show_level(Tree.find(context.scene), self.level)
+
+
+CLASSES = (MGF_OT_make_models, MGF_OT_import_lods, MGF_OT_show_lod)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)
