@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mgf_engine.evaluation.geometry import mask_iou
 from mgf_engine.evaluation.images import Scores, mean_scores, score
 from mgf_engine.evaluation.lpips import Lpips, find_lpips
-from mgf_engine.model.masks import BACKGROUND, UNKNOWN, building
+from mgf_engine.model.masks import BACKGROUND, IGNORE, building
 
 
 def held_out_scores(job: Path, scene: Path) -> Scores:
@@ -59,6 +59,6 @@ def mean_mask_iou(job: Path, scene: Path) -> float | None:
         if labels is None or truth is None or labels.ndim != 2:
             continue
         truth = cv2.resize(truth, labels.shape[::-1], interpolation=cv2.INTER_NEAREST)
-        mine = (labels != BACKGROUND) & (labels != UNKNOWN)
-        values.append(mask_iou(mine, truth != BACKGROUND, truth != UNKNOWN))
+        mine = (labels != BACKGROUND) & (labels != IGNORE)
+        values.append(mask_iou(mine, truth != BACKGROUND, truth != IGNORE))
     return float(np.mean(values)) if values else None

@@ -62,16 +62,16 @@ class Iteration:
         pairs: of a listed Gaussian and a pixel of its tile, in the last run.
     """
 
-    def __init__(self, n: int, width: int, height: int, heads: str, sh_degree: int, share: float = 1.0) -> None:
+    def __init__(self, n: int, width: int, height: int, outputs: str, sh_degree: int, share: float = 1.0) -> None:
         self.field, self.camera, self.degree = building(n), corner_view(width, height), sh_degree
-        self.geometry = heads == "all"
+        self.geometry = outputs == "all"
         self.raw = cpu.Parameters.of_field(self.field)
         self.moments = [torch.zeros(2, *t.shape) for t in self.raw.all[:5]]
         g = torch.Generator().manual_seed(0)
         planes = torch.randn(10, height, width, generator=g)
         rest = (planes[5], planes[6:9], planes[9]) if self.geometry else (None, None, None)
         depth = planes[4] if self.geometry else None
-        self.heads = cpu.HeadGradients(planes[0:3].contiguous(), planes[3], depth, *rest)
+        self.outputs = cpu.OutputGradients(planes[0:3].contiguous(), planes[3], depth, *rest)
         self.target = noise_target(self.camera, share)
         self.pairs = 0
 
@@ -82,8 +82,8 @@ class Iteration:
         self.pairs = lists.entries * TILE**2
         image, hits = clock.time("blend", lambda: cpu.blend(lists, self.geometry))
         clock.time("losses", lambda: self._losses(image))
-        sums = clock.time("blend backward", lambda: cpu.blend_backward(lists, image, hits, self.heads, None, False))
-        back = (self.raw, self.degree, lists, hits, sums, self.heads.level, None)
+        sums = clock.time("blend backward", lambda: cpu.blend_backward(lists, image, hits, self.outputs, None, False))
+        back = (self.raw, self.degree, lists, hits, sums, self.outputs.level, None)
         gradients = clock.time("project backward", lambda: cpu.project_backward(*back))
         clock.time("adam", lambda: self._adam(gradients, lists.tile_counts > 0))
 
@@ -98,11 +98,11 @@ class Iteration:
             adam_step(parameter, gradients[i], moments[0], moments[1], 1e-6, 1, visible, active=columns)
 
 
-def parts_table(n: int, width: int, height: int, heads: str, rounds: int) -> dict[str, Clock]:
+def parts_table(n: int, width: int, height: int, outputs: str, rounds: int) -> dict[str, Clock]:
     """Clocks of every variant for one scene."""
     names = library.runnable_variants()
     clocks = {name: Clock() for name in names}
-    iteration = Iteration(n, width, height, heads, 3)
+    iteration = Iteration(n, width, height, outputs, 3)
     for _ in range(rounds):
         for name in names:
             library.use_variant(name)
@@ -130,11 +130,11 @@ def ratio_to_torch_tiles(n: int, width: int, height: int) -> float:
     raw, camera = cpu.Parameters.of_field(building(n)), corner_view(width, height)
     lists, clock = cpu.list_tiles(raw, camera, 3, None), Clock()
     ones = torch.ones(height, width)
-    heads = cpu.HeadGradients(torch.ones(3, height, width), ones, ones, None, torch.ones(3, height, width), ones)
+    outputs = cpu.OutputGradients(torch.ones(3, height, width), ones, ones, None, torch.ones(3, height, width), ones)
 
     def kernels() -> None:
         image, hits = cpu.blend(lists, geometry=True)
-        cpu.blend_backward(lists, image, hits, heads, None, False)
+        cpu.blend_backward(lists, image, hits, outputs, None, False)
 
     def tiles() -> None:
         records = lists.records.clone().requires_grad_()
@@ -175,7 +175,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--gaussians", type=int, nargs="+", default=[50_000, 100_000], help="numbers of Gaussians")
     parser.add_argument("--sizes", nargs="+", default=["750x500", "375x250"], help="sizes of the picture")
-    parser.add_argument("--heads", nargs="+", default=["all", "basic"], choices=["all", "basic"], help="outputs")
+    parser.add_argument("--outputs", nargs="+", default=["all", "basic"], choices=["all", "basic"], help="outputs")
     parser.add_argument("--rounds", type=int, default=5, help="the fastest of so many counts")
     parser.add_argument("--threads", type=int, default=0, help="0 takes every core")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
@@ -185,12 +185,12 @@ def main(arguments: list[str] | None = None) -> int:
     results: list[dict[str, Any]] = []
     for n in given.gaussians:
         for size in given.sizes:
-            for heads in given.heads:
+            for outputs in given.outputs:
                 width, height = (int(x) for x in size.split("x"))
-                clocks = parts_table(n, width, height, heads, given.rounds)
-                results.append({"gaussians": n, "size": size, "heads": heads, "variants": clocks})
+                clocks = parts_table(n, width, height, outputs, given.rounds)
+                results.append({"gaussians": n, "size": size, "outputs": outputs, "variants": clocks})
                 if not given.json:
-                    _print_table(f"{n} Gaussians, {size}, {heads} heads, {library.threads()} threads", clocks)
+                    _print_table(f"{n} Gaussians, {size}, {outputs} outputs, {library.threads()} threads", clocks)
     ratio, losses = ratio_to_twin(300, 96, 64), losses_ratio_to_twin(750, 500)
     n, (width, height) = given.gaussians[0], map(int, given.sizes[0].split("x"))
     tiles = ratio_to_torch_tiles(n, width, height)

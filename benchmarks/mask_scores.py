@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.boundaries import boundaries
-from mgf_engine.model.masks import BACKGROUND, FIRST_ELEMENT, UNKNOWN, building
+from mgf_engine.model.masks import BACKGROUND, FIRST_ELEMENT, IGNORE, building
 
 Labels = NDArray[np.uint8]
 #: px; outlines farther from the truth than this are another object's, not a tight or loose one.
@@ -43,7 +43,7 @@ class PhotoScore:
 
 def score_photo(labels: Labels, truth: Labels, elements: Labels) -> PhotoScore:
     """Score a label map; ``truth`` is the true level-one mask, ``elements`` the same with elements; all [H, W]."""
-    valid = truth != UNKNOWN
+    valid = truth != IGNORE
     mine, true = building(labels) & valid, building(truth) & valid
     union = int((mine | true).sum())
     iou = float((mine & true).sum()) / union if union else float("nan")
@@ -82,7 +82,7 @@ def _element_boundaries(labels: Labels, elements: Labels) -> float:
 def _element_overlap(labels: Labels, elements: Labels) -> float:
     total = int(building(elements).sum())
     values = []
-    for value in np.unique(elements[(elements >= FIRST_ELEMENT) & (elements != UNKNOWN)]):
+    for value in np.unique(elements[(elements >= FIRST_ELEMENT) & (elements != IGNORE)]):
         # Ids may be shared by several elements of one kind: each connected piece is one.
         count, pieces, stats, _ = cv2.connectedComponentsWithStats((elements == value).astype(np.uint8), connectivity=4)
         for piece in range(1, count):
@@ -97,6 +97,6 @@ def _best_overlap(labels: Labels, element: NDArray[np.bool_]) -> float:
     found, shared = np.unique(labels[element], return_counts=True)
     best = 0.0
     for value, count in zip(found, shared, strict=True):
-        if value not in (BACKGROUND, UNKNOWN):
+        if value not in (BACKGROUND, IGNORE):
             best = max(best, float(count) / (area + int((labels == value).sum()) - int(count)))
     return best

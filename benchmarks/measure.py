@@ -27,7 +27,7 @@ from mgf_engine.evaluation.geometry import cameras_of, compare_surfaces
 from mgf_engine.evaluation.materials import read_materials
 from mgf_engine.evaluation.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.geometry.mesh_files import read_ply, write_ply
-from mgf_engine.model.masks import UNKNOWN
+from mgf_engine.model.masks import IGNORE
 from mgf_engine.system import cores, cpu_name
 
 #: Thresholds in metres always reported; one ground pixel and its double are added.
@@ -131,7 +131,7 @@ def true_cameras(folder: Path) -> list[SeeingCamera]:
         labels = cv2.imread(str(folder / "masks" / (Path(name).stem + ".png")), cv2.IMREAD_UNCHANGED)
         if labels is None:
             raise BadInput(f"The mask of '{name}' in '{folder}' is missing; delete the folder and make it again.")
-        return np.asarray(labels != UNKNOWN)
+        return np.asarray(labels != IGNORE)
 
     return cameras_of(folder / "sparse_truth", nothing_in_front)
 

@@ -68,7 +68,7 @@ def measure(gaussians: int, width: int, height: int, rounds: int = 5) -> Rooflin
     raw = cpu.Parameters.of_field(field)
     lists = cpu.list_tiles(raw, camera, 2, None)
     image, hits = cpu.blend(lists, geometry=True)
-    heads = _gradients(width, height)
+    outputs = _gradients(width, height)
     pairs = PIXELS_PER_BLOCK * int(np.bitwise_count(hits.numpy().view(np.uint16)).sum(dtype=np.int64))
     planes = 4 * image.numel()
     per_entry = 4 * cpu.RECORD + 4 + 4 + 2
@@ -78,7 +78,7 @@ def measure(gaussians: int, width: int, height: int, rounds: int = 5) -> Rooflin
     }
     work: dict[str, Callable[[], object]] = {
         "blend": lambda: cpu.blend(lists, geometry=True),
-        "blend backward": lambda: cpu.blend_backward(lists, image, hits, heads, None, False),
+        "blend backward": lambda: cpu.blend_backward(lists, image, hits, outputs, None, False),
     }
     kernels = []
     for name, run in work.items():
@@ -90,10 +90,10 @@ def measure(gaussians: int, width: int, height: int, rounds: int = 5) -> Rooflin
     return Roofline(library.variant(), peak, bandwidth, kernels)
 
 
-def _gradients(width: int, height: int) -> cpu.HeadGradients:
+def _gradients(width: int, height: int) -> cpu.OutputGradients:
     planes = torch.randn(10, height, width, generator=torch.Generator().manual_seed(0))
     alpha, depth, median, distortion = planes[3], planes[4], planes[5], planes[9]
-    return cpu.HeadGradients(planes[0:3].contiguous(), alpha, depth, median, planes[6:9].contiguous(), distortion)
+    return cpu.OutputGradients(planes[0:3].contiguous(), alpha, depth, median, planes[6:9].contiguous(), distortion)
 
 
 def _peak(rounds: int) -> float:

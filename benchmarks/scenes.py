@@ -36,7 +36,7 @@ from benchmarks.shapes import Part
 from benchmarks.surroundings import surroundings
 from benchmarks.truth import MATERIALS, write_pixels, write_truth
 from mgf_engine.errors import BadInput
-from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
+from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, IGNORE
 from mgf_engine.system import user_cache, write_json
 
 #: Part of the cache key: raise it when the same spec gives other pictures than before.
@@ -133,7 +133,7 @@ def element_ids(parts: Sequence[Part]) -> dict[str, int]:
     More elements than labels share them in turn (ids are only local to an image for the losses).
     """
     names = dict.fromkeys(p.element for p in parts if p.element)
-    room = UNKNOWN - FIRST_ELEMENT
+    room = IGNORE - FIRST_ELEMENT
     return {"": BUILDING, **{name: FIRST_ELEMENT + i % room for i, name in enumerate(names)}}
 
 
@@ -218,8 +218,8 @@ def _write_masks(folder: Path, spec: SceneSpec, shots: list[Shot]) -> list[NDArr
         stem = Path(shot.name).stem + ".png"
         seen, alone = _read_png(folder / "work/ids" / stem), _read_png(folder / "work/alone" / stem)
         seen, alone = (bend(spec, a if a.ndim == 2 else a[..., 0], labels=True) for a in (seen, alone))
-        elements = np.where((seen == BACKGROUND) & (alone != BACKGROUND), UNKNOWN, seen).astype(np.uint8)
-        level_one = np.where((elements >= FIRST_ELEMENT) & (elements != UNKNOWN), BUILDING, elements).astype(np.uint8)
+        elements = np.where((seen == BACKGROUND) & (alone != BACKGROUND), IGNORE, seen).astype(np.uint8)
+        level_one = np.where((elements >= FIRST_ELEMENT) & (elements != IGNORE), BUILDING, elements).astype(np.uint8)
         cv2.imwrite(str(folder / "elements" / stem), elements)
         cv2.imwrite(str(folder / "masks" / stem), level_one)
         result.append(level_one)

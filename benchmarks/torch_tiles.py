@@ -23,7 +23,7 @@ CENTRE, Q, A, B, OPACITY, RGB, NORMAL = (
     slice(14, 17),
     slice(17, 20),
 )
-HEADS = 9  # colour, opacity, depth, normal, distortion
+OUTPUTS = 9  # colour, opacity, depth, normal, distortion
 
 
 def blend(lists: TileLists, records: Tensor, near: float, far: float) -> Tensor:
@@ -36,8 +36,8 @@ def blend(lists: TileLists, records: Tensor, near: float, far: float) -> Tensor:
         listed = lists.gid[lists.ranges[tile] : lists.ranges[tile + 1]].long()
         corner = torch.tensor([TILE * column, TILE * row])
         tiles.append(_blend_tile(records[listed], u + corner[0], v + corner[1], near, far))
-    stacked = torch.stack(tiles, 1).view(HEADS, lists.tiles_y, lists.tiles_x, TILE, TILE)
-    return stacked.permute(0, 1, 3, 2, 4).reshape(HEADS, lists.tiles_y * TILE, lists.tiles_x * TILE)
+    stacked = torch.stack(tiles, 1).view(OUTPUTS, lists.tiles_y, lists.tiles_x, TILE, TILE)
+    return stacked.permute(0, 1, 3, 2, 4).reshape(OUTPUTS, lists.tiles_y * TILE, lists.tiles_x * TILE)
 
 
 def _blend_tile(g: Tensor, u: Tensor, v: Tensor, near: float, far: float) -> Tensor:

@@ -195,6 +195,12 @@ ALGORITHMS: tuple[Algorithm, ...] = (
         "mgf_engine.masks.propagation.propagate:PropagationOptions",
     ),
     Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mgf_engine.mesh.extract:ExtractionOptions"),
+    Algorithm(
+        "homogeneous_regions",
+        "masks",
+        "Completion of homogeneous regions",
+        "mgf_engine.masks.refinement.homogeneous_regions:HomogeneousRegionOptions",
+    ),
 )
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}

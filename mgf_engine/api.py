@@ -165,7 +165,7 @@ def make_masks(
         options: of the sections ``run`` and ``masks``.
 
     Returns:
-        A label map per photo (0 background, 1 and more building, 255 unknown); also written to ``masks/``.
+        A label map per photo (0 background, 1 and more building, 255 ignore); also written to ``masks/``.
 
     Raises:
         BadInput: no clicks, or clicks or masks that cannot be used.

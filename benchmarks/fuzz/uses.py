@@ -22,7 +22,7 @@ from mgf_engine.geometry import clean
 from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_ply, write_texture
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import color_from_photos
-from mgf_engine.mesh.component_filter import belongs
+from mgf_engine.mesh.component_filter import faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.model.gaussians import Gaussians
@@ -57,7 +57,7 @@ def use_mesh(mesh: Mesh, scene: Scene, masks: MaskSet, folder: Path) -> None:
     mesh = clean.smooth(clean.split_nonmanifold(clean.drop_small_parts(mesh, 0.01)), 1)
     counts = count_pixels(mesh, views)
     mesh = clean.orient_outward(mesh, counts.front, counts.back)
-    belongs(mesh, views, masks.clicks or [np.zeros((0, 2), np.float32)] * len(views))
+    faces_near_clicks(mesh, views, masks.clicks or [np.zeros((0, 2), np.float32)] * len(views))
     inside = [building(labels) for labels in masks.labels]
     mesh = color_from_photos(mesh, views, scene.photo, inside)
     mesh = reduce_faces(mesh, 3, 0.1 * ground_pixels(mesh, views))

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, UNKNOWN
+from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, IGNORE
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
@@ -22,8 +22,8 @@ def _look_of_labels() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Of each label, which share of the photo's colour an overlay keeps [256, 1], and what it adds [256, 3]."""
     kept, added = np.ones((256, 1)), np.zeros((256, 3))
     kept[BACKGROUND] = 0.3
-    kept[UNKNOWN], added[UNKNOWN] = 0.4, 0.6 * np.array(_UNKNOWN_TINT)
-    elements = np.arange(FIRST_ELEMENT, UNKNOWN)
+    kept[IGNORE], added[IGNORE] = 0.4, 0.6 * np.array(_UNKNOWN_TINT)
+    elements = np.arange(FIRST_ELEMENT, IGNORE)
     hue = elements * 67 % 180  # neighbours in number are far apart in hue
     colors = np.stack([hue, np.full_like(hue, 200), np.full_like(hue, 255)], 1).astype(np.uint8)
     tint = cv2.cvtColor(colors[None], cv2.COLOR_HSV2RGB)[0]
@@ -35,9 +35,9 @@ _KEPT, _ADDED = _look_of_labels()
 
 
 def mask_overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The photo with the building outlined, elements tinted, the surroundings dimmed and unknown pixels violet."""
+    """The photo with the building outlined, elements tinted, the surroundings dimmed and ignored pixels violet."""
     picture = _KEPT[labels] * photo + _ADDED[labels]
-    inside = ((labels >= BUILDING) & (labels != UNKNOWN)).astype(np.uint8)
+    inside = ((labels >= BUILDING) & (labels != IGNORE)).astype(np.uint8)
     width = max(3, round(max(labels.shape) / 250) | 1)
     outline = cv2.morphologyEx(inside, cv2.MORPH_GRADIENT, np.ones((width, width), np.uint8)) > 0
     picture[outline] = _BUILDING_TINT

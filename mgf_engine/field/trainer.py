@@ -154,7 +154,7 @@ class _Trainer:
             rendering = render(
                 self.optimiser.leaves(), target.camera, sh_degree=sh_degree_at(share, config),
                 tile_mask=target.tile_mask, stats=self.stats, error_map=error_map,
-                heads="all" if geometry else "basic", wait=False,
+                outputs="all" if geometry else "basic", wait=False,
             )  # fmt: skip
         with self._timed("losses"):
             terms = total_loss(rendering, target, config, backdrop, geometry, error_map)

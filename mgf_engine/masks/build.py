@@ -29,9 +29,9 @@ from mgf_engine.masks.segmenters.notice import notice
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.user_masks import read_supplied
-from mgf_engine.masks.validation.cross_view_consistency import contradicted_masks
-from mgf_engine.masks.validation.low_texture import PLAIN, plain_share, plain_text
-from mgf_engine.masks.validation.mask_coverage import forgive, measure_fit, misfits
+from mgf_engine.masks.validation.cross_view_consistency import find_contradicted_masks
+from mgf_engine.masks.validation.low_texture import PLAIN, low_texture_share, low_texture_warning
+from mgf_engine.masks.validation.mask_coverage import describe_misfits, mark_ignored, measure_coverage
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.scene import Scene, most_pixels
@@ -106,9 +106,9 @@ def _build_masks(
     reporter.preview(str(sheet), "Masks")
     _warn(result, scene, reporter)
     _check_clicks(clicks, masks)
-    plain = plain_share(scene, masks) if config.use_masks else 0.0
+    plain = low_texture_share(scene, masks) if config.use_masks else 0.0
     if plain > PLAIN:
-        reporter.warning(plain_text(plain))
+        reporter.warning(low_texture_warning(plain))
     return masks
 
 
@@ -150,17 +150,17 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
         labels.append(np.zeros((view.height, view.width), np.uint8) if mask is None else mask)
         reasons.append("no mask was given" if mask is None else "" if building(mask).any() else "the mask is empty")
     used = np.array([not r for r in reasons])
-    for index, agreement in contradicted_masks(scene, labels, used, config.vote_dilation).items():
+    for index, agreement in find_contradicted_masks(scene, labels, used, config.vote_dilation).items():
         reasons[index] = f"other photos' masks contradict it (agreement {agreement:.0%})"
         used[index] = False
-    fit = measure_fit(scene, labels, used)
-    labels = forgive(scene, labels, fit)
+    fit = measure_coverage(scene, labels, used)
+    labels = mark_ignored(scene, labels, fit)
     rows = np.arange(len(scene.points))
     points = vote(
         scene.points, scene, labels, chosen_voters(scene, np.flatnonzero(used).tolist(), config), config, rows
     )
     masks = MaskSet(tuple(labels), used, used.astype(np.float32), points)
-    return Propagation(masks, reasons, misfits(scene, fit), consistency(scene, masks, config.vote_dilation))
+    return Propagation(masks, reasons, describe_misfits(scene, fit), consistency(scene, masks, config.vote_dilation))
 
 
 def _second_level(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.store import write_png
-from mgf_engine.model.masks import UNKNOWN, MaskSet, building
+from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 
@@ -60,7 +60,7 @@ def overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.u
     result = np.ascontiguousarray(photo[..., ::-1])
     inside = building(labels)
     values = np.arange(256, dtype=np.float32)[:, None]
-    for where, colour in ((~inside & (labels != UNKNOWN), OUTSIDE), (labels == UNKNOWN, OCCLUDER)):
+    for where, colour in ((~inside & (labels != IGNORE), OUTSIDE), (labels == IGNORE, OCCLUDER)):
         dimmed = (0.35 * values + 0.5 * np.array(colour, np.float32)).clip(0, 255).astype(np.uint8)
         cv2.copyTo(cv2.LUT(result, dimmed[None]), where.astype(np.uint8), result)
     outlines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)

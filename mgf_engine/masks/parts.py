@@ -21,10 +21,10 @@ from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Points
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.segmenters.efficientsam import POINT, EfficientSam
-from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, UNKNOWN, building
+from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
 from mgf_engine.model.scene import Scene
 
-LAST_ELEMENT = UNKNOWN - 1
+LAST_ELEMENT = IGNORE - 1
 SMALLEST, LARGEST = 0.001, 0.5  # share of the building
 GRID = 12  # prompts across the longer side of the building
 MIN_QUALITY, MIN_STABILITY, MAX_OVERLAP = 0.8, 0.9, 0.6
@@ -179,7 +179,7 @@ def tie_parts(scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[in
         here = scene.observations(index)
         y, x = pixel_at(labels_here.shape, scene.track_uv[here])
         element[here] = labels_here[y, x]
-    element[(element < FIRST_ELEMENT) | (element == UNKNOWN)] = 0
+    element[(element < FIRST_ELEMENT) | (element == IGNORE)] = 0
     node = np.where(element > 0, scene.track_view.astype(np.int64) * 256 + element, -1)
     parent = {int(n): int(n) for n in np.unique(node[node >= 0])}
     parent |= {v * 256 + label: v * 256 + label for v, named in enumerate(names) for label in named}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
-from mgf_engine.model.masks import UNKNOWN, MaskSet, building
+from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.system import cores
@@ -128,7 +128,7 @@ def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[
 def _cast(
     labels: NDArray[np.uint8], uv: NDArray[np.floating], rows: NDArray[np.int64], dilation: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of the rows seen at uv, those one view votes for and against; unknown pixels outside the grown mask abstain."""
+    """Of the rows seen at uv, those one view votes for and against; ignored pixels outside the grown mask abstain."""
     if not len(rows):
         return rows, rows
     mask = building(labels)
@@ -137,4 +137,4 @@ def _cast(
         mask = cv2.dilate(mask.astype(np.uint8), kernel).astype(bool)
     y, x = pixel_at(labels.shape, uv)
     hit = mask[y, x]
-    return rows[hit], rows[~hit & (labels[y, x] != UNKNOWN)]
+    return rows[hit], rows[~hit & (labels[y, x] != IGNORE)]

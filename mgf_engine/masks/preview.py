@@ -21,12 +21,12 @@ from mgf_engine.config import Config, make_config, renamed_values
 from mgf_engine.errors import BadInput
 from mgf_engine.images import read_rgb, shrink, turn
 from mgf_engine.masks.build import choose_segmenter
-from mgf_engine.masks.geometry.point_features import measure_shape
+from mgf_engine.masks.geometry.point_features import measure_point_features
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
 from mgf_engine.masks.propagation.propagate import PropagationOptions, make_hints
 from mgf_engine.masks.propagation.random_walker import LabelGraph, RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions
-from mgf_engine.masks.propagation.stable_masks import first_clicks, join, obey, touch
+from mgf_engine.masks.propagation.stable_masks import enforce_clicks, first_clicks, merge_masks, set_clicked_pixels
 from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
 from mgf_engine.masks.segmenters.download import default_folder
@@ -93,7 +93,7 @@ def preview(source: Path, prompts: Path, name: str, config: Config) -> tuple[NDA
     mask = _in_original(segment.mask, view, config.resolution)
     scale = np.array([mask.shape[1] / view.original_width, mask.shape[0] / view.original_height])
     kinds = (to_original(view, points) * scale for points in (clicks.positive, clicks.negative))
-    return touch(mask, Clicks(*kinds)), segment.score
+    return set_clicked_pixels(mask, Clicks(*kinds)), segment.score
 
 
 def one_view(source: Path, name: str, config: Config) -> tuple[Scene, NDArray[np.uint8]]:
@@ -158,15 +158,15 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
     graph = LabelGraph(
         scene,
         [regions],
-        measure_shape(scene),
+        measure_point_features(scene),
         options=config.algorithm(RandomWalkerOptions),
         sky=config.algorithm(SkyOptions),
     )
     segmenter = choose_segmenter(config, default_folder().parent)
 
     def answer(given: Clicks) -> tuple[Segment, Hints]:
-        belief = graph.solve({0: given}, config.seed)
-        hints = make_hints(scene, 0, given, regions, belief, (belief.points > 0.5)[scene.track_point])
+        probability = graph.solve({0: given}, config.seed)
+        hints = make_hints(scene, 0, given, regions, probability, (probability.points > 0.5)[scene.track_point])
         segment = segmenter.segment(0, photo, hints)
         if segment.score < options.retry_below:
             again = segmenter.segment(0, photo, hints, attempt=1)
@@ -177,7 +177,7 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
     last, hints = answer(everything)  # first, since it leaves behind what the others can use
     threads = config.threads or cores()
     masks = [segment.mask for (segment, _) in parallel_map(lambda i: answer(earlier[i]), range(len(earlier)), threads)]
-    mask = obey(join([*masks, last.mask]), regions, clicks)
+    mask = enforce_clicks(merge_masks([*masks, last.mask]), regions, clicks)
     return Segment(mask, agreement(mask, hints))
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.images import png_size
 from mgf_engine.masks.store import read_png
-from mgf_engine.model.masks import BUILDING, UNKNOWN, building
+from mgf_engine.model.masks import BUILDING, IGNORE, building
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.cameras import warp_labels
 
@@ -106,9 +106,9 @@ def _grey_labels(image: NDArray[Any]) -> NDArray[np.uint8]:
     values = np.unique(image)
     if len(values) == 1:
         return np.full(image.shape, BUILDING if values[0] > 0 else 0, np.uint8)
-    if len(values) == 2 and not (values[0] == BUILDING and values[1] == UNKNOWN):
+    if len(values) == 2 and not (values[0] == BUILDING and values[1] == IGNORE):
         return np.asarray(image == values[1], np.uint8)
-    elements = values[(values > 0) & (values != UNKNOWN)]
+    elements = values[(values > 0) & (values != IGNORE)]
     if BUILDING in values and elements.max() < 64:
         return image.astype(np.uint8)
     return np.asarray(image >= float(values[-1]) / 2, np.uint8)

@@ -23,7 +23,7 @@ from mgf_engine.native.parallel import parallel_map
 NEAR = 0.1
 
 
-def belongs(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArray[np.floating]]) -> NDArray[np.bool_]:
+def faces_near_clicks(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArray[np.floating]]) -> NDArray[np.bool_]:
     """Faces of the parts that were clicked, and of those near to them, or near to such, bool [F].
 
     Args:

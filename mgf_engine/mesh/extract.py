@@ -20,14 +20,14 @@ from mgf_engine.geometry.delaunay import begun
 from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
-from mgf_engine.mesh.component_filter import belongs
+from mgf_engine.mesh.component_filter import faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import cap_rims, fill_holes
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.isosurface import FREE, find_level, march
-from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions, stretch_unconfirmed
+from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions, fill_low_confidence
 from mgf_engine.mesh.mask_votes import MaskVoteOptions, cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.photometric import MatchOptions
@@ -38,7 +38,7 @@ from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
 from mgf_engine.mesh.tsdf import FusionOptions, Photos, TsdfField, TsdfOptions, fuse_gaussians
-from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_shadows
+from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_unobserved
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
@@ -116,7 +116,7 @@ def extract_mesh(
     box = crop_of(config.crop_box, scene)
     with times.part("points"):
         kept = screen(gaussians, scene, masks, config)
-        spanned = tetra_points(kept if box is None else beside(kept, box))
+        spanned = tetra_points(kept if box is None else select_near_box(kept, box))
         prior = None
         if start is not None and trusted.photos is not None:
             prior = Prior(start.mesh, start.sure)
@@ -134,14 +134,14 @@ def extract_mesh(
             tetrahedra = made(reporter.check)
     reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
     with times.part("level set"):
-        mesh = level_set(spanned, tetrahedra, field, config.level_steps, reporter)
+        mesh = extract_level_set(spanned, tetrahedra, field, config.level_steps, reporter)
         del tetrahedra
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
         voting = trusted.labels if config.use_masks and config.face_votes else None
-        mesh = cleaned(mesh, field, trusted.views, config, voting)
+        mesh = clean_level_set(mesh, field, trusted.views, config, voting)
         if config.drop_unseen:
-            mesh = of_the_clicked(mesh, scene, masks, reporter)
+            mesh = keep_clicked_parts(mesh, scene, masks, reporter)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with times.part("refinement"):
         if config.match_photos and isinstance(field, OpacityField) and field.evidence is not None:
@@ -152,25 +152,25 @@ def extract_mesh(
                 ground_pixels(mesh, trusted.views),
                 RefinementOptions(reach=options.opacity_reach),
             )
-        mesh = refined(mesh, trusted, config, reporter)
+        mesh = refine_mesh(mesh, trusted, config, reporter)
     if config.flatten:
         with times.part("planes"):
             mesh = flatten(mesh, ground_pixels(mesh, trusted.views), config.algorithm(PlanarOptions))
     with times.part("colours"):
         colored = color_from_photos(
-            trimmed(mesh, config, box), trusted.views, lambda i: scene.photo(trusted.indices[i]),
+            crop_mesh(mesh, config, box), trusted.views, lambda i: scene.photo(trusted.indices[i]),
             [building(label) for label in trusted.labels],
             lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share), config.algorithm(ColorOptions),
         )  # fmt: skip
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
     with times.part("reduction"):
-        mesh = reduced(colored, trusted.views, config, reporter)
+        mesh = simplify_mesh(colored, trusted.views, config, reporter)
         values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
         mesh = replace(mesh, values=values)
         dents = config.span_dents and "confidence" in mesh.values
         if not dents:
             return mesh
-        return stretch_unconfirmed(mesh, mesh.values["confidence"], config.algorithm(LowConfidenceFillOptions))
+        return fill_low_confidence(mesh, mesh.values["confidence"], config.algorithm(LowConfidenceFillOptions))
 
 
 def find_trusted_views(scene: Scene, masks: MaskSet, config: Config) -> TrustedViews:
@@ -232,7 +232,7 @@ def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], neighbours: int
     return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
 
 
-def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:
+def select_near_box(gaussians: Gaussians, box: CropBox) -> Gaussians:
     """The Gaussians in and closely around the crop box.
 
     They span the tetrahedra; the field that judges keeps the others, or a view of the far side would see through
@@ -247,7 +247,7 @@ def beside(gaussians: Gaussians, box: CropBox) -> Gaussians:
     return gaussians.select(torch.from_numpy(near))
 
 
-def level_set(
+def extract_level_set(
     spanned: TetraPoints,
     tetrahedra: NDArray[np.int32],
     field: OpacityField | TsdfField,
@@ -282,7 +282,7 @@ def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool
     return too_long
 
 
-def cleaned(
+def clean_level_set(
     mesh: Mesh,
     field: OpacityField | TsdfField,
     views: Sequence[View],
@@ -307,7 +307,7 @@ def cleaned(
         if "confidence" in mesh.values:
             confirmed = mesh.values["confidence"] >= config.algorithm(LowConfidenceFillOptions).unconfirmed
             volumes = config.algorithm(UnobservedVolumeOptions)
-            mesh = drop_shadows(mesh, confirmed, ground_pixels(mesh, views), free, volumes)
+            mesh = drop_unobserved(mesh, confirmed, ground_pixels(mesh, views), free, volumes)
         mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], options.made_up), values={})
     mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
     counts = count_pixels(mesh, views, labels)
@@ -328,11 +328,11 @@ def cleaned(
     return clean.smooth(mesh, config.smoothing)
 
 
-def of_the_clicked(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter) -> Mesh:
+def keep_clicked_parts(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter) -> Mesh:
     """The mesh less what stands apart from all that was clicked; all of it where the masks are not from clicks."""
     if not masks.clicks:
         return mesh
-    kept = belongs(mesh, scene.views, masks.clicks)
+    kept = faces_near_clicks(mesh, scene.views, masks.clicks)
     if kept.all():
         return mesh
     areas = clean.face_areas(mesh)
@@ -343,7 +343,7 @@ def of_the_clicked(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter)
     return clean.with_faces(mesh, mesh.faces[kept])
 
 
-def refined(mesh: Mesh, trusted: TrustedViews, config: Config, reporter: Reporter) -> Mesh:
+def refine_mesh(mesh: Mesh, trusted: TrustedViews, config: Config, reporter: Reporter) -> Mesh:
     """The mesh where the photos agree about it, as often as ``config.refine_rounds`` wants."""
     if trusted.photos is None:
         return mesh
@@ -354,7 +354,7 @@ def refined(mesh: Mesh, trusted: TrustedViews, config: Config, reporter: Reporte
     )  # fmt: skip
 
 
-def reduced(mesh: Mesh, views: Sequence[View], config: Config, reporter: Reporter) -> Mesh:
+def simplify_mesh(mesh: Mesh, views: Sequence[View], config: Config, reporter: Reporter) -> Mesh:
     """The coloured mesh with as few faces as the bounds in the options allow."""
     result = reduce_faces(
         mesh, config.max_faces, config.face_error * ground_pixels(mesh, views),
@@ -365,7 +365,7 @@ def reduced(mesh: Mesh, views: Sequence[View], config: Config, reporter: Reporte
     return result
 
 
-def trimmed(mesh: Mesh, config: Config, box: CropBox | None = None) -> Mesh:
+def crop_mesh(mesh: Mesh, config: Config, box: CropBox | None = None) -> Mesh:
     """The mesh cut at the box, its bottom closed where that is wanted.
 
     Raises:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.geometry.rasterize import corners, seen_faces
 from mgf_engine.mesh.face_clusters import SIZE, Blocks
-from mgf_engine.model.masks import UNKNOWN
+from mgf_engine.model.masks import IGNORE
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import call
@@ -133,7 +133,7 @@ def _counted(
         at = corners(mesh.vertices, views[number])
         face, picture = show(number, at)
         label = None if labels is None else np.ascontiguousarray(labels[number])
-        call("mgf_count_pixels", face.size, face, at, faces, label, UNKNOWN, counts)
+        call("mgf_count_pixels", face.size, face, at, faces, label, IGNORE, counts)
         return picture
 
     pictures = list(parallel_map(add, range(len(views))))

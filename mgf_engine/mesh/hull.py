@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.model.masks import BACKGROUND, UNKNOWN, MaskSet
+from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet
 from mgf_engine.model.scene import Scene
 from mgf_engine.raster import points as kernel
 
@@ -31,7 +31,7 @@ def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
     else:
         near = known
     result = np.where(near > 0, kernel.INSIDE, kernel.OUTSIDE).astype(np.uint8)
-    result[labels == UNKNOWN] = kernel.UNKNOWN
+    result[labels == IGNORE] = kernel.IGNORE
     return result
 
 

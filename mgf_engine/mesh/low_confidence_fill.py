@@ -32,7 +32,7 @@ class LowConfidenceFillOptions:
     )
 
 
-def stretch_unconfirmed(
+def fill_low_confidence(
     mesh: Mesh, confidence: NDArray[np.floating], options: LowConfidenceFillOptions = LowConfidenceFillOptions()
 ) -> Mesh:
     """Move the vertices of unconfirmed patches to the surface that their rims span: each to the mean of its neighbours.

@@ -42,7 +42,7 @@ def cut_background(
 
     Args:
         views: photos that vote, normalised frame.
-        labels: label map of each view, uint8 [H, W]; unknown pixels do not vote. Faces that no view sees stay.
+        labels: label map of each view, uint8 [H, W]; ignored pixels do not vote. Faces that no view sees stay.
         counts: those of the mesh, where they are known already.
         left: faces of whole parts that are left from the beginning, bool [F]; None for all.
     """

@@ -85,7 +85,7 @@ class Matched:
     trust: Array | None = None
 
 
-def unmatched(surface: Surface) -> Matched:
+def without_match(surface: Surface) -> Matched:
     """The depth as rendered."""
     nothing = np.zeros_like(surface.depth)
     return Matched(surface.depth, nothing, nothing, nothing)
@@ -129,11 +129,11 @@ def correlations(
 
 def _struct(surfaces: Sequence[Surface], first: View) -> NDArray[np.void]:
     """As ``native/csrc/stereo/match.c`` takes photos with their surfaces (struct Photo)."""
-    rows = [(s.quads.ctypes.data, s.depth.ctypes.data, *s.depth.shape, between(first, s.view)) for s in surfaces]
+    rows = [(s.quads.ctypes.data, s.depth.ctypes.data, *s.depth.shape, pixel_transfer(first, s.view)) for s in surfaces]
     return np.array(rows, [(name, "<i8") for name in ("quads", "depth", "height", "width")] + [("to", "<f8", 12)])
 
 
-def between(first: View, second: View) -> NDArray[np.float64]:
+def pixel_transfer(first: View, second: View) -> NDArray[np.float64]:
     """M [3, 3] and b [3], flat [12]: a pixel (x, y) at a depth lies in the second photo at M (x, y, 1) + b / depth."""
     rotation = second.rotation @ first.rotation.T
     translation = second.translation - rotation @ first.translation

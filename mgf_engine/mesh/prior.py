@@ -58,12 +58,12 @@ class Prior:
     def seen_from(self, view: View, grey: NDArray[np.uint8]) -> tuple[Surface, Array]:
         """What a view shows of it, and how sure that is, [H, W]."""
         buffers = render_mesh(self.mesh, view)
-        surface = sight_surface(buffers.depth, buffers.face, self.normals, view, grey)
+        surface = visible_surface(buffers.depth, buffers.face, self.normals, view, grey)
         sure = np.where(surface.depth > 0, self.sure[np.maximum(buffers.face, 0)], 0).astype(np.float32)
         return surface, sure
 
 
-def sight_surface(
+def visible_surface(
     depth: Array, face: NDArray[np.int32], normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]
 ) -> Surface:
     """What a view sees of a mesh from the front, by depth and face of each pixel.
@@ -82,7 +82,7 @@ def sight_surface(
     return Surface(view, grey, np.where(front, depth, 0.0).astype(np.float32), normal, np.zeros(face.shape, bool))
 
 
-def joined(field: Surface, prior: Surface, sure: Array, options: PriorOptions = PriorOptions()) -> Surface:
+def combine_surfaces(field: Surface, prior: Surface, sure: Array, options: PriorOptions = PriorOptions()) -> Surface:
     """The field's surface with the prior where both are one and its plane is sure, or where the field shows nothing."""
     same = np.abs(field.depth - prior.depth) * field.view.fx < options.same * prior.depth
     take = (prior.depth > 0) & ((same & (sure >= options.sure)) | (field.depth == 0))
@@ -91,7 +91,7 @@ def joined(field: Surface, prior: Surface, sure: Array, options: PriorOptions = 
     return replace(field, depth=depth, normal=normal, through=field.through & (prior.depth == 0))
 
 
-def decided(
+def choose_depths(
     field: Surface, prior: Surface, sure: Array, matched: Matched, others: Sequence[Surface],
     search: MatchOptions, match: Callable[[Surface, Sequence[Surface], MatchOptions], Matched] = match_surface,
     options: PriorOptions = PriorOptions(),
@@ -99,7 +99,7 @@ def decided(
     """The surface of a view and its matched depth, each pixel from the field or from the prior.
 
     Args:
-        field: as :func:`joined` gives it, with ``matched`` as it was matched.
+        field: as :func:`combine_surfaces` gives it, with ``matched`` as it was matched.
         others: what the neighbours show of the prior.
     """
     known = prior.depth > 0

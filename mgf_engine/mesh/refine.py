@@ -19,7 +19,7 @@ from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.photometric import Surface
-from mgf_engine.mesh.prior import sight_surface
+from mgf_engine.mesh.prior import visible_surface
 from mgf_engine.mesh.tsdf import FusionOptions, Photos, TsdfField
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
@@ -70,7 +70,7 @@ def refine(
     return mesh
 
 
-def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]) -> Surface:
+def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]) -> Surface:
     """What a view sees of the mesh from the front.
 
     Args:
@@ -78,7 +78,7 @@ def look_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDA
         grey: the photo's brightness, [H, W].
     """
     buffers = render_mesh(mesh, view)
-    return sight_surface(buffers.depth, buffers.face, normals, view, grey)
+    return visible_surface(buffers.depth, buffers.face, normals, view, grey)
 
 
 def _matched(
@@ -95,7 +95,7 @@ def _matched(
     normals = smoothed / np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-12)
 
     def show(number: int) -> Surface:
-        return look_surface(mesh, normals, views[number], photos.grey(number))
+        return render_surface(mesh, normals, views[number], photos.grey(number))
 
     return TsdfField(show, masks, photos.neighbours, options, progress)
 

@@ -21,7 +21,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.morton import morton
 from mgf_engine.raster.points import deviations
 from mgf_engine.scene.crop import CropBox
-from mgf_engine.start.samples import spread
+from mgf_engine.start.samples import sample_poisson_disk
 
 MAX_SIGMA = 3.0
 MERGE = 1e-6  # of the points' bounding box: nearer points become one
@@ -71,7 +71,7 @@ def beside_surface(spanned: TetraPoints, mesh: Mesh, pixel: float, box: CropBox 
         box: where given, only in and beside it.
     """
     spacing = BESIDE_SPACING * pixel
-    face, points = spread(mesh, spacing, np.random.default_rng(0))
+    face, points = sample_poisson_disk(mesh, spacing, np.random.default_rng(0))
     normals = face_normals(mesh)[face]
     kept = cKDTree(spanned.points).query(points, distance_upper_bound=BESIDE_NEAR * pixel)[0] == np.inf
     if box is not None:

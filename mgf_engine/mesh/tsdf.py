@@ -23,8 +23,8 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions, smooth_depth
 from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
-from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface, unmatched
-from mgf_engine.mesh.prior import Prior, PriorOptions, decided, joined
+from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface, without_match
+from mgf_engine.mesh.prior import Prior, PriorOptions, choose_depths, combine_surfaces
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import parallel
@@ -163,7 +163,7 @@ class TsdfField:
                         surfaces[k] = next(shown)
                         if prior is not None:
                             before[k] = prior(k)
-                            surfaces[k] = joined(surfaces[k], *before[k], options.prior)
+                            surfaces[k] = combine_surfaces(surfaces[k], *before[k], options.prior)
                 yield _Asked(mask, [surfaces[k] for k in wanted], [before[k] for k in wanted if k in before])
                 for k in wanted:
                     left[k] -= 1
@@ -173,10 +173,10 @@ class TsdfField:
 
         def matched(asked: _Asked) -> DepthMap:
             surface, *others = asked.surfaces
-            found = match_surface(surface, others, options.match) if others else unmatched(surface)
+            found = match_surface(surface, others, options.match) if others else without_match(surface)
             if asked.prior:
                 (known, sure), *rest = asked.prior
-                surface, found = decided(
+                surface, found = choose_depths(
                     surface, known, sure, found, [other for other, _ in rest], options.match, options=options.prior
                 )
             if options.smoothing is not None:

@@ -36,7 +36,7 @@ class UnobservedVolumeOptions:
     most: float = parameter(0.5, "Share of a patch's area that must have free space behind it", high=1)
 
 
-def drop_shadows(
+def drop_unobserved(
     mesh: Mesh,
     confirmed: NDArray[np.bool_],
     pixel: NDArray[np.floating],

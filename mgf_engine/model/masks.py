@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 BACKGROUND = 0
 BUILDING = 1
 FIRST_ELEMENT = 2  # 2..254: second-level elements, ids local to the image
-UNKNOWN = 255  # an occluder in front of the building: neither building nor empty space
+IGNORE = 255  # an occluder in front of the building, or uncertain: neither building nor empty space; no loss, no vote
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class MaskSet:
     """Masks of all views of a scene.
 
     Attributes:
-        labels: per view uint8 [height, width] at working resolution: ``M_ms`` of the paper, with UNKNOWN.
+        labels: per view uint8 [height, width] at working resolution: ``M_ms`` of the paper, with IGNORE.
         used: bool [V]; false for masks too weak to train on.
         scores: float32 [V]; agreement with the sparse points, 0..1.
         point_mask: bool [P]; true for the masked points P' (eq. 3).
@@ -35,4 +35,4 @@ class MaskSet:
 
 def building(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Pixels of the building at level one, whatever element they belong to."""
-    return (labels != BACKGROUND) & (labels != UNKNOWN)
+    return (labels != BACKGROUND) & (labels != IGNORE)

@@ -27,11 +27,11 @@ from mgf_engine.raster.cpu import TileLists, build_lists
 from mgf_engine.raster.device import backend_for
 from mgf_engine.raster.outputs import Rendering, RenderStats
 
-__all__ = ["BACKENDS", "HEADS", "TILE", "Camera", "RenderStats", "Rendering", "TileLists", "build_lists", "render"]
+__all__ = ["BACKENDS", "OUTPUTS", "TILE", "Camera", "RenderStats", "Rendering", "TileLists", "build_lists", "render"]
 
 BACKENDS = ("cpu", "cuda", "reference", "cuda-source-on-cpu")
 #: ``all`` outputs, or ``basic``: colour, alpha and depth only, which is faster.
-HEADS = ("all", "basic")
+OUTPUTS = ("all", "basic")
 
 
 def render(
@@ -43,7 +43,7 @@ def render(
     backend: str | None = None,
     stats: RenderStats | None = None,
     error_map: Tensor | None = None,
-    heads: str = "all",
+    outputs: str = "all",
     wait: bool = True,
 ) -> Rendering:
     """Render Gaussians; differentiable in positions, log_scales, rotations, opacity_logits and sh.
@@ -56,7 +56,7 @@ def render(
         backend: one of :data:`BACKENDS`. None: ``cuda`` for Gaussians on a card, else ``cpu``.
         stats: added to by the backward pass.
         error_map: float32 [H, W], per-pixel error that ``stats.error`` gathers; zero if not given.
-        heads: one of :data:`HEADS`.
+        outputs: one of :data:`OUTPUTS`.
         wait: on a card, whether to wait until it is known how much memory the lists of the tiles need. False, for
             training: earlier renderings tell; one that needs more draws nothing and has no gradients.
 
@@ -64,19 +64,19 @@ def render(
         ValueError: an argument of the wrong shape or an unknown name.
     """
     backend = backend_for(gaussians.positions, backend)
-    _check(gaussians, camera, sh_degree, tile_mask, backend, stats, error_map, heads)
+    _check(gaussians, camera, sh_degree, tile_mask, backend, stats, error_map, outputs)
     if backend == "reference":
-        return reference.render(gaussians, camera, sh_degree, tile_mask, stats, error_map, heads == "all")
-    outputs = _Render.apply(
+        return reference.render(gaussians, camera, sh_degree, tile_mask, stats, error_map, outputs == "all")
+    rendered = _Render.apply(
         gaussians.positions,
         gaussians.log_scales,
         gaussians.rotations,
         gaussians.opacity_logits,
         gaussians.sh,
         gaussians.filter_3d,
-        (_engine(backend), camera, sh_degree, tile_mask, heads == "all", wait, stats, error_map),
+        (_engine(backend), camera, sh_degree, tile_mask, outputs == "all", wait, stats, error_map),
     )
-    return Rendering(*outputs)
+    return Rendering(*rendered)
 
 
 class _Engine(Protocol):
@@ -95,7 +95,7 @@ class _Engine(Protocol):
         lists: Any,
         image: Tensor,
         hits: Tensor,
-        heads: cpu.HeadGradients,
+        gradients: cpu.OutputGradients,
         error_map: Tensor | None,
         statistics: tuple[Tensor, ...] | None,
     ) -> tuple[Tensor, ...]: ...
@@ -131,11 +131,11 @@ class _Render(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         (image,) = ctx.saved_tensors
         engine, raw, sh_degree, lists, hits, stats, error_map = ctx.kept
-        heads = cpu.HeadGradients(*(None if g is None else g.to(torch.float32).contiguous() for g in gradients[:6]))
+        given = cpu.OutputGradients(*(None if g is None else g.to(torch.float32).contiguous() for g in gradients[:6]))
         if error_map is not None:
             error_map = error_map.detach().to(torch.float32).contiguous()
         statistics = None if stats is None else stats.all
-        found = engine.backward(raw, sh_degree, lists, image, hits, heads, error_map, statistics)
+        found = engine.backward(raw, sh_degree, lists, image, hits, given, error_map, statistics)
         return (*found, None, None)
 
 
@@ -147,7 +147,7 @@ def _check(
     backend: str,
     stats: RenderStats | None,
     error_map: Tensor | None,
-    heads: str,
+    outputs: str,
 ) -> None:
     n = len(gaussians)
     shapes = {"log_scales": (n, 3), "rotations": (n, 4), "opacity_logits": (n,), "sh": (n, 16, 3), "filter_3d": (n,)}
@@ -162,5 +162,5 @@ def _check(
         raise ValueError(f"stats are for {len(stats.weight)} Gaussians, not {n}")
     if sh_degree not in (0, 1, 2, 3):
         raise ValueError(f"sh_degree must be 0, 1, 2 or 3, not {sh_degree}")
-    if backend not in BACKENDS or heads not in HEADS:
-        raise ValueError(f"backend is one of {BACKENDS} and heads one of {HEADS}, not '{backend}' and '{heads}'")
+    if backend not in BACKENDS or outputs not in OUTPUTS:
+        raise ValueError(f"backend is one of {BACKENDS} and outputs one of {OUTPUTS}, not '{backend}' and '{outputs}'")

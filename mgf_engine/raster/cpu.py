@@ -173,7 +173,7 @@ def blend(lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:
 
 
 @dataclass
-class HeadGradients:
+class OutputGradients:
     """Gradients of the outputs, float32 contiguous and as large as the outputs; None where there is none."""
 
     color: Tensor | None
@@ -196,7 +196,7 @@ def backward(
     lists: TileLists,
     image: Tensor,
     hits: Tensor,
-    heads: HeadGradients,
+    gradients: OutputGradients,
     error_map: Tensor | None,
     statistics: tuple[Tensor, ...] | None,
 ) -> tuple[Tensor, ...]:
@@ -205,19 +205,20 @@ def backward(
     Args:
         statistics: (weight, error, grad2d, max_radius, count) to add to, or none.
     """
-    sums = blend_backward(lists, image, hits, heads, error_map, statistics is not None)
-    return project_backward(raw, sh_degree, lists, hits, sums, heads.level, statistics)
+    sums = blend_backward(lists, image, hits, gradients, error_map, statistics is not None)
+    return project_backward(raw, sh_degree, lists, hits, sums, gradients.level, statistics)
 
 
 def blend_backward(
-    lists: TileLists, image: Tensor, hits: Tensor, heads: HeadGradients, error_map: Tensor | None, stats: bool
+    lists: TileLists, image: Tensor, hits: Tensor, gradients: OutputGradients, error_map: Tensor | None, stats: bool
 ) -> Tensor:
     """Sums over each tile's pixels for every list entry, float32 [E, 24] (``csrc/raster/blend_backward.h``)."""
     sums = lists.frame.array(torch.float32, lists.entries, SUMS)
     listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
-    given = (heads.color, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
+    g = gradients
+    given = (g.color, g.alpha, g.depth, g.median, g.normal, g.distortion, error_map)
     tiles = lists.tiles_x * lists.tiles_y
-    parallel("mgf_blend_backward", tiles, lists.camera, *listed, image, hits, *given, heads.level, int(stats), sums)
+    parallel("mgf_blend_backward", tiles, lists.camera, *listed, image, hits, *given, gradients.level, int(stats), sums)
     return sums
 
 

@@ -142,7 +142,7 @@ def image_loss(
 
 def _needed(map: Tensor | None) -> Tensor:
     if map is None:
-        raise ValueError("the geometry terms need a rendering with all heads")
+        raise ValueError("the geometry terms need a rendering with all outputs")
     return map
 
 

@@ -17,9 +17,9 @@ class Rendering:
         color: [3, H, W], premultiplied, without background.
         alpha: [H, W].
         depth: [H, W], sum of weight * depth along the optical axis (divide by alpha for the mean).
-        median: [H, W], depth at which the transmittance passes 1/2, 0 where it never does; None with basic heads.
-        normal: [3, H, W], sum of weight * normal in the camera frame; None with basic heads.
-        distortion: [H, W], sum over pairs i < j of w_i w_j (m_i - m_j)^2 of mapped depths; None with basic heads.
+        median: [H, W], depth at which the transmittance passes 1/2, 0 where it never does; None with basic outputs.
+        normal: [3, H, W], sum of weight * normal in the camera frame; None with basic outputs.
+        distortion: [H, W], sum over pairs i < j of w_i w_j (m_i - m_j)^2 of mapped depths; None with basic outputs.
         visible: bool [N], true for Gaussians that touch a wanted tile.
     """
 

@@ -23,7 +23,7 @@ from mgf_engine.raster.device import backend_for
 if TYPE_CHECKING:
     from mgf_engine.raster.cuda.points import DevicePoints
 
-OUTSIDE, INSIDE, UNKNOWN = 0, 1, 2  # of a mask as these kernels read it
+OUTSIDE, INSIDE, IGNORE = 0, 1, 2  # of a mask as these kernels read it
 BACKGROUND, SEEN, UNSEEN = 0, 1, 2  # verdict of a view on a point
 NEAR = Camera.near  # nothing nearer to the camera counts, normalised frame
 
@@ -38,7 +38,7 @@ class Located:
 
     Attributes:
         place: float32 [N, 3], (u, v, depth); undefined for points not SEEN.
-        verdict: uint8 [N], SEEN (on INSIDE), BACKGROUND (on OUTSIDE) or UNSEEN (out of frame, behind, on UNKNOWN).
+        verdict: uint8 [N], SEEN (on INSIDE), BACKGROUND (on OUTSIDE) or UNSEEN (out of frame, behind, on IGNORE).
         block: int32 [N], tile * 16 + block of 4 x 4 pixels in the tile; -1 for points not SEEN.
     """
 
@@ -48,7 +48,7 @@ class Located:
 
 
 def locate(points: NDArray[np.float32], view: View, mask: NDArray[np.uint8]) -> Located:
-    """Project points [N, 3] (normalised frame) into a view with a mask [H, W] of OUTSIDE, INSIDE and UNKNOWN."""
+    """Project points [N, 3] (normalised frame) into a view with a mask [H, W] of OUTSIDE, INSIDE and IGNORE."""
     _check_mask(view, mask)
     count = len(points)
     found = Located(np.empty((count, 3), np.float32), np.empty(count, np.uint8), np.empty(count, np.int32))
@@ -103,7 +103,7 @@ class PointOpacity:
                 Where the kernel stopped early, a value is only known to be at least ``1 - stop``.
             points: float32 [N, 3], normalised frame.
             view: the camera.
-            mask: uint8 [H, W], OUTSIDE, INSIDE or UNKNOWN; only points that fall on INSIDE are asked for.
+            mask: uint8 [H, W], OUTSIDE, INSIDE or IGNORE; only points that fall on INSIDE are asked for.
             stop: transmittance at which the exact value no longer matters.
 
         Returns:

@@ -38,7 +38,7 @@ MOST_POINTS, FEWEST_PER_VIEW = 3000, 60
 COMMAND = (sys.executable, "-m", "mgf_engine.scene.adjust_worker")
 
 
-def agreeing(model: SparseModel, resolution: int, reporter: Reporter) -> SparseModel:
+def adjust_if_inconsistent(model: SparseModel, resolution: int, reporter: Reporter) -> SparseModel:
     """The model itself, or adjusted where its cameras and points disagree; a warning says so.
 
     Args:

@@ -36,7 +36,7 @@ def main(folder: Path) -> int:
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(0)
     task = read_task(folder / TASK)
-    model = laid_onto(replaced_points(adjust(task), task.resolution), task)
+    model = align_similarity(replaced_points(adjust(task), task.resolution), task)
     if model is None:
         return NOT_FOUND
     write_result(model, folder / RESULT)
@@ -70,7 +70,7 @@ def replaced_points(model: SparseModel, resolution: int) -> SparseModel:
     return replace(model, points=replace(model.points, xyz=xyz))
 
 
-def laid_onto(model: SparseModel, task: Task) -> SparseModel | None:
+def align_similarity(model: SparseModel, task: Task) -> SparseModel | None:
     """The model moved, turned and scaled so that most cameras and chosen points lie where they lay.
 
     How nearly, is told by the disagreement: so many pixels, seen from the cameras (which are about 1 away).

@@ -24,7 +24,7 @@ from mgf_engine.native.parallel import parallel_map
 
 DARKEST, BRIGHTEST = 12.0, 240.0  # grey values outside are noise or clipped
 ROUNDS, NOISE = 10, 0.06  # re-weighting; residuals of log c that are nothing unusual
-PRIOR = 2.0  # observations' worth of belief that a photo needs no change
+PRIOR = 2.0  # observations that the prior of "no change" counts as
 LEAST, MOST = 0.02, np.log(3.0)  # spread of log gains that is worth a change; largest change
 
 Array = NDArray[np.float64]

@@ -17,17 +17,17 @@ from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.scene.adjust import agreeing
+from mgf_engine.scene.adjust import adjust_if_inconsistent
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.exposure import even_exposure
 from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
-from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out, standpoints
-from mgf_engine.scene.scene_checks import drop_views, without_doubtful
+from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots, sample_views
 from mgf_engine.scene.sfm import reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
+from mgf_engine.scene.validation import drop_views, filter_outliers
 from mgf_engine.system import cores, put_in_place
 
 log = logging.getLogger("mgf")
@@ -107,7 +107,7 @@ def _load(
                 "closer together, with more overlap, would help."
             )
     else:
-        model = agreeing(read_model(model_folder), config.resolution, reporter)
+        model = adjust_if_inconsistent(read_model(model_folder), config.resolution, reporter)
         paths = find_photos([image.name for image in model.images], model_folder, source, exclude)
     photos = plan_photos(model, paths, config.resolution, reporter)
 
@@ -131,7 +131,7 @@ def _load(
         log.info("scene: %d of %d photos are used", len(used), len(photos))
         scene = drop_views(scene, sorted(set(range(len(photos))) - set(used)), config.holdout_every)
     threads = config.threads or cores()
-    scene = without_doubtful(scene, working, config.holdout_every, reporter, threads)
+    scene = filter_outliers(scene, working, config.holdout_every, reporter, threads)
     if unplaced:
         scene = replace(scene, left_out=(*scene.left_out, *unplaced))
     if config.even_exposure:
@@ -152,7 +152,7 @@ def _used(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:
         return list(range(count))
     names = [view.name for view in scene.views]
     wanted = {index for name in clicked for index in named_like(name, names)}
-    return sorted(spread_out(*standpoints(scene.views, scene.track_view), limit, wanted))
+    return sorted(sample_views(*camera_poses(scene.views, scene.track_view), limit, wanted))
 
 
 def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: Config) -> Scene:
@@ -166,7 +166,7 @@ def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: C
         for image, photo, rotation in zip(model.images, photos, rotations, strict=True)
     )
     start, track_view, track_uv = _tracks(model, photos)
-    roots = choose_roots(*standpoints(views, track_view))
+    roots = choose_roots(*camera_poses(views, track_view))
     return Scene(
         views=views, points=to_normalised.apply(points.xyz), colors=points.rgb,
         errors=np.maximum(np.nan_to_num(points.errors, nan=0.0, posinf=0.0), 0.0).astype(np.float32),

@@ -17,7 +17,7 @@ _FEWEST_ROOTS = 3
 _FEWEST_TRAINED = 3
 
 
-def standpoints(
+def camera_poses(
     views: Sequence[View], track_view: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Centre [V, 3], viewing direction [V, 3] and number of observed points [V] of each view.
@@ -33,16 +33,16 @@ def standpoints(
 def choose_roots(
     centres: NDArray[np.float64], directions: NDArray[np.float64], seen: NDArray[np.int64]
 ) -> tuple[int, ...]:
-    """A fifth of the views (at least 3, or all), see :func:`spread_out`.
+    """A fifth of the views (at least 3, or all), see :func:`sample_views`.
 
     Returns:
         Sorted indices of the roots.
     """
     count = min(len(centres), max(_FEWEST_ROOTS, math.ceil(len(centres) / 5)))
-    return tuple(sorted(spread_out(centres, directions, seen, count)))
+    return tuple(sorted(sample_views(centres, directions, seen, count)))
 
 
-def spread_out(
+def sample_views(
     centres: NDArray[np.float64],
     directions: NDArray[np.float64],
     seen: NDArray[np.int64],

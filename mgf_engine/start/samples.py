@@ -58,13 +58,13 @@ def sample_surface(
     if not len(area):
         return Samples(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), spacing)
     spacing = max(spacing, float(np.sqrt(area.sum() / max(most, 1))))
-    face, points = spread(mesh, spacing, np.random.default_rng(seed), options)
+    face, points = sample_poisson_disk(mesh, spacing, np.random.default_rng(seed), options)
     normals = face_normals(mesh)[face]
     colors, seen = _colors(mesh, scene, indices, points, normals, spacing, options)
     return Samples(points[seen], np.flatnonzero(shown)[face[seen]], normals[seen], colors[seen], spacing)
 
 
-def spread(
+def sample_poisson_disk(
     mesh: Mesh, spacing: float, generator: np.random.Generator, options: SampleOptions = SampleOptions()
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Faces [N] and points on them [N, 3], about ``spacing`` apart (Poisson disks)."""
@@ -77,11 +77,11 @@ def spread(
     root = np.sqrt(u)
     weights = np.stack([1 - root, root * (1 - v), root * v], 1)
     points = np.einsum("nk,nkj->nj", weights, mesh.vertices[mesh.faces[face]])
-    kept = apart(points, options.disk * spacing)
+    kept = poisson_disk_subset(points, options.disk * spacing)
     return face[kept], points[kept]
 
 
-def apart(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
+def poisson_disk_subset(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
     """Numbers of points [N, 3] of which no two are nearer than ``radius`` and to which none can be added.
 
     Of points that are all in each other's way the first stays (Luby's maximal independent set).

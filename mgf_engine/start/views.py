@@ -172,7 +172,7 @@ def _pixel(points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], views
 
 
 def _outside(labels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Distance outside of each mask in eighths of a pixel; unknown pixels are not outside."""
+    """Distance outside of each mask in eighths of a pixel; ignored pixels are not outside."""
     height, width = (max(label.shape[k] for label in labels) for k in range(2))
     result = np.zeros((len(labels), height, width), np.uint8)
     for out, label in zip(result, labels, strict=True):

@@ -25,7 +25,7 @@ from mgf_engine.texture.charts import lay_out
 from mgf_engine.texture.model import NO_VIEW, Source, painting_views
 from mgf_engine.texture.seams import Corrections, SeamOptions, level_seams
 from mgf_engine.texture.view_selection import ViewSelectionOptions, choose_views, face_neighbours, patches
-from mgf_engine.texture.visibility import VisibilityOptions, find_sights
+from mgf_engine.texture.visibility import VisibilityOptions, find_face_views
 
 log = logging.getLogger("mgf")
 
@@ -123,7 +123,7 @@ def choose_painting(
         return scene.photo(chosen[i])
 
     seen = _SEEN / _LEVELLED
-    sights = find_sights(
+    sights = find_face_views(
         mesh,
         views,
         photo,

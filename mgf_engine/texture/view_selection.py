@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import edges
 from mgf_engine.texture.model import NO_VIEW
-from mgf_engine.texture.visibility import Sights, VisibilityOptions
+from mgf_engine.texture.visibility import FaceViews, VisibilityOptions
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ViewSelectionOptions:
 
 
 def choose_views(
-    sights: Sights,
+    sights: FaceViews,
     neighbours: NDArray[np.int64],
     area: NDArray[np.float64],
     options: ViewSelectionOptions = ViewSelectionOptions(),
@@ -75,7 +75,7 @@ class _Pairs:
         return np.asarray((self._keys[at] == key) & (view >= 0), bool)
 
 
-def _cover(sights: Sights, good: NDArray[np.bool_], area: NDArray[np.float64]) -> NDArray[np.int32]:
+def _cover(sights: FaceViews, good: NDArray[np.bool_], area: NDArray[np.float64]) -> NDArray[np.int32]:
     """Greedy cover: again and again the view that can paint the largest area that has no paint yet."""
     label = np.full(sights.faces, NO_VIEW, np.int32)
     face, view = sights.face[good], sights.view[good]

@@ -40,7 +40,7 @@ class VisibilityOptions:
 
 
 @dataclass(frozen=True)
-class Sights:
+class FaceViews:
     """Pairs of a view and a face that it shows fairly large (``least_size`` of the options), ordered by view.
 
     Attributes:
@@ -55,14 +55,14 @@ class Sights:
     faces: int
 
 
-def find_sights(
+def find_face_views(
     mesh: Mesh,
     views: Sequence[View],
     photo: Callable[[int], NDArray[np.uint8]],
     inside: Callable[[int], NDArray[np.bool_]],
     progress: Callable[[float], None] = lambda share: None,
     options: VisibilityOptions = VisibilityOptions(),
-) -> Sights:
+) -> FaceViews:
     """Find the faces that each view shows.
 
     Args:
@@ -102,13 +102,13 @@ class _Found:
             self._drop_small()
             self._limit = 2 * max(self._count, len(self._best))
 
-    def sights(self) -> Sights:
+    def sights(self) -> FaceViews:
         """All that are fairly large."""
         self._drop_small()
         view = np.repeat(np.array([v for v, *_ in self._parts], np.int32), [len(f) for _, f, _ in self._parts])
         face = np.concatenate([np.zeros(0, np.int32), *(f for _, f, _ in self._parts)])
         size = np.concatenate([np.zeros(0, np.float32), *(s for *_, s in self._parts)])
-        return Sights(view, face, size, len(self._best))
+        return FaceViews(view, face, size, len(self._best))
 
     def _drop_small(self) -> None:
         for number, (view, faces, sizes) in enumerate(self._parts):

@@ -21,7 +21,7 @@ from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.cameras import to_original
-from mgf_engine.scene.roots import spread_out, standpoints
+from mgf_engine.scene.roots import camera_poses, sample_views
 from mgf_engine.town.hulls import ABOVE, SLACK, Hull, prism
 from mgf_engine.town.place import to_normalised
 from mgf_engine.town.view_selection import HullBuffers, ViewSelection
@@ -123,9 +123,9 @@ def _clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float]) -> li
     large = _LARGE * float(np.median([shares[k] for k in choice.photos]))
     photos = [k for k in choice.photos if shares[k] >= large]
     views = [scene.views[k] for k in photos]
-    centres, directions, _ = standpoints(views, np.zeros(0, np.int32))
+    centres, directions, _ = camera_poses(views, np.zeros(0, np.int32))
     order = np.arange(len(views))[::-1]  # the most telling one first
-    return [photos[k] for k in spread_out(centres, directions, order, count)]
+    return [photos[k] for k in sample_views(centres, directions, order, count)]
 
 
 def _mesh(scene: Scene, georeference: Georeference, polygon: object, low: float, high: float) -> Mesh:

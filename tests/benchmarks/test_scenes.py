@@ -18,7 +18,7 @@ from benchmarks.scenes import find_blender_python, make_scene, render_views, sce
 from benchmarks.shapes import true_mesh
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import SeeingCamera, Surface
-from mgf_engine.model.masks import BUILDING, UNKNOWN
+from mgf_engine.model.masks import BUILDING, IGNORE
 
 TINY = replace(
     SCENES["demo"], building="tower", photos=2, width=120, samples=1, trees=1, trees_in_front=4, neighbours=1, cars=0,
@@ -74,11 +74,11 @@ def test_rendered_masks_agree_with_the_true_mesh_to_the_pixel(tmp_path: Path) ->
     for shot, label in zip(shots, labels, strict=True):
         camera = SeeingCamera(*photo_frame(TINY), shot.rotation, shot.translation)
         assert np.array_equal(hits(truth, camera), label != 0)
-        unknown += int((label == UNKNOWN).sum())
+        unknown += int((label == IGNORE).sum())
         elements = cv2.imread(str(folder / "elements" / (Path(shot.name).stem + ".png")), cv2.IMREAD_UNCHANGED)
         assert elements is not None
-        assert np.array_equal(elements == UNKNOWN, label == UNKNOWN)
-        assert np.array_equal((elements != 0) & (elements != UNKNOWN), label == BUILDING)
+        assert np.array_equal(elements == IGNORE, label == IGNORE)
+        assert np.array_equal((elements != 0) & (elements != IGNORE), label == BUILDING)
         assert len(np.unique(elements)) > 4
         photo = cv2.imread(str(folder / "images" / shot.name))
         assert photo is not None and photo.shape == (TINY.height, TINY.width, 3)

@@ -14,7 +14,7 @@ from benchmarks.buildings import BUILDINGS
 from benchmarks.scenes import element_ids
 from benchmarks.shapes import Builder, Opening, Part, true_mesh, wall_row
 from mgf_engine.evaluation.surfaces import Surface
-from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, UNKNOWN
+from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE
 
 
 def area(parts: list[Part]) -> float:
@@ -92,7 +92,7 @@ def test_element_ids_stay_inside_the_labels_even_with_many_elements() -> None:
     ids = element_ids(many)
     assert ids[""] == BUILDING
     values = {v for k, v in ids.items() if k}
-    assert min(values) == FIRST_ELEMENT and max(values) < UNKNOWN
+    assert min(values) == FIRST_ELEMENT and max(values) < IGNORE
     hall = element_ids(BUILDINGS["town_hall"]("brick"))
     assert len(set(hall.values())) == len(hall)
 

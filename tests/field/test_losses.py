@@ -259,5 +259,5 @@ def test_maps_are_moved_as_they_lie():
 def test_geometry_needs_all_heads():
     target = make(40, 40)
     basic = replace(rendering(target), normal=None, distortion=None, median=None)
-    with pytest.raises(ValueError, match="all heads"):
+    with pytest.raises(ValueError, match="all outputs"):
         total_loss(basic, target, CONFIG, torch.zeros(3), True)

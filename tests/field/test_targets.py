@@ -10,7 +10,7 @@ import pytest
 
 from mgf_engine.config import Config
 from mgf_engine.field.targets import Target, make_target, rim_of
-from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN, building
+from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
 from mgf_engine.model.scene import View
 
 
@@ -18,7 +18,7 @@ def labels() -> np.ndarray:
     result = np.full((40, 60), BACKGROUND, np.uint8)
     result[10:30, 20:40] = BUILDING
     result[12:15, 22:25] = 254
-    result[10:30, 40:50] = UNKNOWN
+    result[10:30, 40:50] = IGNORE
     return result
 
 

@@ -2,7 +2,7 @@
 import numpy as np
 
 from mgf_engine.masks.boundaries import boundaries, weights
-from mgf_engine.model.masks import BUILDING, UNKNOWN
+from mgf_engine.model.masks import BUILDING, IGNORE
 
 
 def test_counting_labels_do_not_cancel():
@@ -27,7 +27,7 @@ def test_diagonal_neighbours_do_not_count():
 
 
 def test_weights_follow_equation_12():
-    labels = np.array([[0, 1, 1, 1, 2, UNKNOWN]], np.uint8)
+    labels = np.array([[0, 1, 1, 1, 2, IGNORE]], np.uint8)
     result = weights(labels, 10.0)
     assert result.dtype == np.float32
     assert result.tolist() == [[0, 10, 1, 10, 10, 0]]

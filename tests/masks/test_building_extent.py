@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine.masks.geometry.building_extent import Extent, Visibility, ground_depth, map_size, over_building
+from mgf_engine.masks.geometry.building_extent import BuildingExtent, Visibility, ground_depth, map_size, over_building
 from mgf_engine.masks.geometry.ground_plane import _draws, find_ground
-from mgf_engine.masks.geometry.point_features import clicked_groups, measure_shape, up_direction
+from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features, up_direction
 from mgf_engine.model.scene import Scene, Similarity, View
 
 WALL, GROUND = 600, 600
@@ -47,10 +47,10 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def extent(scene: Scene) -> Extent:
-    shape = measure_shape(scene)
+def extent(scene: Scene) -> BuildingExtent:
+    shape = measure_point_features(scene)
     ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
-    return Extent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, Visibility(scene, shape))
+    return BuildingExtent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, Visibility(scene, shape))
 
 
 def at(plane: np.ndarray, view: View, point: list[float]) -> object:
@@ -61,13 +61,13 @@ def at(plane: np.ndarray, view: View, point: list[float]) -> object:
 
 def test_up_and_normals(scene: Scene):
     assert up_direction(scene) @ [0, 0, 1] > 0.999
-    shape = measure_shape(scene)
+    shape = measure_point_features(scene)
     upright = np.abs(shape.normals @ shape.up)
     assert np.median(upright[:WALL]) < 0.05 and np.median(upright[WALL:]) > 0.95
 
 
 def test_ground_is_found_and_holds_its_own_points(scene: Scene):
-    shape = measure_shape(scene)
+    shape = measure_point_features(scene)
     ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
     assert ground is not None
     assert ground.normal @ [0, 0, 1] > 0.999 and abs(ground.level) < 0.02
@@ -76,7 +76,7 @@ def test_ground_is_found_and_holds_its_own_points(scene: Scene):
 
 
 def test_no_ground_without_points_outside(scene: Scene):
-    assert find_ground(scene, measure_shape(scene), np.zeros(WALL + GROUND), 0) is None
+    assert find_ground(scene, measure_point_features(scene), np.zeros(WALL + GROUND), 0) is None
 
 
 @pytest.mark.parametrize("count", [4, 30, 2000])
@@ -89,7 +89,7 @@ def test_rows_are_drawn_as_numpy_draws_them(count: int):
         np.testing.assert_array_equal(three, rng.choice(count, 3, replace=False, p=share))
 
 
-def test_core_reaches_down_to_the_ground_and_not_beyond_the_wall(scene: Scene, extent: Extent):
+def test_core_reaches_down_to_the_ground_and_not_beyond_the_wall(scene: Scene, extent: BuildingExtent):
     place, view = extent.place(1), scene.views[1]
     assert place.core.shape == map_size(view)
     assert at(place.core, view, [0, 0, 2]) and at(place.core, view, [0, 0, 0.3])  # no points below 0.8
@@ -102,19 +102,19 @@ def test_a_point_astray_adds_nothing(scene: Scene):
     astray = replace(scene, points=scene.points.copy())
     first = int(np.argmax(scene.points[:WALL, 2] - np.abs(scene.points[:WALL, 0] - 1.8)))
     astray.points[first] = [2.4, 0, 2.8]
-    shape = measure_shape(astray)
+    shape = measure_point_features(astray)
     keep = np.repeat([True, False], [WALL, GROUND])
-    place = Extent(astray, shape, keep, None, Visibility(astray, shape)).place(1)
+    place = BuildingExtent(astray, shape, keep, None, Visibility(astray, shape)).place(1)
     assert not at(place.reach, scene.views[1], [2.4, 0, 2.8]) and at(place.reach, scene.views[1], [1.8, 0, 2.8])
 
 
-def test_ground_first(scene: Scene, extent: Extent):
+def test_ground_first(scene: Scene, extent: BuildingExtent):
     place, view = extent.place(1), scene.views[1]
     assert at(place.ground_first, view, [0, -1.5, 0]) and at(place.ground_first, view, [2.5, -1, 0])
     assert not at(place.ground_first, view, [0, 0, 0.4]) and not at(place.ground_first, view, [2.5, 0, 2.5])
 
 
-def test_within_is_what_is_seen_on_the_wall_or_through_it(scene: Scene, extent: Extent):
+def test_within_is_what_is_seen_on_the_wall_or_through_it(scene: Scene, extent: BuildingExtent):
     within = extent.within(1, extent.place(1))
     owner = extent.visibility.owner[scene.track_view == 1]
     assert within[owner < WALL].mean() > 0.95
@@ -136,19 +136,19 @@ def test_a_spire_stands_on_the_building_and_a_tree_beside_it_does_not():
         np.zeros(len(points) + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32),
         Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), Path("."),
     )  # fmt: skip
-    over = over_building(points, np.arange(len(points)) < 2000, measure_shape(blank))
+    over = over_building(points, np.arange(len(points)) < 2000, measure_point_features(blank))
     assert over[2000:2040].all() and not over[2040:2080].any() and not over[2080:].any()
-    assert not over_building(points, np.zeros(len(points), bool), measure_shape(blank)).any()
+    assert not over_building(points, np.zeros(len(points), bool), measure_point_features(blank)).any()
 
 
-def test_hidden_where_expected_points_are_missing(scene: Scene, extent: Extent):
+def test_hidden_where_expected_points_are_missing(scene: Scene, extent: BuildingExtent):
     right, left = [1.4, 0, 2.0], [-1.0, 0, 2.0]
     assert at(extent.place(2).hidden, scene.views[2], right)
     assert not at(extent.place(2).hidden, scene.views[2], left)
     assert not at(extent.place(1).hidden, scene.views[1], right)
 
 
-def test_ground_depth_is_exact(scene: Scene, extent: Extent):
+def test_ground_depth_is_exact(scene: Scene, extent: BuildingExtent):
     assert extent.floor is not None
     view = scene.views[1]
     depth = ground_depth(view, extent.floor, 100, 150)
@@ -158,14 +158,14 @@ def test_ground_depth_is_exact(scene: Scene, extent: Extent):
 
 
 def test_nothing_kept(scene: Scene):
-    shape = measure_shape(scene)
-    empty = Extent(scene, shape, np.zeros(WALL + GROUND, bool), None, Visibility(scene, shape)).place(0)
+    shape = measure_point_features(scene)
+    empty = BuildingExtent(scene, shape, np.zeros(WALL + GROUND, bool), None, Visibility(scene, shape)).place(0)
     assert not empty.core.any() and not empty.ground_first.any() and not empty.hidden.any()
 
 
 def test_a_second_building_without_clicks_is_another_group(scene: Scene):
     twice = np.concatenate([scene.points[:WALL], scene.points[:WALL] + np.array([9.0, 0, 0])])
-    shape = measure_shape(scene)
+    shape = measure_point_features(scene)
     shape = type(shape)(**{**shape.__dict__, "spacing": np.repeat(shape.spacing[:WALL], 2)})
     keep = np.ones(2 * WALL, bool)
     groups = clicked_groups(twice, keep, np.array([5]), shape)

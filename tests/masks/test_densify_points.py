@@ -8,13 +8,13 @@ from support.wall import make_wall
 from benchmarks.synthetic.house import OFFSET, House
 from mgf_engine.config import make_config
 from mgf_engine.errors import Cancelled
-from mgf_engine.masks.geometry.densify_points import CONFIRMED, with_bare_points
+from mgf_engine.masks.geometry.densify_points import CONFIRMED, densify_points
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.masks.propagation.propagate import propagate
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.scene_checks import keep_points
+from mgf_engine.scene.validation import keep_points
 from tests.masks.conftest import quiet
 
 CENTRES = [[x, y, -3.0] for x in (-0.5, 0, 0.5) for y in (0, 0.4)]
@@ -36,7 +36,7 @@ def half(tmp_path: Path) -> Scene:
 
 
 def test_bare_half_of_a_wall_gets_points_on_the_wall(half: Scene) -> None:
-    full = with_bare_points(half, nowhere, 1, go_on)
+    full = densify_points(half, nowhere, 1, go_on)
     count = len(half.points)
     new = full.points[count:]
     assert len(new) > 50
@@ -48,7 +48,7 @@ def test_bare_half_of_a_wall_gets_points_on_the_wall(half: Scene) -> None:
 
 
 def test_tracks_go_through_photos_that_show_the_point(half: Scene) -> None:
-    full = with_bare_points(half, nowhere, 2, go_on)
+    full = densify_points(half, nowhere, 2, go_on)
     count = len(half.points)
     assert np.diff(full.track_start)[count:].min() >= CONFIRMED
     for row in range(len(half.track_view), len(full.track_view)):
@@ -59,13 +59,13 @@ def test_tracks_go_through_photos_that_show_the_point(half: Scene) -> None:
 
 
 def test_no_points_among_leaves(half: Scene) -> None:
-    everywhere = with_bare_points(half, lambda i: np.ones((100, 100), bool), 1, go_on)
+    everywhere = densify_points(half, lambda i: np.ones((100, 100), bool), 1, go_on)
     assert len(everywhere.points) == len(half.points)
 
 
 def test_photos_that_do_not_match_give_no_points(tmp_path: Path) -> None:
     scene, _ = make_wall(tmp_path, [[0, 0, -3.0], [0.01, 0, -3.0]])
-    assert with_bare_points(scene, nowhere, 1, go_on) is scene
+    assert densify_points(scene, nowhere, 1, go_on) is scene
 
 
 def test_it_can_be_cancelled(half: Scene) -> None:
@@ -73,7 +73,7 @@ def test_it_can_be_cancelled(half: Scene) -> None:
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        with_bare_points(half, nowhere, 1, stop)
+        densify_points(half, nowhere, 1, stop)
 
 
 def test_a_clicked_roof_without_points_is_in_the_masks(

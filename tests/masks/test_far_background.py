@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.refinement.far_background import cut_distant
+from mgf_engine.masks.refinement.far_background import remove_far_background
 from mgf_engine.model.masks import BACKGROUND, BUILDING
 
 WIDTH, HEIGHT = 400, 130
@@ -44,7 +44,7 @@ def cut(photos: list[Photo], masks: list[NDArray[np.bool_]], points: NDArray[np.
     labels = [np.where(mask, BUILDING, BACKGROUND).astype(np.uint8) for mask in masks]
     scene = SimpleNamespace(photo=photos.__getitem__, views=[VIEW] * len(photos))
     seen = np.zeros((0, 2)) if points is None else points
-    cut_distant(scene, labels, UP, lambda index: seen)
+    remove_far_background(scene, labels, UP, lambda index: seen)
     return labels
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.building_extent import ground_depth
 from mgf_engine.masks.geometry.ground_plane import Ground
-from mgf_engine.masks.refinement.ground_homography import GroundSeen, homography, spans_inside
+from mgf_engine.masks.refinement.ground_homography import GroundFinder, homography, spans_inside
 from mgf_engine.model.scene import View
 
 WIDTH, HEIGHT, FOCAL = 300, 240, 500.0
@@ -63,20 +63,20 @@ def photograph(view: View, lattice: bool) -> tuple[NDArray[np.uint8], NDArray[np
     return np.where(solid[..., None], texture(1, wall[..., 1:]), texture(0, ground[..., :2])), solid
 
 
-def seen_in(folder: Path, lattice: bool) -> GroundSeen:
+def seen_in(folder: Path, lattice: bool) -> GroundFinder:
     scene = make_scene(folder, VIEWS)
     for view in VIEWS:
         cv2.imwrite(str(folder / view.file), photograph(view, lattice)[0])
-    return GroundSeen(replace(scene, folder=folder), GROUND)
+    return GroundFinder(replace(scene, folder=folder), GROUND)
 
 
 @pytest.fixture(scope="module")
-def frame(tmp_path_factory: pytest.TempPathFactory) -> GroundSeen:
+def frame(tmp_path_factory: pytest.TempPathFactory) -> GroundFinder:
     return seen_in(tmp_path_factory.mktemp("frame"), True)
 
 
 @pytest.fixture(scope="module")
-def wall(tmp_path_factory: pytest.TempPathFactory) -> GroundSeen:
+def wall(tmp_path_factory: pytest.TempPathFactory) -> GroundFinder:
     return seen_in(tmp_path_factory.mktemp("wall"), False)
 
 
@@ -120,7 +120,7 @@ def test_depth_of_the_ground_is_that_of_its_points() -> None:
     assert np.isfinite(ground_depth(level, GROUND, HEIGHT, WIDTH)[HEIGHT // 2 :]).all()
 
 
-def test_ground_between_bars_is_found_and_bars_are_not(frame: GroundSeen) -> None:
+def test_ground_between_bars_is_found_and_bars_are_not(frame: GroundFinder) -> None:
     _, bars = photograph(VIEWS[MIDDLE], True)
     _, mask = photograph(VIEWS[MIDDLE], False)
     found = frame.through(MIDDLE, mask)
@@ -131,7 +131,7 @@ def test_ground_between_bars_is_found_and_bars_are_not(frame: GroundSeen) -> Non
     assert not ((found.possible | found.certain) & ~mask).any()
 
 
-def test_the_foot_of_a_wall_is_not_taken_for_ground(wall: GroundSeen) -> None:
+def test_the_foot_of_a_wall_is_not_taken_for_ground(wall: GroundFinder) -> None:
     """Near its foot the ground fits nearly as well as the wall does."""
     _, mask = photograph(VIEWS[MIDDLE], False)
     found = wall.within(MIDDLE, grown(mask, 12))
@@ -139,7 +139,7 @@ def test_the_foot_of_a_wall_is_not_taken_for_ground(wall: GroundSeen) -> None:
     assert (found & ~mask).sum() > 0.6 * (grown(mask, 12) & ~mask).sum()
 
 
-def test_only_what_is_open_is_cut(frame: GroundSeen, wall: GroundSeen) -> None:
+def test_only_what_is_open_is_cut(frame: GroundFinder, wall: GroundFinder) -> None:
     def mask_of(index: int) -> NDArray[np.bool_]:
         return photograph(VIEWS[index], False)[1]
 
@@ -148,7 +148,7 @@ def test_only_what_is_open_is_cut(frame: GroundSeen, wall: GroundSeen) -> None:
     assert not frame.shows_through([], mask_of)
 
 
-def test_too_few_photos_tell_nothing(frame: GroundSeen) -> None:
-    few = GroundSeen(replace(frame.scene, views=frame.scene.views[:3]), GROUND)
+def test_too_few_photos_tell_nothing(frame: GroundFinder) -> None:
+    few = GroundFinder(replace(frame.scene, views=frame.scene.views[:3]), GROUND)
     assert not few.within(1, np.ones((HEIGHT, WIDTH), bool)).any()
     assert not frame.within(MIDDLE, np.zeros((HEIGHT, WIDTH), bool)).any()

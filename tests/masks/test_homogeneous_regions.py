@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.masks.refinement.homogeneous_regions import find_missing_pixels
-from mgf_engine.model.masks import UNKNOWN
+from mgf_engine.model.masks import IGNORE
 
 WALL, LAWN, PAVING = (90.0, 0.0, 5.0), (50.0, -30.0, 30.0), (75.0, 0.0, 5.0)  # CIELAB
 SIZE = 160
@@ -29,7 +29,7 @@ def bitten(true: np.ndarray, label: int = 0) -> np.ndarray:
     return labels
 
 
-@pytest.mark.parametrize("label", [0, UNKNOWN])
+@pytest.mark.parametrize("label", [0, IGNORE])
 def test_a_bite_at_the_foot_of_a_plain_wall_is_filled_up_to_its_edge(label: int) -> None:
     lab, true = photo()
     labels = bitten(true, label)

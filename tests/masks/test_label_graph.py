@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.masks.geometry.building_extent import ViewRegions
-from mgf_engine.masks.geometry.point_features import Shape
+from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.random_walker import LabelGraph, RandomWalkerOptions
 from mgf_engine.masks.propagation.superpixels import Regions
@@ -64,7 +64,7 @@ def graph_of(
         np.array([((column + 0.5) * SIDE, SIDE / 2) for _, column in seen], np.float32).reshape(-1, 2),
         Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), Path(),
     )  # fmt: skip
-    shape = Shape(
+    shape = PointFeatures(
         np.array([0.0, -1.0, 0.0]), np.ones(count), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros(count),
         np.zeros(count), np.array(pairs, np.int64).reshape(-1, 2), np.ones(len(pairs)), np.zeros(count, bool),
     )  # fmt: skip
@@ -89,7 +89,7 @@ def clicks_at(columns: Sequence[int]) -> np.ndarray:
     return np.array([((c + 0.5) * SIDE, SIDE / 2) for c in columns]).reshape(-1, 2)
 
 
-def test_between_two_clicks_belief_falls_evenly() -> None:
+def test_between_two_clicks_the_probability_falls_evenly() -> None:
     wanted = row_of_resistors([HOLD, *[1 + SMALL] * 4, HOLD])
     assert joined(graph_of([strip([0.0] * 4)]), {0: 1.0, 4: 0.0}) == pytest.approx(wanted, abs=1e-3)
     assert np.diff(wanted) == pytest.approx([(wanted[-1] - wanted[0]) / 4] * 4)
@@ -120,8 +120,8 @@ def test_a_point_carries_a_click_from_one_photo_to_another() -> None:
     loss = 1 + OPTIONS.termination
     assert point / second == pytest.approx(loss, rel=1e-3)
     assert first / second == pytest.approx(2 * loss * loss - 1, rel=1e-3)
-    belief, trust = graph._first_guess(pull, target)
-    assert belief[1] > 0.999 and trust[0] > trust[2] > trust[1] > 0
+    probability, trust = graph._first_guess(pull, target)
+    assert probability[1] > 0.999 and trust[0] > trust[2] > trust[1] > 0
 
 
 def test_a_click_pulls_at_five_places() -> None:
@@ -139,16 +139,16 @@ def test_clicks_of_both_kinds_in_one_region_cancel() -> None:
 def test_both_kinds_of_clicks_are_treated_alike() -> None:
     graph = graph_of([strip([0.0, 4.0, 1.0, 0.0])])
     one, other = Clicks(clicks_at([0]), clicks_at([3])), Clicks(clicks_at([3]), clicks_at([0]))
-    (belief, trust), (mirrored, same) = (graph._first_guess(*graph.click_pull({0: c})) for c in (one, other))
-    assert mirrored == pytest.approx(1 - belief, abs=1e-3) and same == pytest.approx(trust, abs=1e-2)
-    assert (np.diff(belief[:4]) < 0).all()
+    (probability, trust), (mirrored, same) = (graph._first_guess(*graph.click_pull({0: c})) for c in (one, other))
+    assert mirrored == pytest.approx(1 - probability, abs=1e-3) and same == pytest.approx(trust, abs=1e-2)
+    assert (np.diff(probability[:4]) < 0).all()
 
 
 def test_what_no_click_reaches_stays_unknown() -> None:
     graph = graph_of([strip([0.0]), strip([0.0])])
-    belief, trust = graph._first_guess(*graph.click_pull({0: Clicks(clicks_at([0]), NONE)}))
-    assert belief[2:] == pytest.approx([0.5, 0.5]) and trust[2:] == pytest.approx([0, 0])
-    assert belief[0] > 0.99 and trust[0] > 0.5
+    probability, trust = graph._first_guess(*graph.click_pull({0: Clicks(clicks_at([0]), NONE)}))
+    assert probability[2:] == pytest.approx([0.5, 0.5]) and trust[2:] == pytest.approx([0, 0])
+    assert probability[0] > 0.99 and trust[0] > 0.5
 
 
 BRICK, LAWN = (45.0, 25.0, 20.0, 0.5, 0.5, 0.5), (60.0, -4.0, 2.0, 2.0, 2.0, 2.0)
@@ -163,12 +163,12 @@ def test_colour_reaches_a_photo_without_clicks_and_ties() -> None:
         return strip([1.0] * 11 + [40.0] + [1.0] * 11, features)
 
     graph = graph_of([two_materials(), two_materials()], [[(0, 3)], [(0, 20)]])
-    belief = graph.solve({0: Clicks(clicks_at([2, 7]), clicks_at([15, 21]))}, rounds=1)
-    clicked, other = belief.regions
+    probability = graph.solve({0: Clicks(clicks_at([2, 7]), clicks_at([15, 21]))}, rounds=1)
+    clicked, other = probability.regions
     assert clicked[:12].min() > 0.9 and clicked[12:].max() < 0.1
     assert other[:12].min() > 0.7 and other[12:].max() < 0.3
-    assert belief.points[0] > 0.8 and belief.points[1] < 0.2 and belief.ground is None
-    assert (belief.looks[1][:12] > 0.9).all() and (belief.looks[1][12:] < 0.1).all()
+    assert probability.points[0] > 0.8 and probability.points[1] < 0.2 and probability.ground is None
+    assert (probability.appearance[1][:12] > 0.9).all() and (probability.appearance[1][12:] < 0.1).all()
 
 
 def test_sky_is_given_up_piece_by_piece_where_it_is_clicked() -> None:

@@ -15,8 +15,8 @@ from benchmarks.synthetic.house_scene import house_scene
 from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.user_masks import read_supplied
-from mgf_engine.masks.validation.mask_coverage import forgive, measure_fit, misfits
-from mgf_engine.model.masks import UNKNOWN, building
+from mgf_engine.masks.validation.mask_coverage import describe_misfits, mark_ignored, measure_coverage
+from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.load import load_scene
 
@@ -41,10 +41,10 @@ def masks_of(source: Path, tmp_path: Path, scene: Scene, name: str, level: float
 
 def test_sound_masks_are_left_as_they_are(source: Path, tmp_path: Path, scene: Scene) -> None:
     labels = masks_of(source, tmp_path, scene, "masks_holes", 0)
-    fit = measure_fit(scene, labels, np.ones(len(labels), bool))
+    fit = measure_coverage(scene, labels, np.ones(len(labels), bool))
     assert fit.on_building.sum() > 500 and fit.beside.sum() > 500
-    assert misfits(scene, fit) == []
-    assert all((a == b).all() for a, b in zip(forgive(scene, labels, fit), labels, strict=True))
+    assert describe_misfits(scene, fit) == []
+    assert all((a == b).all() for a, b in zip(mark_ignored(scene, labels, fit), labels, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -69,21 +69,21 @@ def test_masks_that_do_not_fit_are_spoken_of(
 def test_holes_become_unknown_and_nothing_else(source: Path, tmp_path: Path, scene: Scene) -> None:
     true = masks_of(source, tmp_path, scene, "masks_holes", 0)
     holed = masks_of(source, tmp_path / "holed", scene, "masks_holes", 0.2)
-    mended = forgive(scene, holed, measure_fit(scene, holed, np.ones(len(holed), bool)))
+    mended = mark_ignored(scene, holed, measure_coverage(scene, holed, np.ones(len(holed), bool)))
     inside = [building(mask) for mask in true]
     before = sum(int((mask[on] == 0).sum()) for mask, on in zip(holed, inside, strict=True))
     after = sum(int((mask[on] == 0).sum()) for mask, on in zip(mended, inside, strict=True))
-    beside = sum(int((mask[~on] == UNKNOWN).sum()) for mask, on in zip(mended, inside, strict=True))
+    beside = sum(int((mask[~on] == IGNORE).sum()) for mask, on in zip(mended, inside, strict=True))
     assert after < 0.4 * before
     assert beside < 0.1 * before
     for now, was in zip(mended, holed, strict=True):
-        assert ((now == was) | ((now == UNKNOWN) & (was == 0))).all()
+        assert ((now == was) | ((now == IGNORE) & (was == 0))).all()
 
 
 def test_an_opening_that_shows_the_surroundings_stays(source: Path, tmp_path: Path, scene: Scene) -> None:
     """One photo's mask has a hole; where a point of the ground is seen in it, it stays background."""
     labels = masks_of(source, tmp_path, scene, "masks_holes", 0)
-    fit = measure_fit(scene, labels, np.ones(len(labels), bool))
+    fit = measure_coverage(scene, labels, np.ones(len(labels), bool))
     row = int(np.flatnonzero(fit.beside & (fit.margin < -12))[0])
     view, (x, y) = int(scene.track_view[row]), np.floor(scene.track_uv[row]).astype(int).tolist()
     ring = np.zeros_like(labels[view])
@@ -91,5 +91,5 @@ def test_an_opening_that_shows_the_surroundings_stays(source: Path, tmp_path: Pa
     cv2.circle(ring, (x, y), 8, 0, -1)
     changed = list(labels)
     changed[view] = np.maximum(labels[view], ring)
-    again = measure_fit(scene, changed, np.ones(len(labels), bool))
-    assert forgive(scene, changed, again)[view][y, x] == 0
+    again = measure_coverage(scene, changed, np.ones(len(labels), bool))
+    assert mark_ignored(scene, changed, again)[view][y, x] == 0

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.masks.parts import LAST_ELEMENT, add_elements, tie_parts
-from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, UNKNOWN, building
+from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
 from tests.masks.test_points import make_scene, view
 
 WINDOWS = [(30, 40), (30, 90), (30, 140), (80, 40), (80, 140)]
@@ -22,7 +22,7 @@ def facade() -> tuple[np.ndarray, np.ndarray]:
     photo[:, 64:67] = (20, 20, 20)
     labels = np.zeros((140, 200), np.uint8)
     labels[10:120, 20:180] = BUILDING
-    labels[10:120, 64:67] = UNKNOWN
+    labels[10:120, 64:67] = IGNORE
     noise = rng.normal(0, 3, photo.shape)
     return np.clip(photo + noise, 0, 255).astype(np.uint8), labels
 
@@ -31,7 +31,7 @@ def test_windows_and_door_become_elements(facade: tuple[np.ndarray, np.ndarray])
     photo, labels = facade
     result, names = add_elements(labels, photo, {}, None)
     assert names == {}
-    assert (building(result) == building(labels)).all() and ((result == UNKNOWN) == (labels == UNKNOWN)).all()
+    assert (building(result) == building(labels)).all() and ((result == IGNORE) == (labels == IGNORE)).all()
     ids = set()
     for y, x in [*WINDOWS, DOOR]:
         patch = result[y + 4 : y + 16, x + 4 : x + 12]

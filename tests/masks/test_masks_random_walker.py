@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.house import OFFSET
-from mgf_engine.masks.geometry.point_features import measure_shape
+from mgf_engine.masks.geometry.point_features import measure_point_features
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.random_walker import LabelGraph
 from mgf_engine.masks.propagation.superpixels import cut_regions
@@ -16,7 +16,9 @@ VIEW = 3
 
 @pytest.fixture(scope="module")
 def graph(scene: Scene) -> LabelGraph:
-    return LabelGraph(scene, [cut_regions(scene.photo(i)) for i in range(len(scene.views))], measure_shape(scene))
+    return LabelGraph(
+        scene, [cut_regions(scene.photo(i)) for i in range(len(scene.views))], measure_point_features(scene)
+    )
 
 
 @pytest.mark.parametrize(

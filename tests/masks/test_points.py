@@ -7,7 +7,7 @@ import pytest
 
 from mgf_engine.config import make_config
 from mgf_engine.masks.points import Votes, decide, project_votes, track_votes, vote
-from mgf_engine.model.masks import BUILDING, UNKNOWN, MaskSet
+from mgf_engine.model.masks import BUILDING, IGNORE, MaskSet
 from mgf_engine.model.scene import Scene, Similarity, View
 
 CONFIG = make_config({"vote_dilation": 0})
@@ -58,7 +58,7 @@ def test_track_votes_use_the_observed_keypoint(pair: Scene):
 
 
 def test_unknown_pixels_abstain(pair: Scene):
-    hidden = np.full((10, 20), UNKNOWN, np.uint8)
+    hidden = np.full((10, 20), IGNORE, np.uint8)
     votes = project_votes(pair.points[:1], pair, [left_half(), hidden], [0, 1], 0)
     assert (votes.inside[0], votes.outside[0]) == (1, 0)
 
@@ -73,7 +73,7 @@ def test_votes_are_the_same_on_every_number_of_threads():
     random = np.random.default_rng(0)
     views = [view(str(i), x) for i, x in enumerate(random.normal(size=7))]
     scene = make_scene(views, random.normal(size=(900, 3)), [[] for _ in range(900)])
-    labels = [random.choice([0, BUILDING, UNKNOWN], (10, 20)).astype(np.uint8) for _ in views]
+    labels = [random.choice([0, BUILDING, IGNORE], (10, 20)).astype(np.uint8) for _ in views]
     one, many = (project_votes(scene.points, scene, labels, range(7), 1, threads) for threads in (1, 3))
     assert one.inside.max() > 1 and one.outside.max() > 1
     assert (one.inside == many.inside).all() and (one.outside == many.outside).all()

@@ -17,7 +17,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks import build
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.prompts import Clicks as PhotoClicks
-from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt, left_out
+from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt, ignored_outliers
 from mgf_engine.masks.propagation.propagate import Propagation
 from mgf_engine.masks.store import read_masks
 from mgf_engine.messages import Message, Reporter
@@ -132,7 +132,7 @@ def test_clicks_beside_the_building_are_left_out_of_photos_of_another_building()
     prompts = {3: PhotoClicks(np.zeros((2, 2)), np.zeros((2, 2))), 5: PhotoClicks(np.zeros((2, 2)), np.zeros((2, 2)))}
     of_another = [OutlierPrompt(3, True, 0, 0.1), OutlierPrompt(3, True, 1, 0.1), OutlierPrompt(3, False, 0, 0.9)]
     slips = [OutlierPrompt(5, True, 0, 0.1), OutlierPrompt(5, False, 1, 0.9)]
-    assert left_out(of_another + slips, prompts) == [*of_another, slips[0]]
+    assert ignored_outliers(of_another + slips, prompts) == [*of_another, slips[0]]
 
 
 def test_a_photo_clicked_the_other_way_round(scene: Scene, house: House, clicks: Clicks, tmp_path: Path):

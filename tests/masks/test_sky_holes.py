@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.propagation.propagate import PropagationOptions, _Work
-from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, sky_through
+from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.sky_silhouette import over_horizon
-from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN
+from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
 
 VIEW = look(0.9, 0.3)
 NO_POINTS = np.zeros((0, 2))
@@ -44,7 +44,7 @@ def land_under_sky() -> NDArray[np.uint8]:
 def test_the_sky_between_bars_is_no_building() -> None:
     photo, hut, mast = photograph(VIEW)
     mask = around(mast) | hut
-    found = sky_through(lab_of(photo), mask, large_sky(mask), VIEW, UP, NO_POINTS)
+    found = find_sky_holes(lab_of(photo), mask, large_sky(mask), VIEW, UP, NO_POINTS)
     air = mask & over_horizon(VIEW, UP, SkyHoleOptions.horizon) & ~mast & ~hut
     assert air.sum() > 200
     assert (found & ~air).sum() == 0
@@ -57,7 +57,7 @@ def test_a_wall_as_pale_as_the_sky_stays() -> None:
     wall[30:78, 60:120] = True
     photo[wall] = (186, 206, 231)
     photo[50:60, 80:90] = (160, 180, 205)  # a shaded recess, darker than the sky but not by much
-    assert not sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
 
 
 def test_a_white_wall_under_a_dark_cornice_stays() -> None:
@@ -66,9 +66,9 @@ def test_a_white_wall_under_a_dark_cornice_stays() -> None:
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[30:130, 40:200] = True
     photo[wall], photo[30:36, 40:200] = SKY, 10
-    assert not sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
     photo[85:130, 40:200] = (150, 70, 55)  # on a brick foot it could as well be a gap
-    assert sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
 
 
 def test_a_pale_column_before_bricks_stays() -> None:
@@ -77,9 +77,9 @@ def test_a_pale_column_before_bricks_stays() -> None:
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[50:150, 20:220] = True
     photo[wall], photo[50:150, 118:122] = (150, 70, 55), SKY
-    assert not sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
     photo[75:150, 118:122] = (150, 70, 55)
-    found = sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS)
+    found = find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS)
     assert found.any()  # a gap that ends over the horizon
 
 
@@ -92,8 +92,8 @@ def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
     photo[pane] = SKY
     y, x = np.mgrid[22:78:4, 62:140:4]
     points = np.stack([x.ravel(), y.ravel()], 1).astype(float)
-    assert not sky_through(lab_of(photo), wall, large_sky(wall), VIEW, UP, points).any()
-    found = sky_through(
+    assert not find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, points).any()
+    found = find_sky_holes(
         lab_of(photo),
         wall,
         large_sky(wall),
@@ -106,7 +106,7 @@ def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
 
 def test_without_sky_nothing_is_cut() -> None:
     photo, hut, mast = photograph(VIEW)
-    assert not sky_through(lab_of(photo), hut | mast, np.zeros_like(hut), VIEW, UP, NO_POINTS).any()
+    assert not find_sky_holes(lab_of(photo), hut | mast, np.zeros_like(hut), VIEW, UP, NO_POINTS).any()
 
 
 class _Everywhere:
@@ -133,4 +133,4 @@ def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
     air = mask & OVER & ~mast & ~hut
     assert (work.labels[0][air] == BACKGROUND).mean() > 0.9
     assert (work.labels[0][mast & OVER] == BUILDING).mean() > 0.9
-    assert (work.labels[0][~mask & ~OVER] == UNKNOWN).any()  # where the building is expected and something else is seen
+    assert (work.labels[0][~mask & ~OVER] == IGNORE).any()  # where the building is expected and something else is seen

@@ -14,7 +14,7 @@ from benchmarks.synthetic.house import House
 from mgf_engine.cli import main
 from mgf_engine.masks import preview
 from mgf_engine.masks.prompts import Clicks
-from mgf_engine.masks.propagation.stable_masks import first_clicks, join, obey, touch
+from mgf_engine.masks.propagation.stable_masks import enforce_clicks, first_clicks, merge_masks, set_clicked_pixels
 from mgf_engine.masks.propagation.superpixels import cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment
 
@@ -39,15 +39,15 @@ def test_the_first_clicks_keep_those_beside_the_building() -> None:
 
 def test_a_click_may_correct_the_mask_but_not_lose_it() -> None:
     whole, corrected, lost, other = square(10, 90), square(12, 88), square(40, 50), square(0, 9)
-    assert (join([whole, corrected]) == corrected).all()
-    assert (join([whole, lost]) == whole).all()
-    assert (join([whole, other]) == (whole | other)).all()
-    assert (join([lost, whole, lost]) == whole).all()
+    assert (merge_masks([whole, corrected]) == corrected).all()
+    assert (merge_masks([whole, lost]) == whole).all()
+    assert (merge_masks([whole, other]) == (whole | other)).all()
+    assert (merge_masks([lost, whole, lost]) == whole).all()
     # One click more never takes away more than a correction, whatever the answers are.
     rng = np.random.default_rng(5)
     masks = [rng.random((20, 20)) < share for share in rng.random(30)]
     for n in range(1, len(masks)):
-        before, after = join(masks[:n]), join(masks[: n + 1])
+        before, after = merge_masks(masks[:n]), merge_masks(masks[: n + 1])
         assert (before & after).sum() >= 0.8 * before.sum()
 
 
@@ -57,16 +57,16 @@ def test_every_click_is_obeyed_with_its_region() -> None:
     regions = cut_regions(photo)
     for _ in range(20):
         clicks = Clicks(rng.uniform(1, 119, (5, 2)), rng.uniform(1, 119, (5, 2)))
-        mask = obey(rng.random((120, 160)) < 0.5, regions, clicks)
+        mask = enforce_clicks(rng.random((120, 160)) < 0.5, regions, clicks)
         assert all(at(mask, clicks.positive)) and not any(at(mask, clicks.negative))
-    alone = obey(np.zeros((120, 160), bool), regions, Clicks(np.array([[80.0, 60]]), NONE))
+    alone = enforce_clicks(np.zeros((120, 160), bool), regions, Clicks(np.array([[80.0, 60]]), NONE))
     assert 20 < alone.sum() < 800
 
 
 def test_clicks_a_pixel_apart_are_both_obeyed() -> None:
     clicks = Clicks(np.array([[30.2, 40.7]]), np.array([[31.4, 40.7]]))
     for mask in (np.zeros((80, 80), bool), np.ones((80, 80), bool)):
-        found = touch(mask, clicks)
+        found = set_clicked_pixels(mask, clicks)
         assert at(found, clicks.positive) == [True] and at(found, clicks.negative) == [False]
 
 

@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, fit_mixture, log_ratio, plants
+from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, fit_mixture, log_ratio, vegetation_probability
 from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, cut_regions
 from mgf_engine.native.library import call
 
@@ -104,4 +104,4 @@ def test_mixtures_need_samples():
 
 def test_plants_are_green_and_rough():
     leaf, copper_roof, brick = [35, -12, 15, 2.2, 1, 1], [35, -12, 15, 0.4, 0.3, 0.2], [45, 25, 20, 2.2, 1, 1]
-    assert plants(np.array([leaf, copper_roof, brick])).tolist() == [1, 0, 0]
+    assert vegetation_probability(np.array([leaf, copper_roof, brick])).tolist() == [1, 0, 0]

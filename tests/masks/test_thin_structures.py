@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
-from mgf_engine.masks.refinement.ground_homography import Through
-from mgf_engine.masks.refinement.sky_silhouette import Hull, Outline, outline, over_horizon
-from mgf_engine.masks.refinement.thin_structures import Openwork, find_openwork
-from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN
+from mgf_engine.masks.refinement.ground_homography import GroundPixels
+from mgf_engine.masks.refinement.sky_silhouette import SilhouetteHull, SkySilhouette, find_silhouette, over_horizon
+from mgf_engine.masks.refinement.thin_structures import ThinStructures, find_thin_structures
+from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
 from mgf_engine.model.scene import Scene, View
 
 VIEWS = [look(angle, 0.3) for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
@@ -47,7 +47,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 def search(
     scene: Scene, prompts: Prompts, leafy: float = 0.0, ground: Ground | None = None
-) -> tuple[Openwork | None, list[NDArray[np.uint8]]]:
+) -> tuple[ThinStructures | None, list[NDArray[np.uint8]]]:
     labels = [photograph(view)[1].astype(np.uint8) for view in scene.views]
 
     def leaves(index: int) -> NDArray[np.float32]:
@@ -57,10 +57,10 @@ def search(
         return sky_of(scene.views[index])
 
     everything = np.ones(len(scene.points), bool)
-    return find_openwork(scene, prompts, labels, sky, leaves, everything, UP, ground), labels
+    return find_thin_structures(scene, prompts, labels, sky, leaves, everything, UP, ground), labels
 
 
-def draw(found: Openwork, scene: Scene, labels: list[NDArray[np.uint8]]) -> None:
+def draw(found: ThinStructures, scene: Scene, labels: list[NDArray[np.uint8]]) -> None:
     for index, view in enumerate(scene.views):
         found.draw(index, view, labels[index], None)
 
@@ -68,7 +68,7 @@ def draw(found: Openwork, scene: Scene, labels: list[NDArray[np.uint8]]) -> None
 def test_bars_before_the_sky_are_told_from_it_to_the_pixel() -> None:
     view = VIEWS[1]
     photo, hut, mast = photograph(view)
-    found = outline(lab_of(photo), sky_of(view), view, UP)
+    found = find_silhouette(lab_of(photo), sky_of(view), view, UP)
     over = over_horizon(view, UP)
     assert (found.solid[over] == (hut | mast)[over]).all()
     assert (found.empty[over] == ~(hut | mast)[over]).all()
@@ -76,7 +76,7 @@ def test_bars_before_the_sky_are_told_from_it_to_the_pixel() -> None:
 
 
 def test_a_photo_without_sky_tells_nothing() -> None:
-    found = outline(lab_of(photograph(VIEWS[0])[0]), np.zeros((HEIGHT, WIDTH), bool), VIEWS[0], UP)
+    found = find_silhouette(lab_of(photograph(VIEWS[0])[0]), np.zeros((HEIGHT, WIDTH), bool), VIEWS[0], UP)
     assert not found.empty.any() and not found.solid.any()
 
 
@@ -94,8 +94,8 @@ def test_a_mast_clicked_in_two_photos_is_drawn_in_all(scene: Scene) -> None:
     for view, shown in zip(HIGH, labels[len(VIEWS) :], strict=True):
         _, hut, mast = photograph(view)
         top = mast & ~hut & (shown != BACKGROUND)
-        assert (shown[top] == UNKNOWN).all() and top.sum() > 0.4 * mast.sum()
-        assert (shown == UNKNOWN).mean() < 0.25
+        assert (shown[top] == IGNORE).all() and top.sum() > 0.4 * mast.sum()
+        assert (shown == IGNORE).mean() < 0.25
 
 
 def test_what_is_below_the_horizon_stands_on_the_ground(scene: Scene) -> None:
@@ -112,7 +112,7 @@ def test_what_is_below_the_horizon_stands_on_the_ground(scene: Scene) -> None:
 
 def test_columns_stand_below_the_lowest_cells_down_to_the_ground_and_no_farther() -> None:
     places = np.array([(0, 0, z) for z in range(4, 8)] + [(3, 0, z) for z in range(6, 8)])
-    hull = Hull(places, np.array([0.0, 0.0, 0.5]), 0.5)
+    hull = SilhouetteHull(places, np.array([0.0, 0.0, 0.5]), 0.5)
     standing = {tuple(place) for place in hull.standing(GROUND).places.tolist()}
     below = standing - {tuple(place) for place in places.tolist()}
     assert below == {(0, 0, z) for z in range(-1, 4)}  # the ground is at place -1
@@ -120,7 +120,7 @@ def test_columns_stand_below_the_lowest_cells_down_to_the_ground_and_no_farther(
 
 def test_ground_that_others_confirm_is_none_of_it_and_what_stands_out_from_it_is(scene: Scene) -> None:
     view, shown = VIEWS[0], np.zeros((HEIGHT, WIDTH), np.uint8)
-    hull = Hull(np.argwhere(np.ones((12, 12, 12), bool)), np.array([0.5, -0.6, -0.6]), 0.1)
+    hull = SilhouetteHull(np.argwhere(np.ones((12, 12, 12), bool)), np.array([0.5, -0.6, -0.6]), 0.1)
     nothing = np.zeros((HEIGHT, WIDTH), bool)
     rows = hull.cover(view).nonzero()[0]
     top, low = rows.min(), rows.max()
@@ -128,18 +128,18 @@ def test_ground_that_others_confirm_is_none_of_it_and_what_stands_out_from_it_is
     class LowerHalf:
         """Ground in the lower half of the hull, but for a bar in it; beside the bar a doubtful column."""
 
-        def through(self, index: int, mask: NDArray[np.bool_]) -> Through:
+        def through(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
             certain, possible = mask.copy(), np.zeros_like(mask)
             certain[: (top + low) // 2] = False
             certain[:, 118:122], possible[:, 118] = False, True
-            return Through(certain & mask, possible & mask)
+            return GroundPixels(certain & mask, possible & mask)
 
-    Openwork(hull, [Outline(nothing, nothing)], set()).draw(0, view, shown, LowerHalf())  # type: ignore[arg-type]
+    ThinStructures(hull, [SkySilhouette(nothing, nothing)], set()).draw(0, view, shown, LowerHalf())  # type: ignore[arg-type]
     covered = hull.cover(view)
     assert (shown[~covered] == BACKGROUND).all()
-    assert (shown[low - 5, 119:122] == BUILDING).all() and shown[low - 5, 118] == UNKNOWN
+    assert (shown[low - 5, 119:122] == BUILDING).all() and shown[low - 5, 118] == IGNORE
     assert shown[low - 5, 110] == BACKGROUND
-    assert (shown[top + 2][covered[top + 2]] == UNKNOWN).all()
+    assert (shown[top + 2][covered[top + 2]] == IGNORE).all()
 
 
 def test_clicks_in_one_photo_or_on_air_are_slips(scene: Scene) -> None:
@@ -170,15 +170,16 @@ def test_the_hull_holds_the_mast_and_little_else(scene: Scene) -> None:
 
 def test_parts_are_cells_that_touch() -> None:
     places = np.array([(0, 0, 0), (1, 1, 1), (3, 3, 3), (5, 0, 0), (5, 0, 1), (4, 1, 0)])
-    parts = Hull(places, np.zeros(3), 1.0).parts()
+    parts = SilhouetteHull(places, np.zeros(3), 1.0).parts()
     assert parts[0] == parts[1] and parts[3] == parts[4] == parts[5]
     assert len(set(parts.tolist())) == 3
-    assert len(Hull(places[:0], np.zeros(3), 1.0).parts()) == 0
+    assert len(SilhouetteHull(places[:0], np.zeros(3), 1.0).parts()) == 0
 
 
 def test_far_too_few_points_tell_no_place(scene: Scene, tmp_path: Path) -> None:
     prompts = {1: Clicks(click_on_mast(VIEWS[1]), NONE), 5: Clicks(click_on_mast(VIEWS[5], 2), NONE)}
     labels = [photograph(view)[1].astype(np.uint8) for view in scene.views]
     nothing = np.zeros(len(scene.points), bool)
-    assert find_openwork(scene, prompts, labels, lambda i: sky_of(scene.views[i]), lambda i: np.zeros((1, 1)), nothing,
+    leafy = lambda i: np.zeros((1, 1))  # noqa: E731
+    assert find_thin_structures(scene, prompts, labels, lambda i: sky_of(scene.views[i]), leafy, nothing,
                          UP, None) is None  # fmt: skip

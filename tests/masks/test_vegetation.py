@@ -4,8 +4,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from mgf_engine.masks.refinement.vegetation import leaves_before
-from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN
+from mgf_engine.masks.refinement.vegetation import find_foreground_leaves
+from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
 
 
 def scene() -> tuple[np.ndarray, np.ndarray]:
@@ -20,7 +20,7 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_tree_before_the_building_is_found_and_one_beside_it_is_not():
-    found = leaves_before(*scene())
+    found = find_foreground_leaves(*scene())
     assert found[30:90, 90:110].all()
     assert found.sum() == 60 * 20
 
@@ -28,22 +28,22 @@ def test_a_tree_before_the_building_is_found_and_one_beside_it_is_not():
 def test_gaps_between_leaves_belong_to_them():
     labels, leafy = scene()
     leafy[50:52, 90:110] = 0
-    assert leaves_before(labels, leafy)[30:90, 90:110].all()
+    assert find_foreground_leaves(labels, leafy)[30:90, 90:110].all()
 
 
 def test_what_is_no_leaves_stays_background():
     labels, _ = scene()
-    assert not leaves_before(labels, np.zeros(labels.shape)).any()
+    assert not find_foreground_leaves(labels, np.zeros(labels.shape)).any()
 
 
 def test_nothing_without_a_building():
-    assert not leaves_before(np.zeros((50, 60), np.uint8), np.ones((50, 60))).any()
+    assert not find_foreground_leaves(np.zeros((50, 60), np.uint8), np.ones((50, 60))).any()
 
 
 def test_a_building_that_is_unknown_at_one_end_reaches_that_far():
     labels, leafy = scene()
-    labels[30:90, 110:160] = UNKNOWN
-    assert leaves_before(labels, leafy)[30:90, 90:110].all()
+    labels[30:90, 110:160] = IGNORE
+    assert find_foreground_leaves(labels, leafy)[30:90, 90:110].all()
 
 
 def test_the_hull_of_a_ragged_building_is_that_of_all_its_pixels():
@@ -52,5 +52,5 @@ def test_the_hull_of_a_ragged_building_is_that_of_all_its_pixels():
     corners = cv2.findNonZero(labels)
     hull = np.zeros(labels.shape, np.uint8)
     cv2.fillConvexPoly(hull, cv2.convexHull(corners), 1)
-    found = leaves_before(labels, np.ones(labels.shape))
+    found = find_foreground_leaves(labels, np.ones(labels.shape))
     assert (found == ((hull > 0) & (labels == BACKGROUND))).all()

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
 from mgf_engine.masks.geometry.visual_hull import hull_agreement
-from mgf_engine.masks.propagation.propagate import judged_by_masks
+from mgf_engine.masks.propagation.propagate import flag_by_masks
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_without_points_only_a_contradiction_leaves_a_mask_out(plain: PlainHouse
     judged = np.ones(16, bool)
     judged[[1, 3]] = False  # points judge the third photo's mask
     used = np.array([not r for r in reasons])
-    found = judged_by_masks(plain.scene, replace(plain.masks, labels=tuple(labels), used=used), reasons, judged)
+    found = flag_by_masks(plain.scene, replace(plain.masks, labels=tuple(labels), used=used), reasons, judged)
     assert found[1] == "" and found[2] == weak
     assert found[3].startswith("the other photos' masks agree with it only to")
     assert not any(found[4:])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from support.analytic import camera, cuboid
 
-from mgf_engine.mesh.component_filter import NEAR, belongs
+from mgf_engine.mesh.component_filter import NEAR, faces_near_clicks
 from mgf_engine.model.mesh import Mesh
 
 SIDE = 1.0
@@ -45,16 +45,16 @@ def test_parts_belong_that_were_clicked_or_are_near(
     places: tuple[float, ...], clicks: tuple[float, ...], expected: int
 ) -> None:
     mesh = row(*places)
-    assert belongs(mesh, VIEWS, clicked(*clicks)).sum() == expected * len(mesh.faces) / len(places)
+    assert faces_near_clicks(mesh, VIEWS, clicked(*clicks)).sum() == expected * len(mesh.faces) / len(places)
 
 
 def test_the_clicked_part_is_the_one_that_stays() -> None:
     mesh = row(0.0, 3.0)
-    stays = belongs(mesh, VIEWS, clicked(3.0))
+    stays = faces_near_clicks(mesh, VIEWS, clicked(3.0))
     assert mesh.vertices[mesh.faces[stays]][..., 0].min() > 2
 
 
 def test_everything_belongs_where_no_click_meets_the_mesh() -> None:
     mesh = row(0.0, 3.0)
-    assert belongs(mesh, VIEWS, [np.array([[0.5, 0.5]]), np.zeros((0, 2))]).all()
-    assert belongs(mesh, VIEWS, [np.zeros((0, 2))] * 2).all()
+    assert faces_near_clicks(mesh, VIEWS, [np.array([[0.5, 0.5]]), np.zeros((0, 2))]).all()
+    assert faces_near_clicks(mesh, VIEWS, [np.zeros((0, 2))] * 2).all()

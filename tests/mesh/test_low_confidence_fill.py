@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.low_confidence_fill import stretch_unconfirmed
+from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.model.mesh import Mesh
 
 SIDE = 40
@@ -25,7 +25,7 @@ def wall(half: float, depth: float = 0.3) -> tuple[Mesh, np.ndarray]:
 
 def test_a_dent_that_nothing_confirms_becomes_flat() -> None:
     mesh, dent = wall(0.1)
-    flat = stretch_unconfirmed(mesh, np.where(dent, 0.1, 0.9))
+    flat = fill_low_confidence(mesh, np.where(dent, 0.1, 0.9))
     assert np.abs(flat.vertices[:, 2]).max() < 1e-9
     assert np.array_equal(flat.vertices[~dent], mesh.vertices[~dent])
     assert np.array_equal(flat.faces, mesh.faces)
@@ -35,20 +35,20 @@ def test_a_dent_that_nothing_confirms_becomes_flat() -> None:
 
 def test_a_dent_that_photos_confirm_stays() -> None:
     mesh, dent = wall(0.1)
-    assert np.array_equal(stretch_unconfirmed(mesh, np.where(dent, 0.5, 0.9)).vertices, mesh.vertices)
+    assert np.array_equal(fill_low_confidence(mesh, np.where(dent, 0.5, 0.9)).vertices, mesh.vertices)
 
 
 def test_what_stands_out_stays_unless_it_is_a_bag() -> None:
     """A corner that few photos see is not cut off, a spike is."""
     low, high = wall(0.1, depth=-0.04), wall(0.1, depth=-0.6)
     confidence = np.where(low[1], 0.1, 0.9)
-    assert np.array_equal(stretch_unconfirmed(low[0], confidence).vertices, low[0].vertices)
-    assert np.abs(stretch_unconfirmed(high[0], confidence).vertices[:, 2]).max() < 1e-9
+    assert np.array_equal(fill_low_confidence(low[0], confidence).vertices, low[0].vertices)
+    assert np.abs(fill_low_confidence(high[0], confidence).vertices[:, 2]).max() < 1e-9
 
 
 def test_a_large_patch_is_not_judged() -> None:
     mesh, dent = wall(0.5)
-    assert np.array_equal(stretch_unconfirmed(mesh, np.where(dent, 0.0, 0.9)).vertices, mesh.vertices)
+    assert np.array_equal(fill_low_confidence(mesh, np.where(dent, 0.0, 0.9)).vertices, mesh.vertices)
 
 
 def test_open_edges_and_parts_of_their_own_stay() -> None:
@@ -57,7 +57,7 @@ def test_open_edges_and_parts_of_their_own_stay() -> None:
     rim = corner & (np.abs(mesh.vertices[:, :2]).max(1) > 1 - 1e-9)
     bent = mesh.vertices + np.where(rim, 0.2, 0.0)[:, None] * [0, 0, 1]
     shifted = Mesh(bent, mesh.faces, mesh.colors)
-    stretched = stretch_unconfirmed(shifted, np.where(corner, 0.0, 0.9))
+    stretched = fill_low_confidence(shifted, np.where(corner, 0.0, 0.9))
     assert rim.any() and np.array_equal(stretched.vertices[rim], bent[rim])
     ball = np.array([[0.0, 0, 1], [0.1, 0, 1], [0, 0.1, 1], [0, 0, 1.1]])
     closed = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32) + len(mesh.vertices)
@@ -66,7 +66,7 @@ def test_open_edges_and_parts_of_their_own_stay() -> None:
         np.zeros((len(mesh.vertices) + 4, 3), np.uint8),
     )  # fmt: skip
     confidence = np.r_[np.full(len(mesh.vertices), 0.9), np.zeros(4)]
-    assert np.array_equal(stretch_unconfirmed(both, confidence).vertices, both.vertices)
+    assert np.array_equal(fill_low_confidence(both, confidence).vertices, both.vertices)
 
 
 def hung_on(mesh: Mesh, *corners: int) -> Mesh:
@@ -84,7 +84,7 @@ def test_a_bag_that_hangs_on_a_dent_goes() -> None:
     mesh, dent = wall(0.1)
     bag = hung_on(mesh, int(np.flatnonzero(dent)[5]))
     confidence = np.r_[np.where(dent, 0.1, 0.9), np.zeros(3)]
-    flat = stretch_unconfirmed(replace(bag, values={"confidence": confidence}), confidence)
+    flat = fill_low_confidence(replace(bag, values={"confidence": confidence}), confidence)
     assert len(flat.vertices) == len(mesh.vertices) == len(flat.values["confidence"])
     assert np.array_equal(flat.faces, mesh.faces) and np.abs(flat.vertices[:, 2]).max() < 1e-9
 
@@ -94,11 +94,11 @@ def test_no_edge_gets_three_faces() -> None:
     first, second = mesh.faces[np.flatnonzero((~dent)[mesh.faces].all(1))[700], :2].tolist()
     crowded = hung_on(mesh, first, second)
     confidence = np.r_[np.where(dent, 0.1, 0.9), np.zeros(2)]
-    assert np.array_equal(stretch_unconfirmed(crowded, confidence).vertices, crowded.vertices)
+    assert np.array_equal(fill_low_confidence(crowded, confidence).vertices, crowded.vertices)
 
 
 @pytest.mark.parametrize("confidence", [0.0, 1.0])
 def test_all_or_nothing_confirmed_changes_nothing(confidence: float) -> None:
     mesh, _ = wall(0.1)
-    result = stretch_unconfirmed(mesh, np.full(len(mesh.vertices), confidence))
+    result = fill_low_confidence(mesh, np.full(len(mesh.vertices), confidence))
     assert np.array_equal(result.vertices, mesh.vertices)

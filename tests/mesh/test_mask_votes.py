@@ -9,7 +9,7 @@ from support.analytic import ball, ring, scene_of
 
 from mgf_engine.geometry.clean import drop_small_parts
 from mgf_engine.mesh.mask_votes import cut_background
-from mgf_engine.model.masks import BACKGROUND, UNKNOWN
+from mgf_engine.model.masks import BACKGROUND, IGNORE
 from mgf_engine.model.mesh import Mesh
 
 
@@ -43,5 +43,5 @@ def test_a_mask_that_is_wrong_is_outvoted() -> None:
 def test_what_nobody_knows_stays() -> None:
     scene, masks = scene_of(ring(16), ball())
     mesh = ball_with_skirt()
-    labels = [np.full_like(label, UNKNOWN) for label in masks.labels]
+    labels = [np.full_like(label, IGNORE) for label in masks.labels]
     assert len(cut_background(mesh, scene.views, labels).faces) == len(mesh.faces)

@@ -9,9 +9,9 @@ from mgf_engine.mesh.hull import judging_mask, judging_masks, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import OpacityField, spread_order
 from mgf_engine.mesh.tsdf import fuse_gaussians
-from mgf_engine.model.masks import UNKNOWN
+from mgf_engine.model.masks import IGNORE
+from mgf_engine.raster.points import IGNORE as UNKNOWN_PIXEL
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
-from mgf_engine.raster.points import UNKNOWN as UNKNOWN_PIXEL
 from mgf_engine.raster.reference_points import opacity_of_points
 
 
@@ -119,7 +119,7 @@ def test_no_points(setting):
 def test_judging_mask():
     labels = np.zeros((20, 30), np.uint8)
     labels[5:15, 5:15] = 7
-    labels[:, 25:] = UNKNOWN
+    labels[:, 25:] = IGNORE
     mask = judging_mask(labels, 2)
     assert mask[10, 10] == INSIDE and mask[10, 16] == INSIDE and mask[10, 18] == OUTSIDE
     assert mask[10, 27] == UNKNOWN_PIXEL and mask[10, 24] == INSIDE  # next to the unknown nothing is certain

@@ -13,9 +13,9 @@ import pytest
 from mgf_engine.mesh.photometric import (
     MatchOptions,
     Surface,
-    between,
     correlations,
     match_surface,
+    pixel_transfer,
 )
 from mgf_engine.mesh.reference_photometric import depth_steps, match_depths
 from mgf_engine.model.scene import View
@@ -76,7 +76,7 @@ def test_kernel_equals_its_twin(variant: str) -> None:
     pixels = pixels[noisy.depth.ravel()[pixels] > 0]
     scores, counts, step = correlations(noisy, others, pixels)
     v = noisy.view
-    maps = [between(v, other.view) for other in others]
+    maps = [pixel_transfer(v, other.view) for other in others]
     found = [
         match_depths(
             pixels, noisy.normal.reshape(-1, 3)[pixels].astype(float), step.astype(float), OPTIONS.steps,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface
-from mgf_engine.mesh.prior import Prior, PriorOptions, decided, joined
+from mgf_engine.mesh.prior import Prior, PriorOptions, choose_depths, combine_surfaces
 from mgf_engine.mesh.tsdf import TsdfOptions, depth_map
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.raster.points import INSIDE
@@ -37,8 +37,10 @@ def likes(depth: float):
 
 def decide(field: float, prior: float, sure: float, confirmed: float) -> tuple[Surface, Matched]:
     match = likes(confirmed)
-    both, known = joined(surface(field), surface(prior), NOTHING + np.float32(sure)), surface(prior)
-    return decided(both, known, NOTHING + np.float32(sure), match(both, [], MatchOptions()), [], MatchOptions(), match)
+    both, known = combine_surfaces(surface(field), surface(prior), NOTHING + np.float32(sure)), surface(prior)
+    return choose_depths(
+        both, known, NOTHING + np.float32(sure), match(both, [], MatchOptions()), [], MatchOptions(), match
+    )
 
 
 @pytest.mark.parametrize(("confirmed", "taken"), [(AT, AT), (BESIDE, BESIDE), (9.0, BESIDE)])
@@ -56,7 +58,7 @@ def test_the_prior_fills_what_the_field_does_not_show() -> None:
 def test_a_sure_plane_stands_for_a_field_that_lies_almost_on_it() -> None:
     near = AT * (1 + 1.0 / view(0.0).fx)
     for sure, taken in ((1.0, AT), (0.0, near)):
-        both = joined(surface(near), surface(AT), NOTHING + np.float32(sure))
+        both = combine_surfaces(surface(near), surface(AT), NOTHING + np.float32(sure))
         np.testing.assert_allclose(both.depth, taken, rtol=1e-6)
 
 

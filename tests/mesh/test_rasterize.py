@@ -11,7 +11,7 @@ from support.rays import pixel_rays
 
 from mgf_engine.geometry.rasterize import NEAR, corners, face_normals, render_mesh, scaled_view, shaded
 from mgf_engine.mesh.face_visibility import count_pixels, count_uncovered
-from mgf_engine.model.masks import BACKGROUND, UNKNOWN
+from mgf_engine.model.masks import BACKGROUND, IGNORE
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native import library
 
@@ -133,7 +133,7 @@ def test_pixels_are_counted_by_side_and_by_label(threads: int):
     mesh, views = ball(subdivisions=4), ring(5)
     mesh = replace(mesh, faces=np.where(np.arange(len(mesh.faces))[:, None] % 3, mesh.faces, mesh.faces[:, ::-1]))
     labels = [
-        np.random.default_rng(k).choice([BACKGROUND, 1, 7, UNKNOWN], (v.height, v.width)) for k, v in enumerate(views)
+        np.random.default_rng(k).choice([BACKGROUND, 1, 7, IGNORE], (v.height, v.width)) for k, v in enumerate(views)
     ]
     expected = np.zeros((4, len(mesh.faces)), int)
     for view, label in zip(views, labels, strict=True):
@@ -142,7 +142,7 @@ def test_pixels_are_counted_by_side_and_by_label(threads: int):
         faces, said = buffers.face[rows, columns], label[rows, columns]
         front = (face_normals(mesh)[faces] * pixel_rays(view, rows, columns)).sum(1) < 0
         for row, of in zip(
-            expected, (front, ~front, (said != UNKNOWN) & (said != BACKGROUND), said != UNKNOWN), strict=True
+            expected, (front, ~front, (said != IGNORE) & (said != BACKGROUND), said != IGNORE), strict=True
         ):
             np.add.at(row, faces[of], 1)
     library.set_threads(threads)
@@ -163,7 +163,7 @@ def test_pixels_behind_faces_that_go_are_counted_as_if_all_were_drawn_again(thre
     )
     views.append(replace(views[0], translation=-views[0].rotation @ np.array([0.85, 0.0, 0.0])))  # between both
     rng = np.random.default_rng(0)
-    labels = [rng.choice([BACKGROUND, 1, UNKNOWN], (v.height, v.width)).astype(np.uint8) for v in views]
+    labels = [rng.choice([BACKGROUND, 1, IGNORE], (v.height, v.width)).astype(np.uint8) for v in views]
     middle = mesh.vertices[mesh.faces].mean(1)
     library.set_threads(threads)
     before = count_pixels(mesh, views, labels)

@@ -105,7 +105,7 @@ def test_a_mask_without_an_inside_needs_no_map() -> None:
     assert not tsdf._spans(np.zeros((4, 5), bool))[1].any()
 
 
-def plain_beliefs(
+def plain_samples(
     points: np.ndarray, views: list[View], maps: list[np.ndarray], mask: np.ndarray, band: float
 ) -> list[dict[str, float]]:
     """What ``native/csrc/mesh/fuse.c`` does, point by point: a dict per point."""
@@ -140,7 +140,7 @@ def plain_beliefs(
     return result
 
 
-def test_beliefs_are_those_of_the_plain_sum_over_views() -> None:
+def test_samples_are_those_of_the_plain_sum_over_views() -> None:
     rng = np.random.default_rng(4)
     views, shape = ring(5), (HEIGHT, WIDTH)
     mask = rng.choice(np.array([INSIDE, INSIDE, INSIDE, OUTSIDE, 2], np.uint8), shape)
@@ -156,8 +156,8 @@ def test_beliefs_are_those_of_the_plain_sum_over_views() -> None:
     rows = np.arange(HEIGHT, dtype=np.int64) * WIDTH
     field.maps = [DepthMap(view, mask, rows, m.reshape(-1, 4)) for view, m in zip(views, maps, strict=True)]
     points = rng.uniform(-1, 1, (3000, 3)).astype(np.float32).astype(np.float64)
-    found = np.concatenate(list(field._ask(points, lambda belief: belief)))
-    expected = plain_beliefs(points, views, maps, mask, field.band)
+    found = np.concatenate(list(field._ask(points, lambda sample: sample)))
+    expected = plain_samples(points, views, maps, mask, field.band)
     for name in ("covered", "outside", "seen", "near", "judging", "behind"):
         assert found[name].sum() > 50
         np.testing.assert_array_equal(found[name], [said[name] for said in expected])

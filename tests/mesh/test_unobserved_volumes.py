@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.analytic import ball
 
-from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_shadows
+from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_unobserved
 
 PIXEL = 0.02
 
@@ -20,7 +20,7 @@ def without(thickness: float, confirmed=lambda x: x > 0.0):
     mesh = replace(mesh, vertices=mesh.vertices * (thickness, 1.0, 1.0))
     free = lambda points: np.linalg.norm(points / (thickness, 1.0, 1.0), axis=1) > 1  # noqa: E731
     shown = confirmed(mesh.vertices[:, 0])
-    left = drop_shadows(mesh, shown, np.full(len(mesh.vertices), PIXEL), free)
+    left = drop_unobserved(mesh, shown, np.full(len(mesh.vertices), PIXEL), free)
     return mesh, shown, left
 
 

@@ -136,8 +136,8 @@ def run(
     return Result(rendering, gradients, stats.to(torch.device("cpu")))
 
 
-def output_names(heads: str) -> tuple[str, ...]:
-    return OUTPUTS if heads == "all" else OUTPUTS[:3]
+def output_names(outputs: str) -> tuple[str, ...]:
+    return OUTPUTS if outputs == "all" else OUTPUTS[:3]
 
 
 def random_weights(view: Camera, names: tuple[str, ...], seed: int, certain: Tensor) -> dict[str, Tensor]:
@@ -186,20 +186,20 @@ def assert_agrees(
     tolerance: str = "plain",
     sh_degree: int = 3,
     tile_mask: Tensor | None = None,
-    heads: str = "all",
+    outputs: str = "all",
     seed: int = 0,
 ) -> Result:
     """Outputs, gradients and statistics of the backend agree with the twin's; returns the backend's."""
     limit = TOLERANCES[tolerance]
-    options = {"sh_degree": sh_degree, "tile_mask": tile_mask, "heads": heads}
+    options = {"sh_degree": sh_degree, "tile_mask": tile_mask, "outputs": outputs}
     certain = ~reference.uncertain(field, view, sh_degree, tile_mask, limit.margin)
-    weights = random_weights(view, output_names(heads), seed, certain)
+    weights = random_weights(view, output_names(outputs), seed, certain)
     error_map = torch.rand(view.height, view.width, generator=torch.Generator().manual_seed(seed)) * certain
     expected = _twin(field, view, weights, error_map, options)
     found = expected if backend == "reference" else run(field, view, backend, weights, error_map, **options)
     assert_finite(expected)
     assert_finite(found)
-    for name in output_names(heads):
+    for name in output_names(outputs):
         a, b = getattr(expected.rendering, name).detach(), getattr(found.rendering, name).detach()
         assert a.shape == b.shape
         difference, largest = ((a - b).abs() * certain).max(), a.abs().max().clamp_min(1.0)

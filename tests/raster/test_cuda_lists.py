@@ -12,7 +12,7 @@ from rendered import camera, gaussians
 
 from mgf_engine.native.cuda.emulated import SourceOnCpu
 from mgf_engine.raster.api import Camera
-from mgf_engine.raster.cpu import HeadGradients, Parameters
+from mgf_engine.raster.cpu import OutputGradients, Parameters
 from mgf_engine.raster.cuda import launcher_on
 from mgf_engine.raster.cuda.blending import Rasterizer, TileLists
 
@@ -94,11 +94,11 @@ def test_gradients_do_not_see_a_slot_that_is_left_over(rasterizer: Rasterizer) -
     raw, view = field_and_view(SIZES[0])
     whole = rasterizer.list_tiles(raw, view, 1, None)
     slope = torch.ones(3, view.height, view.width)
-    heads = HeadGradients(slope, None, None, None, None, None)
+    outputs = OutputGradients(slope, None, None, None, None, None)
 
     def gradients(lists: TileLists) -> tuple[torch.Tensor, ...]:
         image, hits = rasterizer.blend(lists, True)
-        return rasterizer.backward(raw, 1, lists, image, hits, heads, None, None)
+        return rasterizer.backward(raw, 1, lists, image, hits, outputs, None, None)
 
     expected = gradients(whole)
     for wrong in spread_out(whole):

@@ -14,7 +14,7 @@ from mgf_engine.config import Config
 from mgf_engine.field.losses import loss_weights
 from mgf_engine.field.synthetic import noise_target
 from mgf_engine.raster.api import RenderStats
-from mgf_engine.raster.cpu import HeadGradients, Parameters
+from mgf_engine.raster.cpu import OutputGradients, Parameters
 from mgf_engine.raster.cuda import launcher_on
 from mgf_engine.raster.cuda.blending import Rasterizer
 from mgf_engine.raster.cuda.loss import DevicePass
@@ -66,8 +66,8 @@ def test_rendering_and_gradients_read_nothing_back() -> None:
     with Watch() as watch:
         lists = own.list_tiles(raw, view, 3, mask, wait=False)
         image, hits = own.blend(lists, True)
-        heads = HeadGradients(slope, None, None, None, slope, None)
-        own.backward(raw, 3, lists, image, hits, heads, slope[0], statistics)
+        outputs = OutputGradients(slope, None, None, None, slope, None)
+        own.backward(raw, 3, lists, image, hits, outputs, slope[0], statistics)
     assert watch.found == []
     with Watch() as watch:
         own.list_tiles(raw, view, 3, mask, wait=True)

@@ -10,7 +10,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.native import library
-from mgf_engine.raster.points import BACKGROUND, INSIDE, NEAR, OUTSIDE, SEEN, UNKNOWN, UNSEEN, PointOpacity, locate
+from mgf_engine.raster.points import BACKGROUND, IGNORE, INSIDE, NEAR, OUTSIDE, SEEN, UNSEEN, PointOpacity, locate
 from mgf_engine.raster.reference_points import opacity_of_points
 
 TOLERANCE = 3e-5  # float32 quotients of quadratics, see csrc/raster/records.h
@@ -150,7 +150,7 @@ def test_verdicts_of_the_mask():
     camera = view()
     mask = np.full((camera.height, camera.width), OUTSIDE, np.uint8)
     mask[:, 30:60] = INSIDE
-    mask[:, 60:] = UNKNOWN
+    mask[:, 60:] = IGNORE
     points = np.array([[0, 0, 0], [-1.5, 0, 0], [1.5, 0, 0], [0, 0, -9], [50, 0, 0]], np.float32)
     located = locate(points, camera, mask)
     assert located.verdict.tolist() == [SEEN, BACKGROUND, UNSEEN, UNSEEN, UNSEEN]

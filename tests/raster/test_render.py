@@ -39,9 +39,9 @@ def test_one_round_gaussian_in_the_middle(backend: str) -> None:
 
 
 @pytest.mark.parametrize("sh_degree", [0, 1, 2, 3])
-@pytest.mark.parametrize("heads", ["all", "basic"])
-def test_agrees_with_the_twin(backend: str, sh_degree: int, heads: str) -> None:
-    assert_agrees(gaussians(150, seed=sh_degree), camera(seed=sh_degree), backend, sh_degree=sh_degree, heads=heads)
+@pytest.mark.parametrize("outputs", ["all", "basic"])
+def test_agrees_with_the_twin(backend: str, sh_degree: int, outputs: str) -> None:
+    assert_agrees(gaussians(150, seed=sh_degree), camera(seed=sh_degree), backend, sh_degree=sh_degree, outputs=outputs)
 
 
 def test_many_layers_until_nothing_passes(backend: str) -> None:

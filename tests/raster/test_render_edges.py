@@ -204,16 +204,16 @@ def test_values_that_are_no_numbers_are_not_drawn(variant: str) -> None:
     size=st.tuples(st.integers(1, 50), st.integers(1, 40)),
     log_scale=st.floats(-3.5, -0.5),
     sh_degree=st.integers(0, 3),
-    heads=st.sampled_from(["all", "basic"]),
+    outputs=st.sampled_from(["all", "basic"]),
     mask=st.integers(0, 2**16 - 1),
 )
 def test_random_scenes(
-    seed: int, n: int, size: tuple[int, int], log_scale: float, sh_degree: int, heads: str, mask: int
+    seed: int, n: int, size: tuple[int, int], log_scale: float, sh_degree: int, outputs: str, mask: int
 ) -> None:
     view = camera(*size, seed=seed)
     tiles = torch.tensor([mask >> i & 1 for i in range(16)]).view(4, 4)[: view.tiles[0], : view.tiles[1]]
     field = gaussians(n, seed, log_scale=log_scale)
-    assert_agrees(field, view, "cpu", "plain", sh_degree, tiles, heads, seed)
+    assert_agrees(field, view, "cpu", "plain", sh_degree, tiles, outputs, seed)
 
 
 @given(seed=st.integers(0, 100_000), wildness=st.floats(1.0, 30.0), near=st.sampled_from([0.01, 0.2, 2.0]))

@@ -13,9 +13,9 @@ import pytest
 
 from benchmarks.synthetic.colmap_scene import Messages, reconstruction, write_model
 from mgf_engine.errors import Cancelled
-from mgf_engine.scene.adjust import agreeing, far_points
+from mgf_engine.scene.adjust import adjust_if_inconsistent, far_points
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, read_task, write_result, write_task
-from mgf_engine.scene.adjust_worker import laid_onto, replaced_points
+from mgf_engine.scene.adjust_worker import align_similarity, replaced_points
 from mgf_engine.scene.colmap import read_model
 from mgf_engine.scene.colmap_bundle import centres, moved, projection_errors
 from mgf_engine.scene.normalise import rotation_of
@@ -68,7 +68,7 @@ def test_a_model_that_contradicts_itself_is_mended(tmp_path: Path, lens: str, wr
     true, messages = true_model(tmp_path, lens), Messages()
     bad = zoomed(true, 1.08) if wrong == "focal" else turned(true, 0.02)
     assert median_error(true) < 1e-3 and median_error(bad) > 1.0
-    mended = agreeing(bad, RESOLUTION, messages.reporter)
+    mended = adjust_if_inconsistent(bad, RESOLUTION, messages.reporter)
     assert median_error(mended) < 0.05
     assert mended.cameras[1].params[0] == pytest.approx(true.cameras[1].params[0], rel=0.01)
     size = np.ptp(centres(true), axis=0).max()
@@ -79,17 +79,17 @@ def test_a_model_that_contradicts_itself_is_mended(tmp_path: Path, lens: str, wr
 
 def test_coordinates_of_a_map_are_kept(tmp_path: Path) -> None:
     true = true_model(tmp_path, offset=1e6)
-    mended = agreeing(turned(true, 0.02), RESOLUTION, Messages().reporter)
+    mended = adjust_if_inconsistent(turned(true, 0.02), RESOLUTION, Messages().reporter)
     assert median_error(mended) < 0.05
     assert np.linalg.norm(centres(mended) - centres(true), axis=1).max() < 0.1
 
 
 def test_sound_models_and_those_that_cannot_get_better_stay_as_they_are(tmp_path: Path) -> None:
     true, messages = true_model(tmp_path), Messages()
-    assert agreeing(true, RESOLUTION, messages.reporter) is true
+    assert adjust_if_inconsistent(true, RESOLUTION, messages.reporter) is true
     noisy = shaken(true, 2.0)
     assert median_error(noisy) > 1.0
-    assert agreeing(noisy, RESOLUTION, messages.reporter) is noisy
+    assert adjust_if_inconsistent(noisy, RESOLUTION, messages.reporter) is noisy
     assert messages.warnings == []
 
 
@@ -98,7 +98,7 @@ def test_stray_points_are_no_reason_to_move_cameras(tmp_path: Path) -> None:
     xyz = true.points.xyz.copy()
     xyz[::2] = np.random.default_rng(1).permutation(xyz[::2])
     bad = replace(true, points=replace(true.points, xyz=xyz))
-    assert agreeing(bad, RESOLUTION, Messages().reporter) is bad
+    assert adjust_if_inconsistent(bad, RESOLUTION, Messages().reporter) is bad
 
 
 def test_numbers_beyond_reason_leave_the_model_as_it_is(tmp_path: Path) -> None:
@@ -107,9 +107,9 @@ def test_numbers_beyond_reason_leave_the_model_as_it_is(tmp_path: Path) -> None:
     flat = replace(true, images=tuple(replace(i, translation=i.translation * 0.0) for i in true.images))
     broken = replace(true, cameras={i: replace(c, params=(0.0,) * len(c.params)) for i, c in true.cameras.items()})
     for model in (far, flat, broken):
-        result = agreeing(model, RESOLUTION, Messages().reporter)
+        result = adjust_if_inconsistent(model, RESOLUTION, Messages().reporter)
         assert np.isfinite(result.points.xyz).all()
-    assert agreeing(broken, RESOLUTION, Messages().reporter) is broken
+    assert adjust_if_inconsistent(broken, RESOLUTION, Messages().reporter) is broken
 
 
 def test_points_are_placed_where_the_rays_meet(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_wrong_observations_and_stray_points_do_not_bend_the_cameras(tmp_path: P
     xyz = bad.points.xyz.copy()
     xyz[::4] = rng.permutation(xyz[::4])
     bad = replace(bad, images=tuple(images), points=replace(bad.points, xyz=xyz))
-    mended = agreeing(bad, RESOLUTION, Messages().reporter)
+    mended = adjust_if_inconsistent(bad, RESOLUTION, Messages().reporter)
     assert median_error(bad) > 2.0 and median_error(mended) < 0.4
     assert mended.cameras[1].params[0] == pytest.approx(true.cameras[1].params[0], rel=0.01)
     size = np.ptp(centres(true), axis=0).max()
@@ -154,7 +154,7 @@ def test_the_same_model_is_always_adjusted_alike_and_nothing_is_printed(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bad = shaken(turned(true_model(tmp_path), 0.02), 0.3)
-    first, second = (agreeing(bad, RESOLUTION, Messages().reporter) for _ in range(2))
+    first, second = (adjust_if_inconsistent(bad, RESOLUTION, Messages().reporter) for _ in range(2))
     assert first is not bad
     assert np.array_equal(first.points.xyz, second.points.xyz)
     assert np.array_equal(centres(first), centres(second)) and first.cameras == second.cameras
@@ -168,11 +168,11 @@ def test_a_crash_of_the_process_leaves_the_model_and_cancelling_ends_it(
     messages = Messages()
     messages.reporter.cancel()
     with pytest.raises(Cancelled):
-        agreeing(bad, RESOLUTION, messages.reporter)
+        adjust_if_inconsistent(bad, RESOLUTION, messages.reporter)
     crash = tmp_path / "crash.py"
     crash.write_text("import os; os.abort()")
     monkeypatch.setattr("mgf_engine.scene.adjust.COMMAND", (sys.executable, str(crash)))
-    assert agreeing(bad, RESOLUTION, Messages().reporter) is bad
+    assert adjust_if_inconsistent(bad, RESOLUTION, Messages().reporter) is bad
 
 
 def test_models_are_laid_onto_where_most_of_them_lay(tmp_path: Path) -> None:
@@ -183,14 +183,14 @@ def test_models_are_laid_onto_where_most_of_them_lay(tmp_path: Path) -> None:
     xyz[::3] += np.random.default_rng(6).normal(0, 5, xyz[::3].shape)
     used = np.arange(len(xyz))
     task = Task(true, RESOLUTION, used, used, 1.0)
-    back = laid_onto(replace(away, points=replace(away.points, xyz=xyz)), task)
+    back = align_similarity(replace(away, points=replace(away.points, xyz=xyz)), task)
     assert back is not None and np.allclose(centres(back), centres(true), atol=1e-6)
     nowhere = replace(
         away,
         images=tuple(replace(i, translation=np.full(3, np.nan)) for i in away.images),
         points=replace(away.points, xyz=np.full_like(xyz, np.nan)),
     )
-    assert laid_onto(nowhere, task) is None
+    assert align_similarity(nowhere, task) is None
 
 
 def test_far_points_are_counted() -> None:

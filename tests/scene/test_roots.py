@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.scene.roots import choose_held_out, choose_roots, spread_out
+from mgf_engine.scene.roots import choose_held_out, choose_roots, sample_views
 
 
 def circle(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -29,15 +29,15 @@ def test_roots_on_a_circle_are_spread() -> None:
 
 def test_fewer_views_are_among_the_first_of_more() -> None:
     """So the photos the user is asked to click on are always among those that are used."""
-    few, many = (spread_out(*circle(40), count) for count in (8, 25))
+    few, many = (sample_views(*circle(40), count) for count in (8, 25))
     assert many[:8] == few and len(set(many)) == 25
 
 
 def test_wanted_views_come_first_and_the_others_keep_away_from_them() -> None:
-    chosen = spread_out(*circle(12), 4, wanted={1, 4})
+    chosen = sample_views(*circle(12), 4, wanted={1, 4})
     assert chosen[:2] == [1, 4] and set(chosen[2:]) <= {7, 8, 9, 10}
-    assert spread_out(*circle(12), 2, wanted={5, 6, 7}) == [5, 6, 7]
-    assert sorted(spread_out(*circle(5), 99, wanted={3})) == [0, 1, 2, 3, 4]
+    assert sample_views(*circle(12), 2, wanted={5, 6, 7}) == [5, 6, 7]
+    assert sorted(sample_views(*circle(5), 99, wanted={3})) == [0, 1, 2, 3, 4]
 
 
 def test_cameras_in_one_spot_are_spread_by_direction() -> None:

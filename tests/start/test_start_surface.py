@@ -17,7 +17,7 @@ from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.masks.geometry.visual_hull import hull_cells, with_hull_points
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.start.samples import apart, sample_surface, spread
+from mgf_engine.start.samples import poisson_disk_subset, sample_poisson_disk, sample_surface
 from mgf_engine.start.store import read_start, write_start
 from mgf_engine.start.surface import StartSurface, start_surface
 
@@ -59,15 +59,15 @@ def test_samples_have_the_colours_and_normals_of_the_surface(plain_house: PlainH
 
 
 def test_samples_are_apart_and_leave_no_gap(found: StartSurface) -> None:
-    points = spread(found.mesh, 0.1, np.random.default_rng(0))[1]
+    points = sample_poisson_disk(found.mesh, 0.1, np.random.default_rng(0))[1]
     assert cKDTree(points).query(points, k=2)[0][:, 1].min() >= 0.08
-    everywhere = spread(found.mesh, 0.02, np.random.default_rng(1))[1]
+    everywhere = sample_poisson_disk(found.mesh, 0.02, np.random.default_rng(1))[1]
     assert np.quantile(cKDTree(points).query(everywhere)[0], 0.99) < 0.1
 
 
 def test_the_first_of_points_in_each_others_way_stays() -> None:
     line = np.array([[0.0, 0, 0], [0.6, 0, 0], [1.2, 0, 0], [9, 0, 0], [1.8, 0, 0]])
-    np.testing.assert_array_equal(apart(line, 1.0), [0, 2, 3])
+    np.testing.assert_array_equal(poisson_disk_subset(line, 1.0), [0, 2, 3])
 
 
 def test_it_comes_back_from_its_file(found: StartSurface, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from mgf_engine.texture.charts import CELL, GUTTER, lay_out, pack
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
 from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
-from mgf_engine.texture.visibility import Sights, VisibilityOptions, _Found, find_sights
+from mgf_engine.texture.visibility import FaceViews, VisibilityOptions, _Found, find_face_views
 
 SIDE = 12
 
@@ -30,10 +30,10 @@ def strip() -> np.ndarray:
     return both.reshape(-1, 3).astype(np.int32)
 
 
-def sights(sizes: np.ndarray) -> Sights:
+def sights(sizes: np.ndarray) -> FaceViews:
     """From sizes [views, faces], 0 where a view does not show a face."""
     view, face = np.nonzero(sizes)
-    return Sights(view.astype(np.int32), face.astype(np.int32), sizes[view, face].astype(np.float32), sizes.shape[1])
+    return FaceViews(view.astype(np.int32), face.astype(np.int32), sizes[view, face].astype(np.float32), sizes.shape[1])
 
 
 def choose(sizes: np.ndarray) -> np.ndarray:
@@ -153,16 +153,16 @@ def test_a_face_is_shown_where_it_is_seen_from_its_front() -> None:
     photos = [np.full((v.height, v.width, 3), 128, np.uint8) for v in views]
     mesh = replace(mesh, colors=np.full((len(mesh.vertices), 3), 128, np.uint8))
     every = np.ones(photos[0].shape[:2], bool)
-    found = find_sights(mesh, views, lambda i: photos[i], lambda i: every)
+    found = find_face_views(mesh, views, lambda i: photos[i], lambda i: every)
     middle = mesh.vertices[mesh.faces[found.face]].mean(1)
     toward = np.stack([v.centre for v in views])[found.view] - middle
     cosine = (middle * toward).sum(1) / np.linalg.norm(middle, axis=1) / np.linalg.norm(toward, axis=1)
     assert cosine.min() > 0.1 and len(np.unique(found.face)) > 0.9 * len(mesh.faces)
-    nothing = find_sights(mesh, views, lambda i: photos[i], lambda i: ~every)
+    nothing = find_face_views(mesh, views, lambda i: photos[i], lambda i: ~every)
     assert len(nothing.face) == 0 and (choose_all(nothing, mesh) == NO_VIEW).all()
 
 
-def choose_all(found: Sights, mesh: Mesh) -> np.ndarray:
+def choose_all(found: FaceViews, mesh: Mesh) -> np.ndarray:
     return choose_views(found, face_neighbours(mesh.faces), np.ones(len(mesh.faces)))
 
 
@@ -171,7 +171,7 @@ def test_a_photo_in_another_colour_than_the_others_is_taken_only_where_no_other_
     photos = [np.full((v.height, v.width, 3), 20 if k == 0 else 128, np.uint8) for k, v in enumerate(views)]
     mesh = replace(mesh, colors=np.full((len(mesh.vertices), 3), 128, np.uint8))
     every = np.ones(photos[0].shape[:2], bool)
-    found = find_sights(mesh, views, lambda i: photos[i], lambda i: every)
+    found = find_face_views(mesh, views, lambda i: photos[i], lambda i: every)
     label = choose_all(found, mesh)
     seen_elsewhere = np.isin(np.arange(len(mesh.faces)), found.face[found.view != 0])
     assert not (label[seen_elsewhere] == 0).any()

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs, enclosed
-from mgf_engine.masks.geometry.point_features import Shape, looking_down
+from mgf_engine.masks.geometry.point_features import PointFeatures, looking_down
 from mgf_engine.masks.geometry.point_surface import Map, make_surface
 from mgf_engine.model.scene import Scene, View
 
@@ -71,7 +71,7 @@ class ViewRegions:
     near: NDArray[np.float32]  # [h, w], normalised units
 
 
-class Extent:
+class BuildingExtent:
     """Where the building is, from the points that are it and those that are something else.
 
     Args:
@@ -83,7 +83,7 @@ class Extent:
     def __init__(
         self,
         scene: Scene,
-        shape: Shape,
+        shape: PointFeatures,
         keep: Map,
         ground: Ground | None,
         visibility: Visibility,
@@ -99,7 +99,7 @@ class Extent:
         if keep.any():
             spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene) is None
             over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen)
-        self.posts = make_surface(scene, shape, keep, ground, discs=False, overhangs=over, coarse=fine)
+        self.columns = make_surface(scene, shape, keep, ground, discs=False, overhangs=over, coarse=fine)
         self.body = make_surface(scene, shape, keep, ground, discs=True, overhangs=over, coarse=fine)
         others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)
         self.others = make_surface(scene, shape, others, None, discs=True, coarse=fine)
@@ -109,11 +109,11 @@ class Extent:
         """All maps of view ``index``."""
         view = self.scene.views[index]
         h, w = map_size(view)
-        if not len(self.posts.samples):
+        if not len(self.columns.samples):
             empty, nowhere = np.zeros((h, w), bool), np.full((h, w), np.inf, np.float32)
             return ViewRegions(empty, empty, empty.astype(np.float32), empty, empty, empty, nowhere)
         near = self.body.depth(view, h, w)
-        places, _, radius = self.posts.project(view, h, w)
+        places, _, radius = self.columns.project(view, h, w)
         core = _close(places, self.options.core * radius, h, w)
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
         reach = core | np.isfinite(near)
@@ -178,7 +178,7 @@ class Visibility:
     """
 
     def __init__(
-        self, scene: Scene, shape: Shape, sparse: int | None = None, options: ExtentOptions = ExtentOptions()
+        self, scene: Scene, shape: PointFeatures, sparse: int | None = None, options: ExtentOptions = ExtentOptions()
     ) -> None:
         self.options = options
         self.scene, self.shape, self.owner = scene, shape, scene.track_point
@@ -237,7 +237,7 @@ def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float
 
 
 def over_building(
-    points: NDArray[np.float64], keep: Map, shape: Shape, options: ExtentOptions = ExtentOptions()
+    points: NDArray[np.float64], keep: Map, shape: PointFeatures, options: ExtentOptions = ExtentOptions()
 ) -> Map:
     """Points that stand on the building: above its ground plan and not low, as spires and chimneys do, [P].
 
@@ -268,7 +268,7 @@ def over_building(
     return np.asarray(inside & area[x, y] & (height - floor > options.over_share * tall[x, y]), bool)
 
 
-def _supported(shape: Shape, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _supported(shape: PointFeatures, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Kept points that are not alone: close enough to neighbours of which enough are kept."""
     if not keep.any():
         return keep
@@ -277,7 +277,7 @@ def _supported(shape: Shape, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return (share >= 0.5) & (shape.spacing < 4 * np.median(shape.spacing[keep]))
 
 
-def _lowest(scene: Scene, shape: Shape, keep: NDArray[np.bool_]) -> Ground | None:
+def _lowest(scene: Scene, shape: PointFeatures, keep: NDArray[np.bool_]) -> Ground | None:
     """The level plane through the lowest kept points: no part of the building is seen below it."""
     if keep.sum() < 10:
         return None

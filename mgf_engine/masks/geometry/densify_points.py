@@ -28,7 +28,7 @@ CALM, MATCHED, STEP = 6, 0.8, 0.04
 CONFIRMED = 3  # photos, itself among them, that must see a point
 
 
-def with_bare_points(
+def densify_points(
     scene: Scene, leafy: Callable[[int], NDArray[np.bool_]], threads: int, check: Callable[[], None]
 ) -> Scene:
     """The scene with points, and tracks through the photos that confirm them, where it has none.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.geometry.point_features import Shape
+from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.model.scene import Scene
 
 MIN_SUPPORT = 20  # points
@@ -32,14 +32,14 @@ class Ground:
         """Height of points [N, 3] over the plane -> [N]."""
         return points @ self.normal - self.level
 
-    def holds(self, scene: Scene, shape: Shape) -> NDArray[np.float64]:
+    def holds(self, scene: Scene, shape: PointFeatures) -> NDArray[np.float64]:
         """Rate how far each sparse point is ground, 0..1: level and in the plane, or below it; [P]."""
         height = self.height(scene.points) / self.thickness
         level = np.clip(2 * np.abs(shape.normals @ shape.up) - 0.6, 0, 1)
         return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)
 
 
-def find_ground(scene: Scene, shape: Shape, outside: NDArray[np.floating], seed: int) -> Ground | None:
+def find_ground(scene: Scene, shape: PointFeatures, outside: NDArray[np.floating], seed: int) -> Ground | None:
     """The plane most points agree on that lies below the cameras and nearly all points, or None.
 
     Args:

@@ -24,7 +24,7 @@ GROUP_GAP = 4.0  # spacings; side of the cells whose contact makes a group
 
 
 @dataclass(frozen=True)
-class Shape:
+class PointFeatures:
     """Local shape around each of ``P`` sparse points.
 
     Attributes:
@@ -82,7 +82,7 @@ def looking_down(scene: Scene) -> NDArray[np.float64] | None:
     return axis if flat and wide[1] > GRID * wide[0] else None
 
 
-def measure_shape(scene: Scene) -> Shape:
+def measure_point_features(scene: Scene) -> PointFeatures:
     """Neighbours, normals and heights of the sparse points of a scene."""
     points = scene.points
     count = len(points)
@@ -90,7 +90,9 @@ def measure_shape(scene: Scene) -> Shape:
     k = min(NEIGHBOURS, count - 1)
     if k < 1:
         zero, none = np.zeros(count), np.zeros(count, bool)
-        return Shape(up, zero + 1, np.tile(up, (count, 1)), zero, zero, np.zeros((0, 2), np.int64), np.zeros(0), none)
+        return PointFeatures(
+            up, zero + 1, np.tile(up, (count, 1)), zero, zero, np.zeros((0, 2), np.int64), np.zeros(0), none
+        )
     tree = cKDTree(points)
     distance, index = tree.query(points, k + 1)
     distance, index = distance[:, 1:], index[:, 1:]
@@ -101,7 +103,7 @@ def measure_shape(scene: Scene) -> Shape:
     flatness = 1 - np.sqrt(np.maximum(values[:, 0], 0) / np.maximum(values[:, 1], 1e-18))
     pairs, closeness = _links(distance, index, spacing, normals, flatness)
     loose = _astray(offsets, spacing, index)
-    return Shape(up, spacing, normals, flatness, _heights(points @ up, points, up), pairs, closeness, loose)
+    return PointFeatures(up, spacing, normals, flatness, _heights(points @ up, points, up), pairs, closeness, loose)
 
 
 def _astray(offsets: NDArray, spacing: NDArray, index: NDArray) -> NDArray[np.bool_]:
@@ -143,7 +145,7 @@ def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64
 
 
 def clicked_groups(
-    points: NDArray[np.float64], keep: NDArray[np.bool_], clicked: NDArray[np.int64], shape: Shape
+    points: NDArray[np.float64], keep: NDArray[np.bool_], clicked: NDArray[np.int64], shape: PointFeatures
 ) -> NDArray[np.bool_]:
     """Kept points that hang together with clicked ones: a building of the same brick across the street does not.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs
-from mgf_engine.masks.geometry.point_features import Shape
+from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.library import call
 
@@ -94,7 +94,7 @@ def _matrix(view: View, h: int, w: int) -> NDArray[np.float32]:
 
 def make_surface(
     scene: Scene,
-    shape: Shape,
+    shape: PointFeatures,
     keep: Map,
     ground: Ground | None,
     discs: bool,
@@ -134,7 +134,9 @@ def make_surface(
     return Surface(samples, spacing[owner], cell, HALF * usual)
 
 
-def _discs(points: Points, spacing: Points, shape: Shape, rows: NDArray[np.int64]) -> tuple[Points, NDArray[np.int64]]:
+def _discs(
+    points: Points, spacing: Points, shape: PointFeatures, rows: NDArray[np.int64]
+) -> tuple[Points, NDArray[np.int64]]:
     """Samples of a disc around each of these points where the surface is flat, and which point each belongs to."""
     flat = rows[shape.flatness[rows] > FLAT]
     normals = shape.normals[flat]

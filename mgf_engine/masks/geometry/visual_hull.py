@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.model.masks import BACKGROUND, UNKNOWN, MaskSet, building
+from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 
 FEW = 100  # sparse points on a building; with fewer the hull's cells stand in for them
@@ -90,7 +90,7 @@ def hull_agreement(scene: Scene, masks: MaskSet, others: Sequence[int], index: i
     cover[row, column] = 1
     reach = int(np.ceil(size * view.fx / float(np.median(depth[framed])))) | 1
     hull = cv2.morphologyEx(cover, cv2.MORPH_CLOSE, np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
-    known = masks.labels[index] != UNKNOWN
+    known = masks.labels[index] != IGNORE
     mask = building(masks.labels[index])
     return float((mask & hull & known).sum() / max(int(((mask | hull) & known).sum()), 1))
 

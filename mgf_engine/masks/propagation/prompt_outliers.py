@@ -41,7 +41,7 @@ class OutlierPrompt:
     view: int
     positive: bool
     row: int
-    belief: float
+    probability: float
 
 
 def find_outlier_prompts(
@@ -59,11 +59,11 @@ def find_outlier_prompts(
         if not new:
             break
         found += [_original_row(d, prompts, kept) for d in new]
-        kept = without(prompts, found)
+        kept = without_outliers(prompts, found)
     return found
 
 
-def left_out(doubts: list[OutlierPrompt], prompts: Prompts) -> list[OutlierPrompt]:
+def ignored_outliers(doubts: list[OutlierPrompt], prompts: Prompts) -> list[OutlierPrompt]:
     """The doubted clicks that do not count: those on the building, and all of photos of another building."""
     elsewhere = {d.view for d in doubts if clicked_elsewhere(d.view, doubts, prompts)}
     return [d for d in doubts if d.positive or d.view in elsewhere]
@@ -87,7 +87,7 @@ def _original_row(doubt: OutlierPrompt, prompts: Prompts, kept: Prompts) -> Outl
     all_clicks = before.positive if doubt.positive else before.negative
     click = (after.positive if doubt.positive else after.negative)[doubt.row]
     row = int(np.flatnonzero((all_clicks == click).all(1))[0])
-    return OutlierPrompt(doubt.view, doubt.positive, row, doubt.belief)
+    return OutlierPrompt(doubt.view, doubt.positive, row, doubt.probability)
 
 
 def _one_pass(
@@ -103,13 +103,13 @@ def _one_pass(
         others = {i: c for i, c in prompts.items() if i not in held}
         if not any(len(c.positive) for c in others.values()):
             return []
-        belief = graph.solve(others, seed, o.rounds, clicked if clicked_alone else None)
-        return [doubt for i in held for doubt in _against(graph, belief.regions[i], i, prompts[i], o)]
+        probability = graph.solve(others, seed, o.rounds, clicked if clicked_alone else None)
+        return [doubt for i in held for doubt in _against(graph, probability.regions[i], i, prompts[i], o)]
 
     return [doubt for doubts in parallel_map(against, range(count), graph.threads) for doubt in doubts]
 
 
-def without(prompts: Prompts, doubts: list[OutlierPrompt]) -> Prompts:
+def without_outliers(prompts: Prompts, doubts: list[OutlierPrompt]) -> Prompts:
     """The prompts less the doubted clicks."""
     result = dict(prompts)
     for index in {d.view for d in doubts}:
@@ -130,7 +130,7 @@ def _against(
         for row, click in enumerate(points):
             # A click a few pixels over the edge is no contradiction: take the kindest neighbour.
             here = regions[graph.regions[index].at(click + around)]
-            belief = float(here.max() if positive else here.min())
-            if (belief < o.certain) if positive else (belief > 1 - o.certain):
-                doubts.append(OutlierPrompt(index, positive, row, belief))
+            probability = float(here.max() if positive else here.min())
+            if (probability < o.certain) if positive else (probability > 1 - o.certain):
+                doubts.append(OutlierPrompt(index, positive, row, probability))
     return doubts

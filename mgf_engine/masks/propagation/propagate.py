@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From clicks on a few photos to a mask of every photo (section 3.1.2 of the paper).
 
-Clicks -> belief about all regions and points -> root masks -> vote of the points (eq. 3) -> child masks from the
+Clicks -> probability of all regions and points -> root masks -> vote of the points (eq. 3) -> child masks from the
 points -> a second vote by all photos, which corrects or flags the masks that contradict it.
 """
 
@@ -17,36 +17,36 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
-from mgf_engine.masks.geometry.building_extent import Extent, ExtentOptions
-from mgf_engine.masks.geometry.densify_points import with_bare_points
-from mgf_engine.masks.geometry.point_features import measure_shape
+from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions
+from mgf_engine.masks.geometry.densify_points import densify_points
+from mgf_engine.masks.geometry.point_features import measure_point_features
 from mgf_engine.masks.geometry.visual_hull import hull_agreement
 from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
-from mgf_engine.masks.propagation.appearance import lab_of, plants
+from mgf_engine.masks.propagation.appearance import lab_of, vegetation_probability
 from mgf_engine.masks.propagation.prompt_agreement import PromptAgreementOptions, drop_confirmed
 from mgf_engine.masks.propagation.prompt_outliers import (
     OutlierPrompt,
     PromptOutlierOptions,
     clicked_elsewhere,
     find_outlier_prompts,
-    left_out,
+    ignored_outliers,
     on_points,
-    without,
+    without_outliers,
 )
-from mgf_engine.masks.propagation.random_walker import Belief, LabelGraph, RandomWalkerOptions
+from mgf_engine.masks.propagation.random_walker import BuildingProbability, LabelGraph, RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
 from mgf_engine.masks.propagation.superpixels import Regions, SuperpixelOptions, cut_regions
-from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, cut_distant
-from mgf_engine.masks.refinement.ground_homography import GroundHomographyOptions, GroundSeen
-from mgf_engine.masks.refinement.homogeneous_regions import find_missing_pixels
-from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, sky_through
-from mgf_engine.masks.refinement.thin_structures import Openwork, ThinStructureOptions, find_openwork
-from mgf_engine.masks.refinement.vegetation import leaves_before
+from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, remove_far_background
+from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHomographyOptions
+from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
+from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
+from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
+from mgf_engine.masks.refinement.vegetation import find_foreground_leaves
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
 from mgf_engine.messages import Reporter
-from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN, MaskSet, building
+from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
@@ -94,7 +94,7 @@ def propagate(scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Conf
 
 
 class _Work:
-    """One run: the scene, its regions, the belief about them, and the masks as they grow."""
+    """One run: the scene, its regions, their probabilities, and the masks as they grow."""
 
     def __init__(
         self, scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter
@@ -115,19 +115,19 @@ class _Work:
         for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i), superpixels), self.views):
             self.regions.append(regions)
             self.reporter.progress(0.25 * (index + 1) / len(self.views))
-        self.full = with_bare_points(self.scene, self._leafy, self.threads, self.reporter.check)
+        self.full = densify_points(self.scene, self._leafy, self.threads, self.reporter.check)
         self.reporter.progress(0.4)
-        self.shape = measure_shape(self.scene)
+        self.shape = measure_point_features(self.scene)
         self.graph = LabelGraph(
             self.scene, self.regions, self.shape, self.threads, self.full, self.config.algorithm(RandomWalkerOptions),
             self.config.algorithm(SkyOptions), self.config.algorithm(ExtentOptions),
         )  # fmt: skip
         doubts = self._drop_doubtful()
-        self.belief = self.graph.solve(self.prompts, self.config.seed)
+        self.probability = self.graph.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
         roots = [i for i in self.views if i in self.prompts]
-        believed = self.belief.points > 0.5
-        self._draw(roots, believed, 0.5)
+        on_building = self.probability.points > 0.5
+        self._draw(roots, on_building, 0.5)
         accepted = self._vote(roots)
         children = [i for i in self.views if i not in self.prompts]
         self._draw(children, accepted, 0.5 + 0.35 * len(roots) / len(self.views))
@@ -141,7 +141,7 @@ class _Work:
         )
         doubts = drop_confirmed(found, self.scene, self.prompts, self.config.algorithm(PromptAgreementOptions))
         self.confirmed = [d for d in found if d not in doubts]
-        kept = without(self.prompts, left_out(doubts, self.prompts))
+        kept = without_outliers(self.prompts, ignored_outliers(doubts, self.prompts))
         self.original = self.prompts
         if any(len(c.positive) for c in kept.values()):
             self.prompts = kept
@@ -149,7 +149,7 @@ class _Work:
 
     def _doubt_texts(self, doubts: list[OutlierPrompt]) -> list[str]:
         """Sentences for each photo with doubted clicks, or one for all when they were kept for want of others."""
-        out = left_out(doubts, self.original)
+        out = ignored_outliers(doubts, self.original)
         if out and self.prompts is self.original:
             names = ", ".join(self.scene.views[i].name for i in sorted({d.view for d in doubts}))
             return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
@@ -216,14 +216,14 @@ class _Work:
     def _hints(self, index: int, accepted: NDArray[np.bool_]) -> Hints:
         clicks = self.prompts.get(index, Clicks())
         here = accepted[self.owner[self.scene.observations(index)]]
-        return make_hints(self.scene, index, clicks, self.regions[index], self.belief, here)
+        return make_hints(self.scene, index, clicks, self.regions[index], self.probability, here)
 
     def _vote(self, voters: list[int]) -> NDArray[np.bool_]:
-        """Points the voters' masks accept; the belief speaks for points that none of them observed."""
+        """Points the voters' masks accept; the probability decides for points that none of them observed."""
         kept = self._accepted(self.scene, voters)
         seen = np.zeros(len(kept), bool)
         seen[self.owner[np.isin(self.scene.track_view, voters)]] = True
-        return np.where(seen, kept, self.belief.points > 0.5)
+        return np.where(seen, kept, self.probability.points > 0.5)
 
     def _accepted(self, scene: Scene, voters: list[int]) -> NDArray[np.bool_]:
         """Points of the scene, or of the full one, that the voters' masks accept."""
@@ -261,15 +261,15 @@ class _Work:
         here = self.scene.observations(index)
         points = self.owner[here]
         if not len(points):
-            return 0.0, self.belief.points > 0.5
+            return 0.0, self.probability.points > 0.5
         own = track_votes(self.scene, self.labels, [index], self.config.vote_dilation)
         others = Votes(votes.inside - own.inside, votes.outside - own.outside)
         known = others.inside + others.outside > 0
-        accepted = np.where(known, others.inside > others.outside, self.belief.points > 0.5)
+        accepted = np.where(known, others.inside > others.outside, self.probability.points > 0.5)
         sure = np.abs(others.inside - others.outside)[points] >= 2
         y, x = pixel_at(self.labels[index].shape, self.scene.track_uv[here])
         mine = own.inside[points] > 0
-        differ = (mine != accepted[points]) & sure & (self.labels[index][y, x] != UNKNOWN)
+        differ = (mine != accepted[points]) & sure & (self.labels[index][y, x] != IGNORE)
         return float(differ.sum() / max(1, sure.sum())), accepted
 
     def _finish(self, disagreement: NDArray[np.float64], doubts: list[OutlierPrompt]) -> Propagation:
@@ -280,23 +280,23 @@ class _Work:
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
         accepted = self._accepted(self.full, voters)
-        plane = self.belief.ground
+        plane = self.probability.ground
         extent, point_mask = self.graph.extent(accepted, plane), accepted[: len(self.scene.points)]
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         ground = (
-            None if plane is None else GroundSeen(self.scene, plane, self.config.algorithm(GroundHomographyOptions))
+            None if plane is None else GroundFinder(self.scene, plane, self.config.algorithm(GroundHomographyOptions))
         )
         opened = ground is not None and self._cut_ground(ground, voters)
-        openwork = self._add_openwork(ground, point_mask)
-        if opened or openwork is not None:
-            cut_distant(
+        thin = self._add_thin_structures(ground, point_mask)
+        if opened or thin is not None:
+            remove_far_background(
                 self.scene, self.labels, self.shape.up, lambda i: self._seen_points(i, point_mask), self.threads,
                 self.config.algorithm(FarBackgroundOptions),
             )  # fmt: skip
-        if openwork is not None:
+        if thin is not None:
             point_mask = self._accepted(self.scene, voters)
-            doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in openwork.explained)]
+            doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in thin.explained)]
         if self.config.voters != "all":
             point_mask = self._accepted(self.scene, chosen_voters(self.scene, voters, self.config))
         clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
@@ -310,9 +310,9 @@ class _Work:
         kept = self._accepted(self.scene, list(self.views))
         judged = [len(self._seen_points(i, kept)) >= FEWEST_SPOTS or i in self.prompts for i in self.views]
         masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
-        return judged_by_masks(self.scene, masks, reasons, np.array(judged), self.options)
+        return flag_by_masks(self.scene, masks, reasons, np.array(judged), self.options)
 
-    def _finish_view(self, index: int, extent: Extent, accepted: NDArray[np.bool_]) -> None:
+    def _finish_view(self, index: int, extent: BuildingExtent, accepted: NDArray[np.bool_]) -> None:
         """The edge of one mask against the sky, what is stray in it, and what stands before it; in place."""
         view, place = self.scene.views[index], extent.place(index)
         size = (view.width, view.height)
@@ -322,19 +322,21 @@ class _Work:
         lab = lab_of(self.scene.photo(index))
         drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
         options = self.config.algorithm(SkyHoleOptions)
-        through = sky_through(lab, drawn | seen, sky, view, self.shape.up, self._observed(index), options)
+        through = find_sky_holes(lab, drawn | seen, sky, view, self.shape.up, self._observed(index), options)
         labels[:], sky = drawn & ~through, sky | through
         labels[self._strays(index, core, accepted)] = BACKGROUND
-        labels[find_missing_pixels(lab, labels, sky, self.prompts.get(index, Clicks()).negative)] = BUILDING
-        labels[seen & (labels == BACKGROUND) & ~sky] = UNKNOWN
+        negative = self.prompts.get(index, Clicks()).negative
+        regions = self.config.algorithm(HomogeneousRegionOptions)
+        labels[find_missing_pixels(lab, labels, sky, negative, regions)] = BUILDING
+        labels[seen & (labels == BACKGROUND) & ~sky] = IGNORE
         ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
-        labels[leaves_before(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = UNKNOWN
+        labels[find_foreground_leaves(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = IGNORE
 
-    def _add_openwork(self, ground: GroundSeen | None, accepted: NDArray[np.bool_]) -> Openwork | None:
+    def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
         """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""
         leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
-        found = find_openwork(
-            self.scene, self.original, self.labels, self._sky, leafy, accepted, up, self.belief.ground,
+        found = find_thin_structures(
+            self.scene, self.original, self.labels, self._sky, leafy, accepted, up, self.probability.ground,
             self.config.algorithm(ThinStructureOptions),
         )  # fmt: skip
         if found is not None:
@@ -342,8 +344,8 @@ class _Work:
                 self.reporter.check()
         return found
 
-    def _cut_ground(self, ground: GroundSeen, voters: list[int]) -> bool:
-        """Cut out the ground that shows through an open building; what may be ground becomes unknown.
+    def _cut_ground(self, ground: GroundFinder, voters: list[int]) -> bool:
+        """Cut out the ground that shows through an open building; what may be ground becomes ignored.
 
         Returns:
             whether the building is an open one.
@@ -352,7 +354,7 @@ class _Work:
             return False
         for index, through in self._parallel(lambda i: ground.through(i, self.labels[i] != BACKGROUND), self.views):
             self.labels[index][through.certain] = BACKGROUND
-            self.labels[index][through.possible] = UNKNOWN
+            self.labels[index][through.possible] = IGNORE
         return True
 
     def _strays(self, index: int, core: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -384,7 +386,7 @@ class _Work:
     def _leafy(self, index: int) -> NDArray[np.bool_]:
         """Regions of a photo that look like leaves, on the reduced photo."""
         regions = self.regions[index]
-        return np.asarray(plants(regions.features)[regions.labels] > self.options.leafy, bool)
+        return np.asarray(vegetation_probability(regions.features)[regions.labels] > self.options.leafy, bool)
 
     def _of_regions(self, index: int, values: NDArray[np.generic]) -> NDArray[np.float32]:
         """Spread values of the graph's nodes over a photo's pixels by their regions, float32 [H, W]."""
@@ -413,12 +415,17 @@ def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
 
 
 def make_hints(
-    scene: Scene, index: int, clicks: Clicks, regions: Regions, belief: Belief, good: NDArray[np.bool_]
+    scene: Scene,
+    index: int,
+    clicks: Clicks,
+    regions: Regions,
+    probability: BuildingProbability,
+    good: NDArray[np.bool_],
 ) -> Hints:
     """Make the segmenter's hints for view ``index``; ``good`` marks its observations of the building."""
     view = scene.views[index]
     uv = scene.track_uv[scene.observations(index)]
-    small = belief.regions[index][regions.labels]
+    small = probability.regions[index][regions.labels]
     wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_LINEAR).astype(np.float32)
     return Hints(clicks.positive, clicks.negative, uv[good], uv[~good], _box(uv[good]), wide)
 
@@ -441,7 +448,7 @@ def _reason(labels: NDArray[np.uint8], score: float, disagreement: float, o: Pro
     return ""
 
 
-def judged_by_masks(
+def flag_by_masks(
     scene: Scene,
     masks: MaskSet,
     reasons: list[str],

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What all clicks say about all photos at once.
+"""Label propagation: the probability of "building" for the superpixels of all photos and all sparse points.
 
-One graph spans the scene: its nodes are the regions of every photo and the sparse points. Regions are tied to
-their neighbours where no edge runs between them, points to the regions where photos observed them and to the
-points around them. The share of "building" that flows from the clicks through these ties (the harmonic function
-of a random walk with absorbing clicks) is the belief. Colour, texture and shape of what is already believed then
-pull regions and points that no tie reaches, and the two steps are repeated.
+One graph spans the scene; its nodes are the superpixels of every photo and the sparse points. Its edges join
+superpixels with their neighbours (weakly across image edges), points with the superpixels in which photos observed
+them, and points with neighbouring points. The probability is the harmonic function of a random walk with absorbing
+clicks (Grady 2006). Models of colour, texture and shape, fitted to the probabilities so far, then add evidence where
+no edge of the graph leads, and the two steps are repeated.
 
 Because a point is one node for all photos that see it, photos cannot disagree about it: consistency between
 views is built in, not repaired afterwards.
@@ -23,11 +23,23 @@ from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import cKDTree
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.building_extent import Extent, ExtentOptions, ViewRegions, Visibility, over_building
+from mgf_engine.masks.geometry.building_extent import (
+    BuildingExtent,
+    ExtentOptions,
+    ViewRegions,
+    Visibility,
+    over_building,
+)
 from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
-from mgf_engine.masks.geometry.point_features import Shape, clicked_groups, measure_shape
+from mgf_engine.masks.geometry.point_features import PointFeatures, clicked_groups, measure_point_features
 from mgf_engine.masks.prompts import Prompts
-from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, Mixture, fit_mixture, log_ratio, plants
+from mgf_engine.masks.propagation.appearance import (
+    FEATURE_SCALE,
+    Mixture,
+    fit_mixture,
+    log_ratio,
+    vegetation_probability,
+)
 from mgf_engine.masks.propagation.sky_regions import SkyOptions, find_sky
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import Scene, View
@@ -88,12 +100,12 @@ class RandomWalkerOptions:
 
 
 @dataclass(frozen=True)
-class Belief:
+class BuildingProbability:
     """Probability of "building", 0..1: per photo for its regions, and for the sparse points."""
 
     regions: tuple[NDArray[np.float32], ...]  # V arrays [S_v]
     points: NDArray[np.float32]  # [P]
-    looks: tuple[NDArray[np.float32], ...]  # V arrays [S_v], the part of colour and texture alone
+    appearance: tuple[NDArray[np.float32], ...]  # V arrays [S_v], the part of colour and texture alone
     ground: Ground | None  # that the building stands on; None where there is none or the clicks count it in
 
 
@@ -112,14 +124,14 @@ class LabelGraph:
 
     Args:
         full: the scene with points added behind its own (``bare.py``). They are no nodes: trees and clouds would spread
-            through them. Those seen in regions that are believed to be the building tell where it is.
+            through them. Those observed in superpixels that are probably the building tell where it is.
     """
 
     def __init__(
         self,
         scene: Scene,
         regions: Sequence[Regions],
-        shape: Shape,
+        shape: PointFeatures,
         threads: int = 1,
         full: Scene | None = None,
         options: RandomWalkerOptions = RandomWalkerOptions(),
@@ -129,7 +141,7 @@ class LabelGraph:
         self.scene, self.regions, self.shape, self.options = scene, regions, shape, options
         self.threads, self._extent_options = threads, extent
         self.full = scene if full is None else full
-        self.full_shape = shape if full is None else measure_shape(full)
+        self.full_shape = shape if full is None else measure_point_features(full)
         self.visibility = Visibility(self.full, self.full_shape, len(scene.points), extent)
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
@@ -145,16 +157,18 @@ class LabelGraph:
         counts = [self.region_count, self.point_count]
         self.evidence_weight = np.repeat([self.options.evidence_weight, self.options.point_evidence_weight], counts)
         self.sky = self._sky(sky)
-        self.plants = np.concatenate([plants(self.features), plants(self.point_features)])
+        self.plants = np.concatenate(
+            [vegetation_probability(self.features), vegetation_probability(self.point_features)]
+        )
 
     def solve(
         self, prompts: Prompts, seed: int = 0, rounds: int | None = None, views: Sequence[int] | None = None
-    ) -> Belief:
-        """The belief that follows from the clicks.
+    ) -> BuildingProbability:
+        """The probability that follows from the clicks.
 
         Args:
             rounds: number of rounds; None for that of the options.
-            views: where the geometry is looked at; None for all. With some, the belief holds for these alone.
+            views: where the geometry is looked at; None for all. With some, the probability holds for these alone.
         """
         looked_at = range(len(self.regions)) if views is None else views
         pull, target = self.click_pull(prompts)
@@ -162,28 +176,32 @@ class LabelGraph:
         # Where nobody said what is not the building, the sky says it first.
         silent = not any(len(c.negative) for c in prompts.values())
         weight = self.evidence_weight
-        belief, trust = self._first_guess(pull + self.options.click_weight * (sky & silent), target)
-        looks, teach, ground = np.zeros(len(belief)), trust, None
+        probability, trust = self._first_guess(pull + self.options.click_weight * (sky & silent), target)
+        appearance, teach, ground = np.zeros(len(probability)), trust, None
         for round_ in range(self.options.rounds if rounds is None else rounds):
-            looks = self._looks(belief, teach, seed)
-            odds = looks + self.options.plant_odds * self.plants + self.options.sky_odds * sky
+            appearance = self._appearance(probability, teach, seed)
+            odds = appearance + self.options.plant_odds * self.plants + self.options.sky_odds * sky
             if round_ > 0:
-                placed = self._place(belief, prompts, seed, looked_at)
+                placed = self._place(probability, prompts, seed, looked_at)
                 odds, ground = odds + placed.odds, placed.ground
                 tied = np.maximum(self.evidence_weight, self.options.over_weight * self.degree)
                 weight = np.where(placed.over, tied, self.evidence_weight)
                 teach = np.where(placed.grounded, self.options.ground_training_weight, 1.0)
             else:
-                teach = np.ones(len(belief))
+                teach = np.ones(len(probability))
             wanted = 1.0 / (1.0 + np.exp(-odds))
             strength = weight * np.abs(2 * wanted - 1) + 1e-4
-            belief = self._flow(pull + strength, pull * target + strength * wanted, belief)
-        return self._split(belief, looks, ground)
+            probability = self._flow(pull + strength, pull * target + strength * wanted, probability)
+        return self._split(probability, appearance, ground)
 
-    def _place(self, belief: Array, prompts: Prompts, seed: int, views: Sequence[int]) -> _Placed:
+    def _place(self, probability: Array, prompts: Prompts, seed: int, views: Sequence[int]) -> _Placed:
         """Compute the odds that the geometry gives in these views."""
-        points = belief[self.region_count :]
-        odds, grounded, over = np.zeros(len(belief)), np.zeros(len(belief), bool), np.zeros(len(belief), bool)
+        points = probability[self.region_count :]
+        odds, grounded, over = (
+            np.zeros(len(probability)),
+            np.zeros(len(probability), bool),
+            np.zeros(len(probability), bool),
+        )
         added_ground = np.zeros(self.added_count)
         ground = find_ground(self.scene, self.shape, 1 - points, seed)
         if ground is not None:
@@ -208,7 +226,7 @@ class LabelGraph:
         keep |= over[self.region_count :] & (points > self.options.other_below)
         away = (points < self.options.other_below) & ~grounded[self.region_count :] & ~over[self.region_count :]
         others = apart | (away & self._far_from(keep))
-        extent = self.extent(np.concatenate([keep, self._added(belief) & (added_ground < 0.5)]), ground, others)
+        extent = self.extent(np.concatenate([keep, self._added(probability) & (added_ground < 0.5)]), ground, others)
         within = np.zeros(self.point_count)
         geometry = parallel_map(lambda i: self._geometry(extent, i), views, self.threads)
         for index, (region_odds, first, inside) in zip(views, geometry, strict=True):
@@ -221,14 +239,16 @@ class LabelGraph:
         odds[self.region_count :] += self.options.within_odds * share * ~grounded[self.region_count :]
         return _Placed(odds, grounded, over, ground)
 
-    def _geometry(self, extent: Extent, index: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+    def _geometry(self, extent: BuildingExtent, index: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
         """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
         place = extent.place(index)
         odds, first = self._region_odds(place, self.regions[index], self.scene.views[index])
         seen = self.visibility.owner[self.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.full.points))[: self.point_count]
 
-    def extent(self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None) -> Extent:
+    def extent(
+        self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None
+    ) -> BuildingExtent:
         """Return the extent of the building.
 
         Args:
@@ -237,11 +257,11 @@ class LabelGraph:
         """
         if others is not None:
             others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
-        return Extent(self.full, self.full_shape, keep, ground, self.visibility, others, self._extent_options)
+        return BuildingExtent(self.full, self.full_shape, keep, ground, self.visibility, others, self._extent_options)
 
-    def _added(self, belief: Array) -> NDArray[np.bool_]:
+    def _added(self, probability: Array) -> NDArray[np.bool_]:
         """Find the added points that are seen in regions of the building, bool [A]."""
-        seen = np.bincount(self.added_owner, belief[self.added_observed], minlength=self.added_count)
+        seen = np.bincount(self.added_owner, probability[self.added_observed], minlength=self.added_count)
         tracks = np.bincount(self.added_owner, minlength=self.added_count)
         return np.asarray(seen > self.options.building_above * tracks, bool)
 
@@ -343,9 +363,9 @@ class LabelGraph:
         result, _ = cg(matrix, source, x0=start, rtol=1e-4, maxiter=400, M=scaled)
         return np.clip(result, 0.0, 1.0)
 
-    def _looks(self, belief: Array, teach: Array, seed: int) -> Array:
+    def _appearance(self, probability: Array, teach: Array, seed: int) -> Array:
         """Log-odds of "building" from appearance alone, [N]."""
-        inside, outside = np.clip(2 * belief - 1.1, 0, 1) * teach, np.clip(0.9 - 2 * belief, 0, 1) * teach
+        inside, outside = np.clip(2 * probability - 1.1, 0, 1) * teach, np.clip(0.9 - 2 * probability, 0, 1) * teach
         r = self.region_count
         kinds = (
             (self.features, self.area, slice(0, r), FEATURE_SCALE),
@@ -370,7 +390,7 @@ class LabelGraph:
             result[here] = regions.at(self.full.track_uv[here]) + self.start[index]
         return result
 
-    def _laplacian(self, shape: Shape) -> tuple[sparse.csr_matrix, Array]:
+    def _laplacian(self, shape: PointFeatures) -> tuple[sparse.csr_matrix, Array]:
         first, second, weight = [], [], []
         for index, regions in enumerate(self.regions):
             mean_square = (regions.contrast**2 * regions.border).sum() / max(regions.border.sum(), 1e-9)
@@ -389,7 +409,7 @@ class LabelGraph:
         degree = np.asarray(ties.sum(1)).ravel()
         return (sparse.diags(degree) - ties).tocsr(), degree
 
-    def _point_features(self, shape: Shape) -> Array:
+    def _point_features(self, shape: PointFeatures) -> Array:
         owner = self.scene.track_point
         mean = np.zeros((self.point_count, self.features.shape[1]))
         np.add.at(mean, owner, self.features[self.observed])
@@ -397,11 +417,11 @@ class LabelGraph:
         upright = np.abs(shape.normals @ shape.up)
         return np.column_stack([mean, 6 * shape.flatness * upright, 4 * shape.flatness])
 
-    def _split(self, belief: Array, looks: Array, ground: Ground | None) -> Belief:
+    def _split(self, probability: Array, appearance: Array, ground: Ground | None) -> BuildingProbability:
         cut = [slice(self.start[k], self.start[k + 1]) for k in range(len(self.regions))]
-        return Belief(
-            tuple(belief[c].astype(np.float32) for c in cut),
-            belief[self.region_count :].astype(np.float32),
-            tuple((1 / (1 + np.exp(-looks[c]))).astype(np.float32) for c in cut),
+        return BuildingProbability(
+            tuple(probability[c].astype(np.float32) for c in cut),
+            probability[self.region_count :].astype(np.float32),
+            tuple((1 / (1 + np.exp(-appearance[c]))).astype(np.float32) for c in cut),
             ground,
         )

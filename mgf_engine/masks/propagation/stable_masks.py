@@ -28,7 +28,7 @@ def first_clicks(clicks: Clicks) -> list[Clicks]:
     return [Clicks(clicks.positive[:n], clicks.negative, clicks.parts) for n in range(1, len(clicks.positive) + 1)]
 
 
-def join(masks: Sequence[Mask]) -> Mask:
+def merge_masks(masks: Sequence[Mask]) -> Mask:
     """The mask for all clicks from those of :func:`first_clicks`: the last, with what a click would have lost."""
     mask = masks[0]
     for later in masks[1:]:
@@ -37,7 +37,7 @@ def join(masks: Sequence[Mask]) -> Mask:
     return mask
 
 
-def obey(mask: Mask, regions: Regions, clicks: Clicks) -> Mask:
+def enforce_clicks(mask: Mask, regions: Regions, clicks: Clicks) -> Mask:
     """The mask with the region of every click on the building that it leaves out, less those of clicks beside it.
 
     Where clicks of both kinds lie in one region, each pixel of it follows the nearer.
@@ -49,10 +49,10 @@ def obey(mask: Mask, regions: Regions, clicks: Clicks) -> Mask:
         here = labels[rows(mask.shape, points)]
         for label in np.unique(here[result[rows(mask.shape, points)] != value]):
             result[(labels == label) & (_nearer(mask.shape, clicks) == value)] = value
-    return touch(result, clicks)
+    return set_clicked_pixels(result, clicks)
 
 
-def touch(mask: Mask, clicks: Clicks, radius: float = 1.5) -> Mask:
+def set_clicked_pixels(mask: Mask, clicks: Clicks, radius: float = 1.5) -> Mask:
     """The mask with the pixels right around the clicks as those say; the last word, after any change of its size."""
     result = mask.copy()
     y, x = np.mgrid[0 : mask.shape[0], 0 : mask.shape[1]] + 0.5

@@ -49,7 +49,7 @@ class FarBackgroundOptions:
 
 
 @dataclass(frozen=True)
-class Levels:
+class ElevationColors:
     """The background by height over the horizon: CIELAB [LEVELS, 3] and how far from it is alike, [LEVELS].
 
     A distance of 0 is one that nothing is known of.
@@ -59,7 +59,7 @@ class Levels:
     near: NDArray[np.float32]
 
 
-def cut_distant(
+def remove_far_background(
     scene: Scene,
     labels: Sequence[NDArray[np.uint8]],
     up: NDArray[np.float64],
@@ -75,7 +75,7 @@ def cut_distant(
         points_in: view -> [N, 2], pixels in which it observed sparse points of the building.
     """
 
-    def learn(index: int) -> Levels:
+    def learn(index: int) -> ElevationColors:
         return _beside(scene.photo(index), labels[index], scene.views[index], up, options)
 
     def cut(index: int) -> None:
@@ -92,14 +92,14 @@ def cut_distant(
 
 def _beside(
     photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, up: NDArray[np.float64], o: FarBackgroundOptions
-) -> Levels:
+) -> ElevationColors:
     """The usual colour of each level in one photo's background."""
     level = _level_of(view, up)
     chosen = (level >= 0) & shrink(labels == BACKGROUND, o.rim)
     order = np.argsort(level[chosen], kind="stable")
     colours = _colour(photo)[chosen][order]
     cuts = np.searchsorted(level[chosen][order], np.arange(LEVELS + 1))
-    result = Levels(np.zeros((LEVELS, 3), np.float32), np.zeros(LEVELS, np.float32))
+    result = ElevationColors(np.zeros((LEVELS, 3), np.float32), np.zeros(LEVELS, np.float32))
     for row, (start, end) in enumerate(pairwise(cuts)):
         if end - start >= o.least_pixels:
             here = colours[start:end]
@@ -109,7 +109,7 @@ def _beside(
     return result
 
 
-def _agreed(found: list[Levels], o: FarBackgroundOptions) -> list[Levels]:
+def _agreed(found: list[ElevationColors], o: FarBackgroundOptions) -> list[ElevationColors]:
     """Each photo's levels, less those that are too uneven or unlike all photos; of all photos where it has none."""
     colour, near = np.stack([f.colour for f in found]), np.stack([f.near for f in found])
     good = (near > 0) & (near < o.most)
@@ -119,7 +119,7 @@ def _agreed(found: list[Levels], o: FarBackgroundOptions) -> list[Levels]:
     result = []
     for own, known, has in zip(found, good, near > 0, strict=True):
         width = np.where(has, own.near * known, spread) * enough
-        result.append(Levels(np.where(has[:, None], own.colour, usual), width.astype(np.float32)))
+        result.append(ElevationColors(np.where(has[:, None], own.colour, usual), width.astype(np.float32)))
     return result
 
 
@@ -129,7 +129,7 @@ def _median(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.
     return np.asarray(np.ma.median(masked, axis=0).filled(0), np.float32)
 
 
-def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: Levels) -> NDArray[np.bool_]:
+def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: ElevationColors) -> NDArray[np.bool_]:
     """Pixels that have the colour of their level, [H, W]."""
     away = distance(_colour(photo), levels.colour[level])
     return np.asarray((level >= 0) & (away < levels.near[level]), bool)

@@ -56,7 +56,7 @@ class GroundHomographyOptions:
 
 
 @dataclass(frozen=True)
-class Through:
+class GroundPixels:
     """The ground in one photo.
 
     Attributes:
@@ -84,7 +84,7 @@ class _Box:
         return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
 
 
-class GroundSeen:
+class GroundFinder:
     """Finds the ground in masks by comparing photos through the plane of the ground.
 
     Args:
@@ -115,11 +115,11 @@ class GroundSeen:
         found = list(parallel_map(share, tried, threads))
         return sum(ground for ground, _ in found) > self.options.open_share * sum(total for _, total in found)
 
-    def through(self, index: int, mask: NDArray[np.bool_]) -> Through:
+    def through(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
         """The ground in a mask [H, W], and what is near to it and has its colour."""
         certain = self.within(index, mask)
         near = mask & ~certain & _alike_around(self._lab(index), certain, self.options)
-        return Through(certain, near, self.options.reach)
+        return GroundPixels(certain, near, self.options.reach)
 
     def within(self, index: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Pixels of a mask [H, W] in which other photos confirm the ground, [H, W]."""

@@ -15,22 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import grow, shrink
 from mgf_engine.masks.points import pixel_at
-from mgf_engine.model.masks import BACKGROUND, UNKNOWN
+from mgf_engine.model.masks import BACKGROUND, IGNORE
 
 
 @dataclass(frozen=True)
 class HomogeneousRegionOptions:
-    """When a homogeneous region is completed."""
+    """Options of the completion of homogeneous regions."""
 
-    edge: float = 2.0  # CIELAB units per pixel, gradient from which a pixel is an edge
-    gap: int = 2  # pixels, half the width of gaps between edges that regions do not leak through
-    smallest: int = 200  # pixels of a region
-    building: float = 0.6  # share of a region that must be building
-    color: float = 8.0  # CIELAB units, difference to the nearest building pixel of such a region
-    contact: float = 0.3  # share of a patch's outline that must touch the mask
-    depth: float = 0.05  # of the photo's longer side: patches that reach further from the mask are left out
+    edge: float = parameter(2.0, "Gradient (CIELAB per px) from which a pixel is an edge")
+    gap: int = parameter(2, "Half the width of gaps between edges that regions do not leak through", "px")
+    smallest: int = parameter(200, "Minimum area of a region", "px²")
+    building: float = parameter(0.6, "Share of a region that must be building", high=1)
+    color: float = parameter(8.0, "Maximum difference (CIELAB) from the nearest building pixel of the region")
+    contact: float = parameter(0.3, "Share of a patch's outline that must touch the mask", high=1)
+    depth: float = parameter(
+        0.05, "Maximum reach of a patch from the mask, as a share of the photo's longer side", high=1
+    )
 
 
 def find_missing_pixels(
@@ -40,7 +43,7 @@ def find_missing_pixels(
     negative: NDArray[np.floating],
     options: HomogeneousRegionOptions = HomogeneousRegionOptions(),
 ) -> NDArray[np.bool_]:
-    """Find background and unknown pixels that belong to the building by their homogeneous region, bool [H, W].
+    """Find background and ignored pixels that belong to the building by their homogeneous region, bool [H, W].
 
     Args:
         lab: CIELAB of the photo, float32 [H, W, 3].
@@ -48,7 +51,7 @@ def find_missing_pixels(
         sky: bool [H, W].
         negative: clicks on the background, pixels [N, 2]; a patch that holds one stays as it is.
     """
-    mask = (labels != BACKGROUND) & (labels != UNKNOWN)
+    mask = (labels != BACKGROUND) & (labels != IGNORE)
     flat = np.linalg.norm(_gradient(lab), axis=-1) < options.edge
     count, region = cv2.connectedComponents(shrink(flat, options.gap).astype(np.uint8), connectivity=4)
     size = np.bincount(region.ravel(), minlength=count)

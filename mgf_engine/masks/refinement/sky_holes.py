@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
 from mgf_engine.masks.points import pixel_at
-from mgf_engine.masks.refinement.sky_silhouette import OVER_HORIZON, outline, over_horizon
+from mgf_engine.masks.refinement.sky_silhouette import OVER_HORIZON, find_silhouette, over_horizon
 from mgf_engine.model.scene import View
 
 
@@ -44,7 +44,7 @@ class SkyHoleOptions:
     )
 
 
-def sky_through(
+def find_sky_holes(
     lab: NDArray[np.float32],
     mask: NDArray[np.bool_],
     sky: NDArray[np.bool_],
@@ -65,7 +65,7 @@ def sky_through(
     none = np.zeros_like(mask)
     if not sky.any():
         return none
-    seen = outline(lab, sky, view, up, degrees=-90)
+    seen = find_silhouette(lab, sky, view, up, degrees=-90)
     over, under = over_horizon(view, up, options.horizon), ~over_horizon(view, up, -OVER_HORIZON)
     gaps = seen.empty & mask
     if not (gaps & over).any():

@@ -39,21 +39,21 @@ MOST_CELLS = 3_000_000
 
 
 @dataclass(frozen=True)
-class Outline:
+class SkySilhouette:
     """One photo over the horizon, bool [H, W] each: certain sky, and what certainly is not sky."""
 
     empty: NDArray[np.bool_]
     solid: NDArray[np.bool_]
 
 
-def outline(
+def find_silhouette(
     lab: NDArray[np.float32],
     sky: NDArray[np.bool_],
     view: View,
     up: NDArray[np.float64],
     widths: Sequence[float] = WIDTHS,
     degrees: float = OVER_HORIZON,
-) -> Outline:
+) -> SkySilhouette:
     """Tell sky from what stands before it, over the horizon of the photo.
 
     Args:
@@ -64,11 +64,11 @@ def outline(
     over = over_horizon(view, up, degrees)
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not (sure & over).any():
-        return Outline(np.zeros_like(sky), np.zeros_like(sky))
+        return SkySilhouette(np.zeros_like(sky), np.zeros_like(sky))
     around, known = _sky_around(lab, sure, widths)
     away = distance(lab, around)
     most = max(SKY_STEP, SKY_SPREAD * float(np.percentile(away[sure], 95)))
-    return Outline(over & known & (away < most), over & known & (away > 2 * most))
+    return SkySilhouette(over & known & (away < most), over & known & (away > 2 * most))
 
 
 def over_horizon(view: View, up: NDArray[np.float64], degrees: float = OVER_HORIZON) -> NDArray[np.bool_]:
@@ -115,7 +115,7 @@ def _sky_around(
 
 
 @dataclass(frozen=True)
-class Hull:
+class SilhouetteHull:
     """Cells of space that may be solid: integer places [N, 3], the corner of place 0 and the cells' side."""
 
     places: NDArray[np.int64]
@@ -146,11 +146,11 @@ class Hull:
         links = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
         return connected_components(links, directed=False)[1].astype(np.int64)
 
-    def where(self, keep: NDArray[np.bool_]) -> Hull:
+    def where(self, keep: NDArray[np.bool_]) -> SilhouetteHull:
         """The cells that are kept, [N] bool."""
-        return Hull(self.places[keep], self.corner, self.side)
+        return SilhouetteHull(self.places[keep], self.corner, self.side)
 
-    def standing(self, ground: Ground) -> Hull:
+    def standing(self, ground: Ground) -> SilhouetteHull:
         """With columns from its lowest cells down to the ground: what no photo shows before the sky carries them."""
         height = ground.height(self.centres)
         lowest = height < np.quantile(height, FOOT_SHARE)
@@ -159,7 +159,7 @@ class Hull:
         over = height[:, None] - below * self.side > -self.side / 2
         spots = (feet[:, None] - (below * self.side)[:, None] * ground.normal)[over]
         columns = np.floor((spots - self.corner) / self.side).astype(np.int64)
-        return Hull(np.unique(np.concatenate([self.places, columns]), axis=0), self.corner, self.side)
+        return SilhouetteHull(np.unique(np.concatenate([self.places, columns]), axis=0), self.corner, self.side)
 
     def cover(self, view: View) -> NDArray[np.bool_]:
         """Pixels of a view behind some cell, [H, W]."""
@@ -180,8 +180,8 @@ _EIGHT = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], n
 
 
 def carve(
-    views: Sequence[View], outlines: Sequence[Outline], corner: NDArray[np.float64], size: float, cell: float
-) -> Hull:
+    views: Sequence[View], outlines: Sequence[SkySilhouette], corner: NDArray[np.float64], size: float, cell: float
+) -> SilhouetteHull:
     """The cells of a cube that several photos see as something and that hardly any photo sees as sky.
 
     Cells are divided in eight as long as they may be solid, so that the sky's emptiness is cheap.
@@ -192,15 +192,17 @@ def carve(
         cell: the side down to which cells are divided.
     """
     told = [(v, _sums(o.empty), _sums(o.solid)) for v, o in zip(views, outlines, strict=True) if o.solid.any()]
-    hull = Hull(np.zeros((1, 3), np.int64), corner, size)
+    hull = SilhouetteHull(np.zeros((1, 3), np.int64), corner, size)
     while True:
         hull = hull.where(_may_be_solid(hull, told))
         if hull.side <= cell or len(hull.places) * 8 > MOST_CELLS or not len(hull.places):
             return hull
-        hull = Hull((2 * hull.places[:, None] + _EIGHT).reshape(-1, 3), corner, hull.side / 2)
+        hull = SilhouetteHull((2 * hull.places[:, None] + _EIGHT).reshape(-1, 3), corner, hull.side / 2)
 
 
-def _may_be_solid(hull: Hull, told: Sequence[tuple[View, NDArray[np.int32], NDArray[np.int32]]]) -> NDArray[np.bool_]:
+def _may_be_solid(
+    hull: SilhouetteHull, told: Sequence[tuple[View, NDArray[np.int32], NDArray[np.int32]]]
+) -> NDArray[np.bool_]:
     centres, radius = hull.centres, hull.side * np.sqrt(3) / 2
     fewest = max(FEWEST, round(FEWEST_SHARE * len(told)))
     free, solid, seen = (np.zeros(len(centres), np.int32) for _ in range(3))

@@ -4,7 +4,7 @@
 A click that the masks do not explain is either a slip or a sign that a part is missing. It is a sign when clicks in
 several photos meet in one thing that stands out against the sky. That part is then drawn to the pixel where a photo
 shows it before the sky, and stands on the ground below. Where the ground is behind it, what other photos confirm as
-ground is none of it, and what stands out from such ground around it is; where other things are behind it is unknown.
+ground is none of it, and what stands out from such ground around it is; where other things are behind it is ignored.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
-from mgf_engine.masks.refinement.ground_homography import GroundSeen, near_ground
-from mgf_engine.masks.refinement.sky_silhouette import Hull, Outline, carve, outline
-from mgf_engine.model.masks import BACKGROUND, BUILDING, UNKNOWN, building
+from mgf_engine.masks.refinement.ground_homography import GroundFinder, near_ground
+from mgf_engine.masks.refinement.sky_silhouette import SilhouetteHull, SkySilhouette, carve, find_silhouette
+from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
 from mgf_engine.model.scene import Scene, View
 
 
@@ -40,21 +40,21 @@ class ThinStructureOptions:
 
 
 @dataclass(frozen=True)
-class Openwork:
+class ThinStructures:
     """The parts found, and the clicks they explain as (view, row among the positive clicks)."""
 
-    hull: Hull
-    outlines: list[Outline]
+    hull: SilhouetteHull
+    outlines: list[SkySilhouette]
     explained: set[tuple[int, int]]
 
-    def draw(self, index: int, view: View, shown: NDArray[np.uint8], ground: GroundSeen | None) -> None:
+    def draw(self, index: int, view: View, shown: NDArray[np.uint8], ground: GroundFinder | None) -> None:
         """Add the parts to the label map of a photo, in place.
 
         Args:
             ground: finds what shows the ground; None where there is no plane of it.
         """
         covered = self.hull.cover(view) & ~building(shown)
-        shown[covered] = UNKNOWN
+        shown[covered] = IGNORE
         if ground is not None:
             through = ground.through(index, covered)
             shown[covered & near_ground(through.certain, through.reach) & ~through.possible] = BUILDING
@@ -64,7 +64,7 @@ class Openwork:
         shown[covered & seen.solid] = BUILDING
 
 
-def find_openwork(
+def find_thin_structures(
     scene: Scene,
     prompts: Prompts,
     labels: Sequence[NDArray[np.uint8]],
@@ -74,7 +74,7 @@ def find_openwork(
     up: NDArray[np.float64],
     ground: Ground | None,
     options: ThinStructureOptions = ThinStructureOptions(),
-) -> Openwork | None:
+) -> ThinStructures | None:
     """Parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
 
     Args:
@@ -90,16 +90,16 @@ def find_openwork(
         return None
     outlines = []
     for index, view in enumerate(scene.views):
-        seen = outline(lab_of(scene.photo(index)), sky(index), view, up)
+        seen = find_silhouette(lab_of(scene.photo(index)), sky(index), view, up)
         unexplained = seen.solid & ~building(labels[index]) & (leafy(index) < options.leafy)
-        outlines.append(Outline(seen.empty, unexplained))
+        outlines.append(SkySilhouette(seen.empty, unexplained))
     hull = _hull(scene, outlines, accepted, options)
     parts = hull.parts()
     wanted, explained = _clicked(scene, hull, parts, missed, options)
     if not wanted:
         return None
     hull = hull.where(np.isin(parts, list(wanted)))
-    return Openwork(hull if ground is None else hull.standing(ground), outlines, explained)
+    return ThinStructures(hull if ground is None else hull.standing(ground), outlines, explained)
 
 
 def _missed(
@@ -114,7 +114,9 @@ def _missed(
     return result
 
 
-def _hull(scene: Scene, outlines: Sequence[Outline], accepted: NDArray[np.bool_], o: ThinStructureOptions) -> Hull:
+def _hull(
+    scene: Scene, outlines: Sequence[SkySilhouette], accepted: NDArray[np.bool_], o: ThinStructureOptions
+) -> SilhouetteHull:
     """Carve the hull of the unexplained silhouettes around the building."""
     low, high = np.percentile(scene.points[accepted], (1, 99), axis=0)
     centre, size = (low + high) / 2, o.space * float((high - low).max())
@@ -126,7 +128,7 @@ def _hull(scene: Scene, outlines: Sequence[Outline], accepted: NDArray[np.bool_]
 
 def _clicked(
     scene: Scene,
-    hull: Hull,
+    hull: SilhouetteHull,
     parts: NDArray[np.int64],
     missed: Sequence[tuple[int, int, NDArray[np.float64]]],
     o: ThinStructureOptions,

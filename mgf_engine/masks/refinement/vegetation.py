@@ -2,7 +2,7 @@
 """Trees in front of the building where no point tells that it goes on behind them.
 
 Called background, they would vote against the wall that other photos see past the leaves; called unknown, they have no
-say. A tree behind the building becomes unknown as well where it shows within the outline, which costs nothing: photos
+say. A tree behind the building becomes ignored as well where it shows within the outline, which costs nothing: photos
 from elsewhere look past it.
 """
 
@@ -19,8 +19,8 @@ GAPS = 0.012  # share of the longer side: twigs and gaps up to this wide belong 
 LEAFY = 0.5  # how much a region must look like leaves
 
 
-def leaves_before(labels: NDArray[np.uint8], leafy: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Background pixels that are leaves inside the convex hull of the building and of what is unknown, bool [H, W].
+def find_foreground_leaves(labels: NDArray[np.uint8], leafy: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Background pixels that are leaves inside the convex hull of the building and of ignored pixels, bool [H, W].
 
     Args:
         labels: uint8 [H, W], see :mod:`mgf_engine.model.masks`.

@@ -24,7 +24,7 @@ class Hints:
         positive, negative: the user's clicks.
         accepted, rejected: keypoints of sparse points that are, or are not, the building, as observed here.
         box: (x0, y0, x1, y1) around the accepted points (2nd to 98th percentile), or None.
-        belief: float32 [H, W], probability of building from the models that all photos share.
+        probability: float32 [H, W], probability of building from the models that all photos share.
     """
 
     positive: Points
@@ -32,7 +32,7 @@ class Hints:
     accepted: Points
     rejected: Points
     box: tuple[float, float, float, float] | None
-    belief: NDArray[np.float32]
+    probability: NDArray[np.float32]
 
 
 @dataclass(frozen=True)

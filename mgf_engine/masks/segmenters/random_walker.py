@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The segmenter that needs no weights: the random walker's belief, drawn to this photo's edges.
+"""The segmenter that needs no weights: the probability of building, drawn to this photo's edges.
 
-The belief (``belief.py``) is a random walk from the clicks over superpixels and points of all photos (Grady, *Random
-walks for image segmentation*, 2006), helped by models of colour. Here it is brought to working resolution, drawn to the
-photo's edges by a guided filter, and cleaned: holes without evidence are filled (dark windows, white walls), specks
-without a point are dropped.
+The probability (``propagation/random_walker.py``) comes from a random walk over superpixels and points of all photos
+(Grady, *Random walks for image segmentation*, 2006) and from models of colour. Here it is brought to working
+resolution, drawn to the photo's edges by a guided filter, and cleaned: holes without evidence are filled (dark windows,
+white walls), specks without a point are dropped.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ HOLE = 0.02
 
 
 class RandomWalker:
-    """Belief to mask; stateless."""
+    """BuildingProbability to mask; stateless."""
 
     name = "random_walker"
 
     def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
         """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt follows the points closer."""
-        belief = hints.belief if attempt == 0 else follow_points(hints)
-        mask = clean(to_edges(photo, belief) > 0.5, hints)
+        probability = hints.probability if attempt == 0 else follow_points(hints)
+        mask = clean(to_edges(photo, probability) > 0.5, hints)
         return Segment(mask, agreement(mask, hints))
 
 
 def follow_points(hints: Hints) -> NDArray[np.float32]:
-    """The belief bent towards the points of this photo: each speaks for the pixels around it."""
-    h, w = hints.belief.shape
+    """The probability bent towards the points of this photo: each speaks for the pixels around it."""
+    h, w = hints.probability.shape
     radius = 0.02 * max(h, w)
     votes = np.zeros((2, h, w), np.float32)
     for plane, points in zip(votes, (hints.rejected, hints.accepted), strict=True):
@@ -42,15 +42,15 @@ def follow_points(hints: Hints) -> NDArray[np.float32]:
         y = np.clip(np.floor(points[:, 1]).astype(int), 0, h - 1)
         np.add.at(plane, (y, x), 1)
     near = [cv2.GaussianBlur(v, (0, 0), radius) * (2 * np.pi * radius**2) for v in votes]
-    weight = 0.5  # the belief counts like half a point
-    return ((near[1] + weight * hints.belief) / (near[0] + near[1] + weight)).astype(np.float32)
+    weight = 0.5  # the probability counts like half a point
+    return ((near[1] + weight * hints.probability) / (near[0] + near[1] + weight)).astype(np.float32)
 
 
-def to_edges(photo: NDArray[np.uint8], belief: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The belief drawn to the photo's edges, float32 [H, W]."""
+def to_edges(photo: NDArray[np.uint8], probability: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The probability drawn to the photo's edges, float32 [H, W]."""
     radius = max(4, round(max(photo.shape[:2]) / 100))
     guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
-    return np.asarray(cv2.ximgproc.guidedFilter(guide, belief, radius, (0.03 * 255) ** 2), np.float32)
+    return np.asarray(cv2.ximgproc.guidedFilter(guide, probability, radius, (0.03 * 255) ** 2), np.float32)
 
 
 def clean(mask: NDArray[np.bool_], hints: Hints) -> NDArray[np.bool_]:

@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.points import LabelMaps, pixel_at
-from mgf_engine.model.masks import UNKNOWN, building
+from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
 
-#: Agreement below which a mask is left out, and that a quarter of all masks must reach for the others to be believed.
-#: 1 is full agreement, 0 is what a random mask would have.
-CONTRADICTED, BELIEVED = 0.35, 0.6
+#: Agreement below which a mask is left out, and that a quarter of all masks must reach before any is. 1 is full
+#: agreement, 0 is that of a random mask.
+CONTRADICTED, CONSISTENT = 0.35, 0.6
 FEWEST_SPOTS = 15
 
 
-def contradicted_masks(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int) -> dict[int, float]:
+def find_contradicted_masks(
+    scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int
+) -> dict[int, float]:
     """Views whose mask the others contradict, with their agreement.
 
     The worst third is taken out at a time: wrong masks make right ones look wrong, too.
@@ -45,7 +47,7 @@ def contradicted_masks(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_],
         low = np.flatnonzero(score < CONTRADICTED)
         if not len(low):
             return found
-        if np.nanpercentile(score, 75) < BELIEVED:
+        if np.nanpercentile(score, 75) < CONSISTENT:
             raise BadInput(
                 "The given masks contradict each other about which points are on the building; check that each "
                 "mask belongs to its photo and shows the same building."
@@ -62,7 +64,7 @@ def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: in
         here = scene.observations(index)
         y, x = pixel_at(labels[index].shape, scene.track_uv[here])
         grown = cv2.dilate(building(labels[index]).astype(np.uint8), kernel) > 0
-        background = ~grown[y, x] & (labels[index][y, x] != UNKNOWN)
+        background = ~grown[y, x] & (labels[index][y, x] != IGNORE)
         result[here] = grown[y, x].astype(np.int8) - background.astype(np.int8)
     return result
 

@@ -18,7 +18,7 @@ _POINT = 0.01  # of the longest side: how far around a sparse point its surface 
 _PHOTOS = 16  # looked at, spread over all
 
 
-def plain_share(scene: Scene, masks: MaskSet) -> float:
+def low_texture_share(scene: Scene, masks: MaskSet) -> float:
     """Median over photos of the share of the building that is plain, 0..1; 0 where no mask is large enough."""
     used = np.flatnonzero(masks.used)
     shares = []
@@ -40,7 +40,7 @@ def _seen(scene: Scene, index: int, shape: tuple[int, ...]) -> np.ndarray:
     return np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8)) > 0)
 
 
-def plain_text(share: float) -> str:
+def low_texture_warning(share: float) -> str:
     """Compose the warning for a share of textureless surface."""
     return (
         f"{share:.0%} of the building has neither texture nor sparse points; the mesh is interpolated there. "

@@ -2,7 +2,7 @@
 """How well given masks fit the building: holes, rims cut off, ground and neighbours taken in.
 
 The sparse points tell here, too. A point that most photos have inside their masks is building; where another photo
-sees it outside, that mask lacks something there. Its pixels around are made unknown, so that nothing is learnt from
+sees it outside, that mask lacks something there. Its pixels around are made ignored, so that nothing is learnt from
 them, and a sentence says how much is wrong.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.points import LabelMaps, pixel_at
-from mgf_engine.model.masks import UNKNOWN, building
+from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
 
 #: Pixels beside its mask that an observation must lie to count, for keypoints and outlines are inaccurate.
@@ -25,11 +25,11 @@ FEWEST_PHOTOS = 3
 #: Shares of the building's observations outside their masks, and of the surroundings' inside, that are spoken of. Sound
 #: masks have less than 0.0001 and 0.0015.
 LACKING, EXCESS = 0.002, 0.01
-_AROUND = 2.0  # pixels made unknown beyond the way to the mask
+_AROUND = 2.0  # pixels made ignored beyond the way to the mask
 
 
 @dataclass(frozen=True)
-class Fit:
+class MaskCoverage:
     """Which observations contradict their own mask.
 
     Attributes:
@@ -52,18 +52,18 @@ class Fit:
         return self.beside & (self.margin > BESIDE)
 
 
-def measure_fit(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_]) -> Fit:
+def measure_coverage(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_]) -> MaskCoverage:
     """Compare the masks of the views ``used`` (bool [V]) at the points that they share."""
     margin = np.full(len(scene.track_view), np.nan)
     for index in np.flatnonzero(used).tolist():
         here = scene.observations(index)
         y, x = pixel_at(labels[index].shape, scene.track_uv[here])
-        margin[here] = np.where(labels[index][y, x] == UNKNOWN, np.nan, _signed(building(labels[index]))[y, x])
+        margin[here] = np.where(labels[index][y, x] == IGNORE, np.nan, _signed(building(labels[index]))[y, x])
     known, owner = np.isfinite(margin), scene.track_point
     voters = np.bincount(owner[known], minlength=len(scene.points))
     inside = np.bincount(owner[known], margin[known] > 0, len(scene.points))
     told = known & (voters[owner] >= FEWEST_PHOTOS)
-    return Fit(margin, told & (2 * inside > voters)[owner], told & (2 * inside < voters)[owner])
+    return MaskCoverage(margin, told & (2 * inside > voters)[owner], told & (2 * inside < voters)[owner])
 
 
 def _signed(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -73,8 +73,8 @@ def _signed(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
     return np.asarray(np.where(inside, within, -without), np.float32)
 
 
-def forgive(scene: Scene, labels: LabelMaps, fit: Fit) -> list[NDArray[np.uint8]]:
-    """The label maps with background made unknown where the photo shows the building after all.
+def mark_ignored(scene: Scene, labels: LabelMaps, fit: MaskCoverage) -> list[NDArray[np.uint8]]:
+    """The label maps with background made ignored where the photo shows the building after all.
 
     Unknown become the pixels around each observation that its mask leaves out, as far around as the mask is away, and
     holes as a whole that hold such observations and none of the surroundings.
@@ -87,7 +87,7 @@ def forgive(scene: Scene, labels: LabelMaps, fit: Fit) -> list[NDArray[np.uint8]
         disc = _holes(background, scene.track_uv[lacking], scene.track_uv[beside])
         for (x, y), margin in zip(np.floor(scene.track_uv[lacking]), fit.margin[lacking], strict=True):
             cv2.circle(disc, (int(x), int(y)), round(_AROUND - margin), 1, -1)
-        result[index] = np.where((disc > 0) & background, UNKNOWN, result[index]).astype(np.uint8)
+        result[index] = np.where((disc > 0) & background, IGNORE, result[index]).astype(np.uint8)
     return result
 
 
@@ -106,7 +106,7 @@ def _holes(
     return hole[pieces].astype(np.uint8)
 
 
-def misfits(scene: Scene, fit: Fit) -> list[str]:
+def describe_misfits(scene: Scene, fit: MaskCoverage) -> list[str]:
     """One sentence with cause and cure where masks leave out much of the building or take in its surroundings; or none.
 
     Only the greater fault is named: where much is wrong, the majority is, too, and each looks like the other.

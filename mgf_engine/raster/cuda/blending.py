@@ -10,7 +10,7 @@ from torch import Tensor
 
 from mgf_engine.native.cuda.launcher import Launcher, blocks
 from mgf_engine.raster.camera import TILE, Camera
-from mgf_engine.raster.cpu import PLANES, PLANES_BASIC, RECORD, SUMS, HeadGradients, Parameters
+from mgf_engine.raster.cpu import PLANES, PLANES_BASIC, RECORD, SUMS, OutputGradients, Parameters
 from mgf_engine.raster.cuda.tile_list_capacity import MOST, Room
 
 _RUN = 1024  # items of a block of the sort, csrc/cuda/sort.cu
@@ -175,27 +175,28 @@ class Rasterizer:
         lists: TileLists,
         image: Tensor,
         hits: Tensor,
-        heads: HeadGradients,
+        gradients: OutputGradients,
         error_map: Tensor | None,
         statistics: tuple[Tensor, ...] | None,
     ) -> tuple[Tensor, ...]:
         """Gradients of positions, log_scales, rotations, opacity_logits and sh; see :func:`.cpu.backward`."""
-        sums = self.blend_backward(lists, image, hits, heads, error_map, statistics is not None)
-        return self.project_backward(raw, sh_degree, lists, hits, sums, heads.level, statistics)
+        sums = self.blend_backward(lists, image, hits, gradients, error_map, statistics is not None)
+        return self.project_backward(raw, sh_degree, lists, hits, sums, gradients.level, statistics)
 
     def blend_backward(
         self,
         lists: TileLists,
         image: Tensor,
         hits: Tensor,
-        heads: HeadGradients,
+        gradients: OutputGradients,
         error_map: Tensor | None,
         stats: bool,
     ) -> Tensor:
         """Sums over each tile's pixels for every slot, float32 [room, 24] (``csrc/raster/blend_backward.h``)."""
         sums = self.empty(torch.float32, len(hits), SUMS)
-        given = (heads.color, heads.alpha, heads.depth, heads.median, heads.normal, heads.distortion, error_map)
-        name = _BACKWARD[heads.level] + ("_stats" if stats else "")
+        g = gradients
+        given = (g.color, g.alpha, g.depth, g.median, g.normal, g.distortion, error_map)
+        name = _BACKWARD[gradients.level] + ("_stats" if stats else "")
         self.launcher.launch(name, lists.tiles, lists.packed, lists.camera, image, hits, given, sums)
         return sums
 

@@ -33,7 +33,7 @@ RED, GREEN = (200, 60, 50), (60, 150, 70)
 def hints(shape: tuple[int, int], **given: object) -> Hints:
     none = np.zeros((0, 2))
     fields = {"positive": none, "negative": none, "accepted": none, "rejected": none, "box": None}
-    return Hints(**{**fields, "belief": np.zeros(shape, np.float32), **given})
+    return Hints(**{**fields, "probability": np.zeros(shape, np.float32), **given})
 
 
 @pytest.fixture(scope="module")

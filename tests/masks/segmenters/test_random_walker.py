@@ -21,11 +21,11 @@ def photo() -> np.ndarray:
     return image
 
 
-def test_a_blurred_belief_snaps_to_the_edges():
+def test_a_blurred_probability_snaps_to_the_edges():
     shifted = np.roll(square(), (2, 3), (0, 1)).astype(np.float32)
-    belief = cv2.GaussianBlur(shifted, (0, 0), 3.0)
-    before = (belief > 0.5) ^ square()
-    after = (to_edges(photo(), belief) > 0.5) ^ square()
+    probability = cv2.GaussianBlur(shifted, (0, 0), 3.0)
+    before = (probability > 0.5) ^ square()
+    after = (to_edges(photo(), probability) > 0.5) ^ square()
     assert after.sum() < 0.35 * before.sum()
 
 
@@ -47,10 +47,10 @@ def test_specks_are_dropped_unless_points_say_otherwise():
 
 
 def test_a_second_attempt_follows_the_points():
-    belief = np.zeros(SHAPE, np.float32)
+    probability = np.zeros(SHAPE, np.float32)
     ys, xs = np.mgrid[42:118:4, 62:178:4]
     accepted = np.stack([xs.ravel(), ys.ravel()], 1).astype(float)
-    given = hints(SHAPE, accepted=accepted, belief=belief)
+    given = hints(SHAPE, accepted=accepted, probability=probability)
     assert follow_points(given).shape == SHAPE
     first, second = RandomWalker().segment(0, photo(), given), RandomWalker().segment(0, photo(), given, attempt=1)
     assert first.score == 0 and second.score > 0.9

@@ -19,18 +19,18 @@ from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.load import load_scene
-from mgf_engine.scene.scene_checks import (
-    degrees_apart,
-    degrees_around,
-    drop_views,
-    foreign_views,
-    keep_points,
-    likeness,
-    reprojection_errors,
-    stray_points,
-    weaknesses,
-)
 from mgf_engine.scene.store import read_scene
+from mgf_engine.scene.validation import (
+    diagnose,
+    drop_views,
+    find_outlier_points,
+    find_outlier_views,
+    keep_points,
+    photo_consistency,
+    reprojection_errors,
+    surround_angle,
+    triangulation_angle,
+)
 from tests.masks.test_points import make_scene, view
 
 
@@ -51,8 +51,8 @@ def test_a_sound_scene_is_left_alone(source: Path, tmp_path: Path) -> None:
     assert warnings == []
     assert len(scene.views) == PHOTOS
     assert scene.left_out == ()
-    assert not stray_points(scene).any()
-    assert foreign_views(observed_colors(scene, scene.folder / "images").mean(1), scene)[0] == []
+    assert not find_outlier_points(scene).any()
+    assert find_outlier_views(observed_colors(scene, scene.folder / "images").mean(1), scene)[0] == []
     assert np.median(reprojection_errors(scene)) < 0.01
 
 
@@ -85,7 +85,7 @@ def test_the_majority_tells_the_foreign_photos(count: int) -> None:
     seen[wrong] = rng.uniform(30, 220, (count, 60))
     views = [view(f"{i:02d}.jpg", i) for i in range(20)]
     scene = make_scene(views, np.zeros((60, 3)), [[(v, 5.0, 5.0) for v in range(20)]] * 60)
-    found, others = foreign_views(seen.T.ravel(), scene)
+    found, others = find_outlier_views(seen.T.ravel(), scene)
     assert found == sorted(wrong.tolist())
     assert others > 0.9
 
@@ -96,7 +96,7 @@ def test_likeness_is_the_correlation_with_the_mean_of_the_others() -> None:
     tracks = [[(int(v), 5.0, 5.0) for v in np.sort(rng.integers(0, 6, rng.integers(2, 7)))] for _ in range(300)]
     scene = make_scene([view(f"{i}.jpg", i) for i in range(7)], np.zeros((300, 3)), tracks)
     brightness, trusted = rng.uniform(0, 255, len(scene.track_view)), scene.track_view != 2
-    found = likeness(brightness, scene, trusted)
+    found = photo_consistency(brightness, scene, trusted)
     for index in range(6):
         mine, rest = [], []
         for row in np.flatnonzero(scene.track_view == index):
@@ -138,19 +138,19 @@ def test_cameras_that_disagree_with_the_points_are_adjusted(
 def test_cameras_that_cannot_be_adjusted_are_spoken_of(source: Path, tmp_path: Path) -> None:
     scene, _, _ = loaded(source, tmp_path)
     shaken = replace(scene, track_uv=scene.track_uv + np.float32(2.0) * np.sign(scene.track_uv % 2 - 1))
-    assert any("bundle adjustment did not help" in text for text in weaknesses(shaken))
-    assert weaknesses(scene) == []
+    assert any("bundle adjustment did not help" in text for text in diagnose(shaken))
+    assert diagnose(scene) == []
 
 
 def test_few_photos_and_photos_from_one_side_are_spoken_of(source: Path, tmp_path: Path) -> None:
     few, warnings, _ = loaded(source, tmp_path / "few", "photos", 4)
-    assert abs(degrees_apart(few) - 80) < 25
+    assert abs(triangulation_angle(few) - 80) < 25
     assert any("Photos 5 to 15 degrees apart" in text for text in warnings)
     side, warnings, _ = loaded(source, tmp_path / "side", "side", 120)
-    assert 80 < degrees_around(side) < 140
+    assert 80 < surround_angle(side) < 140
     assert any("degrees around the building" in text for text in warnings)
     whole, _, _ = loaded(source, tmp_path / "whole")
-    assert degrees_around(whole) > 320
+    assert surround_angle(whole) > 320
 
 
 def test_few_points_are_spoken_of(source: Path, tmp_path: Path) -> None:

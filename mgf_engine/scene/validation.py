@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is wrong with a scene before any work goes into it: photos of another place, stray points, bad cameras.
+"""Validation of a scene before any work goes into it: outlier photos, outlier points, bad cameras.
 
-Stray points and foreign photos are taken out; what cannot be mended is said in one sentence with its cure.
+Outlier points and photos of another place are removed; what cannot be repaired becomes a warning with its remedy.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mgf_engine.model.scene import Scene
 from mgf_engine.scene.adjust import far_points
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.quality import blurred_views, photo_quality, poor_photos
-from mgf_engine.scene.roots import choose_held_out, choose_roots, standpoints
+from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots
 
 Array = NDArray[np.float64]
 #: A photo is foreign below the first correlation with the other photos at its points, where a quarter of the photos
@@ -35,7 +35,7 @@ FEW_POINTS = 30  # seen per photo (median); masks and stereo lean on them
 ONE_SIDED = 225.0  # degrees around the building; less leaves sides that no photo shows (docs/stability.md)
 
 
-def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter, threads: int = 1) -> Scene:
+def filter_outliers(scene: Scene, folder: Path, every: int, reporter: Reporter, threads: int = 1) -> Scene:
     """The scene without stray points and foreign photos; warns about each, and about what is left that is weak.
 
     Args:
@@ -45,7 +45,7 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter,
     Raises:
         BadInput: fewer than two photos or no points are left.
     """
-    stray = stray_points(scene)
+    stray = find_outlier_points(scene)
     if stray.any():
         share = float(stray.mean())
         scene = keep_points(scene, ~stray)
@@ -57,15 +57,15 @@ def without_doubtful(scene: Scene, folder: Path, every: int, reporter: Reporter,
     scene = _without_foreign(scene, observed_colors(scene, folder, threads).mean(1), every, reporter)
     quality = photo_quality(scene, folder, threads)
     scene = _without_blurred(scene, blurred_views(quality), every, reporter)
-    for text in (*poor_photos(quality), *weaknesses(scene)):
+    for text in (*poor_photos(quality), *diagnose(scene)):
         reporter.warning(text)
     return scene
 
 
 def _without_foreign(scene: Scene, brightness: Array, every: int, reporter: Reporter) -> Scene:
-    foreign, others = foreign_views(brightness, scene)
+    foreign, others = find_outlier_views(brightness, scene)
     uncertain = others < FAMILIAR or len(foreign) > MOST_FOREIGN * len(scene.views)
-    if (foreign and uncertain) or (not foreign and usual_likeness(brightness, scene) < FAMILIAR):
+    if (foreign and uncertain) or (not foreign and median_consistency(brightness, scene) < FAMILIAR):
         reporter.warning(
             "The photos show the same points at very different brightness: moving shadows, clipped exposure or "
             "photos of another place. Remove the photos that differ."
@@ -86,7 +86,7 @@ def _without_blurred(scene: Scene, blurred: list[int], every: int, reporter: Rep
     text = f"{len(blurred)} of {len(scene.views)} photos are much less sharp than the others "
     if len(blurred) <= MOST_BLURRED * len(scene.views):
         smaller = drop_views(scene, blurred, every)
-        if degrees_apart(smaller) <= SPACING:
+        if triangulation_angle(smaller) <= SPACING:
             reporter.warning(
                 f"{text}and are left out ({_names(scene, blurred)}); sharp ones in their place would help."
             )
@@ -110,23 +110,24 @@ def reprojection_errors(scene: Scene) -> Array:
     return errors
 
 
-def stray_points(scene: Scene) -> NDArray[np.bool_]:
+def find_outlier_points(scene: Scene) -> NDArray[np.bool_]:
     """Points that most of their photos see elsewhere, bool [P]."""
     return far_points(reprojection_errors(scene), scene.track_start)
 
 
-def foreign_views(brightness: Array, scene: Scene) -> tuple[list[int], float]:
+def find_outlier_views(brightness: Array, scene: Scene) -> tuple[list[int], float]:
     """Photos whose brightness at their points has little to do with what the other photos show there.
 
     The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
-    the photos hardly resemble each other at all. Also what three quarters of the others reach of :func:`likeness`.
+    the photos hardly resemble each other at all. Also what three quarters of the others reach of
+    :func:`photo_consistency`.
 
     Args:
         brightness: of each observation, [T].
     """
     found: list[int] = []
     while True:
-        alike = likeness(brightness, scene, ~np.isin(scene.track_view, found))
+        alike = photo_consistency(brightness, scene, ~np.isin(scene.track_view, found))
         alike[found] = np.nan
         low = np.flatnonzero(alike < FOREIGN)
         if not len(low) or np.isfinite(alike).sum() < 3 or np.nanpercentile(alike, 75) < FAMILIAR:
@@ -135,14 +136,14 @@ def foreign_views(brightness: Array, scene: Scene) -> tuple[list[int], float]:
         found += low[np.argsort(alike[low], kind="stable")][: -(-len(low) // 3)].tolist()
 
 
-def usual_likeness(brightness: Array, scene: Scene) -> float:
-    """Return the upper quartile of :func:`likeness` over the photos; 1 where too few points tell."""
-    alike = likeness(brightness, scene, np.ones(len(brightness), bool))
+def median_consistency(brightness: Array, scene: Scene) -> float:
+    """Return the upper quartile of :func:`photo_consistency` over the photos; 1 where too few points tell."""
+    alike = photo_consistency(brightness, scene, np.ones(len(brightness), bool))
     known = alike[np.isfinite(alike)]
     return float(np.percentile(known, 75)) if len(known) >= 3 else 1.0
 
 
-def likeness(brightness: Array, scene: Scene, trusted: NDArray[np.bool_]) -> Array:
+def photo_consistency(brightness: Array, scene: Scene, trusted: NDArray[np.bool_]) -> Array:
     """Correlation of each photo's brightness with the mean of the other photos' at its points, [V]; NaN: too few.
 
     Args:
@@ -204,11 +205,11 @@ def drop_views(scene: Scene, drop: list[int], every: int) -> Scene:
         left_out=(*scene.left_out, *(scene.views[i].name for i in drop)),
     )  # fmt: skip
     smaller = keep_points(smaller, np.diff(smaller.track_start) >= 2)
-    roots = choose_roots(*standpoints(smaller.views, smaller.track_view))
+    roots = choose_roots(*camera_poses(smaller.views, smaller.track_view))
     return replace(smaller, roots=roots, held_out=choose_held_out(len(left), roots, every))
 
 
-def weaknesses(scene: Scene) -> list[str]:
+def diagnose(scene: Scene) -> list[str]:
     """One sentence for everything that will make the mesh worse than it could be: cause and cure."""
     found = []
     errors = reprojection_errors(scene)
@@ -218,7 +219,7 @@ def weaknesses(scene: Scene) -> list[str]:
             f"The COLMAP model has a reprojection error of {median:.1f} working pixels, and bundle adjustment did "
             "not help; the mesh will be inaccurate. Build the model again with the right camera model."
         )
-    spacing = degrees_apart(scene)
+    spacing = triangulation_angle(scene)
     if spacing > SPACING or len(scene.views) < FEW_PHOTOS:
         found.append(
             f"There are only {len(scene.views)} photos, {spacing:.0f} degrees apart seen from the building: "
@@ -230,7 +231,7 @@ def weaknesses(scene: Scene) -> list[str]:
             f"Half of the photos see fewer than {seen + 1:.0f} sparse points; masks and mesh will be poor. Build "
             "the COLMAP model again with more features or from sharper photos."
         )
-    around = degrees_around(scene)
+    around = surround_angle(scene)
     if around < ONE_SIDED:
         found.append(
             f"The photos cover only {around:.0f} degrees around the building; the other sides will be missing or "
@@ -239,7 +240,7 @@ def weaknesses(scene: Scene) -> list[str]:
     return found
 
 
-def degrees_apart(scene: Scene) -> float:
+def triangulation_angle(scene: Scene) -> float:
     """Median angle between a camera and the nearest other one, seen from the middle of the points; degrees."""
     away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
     towards = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
@@ -248,7 +249,7 @@ def degrees_apart(scene: Scene) -> float:
     return float(np.degrees(np.median(np.arccos(cosine.max(1)))))
 
 
-def degrees_around(scene: Scene) -> float:
+def surround_angle(scene: Scene) -> float:
     """The smallest sector around the middle of the points that holds all cameras, seen from above; degrees.
 
     Down is the mean of the photos' own downward axes.
