@@ -40,7 +40,7 @@ demo: $(VENV)/.ready $(BPY)/.ready kernels
 
 $(DOCS)/.ready: constraints-docs.txt
 	$(PYTHON) -m venv $(DOCS)
-	$(DOCS)/bin/python -m pip install -q -c constraints-docs.txt mkdocs-material
+	$(DOCS)/bin/python -m pip install -q -c constraints-docs.txt mkdocs-material mkdocstrings-python ruff
 	@touch $@
 
 docs: $(DOCS)/.ready

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import re
 from pathlib import Path
@@ -110,3 +111,13 @@ def test_generated_pages_are_current() -> None:
     assert tool.CLI.read_text(encoding="utf-8") == tool.cli_page(), "run tools/write_docs.py"
     assert tool.ALGORITHMS.read_text(encoding="utf-8") == tool.algorithms_page(), "run tools/write_docs.py"
     assert tool.ARCHITECTURE.read_text(encoding="utf-8") == tool.architecture_page(), "run tools/write_docs.py"
+
+
+def test_the_python_page_shows_every_public_name_and_each_is_there() -> None:
+    import mgf_engine
+
+    shown = re.findall(r"^::: ([\w.]+)$", (DOCS / "api.md").read_text(encoding="utf-8"), re.MULTILINE)
+    names = [name.rpartition(".")[2] for name in shown]
+    assert {*mgf_engine.__all__} - {"__version__"} <= {*names}
+    for module, _, name in (path.rpartition(".") for path in shown):
+        assert getattr(importlib.import_module(module), name).__doc__
