@@ -74,7 +74,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
     install_models: bpy.props.BoolProperty(
         name="Models",
         description="Install what models need, too: levels of detail, 3D Tiles, IFC, USD, LAZ (xatlas, "
-        "fast-simplification, ifcopenshell, usd-core, laspy)",
+        "fast-simplification, DracoPy, ifcopenshell, usd-core, laspy)",
         default=False,
     )
     weights_folder: bpy.props.StringProperty(

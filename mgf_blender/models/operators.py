@@ -29,6 +29,8 @@ def models_job(scene: bpy.types.Scene) -> Job:
     if not wanted.kinds:
         raise UserError("Nothing is chosen to be made; choose levels of detail, the solid or another kind.")
     command = ["models", str(folder), "--progress", "json", "--cancel-on-eof", "--only", ",".join(sorted(wanted.kinds))]
+    if wanted.draco:
+        command.append("--draco")
     if wanted.detail > 0:
         command += ["--detail", f"{wanted.detail:.6g}"]
     return Job(engine_command(*command), folder, job_name(folder), "models", scene_key(scene), on_end=ended)

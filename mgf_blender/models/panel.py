@@ -34,6 +34,8 @@ class MGF_PT_models(bpy.types.Panel):
         layout.use_property_decorate = False
         column = layout.column()
         column.prop(wanted, "kinds")
+        if wanted.kinds & {"lod", "tiles"}:
+            column.prop(wanted, "draco")
         if wanted.kinds & {"solid", "ifc"}:
             column.prop(wanted, "detail")
         if draw_engine_missing(layout):

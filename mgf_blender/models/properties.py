@@ -20,6 +20,10 @@ class MGF_PG_models(bpy.types.PropertyGroup):
         name="Make", description="What to make; a new run takes the place of the one before", items=KINDS,
         options={"ENUM_FLAG"}, default={kind for kind, *_ in KINDS},
     )  # fmt: skip
+    draco: bpy.props.BoolProperty(
+        name="Compress", description="Compress the levels of detail with Draco, for the web; not every program opens "
+        "such files", default=False,
+    )  # fmt: skip
     detail: bpy.props.FloatProperty(
         name="Detail (cm)", description="Steps and offsets below this size are left out of the solid, in centimeters; "
         "0 takes 8 pixels of the photos", default=0.0, min=0.0, soft_max=200.0, precision=1,

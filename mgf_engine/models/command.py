@@ -48,6 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--spacing", default=None, metavar="CM",
         help="distance between the points in centimetres (default: a pixel of the working photos)",
     )  # fmt: skip
+    parser.add_argument(
+        "--draco", action="store_true",
+        help="compress the levels of detail with Draco, for the web; not every program opens such files",
+    )  # fmt: skip
     add_reporting_arguments(parser)
 
 
@@ -66,12 +70,12 @@ def _make(args: argparse.Namespace, reporter: Reporter) -> None:
     errors = [] if args.error is None else [error / 100 for error in read_errors(args.error)]
     detail = _read_centimetres("--detail", args.detail)
     spacing = _read_centimetres("--spacing", args.spacing)
-    require_packages(kinds)
+    require_packages(kinds, args.draco)
     from mgf_engine.models.make import make_models
     from mgf_engine.models.work import ModelOptions
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
-    make_models(args.job, args.out, ModelOptions(kinds, errors, detail, spacing), reporter)
+    make_models(args.job, args.out, ModelOptions(kinds, errors, detail, spacing, args.draco), reporter)
 
 
 def _read_centimetres(flag: str, text: str | None) -> float | None:
@@ -112,13 +116,15 @@ def read_errors(text: str) -> list[float]:
     return errors
 
 
-def require_packages(kinds: tuple[str, ...]) -> None:
+def require_packages(kinds: tuple[str, ...], draco: bool = False) -> None:
     """Refuse to begin where a package is missing.
 
     Raises:
         BadInput: one is, and how to install it.
     """
     needed = {module: name for kind in kinds for module, name in NEEDED[kind].items()}
+    if draco and {"lod", "tiles"} & set(kinds):
+        needed["DracoPy"] = "DracoPy"
     missing = [name for module, name in needed.items() if importlib.util.find_spec(module) is None]
     if missing:
         raise BadInput(

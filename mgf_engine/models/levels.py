@@ -10,6 +10,7 @@ from mgf_engine.georef.export import GLTF_AXES, extras
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.atlas import transfer_texture
+from mgf_engine.models.draco import compress_glb
 from mgf_engine.models.lod import measure_deviation, reduce_chain, silhouette_overlap
 from mgf_engine.models.place import to_geocentric
 from mgf_engine.models.tiles import FILE as TILESET
@@ -69,6 +70,8 @@ def _write_level(work: Work, level: int) -> float:
     write_glb(mesh, path, texture, GLTF_AXES, extras(work.survey.georeference), picture)
     if picture is not None and level > 0:
         picture.unlink()
+    if work.wanted.draco:
+        compress_glb(path)
     work.files[path.name]["bytes"] = path.stat().st_size
     return deviation.p95
 

@@ -25,12 +25,14 @@ class ModelOptions:
         errors: distances of the coarser levels of detail from the mesh in the local unit; empty takes shares of faces.
         detail: of the solid in the local unit: what is smaller is left out; None takes it from photos and size.
         spacing: of points in the local unit; None takes the size of a working pixel on the building.
+        draco: whether levels of detail are compressed.
     """
 
     kinds: Sequence[str] = KINDS
     errors: Sequence[float] = ()
     detail: float | None = None
     spacing: float | None = None
+    draco: bool = False
 
 
 @dataclass

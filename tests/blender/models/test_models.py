@@ -92,7 +92,10 @@ def test_button_to_levels(finished, house):
     finished.models.kinds, finished.models.detail = {"solid"}, 30
     bpy.ops.mgf.make_models()
     line = " ".join(json.loads((house.job / "arguments.json").read_text()))
-    assert "--only solid" in line and "--detail 30" in line
+    assert "--only solid" in line and "--detail 30" in line and "--draco" not in line
+    finished.models.draco = True
+    bpy.ops.mgf.make_models()
+    assert "--draco" in json.loads((house.job / "arguments.json").read_text())
     finished.models.kinds = set()
     with pytest.raises(RuntimeError, match="Nothing is chosen to be made"):
         bpy.ops.mgf.make_models()
