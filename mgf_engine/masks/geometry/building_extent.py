@@ -10,6 +10,7 @@ hid their foot. From that follow, per photo:
 * *ground first*: pixels whose ray meets the ground before the building.
 * *hidden*: pixels where points that this photo should have observed were not observed.
 * *behind*: pixels where another thing's points are nearer than the building.
+* *hull*: pixels in the convex hull of the core: what lies outside is no part of the building between its points.
 * *near*: depth at which the ray meets the building, infinite where it does not.
 """
 
@@ -53,6 +54,7 @@ class ExtentOptions:
     over_share: float = parameter(
         0.7, "Height above the plan from which a point stands on the building, as a share of the height around"
     )
+    hull_piece: float = parameter(0.1, "Minimum share of the core of a piece that widens the convex hull", high=1)
     hidden_blur: tuple[float, float] = parameter(
         (5.0, 14.0), "Standard deviation of the smallest and the largest window, on the map", "px", low=0.1
     )
@@ -68,6 +70,7 @@ class ViewRegions:
     ground_first: Map
     hidden: Map
     behind: Map
+    hull: Map
     near: NDArray[np.float32]  # [h, w], normalised units
 
 
@@ -111,7 +114,7 @@ class BuildingExtent:
         h, w = map_size(view)
         if not len(self.columns.samples):
             empty, nowhere = np.zeros((h, w), bool), np.full((h, w), np.inf, np.float32)
-            return ViewRegions(empty, empty, empty.astype(np.float32), empty, empty, empty, nowhere)
+            return ViewRegions(empty, empty, empty.astype(np.float32), empty, empty, empty, empty, nowhere)
         near = self.body.depth(view, h, w)
         places, _, radius = self.columns.project(view, h, w)
         core = _close(places, self.options.core * radius, h, w)
@@ -121,7 +124,8 @@ class BuildingExtent:
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
         behind = self.others.depth(view, h, w) + self.body.tolerance < near
         first, hidden = self._ground_first(view, near, h, w), self._hidden(index, h, w)
-        return ViewRegions(core, reach, away, first, hidden, behind, near)
+        hull = _convex_hull(core, self.options.hull_piece)
+        return ViewRegions(core, reach, away, first, hidden, behind, hull, near)
 
     def within(self, index: int, place: ViewRegions) -> NDArray[np.bool_]:
         """Find the observations of view ``index`` that lie on the building's surface or behind it; bool [N].
@@ -283,6 +287,18 @@ def _lowest(scene: Scene, shape: PointFeatures, keep: NDArray[np.bool_]) -> Grou
         return None
     level = float(np.percentile(scene.points[keep] @ shape.up, 0.5))
     return Ground(shape.up, level, float(np.median(shape.spacing[keep])))
+
+
+def _convex_hull(mask: Map, share: float) -> Map:
+    """The convex hull of the larger pieces of a mask [h, w], [h, w]; small ones may be of another building."""
+    result = np.zeros(mask.shape, np.uint8)
+    _, piece, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    large = stats[:, cv2.CC_STAT_AREA] >= share * mask.sum()
+    large[0] = False
+    pixels = cv2.findNonZero(large[piece].astype(np.uint8))
+    if pixels is not None:
+        cv2.fillConvexPoly(result, cv2.convexHull(pixels), 1)
+    return result > 0
 
 
 def _close(places: NDArray[np.int32], radius: NDArray, h: int, w: int) -> Map:

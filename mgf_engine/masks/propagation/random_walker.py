@@ -93,6 +93,12 @@ class RandomWalkerOptions:
     click_radius: float = parameter(
         0.06, "Radius around a click in which its nearest point is sought, as a share of the photo's width", high=1
     )
+    tie_appearance_weight: float = parameter(
+        0.3, "Weight of certain appearance in what is tied to the building although no point of it is near"
+    )
+    tied: tuple[float, float] = parameter(
+        (0.4, 0.7), "Probabilities from which and to which far_odds and ground_first_odds of such regions fade", high=1
+    )
     termination: float = parameter(
         0.02, "Probability per step that the first random walk ends, which limits the reach of a click"
     )
@@ -182,7 +188,7 @@ class LabelGraph:
             appearance = self._appearance(probability, teach, seed)
             odds = appearance + self.options.plant_odds * self.plants + self.options.sky_odds * sky
             if round_ > 0:
-                placed = self._place(probability, prompts, seed, looked_at)
+                placed = self._place(probability, appearance, prompts, seed, looked_at)
                 odds, ground = odds + placed.odds, placed.ground
                 tied = np.maximum(self.evidence_weight, self.options.over_weight * self.degree)
                 weight = np.where(placed.over, tied, self.evidence_weight)
@@ -194,7 +200,9 @@ class LabelGraph:
             probability = self._flow(pull + strength, pull * target + strength * wanted, probability)
         return self._split(probability, appearance, ground)
 
-    def _place(self, probability: Array, prompts: Prompts, seed: int, views: Sequence[int]) -> _Placed:
+    def _place(
+        self, probability: Array, appearance: Array, prompts: Prompts, seed: int, views: Sequence[int]
+    ) -> _Placed:
         """Compute the odds that the geometry gives in these views."""
         points = probability[self.region_count :]
         odds, grounded, over = (
@@ -227,8 +235,9 @@ class LabelGraph:
         away = (points < self.options.other_below) & ~grounded[self.region_count :] & ~over[self.region_count :]
         others = apart | (away & self._far_from(keep))
         extent = self.extent(np.concatenate([keep, self._added(probability) & (added_ground < 0.5)]), ground, others)
+        tied = self._tied_to_building(keep, points, appearance)
         within = np.zeros(self.point_count)
-        geometry = parallel_map(lambda i: self._geometry(extent, i), views, self.threads)
+        geometry = parallel_map(lambda i: self._geometry(extent, i, tied), views, self.threads)
         for index, (region_odds, first, inside) in zip(views, geometry, strict=True):
             part = slice(self.start[index], self.start[index + 1])
             odds[part] += region_odds
@@ -239,10 +248,29 @@ class LabelGraph:
         odds[self.region_count :] += self.options.within_odds * share * ~grounded[self.region_count :]
         return _Placed(odds, grounded, over, ground)
 
-    def _geometry(self, extent: BuildingExtent, index: int) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+    def _tied_to_building(self, keep: NDArray[np.bool_], points: Array, appearance: Array) -> Array:
+        """How far regions may be the building although no point of it is near, 0..1, [regions].
+
+        A sheet roof or a plain wall has points along its edges only. What looks like the building, and is tied to its
+        points more than to those of other things, may be one surface with them.
+        """
+        own = self.options
+        known = np.concatenate([self.sky[: self.region_count] > 0, keep | (points < own.other_below)])
+        target = np.concatenate([np.zeros(self.region_count), keep])
+        wanted = 1 / (1 + np.exp(-appearance))
+        strength = own.tie_appearance_weight * np.abs(2 * wanted - 1) * ~known + 1e-4
+        pull = own.click_weight * known
+        tied = self._flow(pull + strength, pull * target + strength * wanted, None)[: self.region_count]
+        low, high = own.tied
+        return np.clip((tied - low) / (high - low), 0, 1)
+
+    def _geometry(
+        self, extent: BuildingExtent, index: int, tied: Array
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
         """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
         place = extent.place(index)
-        odds, first = self._region_odds(place, self.regions[index], self.scene.views[index])
+        sure = 1 - tied[self.start[index] : self.start[index + 1]]
+        odds, first = self._region_odds(place, self.regions[index], self.scene.views[index], sure)
         seen = self.visibility.owner[self.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.full.points))[: self.point_count]
 
@@ -318,18 +346,25 @@ class LabelGraph:
         positive = sum(int(on_ground[self._points_at(i, c.positive)].sum()) for i, c in prompts.items())
         return negative > positive or negative == positive == 0
 
-    def _region_odds(self, place: ViewRegions, regions: Regions, view: View) -> tuple[Array, NDArray[np.bool_]]:
-        """Log-odds of each region, and whether its ray meets the ground first, [S] each."""
+    def _region_odds(
+        self, place: ViewRegions, regions: Regions, view: View, sure: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Log-odds of each region, and whether its ray meets the ground first, [S] each.
+
+        Args:
+            sure: how much it says that no point of the building is near, 0..1, [S].
+        """
         h, w = place.core.shape
         x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
         y = np.clip((regions.centres[:, 1] * h / view.height).astype(int), 0, h - 1)
+        sure = np.where(place.hull[y, x], sure, 1.0)
         clear = ~place.hidden & ~place.ground_first & ~place.behind
         own = self.options
         odds = own.core_odds * (place.core & clear)[y, x] + own.rim_odds * (place.reach & ~place.core & clear)[y, x]
-        odds = odds + own.far_odds * np.clip(place.away[y, x] - own.far_from, 0, own.far_limit)
+        odds = odds + own.far_odds * sure * np.clip(place.away[y, x] - own.far_from, 0, own.far_limit)
         first = place.ground_first[y, x]
         odds += own.hidden_odds * place.hidden[y, x] + own.occluded_odds * (place.behind[y, x] & ~first)
-        return odds + own.ground_first_odds * first, first
+        return odds + own.ground_first_odds * sure * first, first & (sure > 0.5)
 
     def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
         """Strength and wanted value of the clicks, [N] each."""
