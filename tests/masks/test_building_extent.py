@@ -7,7 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine.masks.geometry.building_extent import BuildingExtent, Visibility, ground_depth, map_size, over_building
+from mgf_engine.masks.geometry.building_extent import (
+    BuildingExtent,
+    Visibility,
+    _convex_hull,
+    ground_depth,
+    map_size,
+    over_building,
+)
 from mgf_engine.masks.geometry.ground_plane import _draws, find_ground
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features, up_direction
 from mgf_engine.model.scene import Scene, Similarity, View
@@ -172,3 +179,11 @@ def test_a_second_building_without_clicks_is_another_group(scene: Scene):
     assert groups[:WALL].all() and not groups[WALL:].any()
     assert clicked_groups(twice, keep, np.array([5, WALL + 5]), shape).all()
     assert clicked_groups(twice, keep, np.zeros(0, np.int64), shape).all()
+
+
+def test_convex_hull_spans_gaps_and_leaves_out_small_pieces() -> None:
+    mask = np.zeros((30, 40), bool)
+    mask[2:20, 2:5] = mask[2:20, 20:23] = mask[28, 38] = True
+    hull = _convex_hull(mask, 0.1)
+    assert hull[2:20, 2:23].all() and hull.sum() == 18 * 21
+    assert _convex_hull(mask, 0.0)[20:25].any() and not _convex_hull(np.zeros((4, 4), bool), 0.1).any()

@@ -189,7 +189,7 @@ def test_a_click_is_on_the_nearest_point_that_its_own_photo_saw() -> None:
 
 def test_evidence_of_where_the_building_is() -> None:
     """One region for each case: on the building, at its rim, far away, hidden, behind the ground, behind others."""
-    names = ("core", "reach", "hidden", "ground_first", "behind")
+    names = ("core", "reach", "hidden", "ground_first", "behind", "hull")
     maps = {name: np.zeros((1, 6), bool) for name in names}
     maps["core"][0, [0, 4]] = maps["reach"][0, [0, 1, 4]] = True
     maps["hidden"][0, 3] = maps["ground_first"][0, 4] = maps["behind"][0, 5] = True
@@ -197,7 +197,32 @@ def test_evidence_of_where_the_building_is() -> None:
     place = ViewRegions(**maps, away=away, near=np.ones((1, 6), np.float32))
     regions = strip([0.0] * 5)
     graph = graph_of([regions])
-    odds, first = graph._region_odds(place, regions, graph.scene.views[0])
+    odds, first = graph._region_odds(place, regions, graph.scene.views[0], np.ones(6))
     o = OPTIONS
     wanted = [o.core_odds, o.rim_odds, 2 * o.far_odds, o.hidden_odds, o.ground_first_odds, o.occluded_odds]
     assert odds == pytest.approx(wanted) and first.tolist() == [False] * 4 + [True, False]
+
+
+def test_a_region_without_points_is_tied_to_the_building_or_to_the_ground() -> None:
+    """A roof between two points of the building, an edge, and a lawn with a point."""
+    graph = graph_of([strip([0.0] * 4 + [40.0] + [0.0] * 2)], [[(0, 0)], [(0, 4)], [(0, 7)]])
+    building, probability = np.array([True, True, False]), np.array([1.0, 1.0, 0.0])
+    tied = graph._tied_to_building(building, probability, np.zeros(len(graph.degree)))
+    assert tied == pytest.approx([1, 1, 1, 1, 1, 0, 0, 0], abs=1e-6)
+    lawn = np.r_[np.zeros(1), np.full(3, -OPTIONS.appearance_limit), np.zeros(7)]
+    assert (graph._tied_to_building(building, probability, lawn)[1:4] < 0.5).all()  # a courtyard of another colour
+
+
+def test_missing_points_say_nothing_of_a_tied_region_within_the_building() -> None:
+    """Four regions that the geometry calls ground or far away: only what is tied and in the convex hull is spared."""
+    none = np.zeros((1, 4), bool)
+    maps = dict.fromkeys(("core", "reach", "hidden", "behind"), none)
+    first, hull = none.copy(), none.copy()
+    first[0, :3], hull[0, [0, 2]] = True, True
+    away = np.array([[3.2, 3.2, 3.2, 3.2]], np.float32)
+    place = ViewRegions(**maps, ground_first=first, hull=hull, away=away, near=np.ones((1, 4), np.float32))
+    regions = strip([0.0] * 3)
+    graph = graph_of([regions])
+    odds, ground = graph._region_odds(place, regions, graph.scene.views[0], np.array([0.0, 0.0, 1.0, 0.0]))
+    far, below = 2 * OPTIONS.far_odds, OPTIONS.ground_first_odds
+    assert odds == pytest.approx([0, far + below, far + below, far]) and ground.tolist() == [False, True, True, False]
