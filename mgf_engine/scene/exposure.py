@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
 
 from mgf_engine.images import read_rgb, write_png
 from mgf_engine.model.photo_cache import PHOTOS
@@ -24,6 +25,7 @@ from mgf_engine.native.parallel import parallel_map
 
 DARKEST, BRIGHTEST = 12.0, 240.0  # grey values outside are noise or clipped
 ROUNDS, NOISE = 10, 0.06  # re-weighting; residuals of log c that are nothing unusual
+EXACT, MOST_STEPS = 1e-9, 2000  # residual of the conjugate gradients, relative, and their steps
 PRIOR = 2.0  # observations that the prior of "no change" counts as
 LEAST, MOST = 0.02, np.log(3.0)  # spread of log gains that is worth a change; largest change
 
@@ -77,7 +79,11 @@ def photo_gains(observed: Array, scene: Scene) -> Array:
 
 
 def _solve(value: Array, view: NDArray[np.int32], point: NDArray[np.int64], views: int) -> Array:
-    """g [views] of value = g[view] + p[point], the points eliminated; its mean is zero."""
+    """g [views] of value = g[view] + p[point], the points eliminated; its mean is zero.
+
+    The matrix between photos is never formed: it would grow with their square, and with that of the tracks' lengths.
+    Conjugate gradients apply it instead, in the time that the observations take (Hestenes and Stiefel 1952).
+    """
     points = int(point.max()) + 1
     weight = np.ones(len(value))
     log_gain = np.zeros(views)
@@ -85,14 +91,33 @@ def _solve(value: Array, view: NDArray[np.int32], point: NDArray[np.int64], view
         pairs = sparse.csr_matrix((weight, (view, point)), shape=(views, points))
         per_point = np.bincount(point, weight, points)
         mean = np.bincount(point, weight * value, points) / per_point
-        left = pairs.multiply(1.0 / per_point[None]).tocsr()
-        matrix = np.diag(np.bincount(view, weight, views) + PRIOR) - (left @ pairs.T).toarray()
-        log_gain = np.linalg.solve(matrix, np.bincount(view, weight * (value - mean[point]), views))
+        own: Array = np.bincount(view, weight, views).astype(np.float64) + PRIOR
+        right: Array = np.bincount(view, weight * (value - mean[point]), views).astype(np.float64)
+        log_gain = _conjugate_gradients(pairs, np.asarray(1.0 / per_point), own, right, log_gain)
         log_gain -= log_gain.mean()
         level = np.bincount(point, weight * (value - log_gain[view]), points) / per_point
         residual = np.abs(value - log_gain[view] - level[point])
         weight = 1.0 / (1.0 + (residual / NOISE) ** 2)
     return log_gain
+
+
+def _conjugate_gradients(pairs: sparse.csr_matrix, share: Array, own: Array, right: Array, start: Array) -> Array:
+    """x of (diag(own) - P diag(share) P^T) x = right.
+
+    Args:
+        pairs: P, weights [V, P]; share: [P]; own, right: [V].
+        start: a guess, [V].
+    """
+    across = pairs.T.tocsr()
+
+    def times(x: Array) -> Array:
+        return np.asarray(own * x - pairs @ (share * (across @ x)))
+
+    shape = (len(own), len(own))
+    matrix = LinearOperator(shape, matvec=times, dtype=np.float64)
+    jacobi = LinearOperator(shape, matvec=lambda x: x / own, dtype=np.float64)
+    found, _ = cg(matrix, right, x0=start, rtol=EXACT, atol=0.0, maxiter=MOST_STEPS, M=jacobi)
+    return np.asarray(found)
 
 
 def observed_colors(scene: Scene, folder: Path, threads: int = 1) -> Array:

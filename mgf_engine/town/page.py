@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,13 @@ JOB_COLORS = {WAITING: "#adb5bd", RUNNING: "#1c7ed6", FINISHED: "#2b8a3e", FAILE
 _WIDTH = 760.0  # of the map, pixels
 
 
-def write_page(path: Path, town: Path, rows: list[dict[str, Any]], refresh: int = 0) -> None:
+def write_page(path: Path, town: Path, rows: list[dict[str, Any]], refresh: int = 0, files: Sequence[str] = ()) -> None:
     """Write the page.
 
     Args:
         rows: of :func:`mgf_engine.town.result.read_rows`.
         refresh: seconds after which a browser asks for it again; 0 never.
+        files: what came back, which the page names as far as it is there.
     """
     from jinja2 import Environment, PackageLoader, select_autoescape
 
@@ -38,7 +40,7 @@ def write_page(path: Path, town: Path, rows: list[dict[str, Any]], refresh: int 
         rows=shown, shapes=shapes, width=_WIDTH, height=height, refresh=refresh, colors=JOB_COLORS, states=COLORS,
         counts={k: n for k, n in counts.items() if n}, bar=bar, length=length,
         seconds=duration(sum(row["done"].get("job_seconds", 0.0) for row in rows)),
-        picture=_data(town / "map.png", "png"),
+        picture=_data(town / "map.png", "png"), files=[name for name in files if (town / name).is_file()],
     )  # fmt: skip
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

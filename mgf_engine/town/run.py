@@ -216,11 +216,11 @@ def finish(town: Path, code: int, most_faces: int, tiles: bool, wanted: Wanted) 
 
     rows = read_rows(town, running=False)
     gather(town, rows, most_faces, tiles, wanted)
-    write_page(town / PAGE, town, rows)
+    made = [PAGE, *(name for name in (TABLE, GLB, TILES, CITYJSON) if (town / name).is_file())]
+    write_page(town / PAGE, town, rows, files=made[1:])
     Console(width=None if sys.stdout.isatty() else 140).print(table(rows))
     ready = [row for row in rows if row["job"]]
     bad = [row for row in ready if row["job"] != FINISHED]
-    made = [name for name in (PAGE, TABLE, GLB, TILES, CITYJSON) if (town / name).is_file()]
     print(f"{len(ready) - len(bad)} of {len(ready)} buildings are done; written to {town}: {', '.join(made)}")
     if bad and all(row["job"] == "waiting" for row in bad) and code:
         raise BadInput(f"Snakemake could not run the jobs; '{town / LOG}' says why.")
