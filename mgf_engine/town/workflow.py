@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -128,8 +127,7 @@ def _stop(process: subprocess.Popen[bytes], town: Path, executor: Executor) -> N
         process.stdin.close()
         process.wait()
         return
-    process.send_signal(signal.SIGINT)  # it cancels what it submitted
-    process.stdin.close()
+    process.stdin.close()  # which interrupts it once: it cancels what it submitted
     try:
         process.wait(_STOP)
     except subprocess.TimeoutExpired:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -95,6 +96,16 @@ def test_a_lost_node_and_a_killed_town_cost_nothing_that_is_done(
         done = json.loads((town / "buildings" / name / "done.json").read_text())
         assert done["attempt"] == 1  # a node that is lost is no reason for smaller photos
     assert (town / "town.glb").is_file() and not jobs_in(town)
+
+
+@needs_slurm
+def test_a_stopped_town_leaves_no_job_in_the_queue(slurm: Callable[[str], None], tmp_path: Path) -> None:
+    street, town = build_street(tmp_path / "street", 16), tmp_path / "town"
+    run = subprocess.Popen([sys.executable, "-m", "mgf_engine", *command(street, town)], stderr=subprocess.PIPE)
+    wait_until(lambda: len(jobs_in(town)) == 2, 120, run)
+    run.send_signal(signal.SIGINT)
+    assert run.wait(100) == 3 and jobs_in(town) == []
+    assert run.stderr is not None and b"run again to continue" in run.stderr.read()
 
 
 def _states(jobs: list[str]) -> set[str]:
