@@ -16,7 +16,6 @@ from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.job import read_job
-from mgf_engine.masks.geometry.point_features import up_direction
 from mgf_engine.masks.store import read_masks
 from mgf_engine.mesh.parts import face_parts, named_parts
 from mgf_engine.mesh.planar_clustering import nearest_pixels
@@ -24,6 +23,7 @@ from mgf_engine.mesh.screening import voting_views
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.gravity import find_up
 from mgf_engine.scene.store import read_scene
 
 TRUST = 0.003  # weight of the direction that cameras tell against that of all walls together
@@ -51,8 +51,8 @@ def read_survey(folder: Path, georeference: Georeference | None = None) -> Surve
     in_georeference = replace(mesh, vertices=georeference.local(mesh.vertices))
     turn = np.eye(3)
     if not georeference.up_known:
-        guess = scene.to_normalised.rotation.T @ up_direction(scene)
-        turn = turn_up(find_up(in_georeference, georeference.rotation @ guess))
+        guess = scene.to_normalised.rotation.T @ find_up(scene).vector
+        turn = turn_up(up_from_walls(in_georeference, georeference.rotation @ guess))
     local = replace(mesh, vertices=in_georeference.vertices @ turn.T)
     scale = georeference.scale / scene.to_normalised.scale
     return Survey(
@@ -61,7 +61,7 @@ def read_survey(folder: Path, georeference: Georeference | None = None) -> Surve
     )  # fmt: skip
 
 
-def find_up(mesh: Mesh, guess: Array) -> Array:
+def up_from_walls(mesh: Mesh, guess: Array) -> Array:
     """The direction that the normals of walls are square to, unit [3]; ``guess`` where there are no walls."""
     normals, areas = face_normals(mesh), face_areas(mesh)
     up = guess

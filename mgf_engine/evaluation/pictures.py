@@ -11,6 +11,7 @@ from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, IGNORE
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.scene.gravity import up_from_cameras
 
 #: Absolute colour error (0..1, mean of the channels) that is drawn in the brightest colour.
 ERROR_LIMIT = 0.25
@@ -91,7 +92,7 @@ def turntable(
 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:
     """Cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side."""
-    up = upward(scene)
+    up = up_from_cameras(scene)
     centre, radius = _ball(mesh)
     towards = np.mean([view.centre for view in scene.views], axis=0) - centre
     side = towards - up * (towards @ up)
@@ -126,20 +127,6 @@ def _ball(mesh: Mesh) -> tuple[NDArray[np.float64], float]:
     slack = 0.3 * (high - low)
     low, high = np.maximum(mesh.vertices.min(0), low - slack), np.minimum(mesh.vertices.max(0), high + slack)
     return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
-
-
-def upward(scene: Scene) -> NDArray[np.float64]:
-    """The unit direction that is up, from how people hold cameras: their right-hand side is level.
-
-    Where the cameras look in too few directions to tell (a facade), the mean of what is up in the photos.
-    """
-    mean = -np.mean([view.rotation[1] for view in scene.views], axis=0)
-    mean = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-6 else np.array([0.0, -1.0, 0.0])
-    right = np.array([view.rotation[0] for view in scene.views])
-    spread, axes = np.linalg.eigh(right.T @ right / len(right))
-    up = axes[:, 0] * np.sign(axes[:, 0] @ mean)
-    told = spread[1] > 0.05 and spread[1] > 4 * spread[0] and up @ mean > 0.5
-    return np.asarray(up if told else mean)
 
 
 def _looking_at(

@@ -12,9 +12,9 @@ from mgf_engine.georef.control import read_control
 from mgf_engine.georef.doubts import check_points
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.triangulate import place_points
-from mgf_engine.masks.geometry.point_features import up_direction
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.gravity import up_from_cameras
 from mgf_engine.scene.sparse import SparseModel
 
 #: Share of the control points' extent by which a scene that was not adjusted yet may be bent.
@@ -44,7 +44,7 @@ def fit_to_control(
     for share, robust in ((BENT, True), (None, False)):
         placed, failed = place_points(scene, control.marks)
         how = {} if share is None else {"share": share}
-        fit = fit_control(scene, control.points, placed, failed, up_direction(scene), **how)
+        fit = fit_control(scene, control.points, placed, failed, up_from_cameras(scene), **how)
         found = adjusted_to_control(model, scene, control, placed, fit, config.resolution, reporter, robust)
         if found is model:
             break

@@ -22,10 +22,10 @@ from mgf_engine.georef.fit_control import ControlFit, fit_control
 from mgf_engine.georef.fit_gps import FEWEST, GpsFit, fit_gps
 from mgf_engine.georef.gps import Place, read_place
 from mgf_engine.georef.model import METRE, SCENE_UNITS, Georeference
-from mgf_engine.georef.similarity import matrix_of
+from mgf_engine.georef.similarity import Direction, matrix_of
 from mgf_engine.georef.triangulate import Placed, place_points
-from mgf_engine.georef.up import Upward, find_up
 from mgf_engine.model.scene import Scene, Similarity
+from mgf_engine.scene.gravity import UpDirection, find_up
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")
@@ -47,7 +47,7 @@ class GeoreferenceFit:
     """
 
     georeference: Georeference
-    up: Upward
+    up: UpDirection
     control: ControlFit | None = None
     placed: dict[str, Placed] | None = None
     bars: tuple[BarRow, ...] = ()
@@ -123,9 +123,9 @@ def _by_control(
     placed: dict[str, Placed],
     failed: dict[str, str],
     projection: Projection | None,
-    up: Upward,
+    up: UpDirection,
 ) -> GeoreferenceFit:
-    fit = fit_control(scene, control.points, placed, failed, up.direction.source)
+    fit = fit_control(scene, control.points, placed, failed, up.vector)
     accuracy = {}
     for role in (CONTROL, CHECK):
         rms = fit.rms(role)
@@ -144,7 +144,7 @@ def _without_control(
     places: list[Place | None],
     known: Array,
     projection: Projection | None,
-    up: Upward,
+    up: UpDirection,
     warn: Callable[[str], None],
 ) -> GeoreferenceFit:
     reason = ""
@@ -165,7 +165,7 @@ def _without_control(
 
 
 def _by_gps(
-    scene: Scene, places: list[Place | None], known: Array, projection: Projection | None, up: Upward
+    scene: Scene, places: list[Place | None], known: Array, projection: Projection | None, up: UpDirection
 ) -> tuple[GpsFit | str, Array]:
     """Cameras on their GPS, and what was taken off easting and northing (with a CRS) or latitude and longitude."""
     centres = np.array([v.centre for v, p in zip(scene.views, places, strict=True) if p is not None])
@@ -182,11 +182,11 @@ def _by_gps(
             )
         offset = np.round(np.median(targets, axis=0)) * (1, 1, 0)
         targets = targets - offset
-    return fit_gps(centres, targets, [p for p in places if p is not None], up.direction), offset
+    return fit_gps(centres, targets, [p for p in places if p is not None], Direction(up.vector, up.sd)), offset
 
 
 def _gps_fit(
-    scene: Scene, places: list[Place | None], fit: GpsFit, offset: Array, projection: Projection | None, up: Upward
+    scene: Scene, places: list[Place | None], fit: GpsFit, offset: Array, projection: Projection | None, up: UpDirection
 ) -> GeoreferenceFit:
     views = tuple(i for i, p in enumerate(places) if p is not None)
     mostly = np.mean([p.ellipsoidal for p in places if p is not None]) > 0.5
@@ -207,10 +207,10 @@ def _gps_fit(
     return GeoreferenceFit(found, up, gps=fit, gps_views=views, notes=notes)
 
 
-def _upright(scene: Scene, up: Upward, scale: float | None = None) -> Georeference:
+def _upright(scene: Scene, up: UpDirection, scale: float | None = None) -> Georeference:
     """Only up is known, and the scale where it is given (metres per unit of the normalised frame)."""
     frame = scene.to_normalised
-    direction = frame.rotation.T @ up.direction.source  # in the scene frame
+    direction = frame.rotation.T @ up.vector  # in the scene frame
     turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], direction[None])[0].as_matrix()  # the smallest such rotation
     if direction[2] > np.cos(_UPRIGHT):
         turn = np.eye(3)

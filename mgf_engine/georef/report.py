@@ -46,7 +46,7 @@ def survey_figures(survey: GeoreferenceFit) -> dict[str, Any]:
     points = [] if survey.control is None else [_figures_of(row) for row in survey.control.rows]
     return {
         "method": now.method, "crs": now.crs, "unit": now.unit, "offset": list(now.offset), "scale": now.scale,
-        "heights": now.heights, "accuracy": dict(now.accuracy), "up": survey.up.how, "up_degrees": survey.up.degrees,
+        "heights": now.heights, "accuracy": dict(now.accuracy), "up": survey.up.method, "up_degrees": survey.up.degrees,
         "points": points,
         "bars": [{"name": r.bar.name, "given": r.bar.length, "found": r.found, "used": r.used} for r in survey.bars],
         "gps_photos": len(survey.gps_views), "gps_used": 0 if survey.gps is None else int(survey.gps.used.sum()),
@@ -81,7 +81,7 @@ def facts(survey: GeoreferenceFit) -> list[tuple[str, str]]:
         rows.append(("heights", now.heights))
     if now.metric:
         rows.append(("metres per unit of the scene", f"{now.scale:.6g}"))
-    up = f"{_UP[survey.up.how]}, to {survey.up.degrees:.2f} degrees"
+    up = f"{_UP[survey.up.method]}, to {survey.up.degrees:.2f} degrees"
     rows.append(("direction up by itself", f"{up} ({survey.up.edges} edges)" if survey.up.edges else up))
     if survey.gps is not None:
         x, y, z = survey.gps.rms

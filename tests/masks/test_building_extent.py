@@ -16,8 +16,9 @@ from mgf_engine.masks.geometry.building_extent import (
     over_building,
 )
 from mgf_engine.masks.geometry.ground_plane import _draws, find_ground
-from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features, up_direction
+from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
 from mgf_engine.model.scene import Scene, Similarity, View
+from mgf_engine.scene.gravity import up_from_cameras
 
 WALL, GROUND = 600, 600
 
@@ -67,7 +68,7 @@ def at(plane: np.ndarray, view: View, point: list[float]) -> object:
 
 
 def test_up_and_normals(scene: Scene):
-    assert up_direction(scene) @ [0, 0, 1] > 0.999
+    assert up_from_cameras(scene) @ [0, 0, 1] > 0.999
     shape = measure_point_features(scene)
     upright = np.abs(shape.normals @ shape.up)
     assert np.median(upright[:WALL]) < 0.05 and np.median(upright[WALL:]) > 0.95

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs, enclosed
-from mgf_engine.masks.geometry.point_features import PointFeatures, looking_down
+from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.geometry.point_surface import Map, make_surface
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.scene.gravity import looking_down
 
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250

@@ -13,13 +13,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.gravity import up_from_cameras
 
 NEIGHBOURS = 10
 ASTRAY = 1.5  # times the spacing of its neighbours
 ONE_SIDED = 0.75  # of their mean distance, the distance of their middle
-#: Photos of a grid straight down: so many at least, their mean viewing direction so long (1: all the same), and the
-#: grid as wide as this share of its length.
-FEWEST_IN_GRID, ALIKE, GRID = 8, 0.97, 0.3
 GROUP_GAP = 4.0  # spacings; side of the cells whose contact makes a group
 
 
@@ -48,45 +46,15 @@ class PointFeatures:
     astray: NDArray[np.bool_]
 
 
-def up_direction(scene: Scene) -> NDArray[np.float64]:
-    """The direction against gravity, from how people hold cameras: upright, with a level horizon, or straight down."""
-    down = looking_down(scene)
-    if down is not None:
-        return -down
-    right = np.stack([v.rotation[0] for v in scene.views])
-    mean_up = -np.stack([v.rotation[1] for v in scene.views]).mean(0)
-    length = np.linalg.norm(mean_up)
-    mean_up = mean_up / length if length > 1e-9 else np.array([0.0, -1.0, 0.0])
-    # Up is perpendicular to every camera's x axis; the mean settles what few directions leave open.
-    matrix = right.T @ right / len(right) - 0.05 * np.outer(mean_up, mean_up)
-    up = np.linalg.eigh(matrix)[1][:, 0]
-    up = up * np.sign(up @ mean_up or 1.0)
-    return up if up @ mean_up > 0.7 else mean_up
+def measure_point_features(scene: Scene, up: NDArray[np.float64] | None = None) -> PointFeatures:
+    """Neighbours, normals and heights of the sparse points of a scene.
 
-
-def looking_down(scene: Scene) -> NDArray[np.float64] | None:
-    """Return the common viewing direction of a grid of photos, [3]; None without one.
-
-    Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.
+    Args:
+        up: [3], normalised frame; None to estimate it from the cameras.
     """
-    axis = np.stack([v.rotation[2] for v in scene.views]).mean(0)
-    length = np.linalg.norm(axis)
-    if len(scene.views) < FEWEST_IN_GRID or length < ALIKE:
-        return None
-    axis /= length
-    centres = np.stack([v.centre for v in scene.views])
-    centres = centres - centres.mean(0)
-    across = centres - np.outer(centres @ axis, axis)
-    wide = np.linalg.svd(across, compute_uv=False)
-    flat = np.linalg.norm(centres @ axis) < 0.5 * wide[1]
-    return axis if flat and wide[1] > GRID * wide[0] else None
-
-
-def measure_point_features(scene: Scene) -> PointFeatures:
-    """Neighbours, normals and heights of the sparse points of a scene."""
     points = scene.points
     count = len(points)
-    up = up_direction(scene)
+    up = up_from_cameras(scene) if up is None else up
     k = min(NEIGHBOURS, count - 1)
     if k < 1:
         zero, none = np.zeros(count), np.zeros(count, bool)

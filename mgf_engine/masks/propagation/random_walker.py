@@ -147,7 +147,7 @@ class LabelGraph:
         self.scene, self.regions, self.shape, self.options = scene, regions, shape, options
         self.threads, self._extent_options = threads, extent
         self.full = scene if full is None else full
-        self.full_shape = shape if full is None else measure_point_features(full)
+        self.full_shape = shape if full is None else measure_point_features(full, shape.up)
         self.visibility = Visibility(self.full, self.full_shape, len(scene.points), extent)
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
