@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import threading
 import time
 
 import cv2
 import pytest
 
+from mgf_engine.native import library
 from mgf_engine.native.parallel import parallel_map, plain_opencv
 
 
@@ -51,3 +53,36 @@ def test_opencv_gets_its_threads_back() -> None:
         assert cv2.getNumThreads() == 1
         raise ValueError("stop")
     assert cv2.getNumThreads() == before
+
+
+def test_maps_inside_a_map_run_on_its_threads() -> None:
+    """One pool: a map in a map would wait for itself if it asked for threads of its own."""
+
+    def outer(index: int) -> tuple[str, set[str]]:
+        inner = set(parallel_map(lambda k: threading.current_thread().name, range(4), 4))
+        return threading.current_thread().name, inner
+
+    for name, inner in parallel_map(outer, range(6), 4):
+        assert inner == {name}
+
+
+def test_fewer_threads_work_on_fewer_items_at_a_time() -> None:
+    now, most = 0, 0
+    lock = threading.Lock()
+
+    def task(index: int) -> None:
+        nonlocal now, most
+        with lock:
+            now += 1
+            most = max(most, now)
+        time.sleep(0.01)
+        with lock:
+            now -= 1
+
+    before = library.threads()
+    library.set_threads(4)
+    try:
+        list(parallel_map(task, range(12), 2))
+    finally:
+        library.set_threads(before)
+    assert most == 2

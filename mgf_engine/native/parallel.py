@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -12,6 +11,7 @@ import cv2
 
 from mgf_engine.memory import at_once
 from mgf_engine.native.library import map_on_kernel_threads
+from mgf_engine.native.library import threads as kernel_threads
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -22,25 +22,20 @@ def parallel_map(
 ) -> Iterator[T]:
     """Yield ``work(item)`` of each item, in the order of the items, whichever is done first.
 
-    What has not begun is dropped when the caller stops early, as on a cancelled job.
+    There is one pool, of as many threads as the kernels have, a few items ahead of what is taken. Kernels and maps that
+    ``work`` calls run on its own thread, which with many items costs less than sharing every one. What has not begun is
+    dropped when the caller stops early, as on a cancelled job.
 
     Args:
         work: may run on any thread.
         items: made by the thread that asks.
-        threads: how many items are worked on at a time, for work in NumPy and OpenCV, which release the interpreter.
-            None: on the kernels' own threads, a few items ahead of what is taken; kernels that ``work`` calls run on
-            one thread each, which with many items costs less than sharing every one.
+        threads: maximum number of items at a time; None for the number of kernel threads, which is never exceeded.
         bytes_each: what one takes while it is worked on, where that is much: no more at a time than memory is left for.
     """
     most = at_once(bytes_each)
-    if threads is None:
-        yield from map_on_kernel_threads(work, items, most)
-        return
-    pool = ThreadPoolExecutor(max(1, min(threads, most)))
-    try:
-        yield from pool.map(work, list(items))
-    finally:
-        pool.shutdown(cancel_futures=True)
+    if threads is not None and threads < kernel_threads():
+        most = min(most, max(1, threads))
+    yield from map_on_kernel_threads(work, items, most)
 
 
 @contextmanager
