@@ -50,6 +50,7 @@ from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, MaskSet, buildi
 from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
+from mgf_engine.scene.gravity import find_up
 from mgf_engine.system import cores
 
 T = TypeVar("T")
@@ -117,7 +118,7 @@ class _Work:
             self.reporter.progress(0.25 * (index + 1) / len(self.views))
         self.full = densify_points(self.scene, self._leafy, self.threads, self.reporter.check)
         self.reporter.progress(0.4)
-        self.shape = measure_point_features(self.scene)
+        self.shape = measure_point_features(self.scene, find_up(self.scene, (), self.threads).vector)
         self.graph = LabelGraph(
             self.scene, self.regions, self.shape, self.threads, self.full, self.config.algorithm(RandomWalkerOptions),
             self.config.algorithm(SkyOptions), self.config.algorithm(ExtentOptions),
