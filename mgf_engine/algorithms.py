@@ -108,7 +108,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm(
         "mesh_refinement", "mesh", "Photometric refinement of the mesh", "mgf_engine.mesh.refine:RefinementOptions"
     ),
-    Algorithm("planar", "mesh", "Projection of planar regions", "mgf_engine.mesh.planar:PlanarOptions"),
+    Algorithm("planar", "mesh", "Projection of planar regions", "mgf_engine.mesh.plane_detection:PlanarOptions"),
     Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mgf_engine.mesh.colors:ColorOptions"),
     Algorithm(
         "texture_visibility", "deliver", "Photos that show a face", "mgf_engine.texture.visibility:VisibilityOptions"

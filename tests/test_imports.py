@@ -31,7 +31,7 @@ ORDER = (
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
     *("runs", "inputs", "job", "results", "estimate"),  # the job folder
     *("georef", "export", "drawings", "models", "runners", "pipeline", "town", "api"),  # whole jobs
-    *("clean", "doctor", "cli", "__main__"),
+    *("clean", "doctor", "cli_arguments", "cli", "__main__"),
 )
 
 

@@ -17,7 +17,7 @@ REPO = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPO))
 
 from mgf_engine import algorithms as algorithm_table  # noqa: E402
-from mgf_engine.cli import _parser  # noqa: E402
+from mgf_engine.cli_arguments import make_parser  # noqa: E402
 from mgf_engine.config import option_fields, options_schema  # noqa: E402
 from mgf_engine.option_list import default_text  # noqa: E402
 from mgf_engine.stages import STAGES  # noqa: E402
@@ -118,7 +118,7 @@ def architecture_page() -> str:
 
 def _commands() -> dict[str, tuple[argparse.ArgumentParser, str]]:
     """Name -> parser and help of every command that has arguments of its own here."""
-    (group,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    (group,) = (a for a in make_parser()._actions if isinstance(a, argparse._SubParsersAction))
     helps = {choice.dest: choice.help or "" for choice in group._choices_actions}
     return {name: (parser, helps[name]) for name, parser in group.choices.items() if name != "bench"}
 

@@ -11,7 +11,7 @@ from mgf_engine.drawings.model import CREASE, DETAIL, OUTLINE, STEP, Array, Fram
 from mgf_engine.drawings.regions import LOOSE, NOTHING, Regions, find_regions
 from mgf_engine.drawings.straighten import Stroke, join_ends, merge, straighten
 from mgf_engine.drawings.trace import Chain, trace
-from mgf_engine.mesh.planar import Planes
+from mgf_engine.mesh.plane_detection import Planes
 
 LEAST_STEP = 2.0  # working pixels between the planes on both sides, from which one hides part of the other
 LEAST_TURN = np.cos(np.radians(9.0))  # of the angle between planes that meet in a crease

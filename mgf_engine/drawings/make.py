@@ -35,7 +35,7 @@ from mgf_engine.drawings.sheets import choose_scale, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.job import locked
 from mgf_engine.masks.store import write_png
-from mgf_engine.mesh.planar import Planes
+from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.messages import Reporter
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json

@@ -16,7 +16,7 @@ from mgf_engine.drawings.model import Facade, Line, Survey
 from mgf_engine.drawings.project import Seen
 from mgf_engine.drawings.section import ring_area
 from mgf_engine.drawings.vector_files import layer_name
-from mgf_engine.mesh.planar import Planes
+from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.system import atomic_path
 
 BAND = 6.0  # working pixels from its plane within which a surface belongs to a wall

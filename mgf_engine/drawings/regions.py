@@ -17,7 +17,7 @@ from scipy.ndimage import find_objects
 
 from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.drawings.project import Grid, Seen, plan_grid, see
-from mgf_engine.mesh.planar import Planes, planes_of
+from mgf_engine.mesh.plane_detection import Planes, planes_of
 
 FINE = 0.5  # of a working pixel: a pixel of the regions
 LONGEST = 3000  # pixels of a region map

@@ -31,8 +31,9 @@ from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions, fill_l
 from mgf_engine.mesh.mask_votes import MaskVoteOptions, cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.photometric import MatchOptions
-from mgf_engine.mesh.planar import PlanarOptions, flatten
+from mgf_engine.mesh.planar import flatten
 from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions, merge_flat
+from mgf_engine.mesh.plane_detection import PlanarOptions
 from mgf_engine.mesh.prior import Prior, PriorOptions
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views

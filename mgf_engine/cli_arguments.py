@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Arguments of the ``mgf`` command; every option comes from :class:`mgf_engine.config.Config`."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from mgf_engine import __version__
+from mgf_engine.config import option_fields
+from mgf_engine.option_list import default_text
+from mgf_engine.stages import SECTIONS, STAGES
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Make the parser of all commands."""
+    parser = argparse.ArgumentParser(prog="mgf", description="Reconstruct a clean mesh of a building from photos.")
+    parser.add_argument("--version", action="version", version=f"mgf {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_job_command(commands, "reconstruct", "run all stages: from photos to mesh and report")
+    for stage in STAGES:
+        _add_job_command(commands, stage.name, f"run the stages up to this one: {stage.help}")
+    _add_tools(commands)
+    _add_after_the_job(commands)
+    _add_towns(commands)
+    commands.add_parser("bench", help="run a benchmark suite; see 'mgf bench --help'", add_help=False)
+    return parser
+
+
+def _add_tools(commands: Any) -> None:
+    """Add the commands that tell about the installation, the options and a job to come."""
+    guess = commands.add_parser(
+        "estimate", help="estimate time and memory of a job, per stage", argument_default=argparse.SUPPRESS
+    )
+    _add_inputs(guess)
+    guess.add_argument("--out", type=_path, default=None, metavar="JOB", help="ignored; all stages count as not done")
+    guess.add_argument("--json", action="store_true", default=False, help="print JSON")
+    _add_options(guess)
+    doctor = commands.add_parser("doctor", help="show versions, kernel variant, device and memory")
+    doctor.add_argument(
+        "--card", action="store_true", help="compare the card with the CPU, in a minute; auto then uses it"
+    )
+    doctor.add_argument("--weights", type=_path, metavar="FOLDER", help="folder of the EfficientSAM weights")
+    options = commands.add_parser("options", help="list all options with default and meaning")
+    options.add_argument("--algorithms", action="store_true", help="list the options of the algorithms instead")
+    options.add_argument("--json", action="store_true", help="print JSON")
+    weights = commands.add_parser("weights", help="download and verify the weights of EfficientSAM or LPIPS")
+    weights.add_argument("--model", choices=("vitt", "vits", "lpips-alex", "lpips-vgg"),
+                         help="EfficientSAM by size (default vitt), or the LPIPS network")  # fmt: skip
+    weights.add_argument("--folder", type=_path, help="target folder (default: the user's cache folder)")
+    weights.add_argument("--from", dest="source", type=_path, metavar="FOLDER", help="copy the files from this folder")
+
+
+def _add_after_the_job(commands: Any) -> None:
+    """Add the commands that work on finished jobs, meshes and single photos."""
+    evaluate = commands.add_parser(
+        "evaluate", help="compare a mesh with a true mesh, or measure the evenness of its walls"
+    )
+    _add_arguments_of("evaluation.command", evaluate)
+    drawings = commands.add_parser(
+        "drawings", help="make drawings of a finished job: facade orthophotos, plans, elevations, sections, quantities"
+    )
+    _add_arguments_of("drawings.command", drawings)
+    models = commands.add_parser(
+        "models", help="models of a finished job: levels of detail, 3D Tiles, solid, USD, points"
+    )
+    _add_arguments_of("models.command", models)
+    preview = commands.add_parser("preview", help="make the mask of one photo from its own clicks")
+    _add_preview_arguments(preview)
+    clean = commands.add_parser("clean", help="list or remove the results of earlier runs of a job")
+    clean.add_argument("job", type=_path, metavar="JOB", help="job folder")
+    clean.add_argument("runs", nargs="*", type=int, metavar="RUN", help="numbers of the runs to remove")
+    clean.add_argument("--old", action="store_true", help="remove all runs except the current one")
+    georef = commands.add_parser(
+        "georef", help="georeference a finished job by GPS, control points or scale bars",
+        argument_default=argparse.SUPPRESS,
+    )  # fmt: skip
+    _add_georef_arguments(georef)
+
+
+def _add_towns(commands: Any) -> None:
+    """Add the commands for many buildings in one scene."""
+    buildings = commands.add_parser(
+        "buildings", help="choose photos and clicks of every building of a scene, from a map of footprints",
+        argument_default=argparse.SUPPRESS,
+    )  # fmt: skip
+    _add_arguments_of("town.command", buildings)
+    _add_config_arguments(buildings)
+    town = commands.add_parser(
+        "town", help="reconstruct every building of a scene, from a map of footprints",
+        argument_default=argparse.SUPPRESS,
+    )  # fmt: skip
+    _add_arguments_of("town.run", town)
+    _add_config_arguments(town)
+    suggest = commands.add_parser(
+        "suggest-clicks", help="suggest clicks on one building, from the sparse points",
+        argument_default=argparse.SUPPRESS,
+    )  # fmt: skip
+    _add_arguments_of("town.suggest", suggest)
+    _add_config_arguments(suggest)
+
+
+def _path(text: str) -> Path:
+    if not text:  # which pathlib takes for the present folder
+        raise argparse.ArgumentTypeError("is empty; give a path")
+    return Path(text)
+
+
+def _add_arguments_of(module: str, parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that a command's own module declares; it is imported when the parser is made."""
+    import_module(f"mgf_engine.{module}").add_arguments(parser)
+
+
+def _add_config_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="set any option by name, as max_faces=5 or mesh.max_faces=5",
+    )
+    _add_options(parser)
+
+
+def _add_georef_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("job", type=_path, metavar="JOB", help="folder of a finished job")
+    _add_arguments_of("georef.command", parser)
+    for spec in (f for f in option_fields() if f.metadata["section"] == "georef"):
+        _add_option(parser, spec)
+
+
+def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=_path, help="COLMAP project, or folder of photos")
+    parser.add_argument("--prompts", type=_path, required=True, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("--image", required=True, metavar="NAME", help="name of the photo, as in the prompts file")
+    parser.add_argument("--out", type=_path, required=True, metavar="MASK.png", help="255 building, 0 everything else")
+    parser.add_argument("--resolution", default=1000, metavar="PX", help="longest side of the mask (default 1000)")
+    parser.add_argument("--segmenter", default="auto", help="auto, random_walker or efficientsam (default auto)")
+    parser.add_argument("--weights", default="", metavar="FOLDER", help="folder of the EfficientSAM weights")
+
+
+def _add_job_command(commands: Any, name: str, help: str) -> None:
+    parser = commands.add_parser(
+        name, help=help, description=help[:1].upper() + help[1:] + ".", argument_default=argparse.SUPPRESS,
+        usage=f"mgf {name} [SCENE] --out JOB [--prompts FILE | --masks FOLDER] [OPTION ...]",
+    )  # fmt: skip
+    _add_inputs(parser, "?")
+    parser.add_argument("--out", type=_path, required=True, metavar="JOB", help="job folder")
+    parser.add_argument("--resume", action="store_true", default=False, help="continue the job in the folder")
+    styles = ("auto", "bar", "plain", "json", "none")
+    parser.add_argument("--progress", choices=styles, default="auto", help="style of messages (default auto)")
+    parser.add_argument("--cancel-on-eof", action="store_true", default=False, help="cancel when standard input closes")
+    _add_options(parser)
+
+
+def _add_inputs(parser: argparse.ArgumentParser, scenes: str | None = None) -> None:
+    parser.add_argument("scene", nargs=scenes, type=_path, default=None, help="COLMAP project, or folder of photos")
+    parser.add_argument("--prompts", type=_path, default=None, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("--masks", type=_path, default=None, metavar="FOLDER", help="masks instead of clicks (PNGs)")
+    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="read options from a JSON file")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set an option; repeatable")
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    for section in SECTIONS:
+        group = parser.add_argument_group(f"{section} options")
+        for spec in (f for f in option_fields() if f.metadata["section"] == section):
+            _add_option(group, spec)
+
+
+def _add_option(group: Any, spec: Any) -> None:
+    flag, meta = "--" + spec.name.replace("_", "-"), spec.metadata
+    default = "" if spec.default == "" else f" (default {default_text(spec.default, meta['unit'])})"
+    help = f"{meta['help']}{default}".replace("%", "%%")
+    if isinstance(spec.default, bool):
+        group.add_argument(flag, action=argparse.BooleanOptionalAction, help=help)
+    else:
+        metavar = "{" + ",".join(meta["choices"]) + "}" if meta["choices"] else type(spec.default).__name__.upper()
+        group.add_argument(flag, metavar=metavar, help=help)

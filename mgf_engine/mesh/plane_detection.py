@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Detect the planes of a mesh: region growing from places with even normals, with a robust fit.
+
+The noise of each plane is measured from the mesh itself. Bent surfaces are refused: where the means over larger cells
+leave the plane by more than noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.clean import edges, face_areas
+from mgf_engine.geometry.rasterize import face_normals
+from mgf_engine.mesh.divide import divide_long_edges
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.morton import arrange, cells_of, morton
+
+
+@dataclass(frozen=True)
+class PlanarOptions:
+    """Options of planar regions; a ground pixel is that of :func:`mgf_engine.mesh.decimate.ground_pixels`."""
+
+    least_area: float = parameter(400.0, "Minimum area of a plane", "ground px²")
+    least_width: float = parameter(6.0, "Minimum width of a plane", "ground px")
+    seed_side: float = parameter(10.0, "Side of the cells in which planes begin", "ground px", low=0.1)
+    seed_area: float = parameter(25.0, "Minimum area of the faces of such a cell", "ground px²")
+    seed_even: float = parameter(0.95, "Minimum length of the mean normal of such a cell", high=1)
+    tries: int = parameter(250, "Maximum number of cells in which a plane is begun")
+    radii: tuple[float, float, float] = parameter(
+        (15.0, 40.0, 120.0), "Radii around the beginning in which a plane is fitted, one after the other", "ground px"
+    )
+    same_angle: float = parameter(0.5, "Maximum angle between two planes that are one", "degrees")
+    same_shift: float = parameter(0.15, "Maximum distance between two planes that are one", "ground px")
+    band: float = parameter(1.0, "Distance from a plane up to which faces belong to it and vertices move into it",
+                            "ground px", low=1e-3)  # fmt: skip
+    turn: float = parameter(30.0, "Maximum angle between a plane and the smoothed normals of its faces", "degrees")
+    sigmas: float = parameter(3.0, "Distance that counts as noise, in standard deviations")
+    bend_cell: float = parameter(
+        12.0, "Side of the cells whose means tell whether a plane is bent", "ground px", low=0.1
+    )
+    bend_area: float = parameter(30.0, "Minimum area of such a cell", "ground px²")
+    waves: tuple[float, float] = parameter(
+        (0.1, 0.3), "Bounds of the noise that those means (root mean square) must not exceed", "ground px"
+    )
+    bows: tuple[float, float] = parameter(
+        (0.06, 0.2), "Bounds of half the noise that a paraboloid through the faces must not exceed", "ground px"
+    )
+    crease: float = parameter(20.0, "Minimum angle between two planes that meet in an edge", "degrees")
+    crease_move: float = parameter(1.5, "Maximum distance that a vertex moves onto an edge or a corner", "ground px")
+    rings: int = parameter(3, "Number of edges between a plane's vertices and those that may lie on its crease")
+    normal_rounds: int = parameter(2, "Number of rounds that smooth the normals")
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Planes and the faces in them.
+
+    Attributes:
+        normals: unit, outward, [P, 3].
+        offsets: ``normals @ x = offsets`` in the mesh's units, [P].
+        noise: standard deviation of the vertices of these faces, in ground pixels, [P].
+        label: the plane of each face, -1 for none, int32 [F].
+    """
+
+    normals: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    label: NDArray[np.int32]
+
+    def distances(self, points: NDArray[np.float64], plane: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Signed distances of points [K, 3] from the planes with these numbers [K], in the mesh's units."""
+        return np.asarray(np.einsum("ij,ij->i", points, self.normals[plane]) - self.offsets[plane])
+
+
+@dataclass(frozen=True)
+class MeshFaces:
+    """Faces of a mesh as region growing needs them; lengths in the mesh's units, ``area`` in square ground pixels."""
+
+    mesh: Mesh
+    centre: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    pixel: NDArray[np.float64]
+    area: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+
+
+def measure_faces(mesh: Mesh, pixel: NDArray[np.float64], o: PlanarOptions) -> MeshFaces:
+    """Measure centres, smoothed normals, sizes of a ground pixel, areas and neighbours of faces."""
+    at = np.ascontiguousarray(mesh.vertices)
+    normal = _unit(mesh.adjacency.vertex_normals(at))
+    for _ in range(o.normal_rounds):
+        normal = mesh.adjacency.smooth(normal, np.zeros(len(at), bool))
+    key, face = edges(mesh.faces)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order][1:] == key[order][:-1])
+    pairs = np.stack([face[order[same]], face[order[same + 1]]])
+    size = pixel[mesh.faces].mean(1)
+    area = face_areas(mesh) / size**2
+    return MeshFaces(mesh, at[mesh.faces].mean(1), _unit(normal[mesh.faces].sum(1)), size, area, pairs)
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300))
+
+
+def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> Planes:
+    """The planes of a finished mesh, which may have large faces: those are divided, and their own normals count.
+
+    Args:
+        pixel: size of a ground pixel in the mesh's units.
+    """
+    vertices, parts, origin = divide_long_edges(np.asarray(mesh.vertices, np.float64), mesh.faces, o.seed_side * pixel)
+    fine = Mesh(vertices, parts, np.zeros((len(vertices), 3), np.uint8))
+    faces = measure_faces(fine, np.full(len(vertices), pixel), o)
+    large = (face_areas(mesh) / (o.seed_area * pixel**2))[origin, None]
+    planes = find_planes(replace(faces, normal=_unit(faces.normal + large * face_normals(mesh)[origin])), o)
+    label = np.full(len(mesh.faces), -1, np.int32)
+    label[origin] = planes.label  # of its last part; parts of one face lie in one plane
+    return replace(planes, label=label)
+
+
+def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
+    """Planes of at least ``least_area``, the most even places first."""
+    label = np.full(len(faces.area), -1, np.int32)
+    found: list[tuple[NDArray[np.float64], float, float]] = []
+    refused: list[tuple[NDArray[np.float64], float]] = []
+    group, begin = _seeds(faces, o)
+    tree = cKDTree(faces.centre)
+    for seed in begin[: o.tries]:
+        rows = np.flatnonzero(group == seed)
+        rows = rows[label[rows] < 0]
+        if faces.area[rows].sum() < o.seed_area:
+            continue
+        at, pixel = faces.centre[rows].mean(0), float(np.median(faces.pixel[rows]))
+        local = _begin(faces, rows, tree, label, o)
+        if local is None or _same(local, refused, at, pixel, o):
+            continue
+        free = np.flatnonzero(label < 0)
+        free = free[faces.normal[free] @ local[0] > np.cos(np.radians(o.turn))]
+        whole = _refit(faces, free, *local, o)
+        grown = None if whole is None or _same(whole, refused, at, pixel, o) else _grow(faces, whole, free, o)
+        if grown is None:
+            refused += [local] if whole is None else [local, whole]
+            continue
+        label[grown[1]] = len(found)
+        found.append(grown[0])
+    normals = np.array([normal for normal, *_ in found]).reshape(-1, 3)
+    return Planes(normals, np.array([at for _, at, _ in found]), np.array([noise for *_, noise in found]), label)
+
+
+def _seeds(faces: MeshFaces, o: PlanarOptions) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The group of each face, by place and direction, and the groups that planes may begin in, best first."""
+    side = o.seed_side * float(np.median(faces.pixel))
+    local = np.floor((faces.centre - faces.centre.min(0)) / side)
+    cell = morton(local.astype(np.int64)) if local.max() < 2**20 else morton(cells_of(faces.centre))
+    axis = np.abs(faces.normal).argmax(1)
+    direction = 2 * axis + (np.take_along_axis(faces.normal, axis[:, None], 1)[:, 0] < 0)
+    order, new = arrange(cell, direction)
+    group = np.empty(len(order), np.int64)
+    group[order] = np.cumsum(new) - 1
+    area = np.bincount(group, faces.area)
+    mean = np.stack([np.bincount(group, faces.area * faces.normal[:, k]) for k in range(3)], 1)
+    even = np.linalg.norm(mean, axis=1) / np.maximum(area, 1e-12)
+    fit = np.flatnonzero((area >= o.seed_area) & (even >= o.seed_even))
+    return group, fit[np.argsort(-(even[fit] - o.seed_even) * np.minimum(area[fit], o.seed_side**2), kind="stable")]
+
+
+def _begin(
+    faces: MeshFaces,
+    seed: NDArray[np.int64],
+    tree: cKDTree,
+    label: NDArray[np.int32],
+    o: PlanarOptions,
+) -> tuple[NDArray[np.float64], float] | None:
+    """The plane (normal, offset) around the faces ``seed``, fitted within one of ``radii`` after the other."""
+    normal, offset = _fit(faces, seed, np.ones(len(seed)))
+    if normal @ faces.normal[seed].sum(0) < 0:
+        normal, offset = -normal, -offset
+    middle, side, facing = faces.centre[seed].mean(0), float(np.median(faces.pixel[seed])), normal
+    for radius in o.radii:
+        near = np.sort(np.asarray(tree.query_ball_point(middle, radius * side), np.int64))
+        near = near[(label[near] < 0) & (faces.normal[near] @ facing > np.cos(np.radians(o.turn)))]
+        fitted = _refit(faces, near, normal, offset, o)
+        if fitted is None:
+            return None
+        normal, offset = fitted
+    return normal, offset
+
+
+def _refit(
+    faces: MeshFaces,
+    near: NDArray[np.int64],
+    normal: NDArray[np.float64],
+    offset: float,
+    o: PlanarOptions,
+) -> tuple[NDArray[np.float64], float] | None:
+    """The plane moved onto those of the faces ``near`` that lie in it, twice; None where they are too few."""
+    centre, pixel = faces.centre[near], faces.pixel[near]
+    for _ in range(2):
+        off = (centre @ normal - offset) / pixel
+        inside = np.abs(off) < o.band
+        if faces.area[near[inside]].sum() < o.seed_area:
+            return None
+        normal, offset = _turned(normal, *_fit(faces, near[inside], (1 - (off[inside] / o.band) ** 2) ** 2))
+    return normal, offset
+
+
+def _same(
+    plane: tuple[NDArray[np.float64], float],
+    others: list[tuple[NDArray[np.float64], float]],
+    at: NDArray[np.float64],
+    pixel: float,
+    o: PlanarOptions,
+) -> bool:
+    """Whether a plane is one of others, near a point."""
+    if not others:
+        return False
+    normals, offsets = np.array([normal for normal, _ in others]), np.array([offset for _, offset in others])
+    shift = np.abs((at @ plane[0] - plane[1]) - (normals @ at - offsets)) / pixel
+    return bool(((normals @ plane[0] > np.cos(np.radians(o.same_angle))) & (shift < o.same_shift)).any())
+
+
+def _grow(
+    faces: MeshFaces,
+    plane: tuple[NDArray[np.float64], float],
+    free: NDArray[np.int64],
+    o: PlanarOptions,
+) -> tuple[tuple[NDArray[np.float64], float, float], NDArray[np.int64]] | None:
+    """The largest connected part of a plane (normal, offset, noise) and its faces; None where it is refused."""
+    normal, offset = plane
+    off = (faces.centre[free] @ normal - offset) / faces.pixel[free]
+    inside = _largest_part(faces, free[np.abs(off) < o.band])
+    if faces.area[inside].sum() < o.least_area:
+        return None
+    for _ in range(3):
+        off = (faces.centre[inside] @ normal - offset) / faces.pixel[inside]
+        reach = max(min(o.sigmas * _noise(off, faces.area[inside]), o.band), 1e-6)
+        weight = np.maximum(1 - (off / reach) ** 2, 0) ** 2
+        if faces.area[inside[weight > 0]].sum() < o.least_area:
+            return None
+        normal, offset = _turned(normal, *_fit(faces, inside, weight))
+    off = (faces.centre[inside] @ normal - offset) / faces.pixel[inside]
+    # the mean of three corners has less noise than each: a relief of some sigma has hardly a face that passes for flat
+    kept = np.abs(off) <= o.sigmas * _noise(off, faces.area[inside])
+    inside, off = inside[kept], off[kept]
+    if faces.area[inside].sum() < o.least_area or _bent(faces, inside, off, normal, o):
+        return None
+    corners = (faces.mesh.vertices[faces.mesh.faces[inside]] @ normal - offset) / faces.pixel[inside, None]
+    noise = _noise(corners.ravel(), np.repeat(faces.area[inside], 3))
+    return (normal, offset, noise), inside
+
+
+def _turned(like: NDArray[np.float64], normal: NDArray[np.float64], offset: float) -> tuple[NDArray[np.float64], float]:
+    return (normal, offset) if like @ normal > 0 else (-normal, -offset)
+
+
+def _fit(faces: MeshFaces, rows: NDArray[np.int64], weight: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Normal and offset of the plane through faces, weighted also by their area."""
+    weight = weight * faces.area[rows] + 1e-12
+    middle = weight @ faces.centre[rows] / weight.sum()
+    local = faces.centre[rows] - middle
+    normal = np.linalg.eigh((local * weight[:, None]).T @ local)[1][:, 0]
+    return normal, float(normal @ middle)
+
+
+def _largest_part(faces: MeshFaces, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of the faces that hang together and have most area."""
+    place = np.full(len(faces.area), -1, np.int64)
+    place[rows] = np.arange(len(rows))
+    a, b = place[faces.pairs]
+    both = (a >= 0) & (b >= 0)
+    graph = coo_array((np.ones(both.sum(), np.int8), (a[both], b[both])), (len(rows), len(rows)))
+    part = connected_components(graph, directed=False)[1]
+    if not len(part):
+        return rows
+    return rows[part == np.bincount(part, faces.area[rows]).argmax()]
+
+
+def _noise(off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
+    """Standard deviation of distances by the median of their amounts, weighted by area."""
+    order = np.argsort(np.abs(off))
+    sums = np.cumsum(area[order])
+    return float(1.4826 * np.abs(off)[order[np.searchsorted(sums, sums[-1] / 2)]])
+
+
+def _bent(
+    faces: MeshFaces, rows: NDArray[np.int64], off: NDArray[np.float64], normal: NDArray[np.float64], o: PlanarOptions
+) -> bool:
+    """Whether the faces are too narrow for a plane, or leave it together.
+
+    Two tests: the means over cells against the noise around them, and what a paraboloid explains.
+    """
+    across = np.linalg.svd(normal[None])[2][1:]
+    flat = (faces.centre[rows] - faces.centre[rows].mean(0)) @ across.T / np.median(faces.pixel[rows])
+    area = faces.area[rows]
+    spread = np.linalg.eigvalsh((flat * area[:, None]).T @ flat / area.sum())
+    if np.sqrt(12 * max(spread[0], 0.0)) < o.least_width:
+        return True
+    places = np.floor(flat / o.bend_cell).astype(np.int64)
+    places -= places.min(0)
+    cell = places[:, 0] * (places[:, 1].max() + 1) + places[:, 1]
+    sums = np.bincount(cell, area)
+    means = np.bincount(cell, area * off) / np.maximum(sums, 1e-12)
+    noise = _noise(off - means[cell], area)
+    full = sums >= o.bend_area
+    waves = np.sqrt((sums * means**2)[full].sum() / max(sums[full].sum(), 1e-12))
+    u, v = (flat / np.abs(flat).max()).T
+    terms = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], 1)
+    weighted = terms * area[:, None]
+    bow = terms @ np.linalg.lstsq(weighted.T @ terms, weighted.T @ off, rcond=1e-9)[0]
+    bows = np.sqrt(area @ bow**2 / area.sum())
+    return bool(waves > np.clip(noise, *o.waves) or bows > np.clip(0.5 * noise, *o.bows))
