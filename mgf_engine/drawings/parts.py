@@ -60,8 +60,23 @@ def part_shares(
 
 def part_lines(shares: dict[str, NDArray[np.float32]], grid: Grid) -> list[Line]:
     """The outlines of all parts: rectangles with edges in line where they are so but for noise, else polygons."""
-    lines: list[Line] = []
+    boxes, others = part_shapes(shares)
+    lines = [Line(_polygon(own, x, y, grid), layer_of(name)) for name, own, x, y in others]
+    for name, (left, top, right, bottom) in boxes:
+        ring = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
+        lines.append(Line(grid.places(ring), layer_of(name)))
+    return lines
+
+
+def part_shapes(
+    shares: dict[str, NDArray[np.float32]],
+) -> tuple[list[tuple[str, Array]], list[tuple[str, NDArray[np.bool_], int, int]]]:
+    """Parts that are rectangles: name, and left, top, right, bottom in pixels, with edges in line.
+
+    And the others: name, pixels of the part, and where their picture begins in the grid.
+    """
     boxes: list[tuple[str, Array]] = []
+    others: list[tuple[str, NDArray[np.bool_], int, int]] = []
     for name, share in shares.items():
         count, part, stats, _ = cv2.connectedComponentsWithStats((share > EDGE).astype(np.uint8), connectivity=4)
         for k in range(1, count):
@@ -73,12 +88,9 @@ def part_lines(shares: dict[str, NDArray[np.float32]], grid: Grid) -> list[Line]
             if box is not None:
                 boxes.append((name, box))
             else:
-                lines.append(Line(_polygon(own, x, y, grid), layer_of(name)))
+                others.append((name, own, x, y))
     corners = _aligned(np.array([box for _, box in boxes]).reshape(-1, 4))
-    for (name, _), (left, top, right, bottom) in zip(boxes, corners, strict=True):
-        ring = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
-        lines.append(Line(grid.places(ring), layer_of(name)))
-    return lines
+    return [(name, box) for (name, _), box in zip(boxes, corners, strict=True)], others
 
 
 def layer_of(name: str) -> str:

@@ -12,24 +12,24 @@ from typing import Any
 import numpy as np
 
 from mgf_engine.drawings.model import Survey
-from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Solid, SolidFace
+from mgf_engine.models.solid.model import DOOR, GROUND, ROOF, WALL, WINDOW, Solid, SolidFace
 
 FILE = "building.city.json"
 MILLIMETRE = 0.001
-SURFACES = {ROOF: "RoofSurface", WALL: "WallSurface", GROUND: "GroundSurface"}
+SURFACES = {ROOF: "RoofSurface", WALL: "WallSurface", GROUND: "GroundSurface", WINDOW: "Window", DOOR: "Door"}
 
 
-def make_cityjson(solid: Solid, survey: Survey, name: str) -> dict[str, Any]:
+def make_cityjson(solid: Solid, survey: Survey, name: str, detailed: Solid | None = None) -> dict[str, Any]:
     """The contents of the file; coordinates are those of the CRS, or local where there is none.
 
     Args:
         name: of the building, its identifier in the file.
+        detailed: the same with windows and doors, whose vertices begin with those of the solid: a second geometry.
     """
-    world = survey.world(solid.vertices)
+    world = survey.world((detailed or solid).vertices)
     low = np.floor(world.min(0))
     step = MILLIMETRE if survey.georeference.metric else 1e-6 * float(np.ptp(world, axis=0).max())
     whole = np.rint((world - low) / step).astype(np.int64)
-    boundaries = [[list(ring) for ring in face.rings] for face in solid.faces]
     top = float(world[:, 2].max() - world[:, 2].min())
     attributes: dict[str, Any] = {
         "measuredHeight": round(top, 3), "volume": round(solid.volume, 3), "groundFrom": solid.ground_from,
@@ -38,20 +38,29 @@ def make_cityjson(solid: Solid, survey: Survey, name: str) -> dict[str, Any]:
     if solid.deviation is not None:
         attributes["deviationRMS"] = round(solid.deviation.rms, 4)
         attributes["deviation90"] = round(solid.deviation.p90, 4)
-    surfaces = [_surface(solid, face) for face in solid.faces]
     metadata: dict[str, Any] = {"geographicalExtent": [*_round(world.min(0)), *_round(world.max(0))], "title": name}
     system = reference_system(survey.georeference.crs)
     if system is not None:
         metadata["referenceSystem"] = system
-    geometry = {
-        "type": "Solid", "lod": str(solid.level), "boundaries": [boundaries],
-        "semantics": {"surfaces": surfaces, "values": [list(range(len(surfaces)))]},
-    }  # fmt: skip
+    geometries = [_geometry(one) for one in (solid, detailed) if one is not None]
     return {
         "type": "CityJSON", "version": "2.0", "transform": {"scale": [step] * 3, "translate": low.tolist()},
         "metadata": metadata,
-        "CityObjects": {name: {"type": "Building", "attributes": attributes, "geometry": [geometry]}},
+        "CityObjects": {name: {"type": "Building", "attributes": attributes, "geometry": geometries}},
         "vertices": whole.tolist(),
+    }  # fmt: skip
+
+
+def _geometry(solid: Solid) -> dict[str, Any]:
+    surfaces = [_surface(solid, face) for face in solid.faces]
+    for number, face in enumerate(solid.faces):
+        if face.wall >= 0:
+            surfaces[number]["parent"] = face.wall
+            surfaces[face.wall].setdefault("children", []).append(number)
+    return {
+        "type": "Solid", "lod": str(solid.level),
+        "boundaries": [[[list(ring) for ring in face.rings] for face in solid.faces]],
+        "semantics": {"surfaces": surfaces, "values": [list(range(len(surfaces)))]},
     }  # fmt: skip
 
 

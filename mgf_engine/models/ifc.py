@@ -10,13 +10,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mgf_engine import __version__
 from mgf_engine.drawings.model import Survey
-from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Solid, SolidFace
+from mgf_engine.models.solid.model import DOOR, GROUND, ROOF, WALL, WINDOW, Solid, SolidFace
 
 FILE = "building.ifc"
-CLASSES = {WALL: "IfcWall", ROOF: "IfcRoof", GROUND: "IfcSlab"}
-NAMES = {WALL: "Wall", ROOF: "Roof face", GROUND: "Ground"}
+CLASSES = {WALL: "IfcWall", ROOF: "IfcRoof", GROUND: "IfcSlab", WINDOW: "IfcWindow", DOOR: "IfcDoor"}
+NAMES = {WALL: "Wall", ROOF: "Roof face", GROUND: "Ground", WINDOW: "Window", DOOR: "Door"}
 
 
 def write_ifc(path: Path, solid: Solid, survey: Survey, name: str) -> None:
@@ -113,6 +115,9 @@ def _elements(model: Any, storey: Any, body: Any, points: list[Any], solid: Soli
         )
         if face.kind == GROUND:
             product.PredefinedType = "BASESLAB"
+        if face.kind in (WINDOW, DOOR):
+            x, y, z = np.ptp(solid.vertices[list(face.rings[0])], axis=0).tolist()
+            product.OverallWidth, product.OverallHeight = float(np.hypot(x, y)), z
         ifcopenshell.api.geometry.edit_object_placement(model, product=product)
         faces = model.create_entity("IfcConnectedFaceSet", [_face(model, points, face)])
         _show(model, product, body, "SurfaceModel", model.create_entity("IfcFaceBasedSurfaceModel", [faces]))

@@ -23,6 +23,7 @@ from mgf_engine.models.points import FILE as POINTS
 from mgf_engine.models.points import surface_points, write_laz
 from mgf_engine.models.report import add_to_report
 from mgf_engine.models.solid.build import NoSolid, build_solid
+from mgf_engine.models.solid.openings import add_openings
 from mgf_engine.models.work import ModelOptions, Work
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json
@@ -96,19 +97,21 @@ def _solid(work: Work) -> None:
             work.reporter.warning(
                 "The photos do not show enough of the roof, so the solid is a block with a level top (LoD1)."
             )
+        detailed = add_openings(solid, work.survey)
         ground = float(work.survey.world(np.array([0.0, 0.0, solid.ground]))[2])
         facts = {
             "kind": "solid", "lod": solid.level, "faces": len(solid.faces), "volume": round(solid.volume, 3),
             "ground": round(ground, 3), "ground_from": solid.ground_from,
             "detail": round(solid.detail, 4), "unseen": solid.unseen,
+            "openings": 0 if detailed is None else len(detailed.faces) - len(solid.faces),
             "deviation": None if solid.deviation is None else solid.deviation.as_dict(),
         }  # fmt: skip
         name = f"building-{work.job.resolve().name}"
         if "solid" in work.wanted.kinds:
-            write_json(work.add(CITYJSON, **facts), make_cityjson(solid, work.survey, name))
+            write_json(work.add(CITYJSON, **facts), make_cityjson(solid, work.survey, name, detailed))
     if "ifc" in work.wanted.kinds:
         with work.cost.of("IFC"):
-            write_ifc(work.add(IFC, **{**facts, "kind": "ifc"}), solid, work.survey, name)
+            write_ifc(work.add(IFC, **{**facts, "kind": "ifc"}), detailed or solid, work.survey, name)
 
 
 def _index(work: Work) -> dict[str, Any]:

@@ -139,7 +139,8 @@ print(json.dumps([model.get_epsg(), doubles, orphans, model.calculate_bbox(), bu
 
 def test_cjio_reads_the_building(written: Path) -> None:
     told = subprocess.run([sys.executable, "-c", READ, written], check=True, capture_output=True, text=True).stdout
-    epsg, doubles, orphans, box, (geometry,) = json.loads(told)
+    epsg, doubles, orphans, box, (geometry, detailed) = json.loads(told)
+    assert detailed["lod"] == "3"
     assert (epsg, doubles, orphans) == (32632, 0, 0)
     assert geometry["type"] == "Solid" and geometry["lod"] == "2"
     kinds = [surface["type"] for surface in geometry["semantics"]["surfaces"]]

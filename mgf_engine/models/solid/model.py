@@ -12,6 +12,7 @@ from mgf_engine.models.lod import Deviation
 
 Array = NDArray[np.float64]
 ROOF, WALL, GROUND = "roof", "wall", "ground"
+WINDOW, DOOR = "window", "door"
 
 
 @dataclass(frozen=True)
@@ -19,14 +20,16 @@ class SolidFace:
     """A plane face.
 
     Attributes:
-        kind: :data:`ROOF`, :data:`WALL` or :data:`GROUND`.
+        kind: :data:`ROOF`, :data:`WALL`, :data:`GROUND`, :data:`WINDOW` or :data:`DOOR`.
         rings: rows of vertices, the outer ring first, counter-clockwise seen from outside, holes the other way.
-        plane: number of the roof plane, -1 for walls and ground.
+        plane: number of the roof plane, -1 for all others.
+        wall: row of the face that a window or door lies in, -1 for all others.
     """
 
     kind: str
     rings: tuple[tuple[int, ...], ...]
     plane: int = -1
+    wall: int = -1
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Solid:
 
     Attributes:
         vertices: [N, 3]; faces: all of them.
-        level: 2, or 1 for a block with a level top where the roof was not seen.
+        level: 2, 3 with windows and doors, or 1 for a block with a level top where the roof was not seen.
         ground: height of the ground; ground_from: ``terrain`` (points around the building) or ``mesh`` (its lower end).
         detail: size below which steps and offsets were left out.
         volume: in cubic units.
