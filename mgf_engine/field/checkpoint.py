@@ -15,7 +15,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.raster.api import RenderStats
-from mgf_engine.raster.cuda.tile_list_capacity import Room
+from mgf_engine.raster.cuda.tile_list_capacity import TileListCapacity
 from mgf_engine.safe_npz import read_arrays
 from mgf_engine.system import atomic_path
 
@@ -101,7 +101,7 @@ def _figures_of(figures: Any) -> dict[str, Any]:
         raise ValueError("seconds")
     if not all(isinstance(point["psnr"], int | float) for point in curve):
         raise ValueError("curve")
-    Room().restore(figures.get("room"))
+    TileListCapacity().restore(figures.get("room"))
     return dict(figures)
 
 

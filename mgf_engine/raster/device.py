@@ -15,7 +15,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.native.parallel import parallel_map
 
 if TYPE_CHECKING:
-    from mgf_engine.raster.cuda.tile_list_capacity import Room
+    from mgf_engine.raster.cuda.tile_list_capacity import TileListCapacity
 
 T = TypeVar("T")
 
@@ -102,7 +102,7 @@ def restore_room(device: torch.device, state: dict[str, Any] | None) -> None:
         room.restore(state)
 
 
-def _room(device: torch.device) -> Room | None:
+def _room(device: torch.device) -> TileListCapacity | None:
     backend = "cuda" if device.type == "cuda" else CPU_BACKEND
     if backend == "cpu":
         return None

@@ -15,7 +15,7 @@ from mgf_engine.raster.api import RenderStats, render
 from mgf_engine.raster.cpu import Parameters
 from mgf_engine.raster.cuda import launcher_on, rasterizer_on
 from mgf_engine.raster.cuda.blending import Rasterizer
-from mgf_engine.raster.cuda.tile_list_capacity import Room
+from mgf_engine.raster.cuda.tile_list_capacity import TileListCapacity
 
 SOURCE = "cuda-source-on-cpu"
 TILES = 9
@@ -25,7 +25,7 @@ def at_once(needed: int) -> Callable[[], list[int]]:
     return lambda: [needed, needed]
 
 
-def rendered(room: Room, needed: int, gaussians: int = 100) -> int:
+def rendered(room: TileListCapacity, needed: int, gaussians: int = 100) -> int:
     """The room that a rendering gets; what it needed is told later, or at once where it had to wait."""
     taken = room.take(gaussians, TILES)
     if taken:
@@ -36,7 +36,7 @@ def rendered(room: Room, needed: int, gaussians: int = 100) -> int:
 
 
 def test_room_is_not_known_for_a_new_size_of_frame() -> None:
-    room = Room()
+    room = TileListCapacity()
     assert room.take(100, 9) == 0
     room.learn(100_000, 100, 9)
     assert room.take(100, 9) >= 200_000 and room.take(100, 16) == 0
@@ -45,7 +45,7 @@ def test_room_is_not_known_for_a_new_size_of_frame() -> None:
 
 def test_only_answers_of_the_rendering_before_the_last_are_asked_for() -> None:
     """Newer ones, though they may have arrived, are never looked at: else the room would depend on the card's pace."""
-    room, asked = Room(), []
+    room, asked = TileListCapacity(), []
 
     def answer(number: int) -> Callable[[], list[int]]:
         def tell() -> list[int]:
@@ -63,14 +63,14 @@ def test_only_answers_of_the_rendering_before_the_last_are_asked_for() -> None:
 
 
 def test_a_rendering_that_lacks_room_is_counted_once_and_the_next_but_one_has_more() -> None:
-    room = Room()
+    room = TileListCapacity()
     rooms = [rendered(room, needed) for needed in (100_000, 900_000, 900_000, 900_000, 900_000)]
     assert rooms[0] == 0 and 200_000 <= rooms[1] == rooms[2] < 250_000 and rooms[3] == rooms[4] > 1_800_000
     assert room.lost == 2 and room.lost == 2
 
 
 def test_room_shrinks_when_less_is_needed_but_not_within_a_round_of_photos() -> None:
-    room = Room()
+    room = TileListCapacity()
     rendered(room, 2_000_000)
     for _ in range(600):
         taken = rendered(room, 50_000)
@@ -83,10 +83,10 @@ def test_room_shrinks_when_less_is_needed_but_not_within_a_round_of_photos() -> 
 @pytest.mark.parametrize("stop", [1, 2, 3, 7])
 def test_a_run_that_goes_on_from_its_state_takes_the_same_room(stop: int) -> None:
     needs = [40_000, 20_000, 90_000, 200_000, 30_000, 500_000, 10_000, 70_000, 600_000, 2_000_000, 5, 7]
-    whole, first = Room(), Room()
+    whole, first = TileListCapacity(), TileListCapacity()
     expected = [rendered(whole, needed) for needed in needs]
     found = [rendered(first, needed) for needed in needs[:stop]]
-    second = Room()
+    second = TileListCapacity()
     second.learn(10**8, 1, TILES)  # another run of the process
     second.restore(json.loads(json.dumps(first.state())))
     found += [rendered(second, needed) for needed in needs[stop:]]
@@ -140,7 +140,7 @@ def test_rendering_that_does_not_wait_is_the_same() -> None:
     ],
 )  # fmt: skip
 def test_what_is_no_state_changes_nothing(state: Any) -> None:
-    room = Room()
+    room = TileListCapacity()
     room.learn(900, 30, 4)
     before = room.state()
     with pytest.raises((ValueError, TypeError, KeyError, OverflowError)):

@@ -11,7 +11,7 @@ from torch import Tensor
 from mgf_engine.native.cuda.launcher import Launcher, blocks
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.cpu import PLANES, PLANES_BASIC, RECORD, SUMS, OutputGradients, Parameters
-from mgf_engine.raster.cuda.tile_list_capacity import MOST, Room
+from mgf_engine.raster.cuda.tile_list_capacity import MOST, TileListCapacity
 
 _RUN = 1024  # items of a block of the sort, csrc/cuda/sort.cu
 _DIGITS = 256
@@ -77,7 +77,7 @@ class Rasterizer:
     """
 
     def __init__(self, launcher: Launcher) -> None:
-        self.launcher, self.room = launcher, Room()
+        self.launcher, self.room = launcher, TileListCapacity()
 
     def empty(self, dtype: torch.dtype, *shape: int) -> Tensor:
         return torch.empty(shape, dtype=dtype, device=self.launcher.device)

@@ -38,7 +38,7 @@ class _Asked:
         return self.answer()[0]
 
 
-class Room:
+class TileListCapacity:
     """Chooses the room of renderings that do not wait; others neither use nor change it."""
 
     def __init__(self) -> None:
