@@ -201,6 +201,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
         "Completion of homogeneous regions",
         "mgf_engine.masks.refinement.homogeneous_regions:HomogeneousRegionOptions",
     ),
+    Algorithm("mask_flags", "masks", "Masks that are left out", "mgf_engine.masks.validation.mask_flags:FlagOptions"),
 )
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}

@@ -21,7 +21,7 @@ from mgf_engine.masks.geometry.visual_hull import hull_cells
 from mgf_engine.masks.parts import Part, add_elements, tie_parts
 from mgf_engine.masks.points import chosen_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, read_prompts
-from mgf_engine.masks.propagation.propagate import Propagation, consistency, propagate
+from mgf_engine.masks.propagation.propagate import Propagation, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam
@@ -32,6 +32,7 @@ from mgf_engine.masks.user_masks import read_supplied
 from mgf_engine.masks.validation.cross_view_consistency import find_contradicted_masks
 from mgf_engine.masks.validation.low_texture import PLAIN, low_texture_share, low_texture_warning
 from mgf_engine.masks.validation.mask_coverage import describe_misfits, mark_ignored, measure_coverage
+from mgf_engine.masks.validation.mask_flags import consistency
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.scene import Scene, most_pixels

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
 from mgf_engine.masks.geometry.visual_hull import hull_agreement
-from mgf_engine.masks.propagation.propagate import flag_by_masks
+from mgf_engine.masks.validation.mask_flags import flag_by_masks
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ GAP = "…"  # where a value goes
 #: Calls that say their first text to people, and those that do so with whole sentences only.
 _SAYING, _SENTENCES = {"BadInput", "UserError", "warning", "warn", "_warn", "Choice"}, {"tr", "N_"}
 #: Functions that make sentences for somebody else to say.
-_MAKING = {"describe_misfits", "low_texture_warning", "missing_text", "_doubt_texts", "_left_out_text",
-           "_counting_text", "_missed_text", "weak_surface", "renamed_values", "choose_device", "poor_photos",
+_MAKING = {"describe_misfits", "low_texture_warning", "missing_text", "sentences", "_ignored_text",
+           "_used_text", "_missed_text", "weak_surface", "renamed_values", "choose_device", "poor_photos",
            "shortage", "diagnose", "check_card", "_misfit_text", "_outside_text", "_far_text",
            "_wrong_mark_text"}  # fmt: skip
 #: A file whose every sentence is said.

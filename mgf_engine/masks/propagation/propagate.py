@@ -20,18 +20,16 @@ from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions
 from mgf_engine.masks.geometry.densify_points import densify_points
 from mgf_engine.masks.geometry.point_features import measure_point_features
-from mgf_engine.masks.geometry.visual_hull import hull_agreement
 from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of, vegetation_probability
 from mgf_engine.masks.propagation.prompt_agreement import PromptAgreementOptions, drop_confirmed
+from mgf_engine.masks.propagation.prompt_messages import PromptMessages
 from mgf_engine.masks.propagation.prompt_outliers import (
     OutlierPrompt,
     PromptOutlierOptions,
-    clicked_elsewhere,
     find_outlier_prompts,
     ignored_outliers,
-    on_points,
     without_outliers,
 )
 from mgf_engine.masks.propagation.random_walker import BuildingProbability, LabelGraph, RandomWalkerOptions
@@ -45,11 +43,11 @@ from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, Th
 from mgf_engine.masks.refinement.vegetation import find_foreground_leaves
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
+from mgf_engine.masks.validation.mask_flags import FlagOptions, consistency, flag_by_masks, flag_reason
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.gravity import find_up
 from mgf_engine.system import cores
 
@@ -62,15 +60,10 @@ class PropagationOptions:
     """Options of drawing and checking the masks."""
 
     retry_below: float = parameter(0.9, "Agreement of mask and points below which a mask is drawn again", high=1)
-    flag_below: float = parameter(0.75, "Agreement of mask and points below which a mask is left out", high=1)
-    hull_below: float = parameter(
-        0.3, "Agreement with the visual hull of the other photos below which a mask without points is left out", high=1
-    )
     disagree_above: float = parameter(
         0.05, "Share of a photo's points that other photos contradict, above which its mask is drawn again", high=1
     )
     leafy: float = parameter(0.3, "Likeness to leaves from which no surface is sought", high=1)
-    least_building: float = parameter(0.005, "Minimum share of a photo that the building covers", high=1)
     stray_cover: float = parameter(0.3, "Share of a piece without points that the building's extent must cover", high=1)
 
 
@@ -147,55 +140,6 @@ class _Work:
         if any(len(c.positive) for c in kept.values()):
             self.prompts = kept
         return doubts
-
-    def _doubt_texts(self, doubts: list[OutlierPrompt]) -> list[str]:
-        """Sentences for each photo with doubted clicks, or one for all when they were kept for want of others."""
-        out = ignored_outliers(doubts, self.original)
-        if out and self.prompts is self.original:
-            names = ", ".join(self.scene.views[i].name for i in sorted({d.view for d in doubts}))
-            return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
-        counting, missed = [d for d in doubts if d not in out], [d for d in self.confirmed if self._misses(d)]
-        texts = (out, self._left_out_text), (counting, self._counting_text), (missed, self._missed_text)
-        return [
-            sentence(index, [d for d in chosen if d.view == index])
-            for chosen, sentence in texts
-            for index in sorted({d.view for d in chosen})
-        ]
-
-    def _left_out_text(self, index: int, doubts: list[OutlierPrompt]) -> str:
-        name, spots = self.scene.views[index].name, self._spots(index, doubts)
-        evidence = on_points(self.graph, index, self.original[index])
-        if evidence and clicked_elsewhere(index, doubts, self.original):
-            return f"'{name}' seems to be clicked on another building; its clicks {spots} are ignored."
-        return (
-            f"The clicks {spots} in '{name}' contradict the other photos and are ignored; if they are right, "
-            "click the same spot in a second photo."
-        )
-
-    def _counting_text(self, index: int, doubts: list[OutlierPrompt]) -> str:
-        name, spots = self.scene.views[index].name, self._spots(index, doubts)
-        return (
-            f"The background clicks {spots} in '{name}' contradict the other photos. They are still used; "
-            "delete them if they are mistakes."
-        )
-
-    def _misses(self, doubt: OutlierPrompt) -> bool:
-        """Tell whether a click on the building lies outside of its photo's mask."""
-        labels, uv = self.labels[doubt.view], self.original[doubt.view].positive[doubt.row]
-        return bool((labels[pixel_at(labels.shape, uv[None])] == BACKGROUND).all())
-
-    def _missed_text(self, index: int, doubts: list[OutlierPrompt]) -> str:
-        name, spots = self.scene.views[index].name, self._spots(index, doubts)
-        return (
-            f"The mask of '{name}' misses the clicks {spots}, although other photos confirm them; add clicks "
-            "around them, in this and in other photos."
-        )
-
-    def _spots(self, index: int, doubts: list[OutlierPrompt]) -> str:
-        """List the clicks' pixels in the user's photo, as text."""
-        clicks = self.original[index]
-        chosen = [(clicks.positive if d.positive else clicks.negative)[d.row] for d in doubts]
-        return ", ".join(f"({u:.0f}, {v:.0f})" for u, v in to_original(self.scene.views[index], np.stack(chosen)))
 
     def _draw(self, indices: list[int], accepted: NDArray[np.bool_], done: float) -> None:
         """Masks of some views, prompted again where they agree badly."""
@@ -274,8 +218,9 @@ class _Work:
         return float(differ.sum() / max(1, sure.sum())), accepted
 
     def _finish(self, disagreement: NDArray[np.float64], doubts: list[OutlierPrompt]) -> Propagation:
+        flags = self.config.algorithm(FlagOptions)
         reasons = [
-            _reason(self.labels[i], float(self.scores[i]), float(disagreement[i]), self.options) for i in self.views
+            flag_reason(self.labels[i], float(self.scores[i]), float(disagreement[i]), flags) for i in self.views
         ]
         reasons = self._without_points(reasons)
         used = np.array([not r for r in reasons], bool)
@@ -303,15 +248,19 @@ class _Work:
         clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
         return Propagation(
-            masks, reasons, self._doubt_texts(doubts), consistency(self.scene, masks, self.config.vote_dilation)
+            masks, reasons, self._prompt_messages(doubts), consistency(self.scene, masks, self.config.vote_dilation)
         )
+
+    def _prompt_messages(self, doubts: list[OutlierPrompt]) -> list[str]:
+        messages = PromptMessages(self.graph, self.original, self.labels)
+        return messages.sentences(doubts, self.confirmed, ignored=self.prompts is not self.original)
 
     def _without_points(self, reasons: list[str]) -> list[str]:
         """The reasons, less what too few points said; clicks judge as well as points do."""
         kept = self._accepted(self.scene, list(self.views))
         judged = [len(self._seen_points(i, kept)) >= FEWEST_SPOTS or i in self.prompts for i in self.views]
         masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
-        return flag_by_masks(self.scene, masks, reasons, np.array(judged), self.options)
+        return flag_by_masks(self.scene, masks, reasons, np.array(judged), self.config.algorithm(FlagOptions))
 
     def _finish_view(self, index: int, extent: BuildingExtent, accepted: NDArray[np.bool_]) -> None:
         """The edge of one mask against the sky, what is stray in it, and what stands before it; in place."""
@@ -401,20 +350,6 @@ class _Work:
         return zip(indices, parallel_map(task, indices, self.threads, each), strict=True)
 
 
-def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
-    """Share of the sparse points observed in three used photos or more on which those photos agree.
-
-    Photos agree when at most one in ten votes differs (one noisy keypoint in a long track is no contradiction).
-    """
-    voters = np.flatnonzero(masks.used).tolist()
-    votes = track_votes(scene, masks.labels, voters, dilation)
-    total = votes.inside + votes.outside
-    many = total >= 3
-    if not many.any():
-        return 1.0
-    return float((np.minimum(votes.inside, votes.outside) <= 0.1 * total)[many].mean())
-
-
 def make_hints(
     scene: Scene,
     index: int,
@@ -436,38 +371,3 @@ def _box(points: NDArray[np.floating]) -> tuple[float, float, float, float] | No
         return None
     low, high = np.percentile(points, [2, 98], axis=0)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
-
-
-def _reason(labels: NDArray[np.uint8], score: float, disagreement: float, o: PropagationOptions) -> str:
-    share = float(building(labels).mean())
-    if share < o.least_building:
-        return "hardly any building in this photo"
-    if score < o.flag_below:
-        return f"mask and points agree only to {score:.0%}"
-    if disagreement > 1 - o.flag_below:
-        return f"other photos contradict {disagreement:.0%} of its points"
-    return ""
-
-
-def flag_by_masks(
-    scene: Scene,
-    masks: MaskSet,
-    reasons: list[str],
-    judged: NDArray[np.bool_],
-    options: PropagationOptions = PropagationOptions(),
-) -> list[str]:
-    """Why each mask is left out, where points do not tell: only because the other photos' masks contradict it.
-
-    Args:
-        masks: those used are the others.
-        judged: bool [V], views whose reason stands, since enough points lie in their masks.
-    """
-    result = list(reasons)
-    used = np.flatnonzero(masks.used).tolist()
-    for index in np.flatnonzero(~judged).tolist():
-        if float(building(masks.labels[index]).mean()) < options.least_building:
-            continue
-        share = hull_agreement(scene, masks, [i for i in used if i != index], index)
-        low = share is not None and share < options.hull_below
-        result[index] = f"the other photos' masks agree with it only to {share:.0%}" if low else ""
-    return result

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Flag masks that are too weak to train on: no building, or contradicted by points or by the other photos' masks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.masks.geometry.visual_hull import hull_agreement
+from mgf_engine.masks.points import track_votes
+from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class FlagOptions:
+    """Options of masks that are left out."""
+
+    flag_below: float = parameter(0.75, "Agreement of mask and points below which a mask is left out", high=1)
+    hull_below: float = parameter(
+        0.3, "Agreement with the visual hull of the other photos below which a mask without points is left out", high=1
+    )
+    least_building: float = parameter(0.005, "Minimum share of a photo that the building covers", high=1)
+
+
+def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
+    """Share of the sparse points observed in three used photos or more on which those photos agree.
+
+    Photos agree when at most one in ten votes differs (one noisy keypoint in a long track is no contradiction).
+    """
+    voters = np.flatnonzero(masks.used).tolist()
+    votes = track_votes(scene, masks.labels, voters, dilation)
+    total = votes.inside + votes.outside
+    many = total >= 3
+    if not many.any():
+        return 1.0
+    return float((np.minimum(votes.inside, votes.outside) <= 0.1 * total)[many].mean())
+
+
+def flag_reason(labels: NDArray[np.uint8], score: float, disagreement: float, options: FlagOptions) -> str:
+    """Return why a mask is left out, empty where it is not."""
+    share = float(building(labels).mean())
+    if share < options.least_building:
+        return "hardly any building in this photo"
+    if score < options.flag_below:
+        return f"mask and points agree only to {score:.0%}"
+    if disagreement > 1 - options.flag_below:
+        return f"other photos contradict {disagreement:.0%} of its points"
+    return ""
+
+
+def flag_by_masks(
+    scene: Scene,
+    masks: MaskSet,
+    reasons: list[str],
+    judged: NDArray[np.bool_],
+    options: FlagOptions = FlagOptions(),
+) -> list[str]:
+    """Why each mask is left out, where points do not tell: only because the other photos' masks contradict it.
+
+    Args:
+        masks: those used are the others.
+        judged: bool [V], views whose reason stands, since enough points lie in their masks.
+    """
+    result = list(reasons)
+    used = np.flatnonzero(masks.used).tolist()
+    for index in np.flatnonzero(~judged).tolist():
+        if float(building(masks.labels[index]).mean()) < options.least_building:
+            continue
+        share = hull_agreement(scene, masks, [i for i in used if i != index], index)
+        low = share is not None and share < options.hull_below
+        result[index] = f"the other photos' masks agree with it only to {share:.0%}" if low else ""
+    return result
