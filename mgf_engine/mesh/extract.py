@@ -126,11 +126,7 @@ def extract_mesh(
         with times.part("depth maps"):
             field = surface_field(kept, trusted, config, reporter, prior)
             if config.calibrate_level:
-                long_tracks = np.diff(scene.track_start) >= options.calibration_track
-                sure = masks.point_mask & (scene.errors < options.calibration_error) & long_tracks
-                level = field.calibrate(scene.points[sure])
-                what = "px behind the depths" if isinstance(field, TsdfField) else "is their opacity"
-                log.info("mesh: the surface runs through %d sparse points: %.2f %s", sure.sum(), level, what)
+                calibrate_level(field, scene, masks, config.algorithm(ExtractionOptions))
         with times.part("tetrahedra"):
             tetrahedra = made(reporter.check)
     reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
@@ -165,13 +161,25 @@ def extract_mesh(
         )  # fmt: skip
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
     with times.part("reduction"):
-        mesh = simplify_mesh(colored, trusted.views, config, reporter)
-        values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
-        mesh = replace(mesh, values=values)
-        dents = config.span_dents and "confidence" in mesh.values
-        if not dents:
-            return mesh
-        return fill_low_confidence(mesh, mesh.values["confidence"], config.algorithm(LowConfidenceFillOptions))
+        return finish_mesh(simplify_mesh(colored, trusted.views, config, reporter), field, config)
+
+
+def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSet, options: ExtractionOptions) -> None:
+    """Set the level of the surface so that it runs through the most reliable sparse points of the building."""
+    long_tracks = np.diff(scene.track_start) >= options.calibration_track
+    sure = masks.point_mask & (scene.errors < options.calibration_error) & long_tracks
+    level = field.calibrate(scene.points[sure])
+    what = "px behind the depths" if isinstance(field, TsdfField) else "is their opacity"
+    log.info("mesh: the surface runs through %d sparse points: %.2f %s", sure.sum(), level, what)
+
+
+def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, config: Config) -> Mesh:
+    """Attach confidence and number of views to the simplified mesh, and fill dents that no photo confirms."""
+    values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
+    mesh = replace(mesh, values=values)
+    if not (config.span_dents and "confidence" in mesh.values):
+        return mesh
+    return fill_low_confidence(mesh, mesh.values["confidence"], config.algorithm(LowConfidenceFillOptions))
 
 
 def find_trusted_views(scene: Scene, masks: MaskSet, config: Config) -> TrustedViews:
