@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The direction up: from the way cameras are held, and from edges that are vertical in space."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mgf_engine.scene.gravity import common_direction, up_from_cameras
+from tests.masks.test_point_features import grid, photos, tilted
+
+
+@pytest.mark.parametrize("degrees", [0.0, 3.0])
+def test_photos_straight_down_tell_up_by_where_they_look(degrees: float) -> None:
+    up = up_from_cameras(photos(grid(6, 5), tilted(30, degrees)))
+    assert up @ [0, 0, 1] > 0.999
+
+
+def test_a_row_of_photos_of_a_front_is_upright() -> None:
+    front = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y, z up
+    row = np.c_[np.arange(12), np.zeros(12), 0.05 * (np.arange(12) % 3)]
+    assert up_from_cameras(photos(row, [front] * 12)) @ [0, 0, 1] > 0.999
+
+
+@pytest.mark.parametrize("lean", [0.0, 3.0])
+def test_vertical_edges_tell_up_better_than_the_rough_direction(lean: float) -> None:
+    """Planes through a camera and a vertical edge hold the direction up; half of the planes are of other edges."""
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0, 2 * np.pi, 200)
+    vertical = np.stack([np.cos(angle), np.sin(angle), rng.normal(0, 1e-3, 200)], 1)
+    others = rng.normal(size=(200, 3))
+    normals = np.concatenate([vertical, others])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    rough = np.array([np.sin(np.radians(lean)), 0.0, np.cos(np.radians(lean))])
+    near = np.abs(normals @ rough) < np.sin(np.radians(10))
+    found = common_direction(normals[near], np.ones(int(near.sum())), rough)
+    assert np.degrees(np.arccos(min(found @ [0, 0, 1], 1.0))) < 0.1
