@@ -13,12 +13,11 @@ import os
 import shutil
 import tempfile
 from collections.abc import Mapping
-from dataclasses import fields
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.config import Config, as_dict, make_config
+from mgf_engine.config import as_dict, make_config, option_fields
 from mgf_engine.stages import STAGES
 from mgf_engine.system import write_json
 
@@ -46,7 +45,7 @@ def shelf_of(
 ) -> Path:
     """Where runs leave their stages that agree in these and in all ``options`` but those of the mesh and later."""
     config = as_dict(make_config(dict(options or {})))
-    late = {f.name for f in fields(Config) if f.metadata["section"] in _LATE} | {"preset"}
+    late = {f.name for f in option_fields() if f.metadata["section"] in _LATE} | {"preset"}
     kept = {name: value for name, value in sorted(config.items()) if name not in late}
     key = hashlib.sha256(json.dumps(kept).encode()).hexdigest()[:10]
     return shelves / f"{scene.name}-{poses}-{masks}" / f"seed{seed}-{key}"

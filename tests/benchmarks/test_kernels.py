@@ -14,7 +14,7 @@ from mgf_engine.raster import cpu
 
 
 def test_every_part_of_every_variant_is_timed(capsys: pytest.CaptureFixture[str]) -> None:
-    sizes = ["--gaussians", "300", "--sizes", "96x64", "--heads", "all"]
+    sizes = ["--gaussians", "300", "--sizes", "96x64", "--outputs", "all"]
     assert kernels.main([*sizes, "--rounds", "1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     (scene,) = found["scenes"]
@@ -44,9 +44,9 @@ def test_the_yardstick_in_torch_draws_what_the_kernels_draw() -> None:
     (drawn * weights).sum().backward()
     color = torch.zeros(3, camera.height, camera.width)
     color[0] = 1
-    heads = cpu.HeadGradients(color, None, None, None, None, None)
+    gradients = cpu.OutputGradients(color, None, None, None, None, None)
     back = cpu.project_backward(
-        raw, 1, lists, hits, cpu.blend_backward(lists, image, hits, heads, None, False), 0, None
+        raw, 1, lists, hits, cpu.blend_backward(lists, image, hits, gradients, None, False), 0, None
     )
     shown = lists.tile_counts > 0
     # The gradient of the red constant harmonic is that of the record's red, times a number.

@@ -256,7 +256,7 @@ def test_maps_are_moved_as_they_lie():
         assert torch.equal(there, here) and there.stride() == here.stride() and there.data_ptr() != here.data_ptr()
 
 
-def test_geometry_needs_all_heads():
+def test_geometry_needs_all_outputs():
     target = make(40, 40)
     basic = replace(rendering(target), normal=None, distortion=None, median=None)
     with pytest.raises(ValueError, match="all outputs"):

@@ -89,5 +89,5 @@ def test_a_clicked_roof_without_points_is_in_the_masks(
         return float(np.mean([(a & b).sum() / (a | b).sum() for a, b in pairs]))
 
     assert mean_iou() > 0.97
-    monkeypatch.setattr("mgf_engine.masks.propagation.propagate.with_bare_points", lambda scene, *rest: scene)
+    monkeypatch.setattr("mgf_engine.masks.propagation.propagate.densify_points", lambda scene, *rest: scene)
     assert mean_iou() < 0.93  # what the roof's own points are needed for

@@ -23,7 +23,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_doubts(monkeypatch: pytest.MonkeyPatch) -> None:
     """The photos of these scenes are alike in shape, not in content, and might be taken for those of another place."""
-    monkeypatch.setattr("mgf_engine.scene.load.without_doubtful", lambda scene, *others: scene)
+    monkeypatch.setattr("mgf_engine.scene.load.filter_outliers", lambda scene, *others: scene)
 
 
 def names_in(source: Path) -> list[str]:

@@ -55,7 +55,8 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], 
 
 def command(street: Street, town: Path) -> list[str]:
     map_ = str(street.folder / "footprints.geojson")
-    options = ["--footprints-crs", "scene", "--preset", "quick", "--no-texture", "--photos-per-building", "12"]
+    options = ["--footprints-crs", "scene", "--preset", "quick", "--no-texture", "--photos-per-building", "12",
+               "--no-terrain"]  # fmt: skip
     return ["town", str(street.folder), "--footprints", map_, "--out", str(town), *options, "--threads", "1",
             "--executor", "slurm"]  # fmt: skip
 
