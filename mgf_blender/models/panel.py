@@ -37,7 +37,7 @@ class MGF_PT_models(bpy.types.Panel):
         if wanted.kinds & {"lod", "tiles"}:
             column.prop(wanted, "draco")
         if wanted.kinds & {"solid", "ifc"}:
-            column.prop(wanted, "detail")
+            column.prop(wanted, "detail", text="Detail (cm)")
         if draw_engine_missing(layout):
             return
         job = last_job(scene, ("models",))

@@ -25,6 +25,6 @@ class MGF_PG_models(bpy.types.PropertyGroup):
         "such files", default=False,
     )  # fmt: skip
     detail: bpy.props.FloatProperty(
-        name="Detail (cm)", description="Steps and offsets below this size are left out of the solid, in centimeters; "
+        name="Detail", description="Steps and offsets below this size are left out of the solid, in centimeters; "
         "0 takes 8 pixels of the photos", default=0.0, min=0.0, soft_max=200.0, precision=1,
     )  # fmt: skip

@@ -31,6 +31,11 @@ def find_town(scene: bpy.types.Scene, folder: Path | None = None) -> bpy.types.C
     return next((c for c in towns if folder is None or Path(bpy.path.abspath(c[TOWN_KEY])) == folder), None)
 
 
+def objects_of(top: bpy.types.Collection) -> list[bpy.types.Object]:
+    """The objects of a collection and those in it; Blender's own list of them is stale after an undo."""
+    return [obj for collection in (top, *top.children_recursive) for obj in collection.objects]
+
+
 def import_steps(scene: bpy.types.Scene, town: Town) -> Iterator[float]:
     """Import a town, yielding the share that is done; one of the same folder is replaced.
 
@@ -54,11 +59,11 @@ def import_steps(scene: bpy.types.Scene, town: Town) -> Iterator[float]:
 def remove_town(top: bpy.types.Collection) -> None:
     """Remove the collection of a town with all that the add-on put there; what the user put there stays."""
     del top[TOWN_KEY]
-    ours = [o for o in top.all_objects if BUILDING_KEY in o]
+    ours = [o for o in objects_of(top) if BUILDING_KEY in o]
     meshes = {mesh for o in ours for mesh in (o.data, o.get(LIGHT_KEY)) if mesh is not None}
     bpy.data.batch_remove(ours)
     bpy.data.batch_remove([mesh for mesh in meshes if mesh.users == 0])
-    bpy.data.batch_remove([c for c in (*top.children_recursive, top) if not len(c.all_objects)])
+    bpy.data.batch_remove([c for c in (*top.children_recursive, top) if not objects_of(c)])
 
 
 def _add_building(top: bpy.types.Collection, building: Building) -> None:

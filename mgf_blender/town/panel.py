@@ -4,7 +4,7 @@
 import bpy
 
 from ..common.text import draw_sentence, tr
-from .load import BUILDING_KEY, JOB_KEY, find_town
+from .load import BUILDING_KEY, JOB_KEY, find_town, objects_of
 from .operators import chosen_buildings, is_full
 
 
@@ -24,7 +24,7 @@ class MGF_PT_town(bpy.types.Panel):
         top = find_town(context.scene)
         if top is None:
             return
-        buildings = [obj for obj in top.all_objects if JOB_KEY in obj]
+        buildings = [obj for obj in objects_of(top) if JOB_KEY in obj]
         full = sum(is_full(obj) for obj in buildings)
         draw_sentence(layout, tr("{count} buildings, {full} in full", count=len(buildings), full=full), "HOME")
         chosen = chosen_buildings(context)
