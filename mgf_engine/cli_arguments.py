@@ -82,24 +82,15 @@ def _add_after_the_job(commands: Any) -> None:
 
 def _add_towns(commands: Any) -> None:
     """Add the commands for many buildings in one scene."""
-    buildings = commands.add_parser(
-        "buildings", help="choose photos and clicks of every building of a scene, from a map of footprints",
-        argument_default=argparse.SUPPRESS,
-    )  # fmt: skip
-    _add_arguments_of("town.command", buildings)
-    _add_config_arguments(buildings)
-    town = commands.add_parser(
-        "town", help="reconstruct every building of a scene, from a map of footprints",
-        argument_default=argparse.SUPPRESS,
-    )  # fmt: skip
-    _add_arguments_of("town.run", town)
-    _add_config_arguments(town)
-    suggest = commands.add_parser(
-        "suggest-clicks", help="suggest clicks on one building, from the sparse points",
-        argument_default=argparse.SUPPRESS,
-    )  # fmt: skip
-    _add_arguments_of("town.suggest", suggest)
-    _add_config_arguments(suggest)
+    footprints = "every building of a scene, from a map of footprints"
+    for name, module, text in (
+        ("buildings", "town.command", f"choose photos and clicks of {footprints}"),
+        ("town", "town.run", f"reconstruct {footprints}"),
+        ("suggest-clicks", "town.suggest", "suggest clicks on one building, from the sparse points"),
+    ):
+        command = commands.add_parser(name, help=text, argument_default=argparse.SUPPRESS)
+        _add_arguments_of(module, command)
+        _add_config_arguments(command)
 
 
 def _path(text: str) -> Path:

@@ -151,5 +151,6 @@ class _Output:
     def close(self) -> None:
         self.end.close()
         self._file.close()
-        with contextlib.suppress(OSError):
-            os.unlink(self._path)
+        if sys.platform == "win32":
+            with contextlib.suppress(OSError):
+                os.unlink(self._path)
