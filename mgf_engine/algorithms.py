@@ -60,6 +60,12 @@ class Algorithm:
 
 ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm(
+        "pose_adjustment",
+        "scene",
+        "Adjustment of cameras that disagree with the sparse points",
+        "mgf_engine.scene.adjust:AdjustOptions",
+    ),
+    Algorithm(
         "random_walker",
         "masks",
         "Label propagation from clicks to all photos and points",
@@ -228,6 +234,17 @@ def algorithm_of(kind: type) -> Algorithm:
         KeyError: the dataclass is not in the table.
     """
     return _BY_CLASS[f"{kind.__module__}:{kind.__qualname__}"]
+
+
+def algorithm_default(name: str) -> Any:
+    """Return the default of an option ``section.name``.
+
+    Raises:
+        KeyError: there is no such section.
+        StopIteration: there is no such option.
+    """
+    section, _, own = name.partition(".")
+    return next(f.default for f in algorithm_named(section).parameters() if f.name == own)
 
 
 def algorithms_schema() -> list[dict[str, Any]]:

@@ -13,7 +13,13 @@ from dataclasses import Field, asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mgf_engine.algorithms import algorithm_named, algorithm_of, algorithm_values, is_algorithm_option
+from mgf_engine.algorithms import (
+    algorithm_default,
+    algorithm_named,
+    algorithm_of,
+    algorithm_values,
+    is_algorithm_option,
+)
 from mgf_engine.costs import COSTS
 from mgf_engine.errors import BadInput
 from mgf_engine.option_values import check_limits, convert, shown
@@ -224,6 +230,10 @@ PRESETS: dict[str, dict[str, Any]] = {
         "face_error": 0.0,
         "min_component": 0.0,
         "texture": False,
+        "pose_adjustment.adjust": False,
+        "propagation.retry_below": 0.0,
+        "propagation.disagree_above": 1.0,
+        "propagation.finish": False,
     },
 }
 #: What a preset is, where the values that it sets would say little.
@@ -248,15 +258,20 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
     unknown = sorted(set(own) - set(known))
     if unknown:
         raise BadInput(f"Unknown option '{unknown[0]}'; 'mgf options' lists every option.")
-    algorithms = algorithm_values({name: value for name, value in given.items() if name not in own})
     values = {name: _convert(known[name], value) for name, value in own.items()}
-    preset = values.get("preset", Config.preset)
-    config = replace(Config(algorithms=algorithms), **{**PRESETS[preset], **values})
+    preset = PRESETS[values.get("preset", Config.preset)]
+    algorithms = algorithm_values({**_of_algorithms(preset), **_of_algorithms(given)})
+    own_preset = {name: value for name, value in preset.items() if name in known}
+    config = replace(Config(algorithms=algorithms), **{**own_preset, **values})
     if config.densify_from > config.densify_until:
         raise BadInput("densify_from must not be larger than densify_until; swap the two shares.")
     if 0 < config.max_photos < 3:
         raise BadInput("max_photos must be at least 3, or 0 to use all photos.")
     return config
+
+
+def _of_algorithms(given: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in given.items() if is_algorithm_option(name)}
 
 
 def option_fields() -> list[Field[Any]]:
@@ -321,12 +336,13 @@ def read_config(path: Path) -> dict[str, Any]:
 
 def options_schema() -> dict[str, Any]:
     """All about the options as plain data, for panels and other front ends; ``options`` has an entry for each."""
+    panel_presets = {name: {k: v for k, v in p.items() if not is_algorithm_option(k)} for name, p in PRESETS.items()}
     entries = [
         {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in option_fields()
     ]
     return {
         "sections": SECTIONS, "stages": {stage.name: stage.progress for stage in STAGES},
-        "presets": PRESETS, "preset_help": PRESET_HELP, "run_length": RUN_LENGTH, "costs": COSTS,
+        "presets": panel_presets, "preset_help": PRESET_HELP, "run_length": RUN_LENGTH, "costs": COSTS,
         "options": entries,
     }  # fmt: skip
 
@@ -344,7 +360,9 @@ def as_dict(config: Config) -> dict[str, Any]:
     """The config as plain data for the job file and the report."""
     data = asdict(config)
     algorithms = data.pop("algorithms")
-    return {**data, **algorithms}
+    # An option at its default that the preset sets otherwise has to be written, or reading would set it again.
+    back = {name: algorithm_default(name) for name in _of_algorithms(PRESETS[config.preset])}
+    return {**data, **back, **algorithms}
 
 
 def _convert(spec: Any, value: Any) -> Any:

@@ -3,9 +3,14 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
-from mgf_engine.config import PRESETS, make_config, option_fields
+from mgf_engine.algorithms import algorithm_default, is_algorithm_option
+from mgf_engine.config import PRESETS, as_dict, make_config, option_fields
+from mgf_engine.masks.propagation.propagate import PropagationOptions
+from mgf_engine.scene.adjust import AdjustOptions
 
 #: Option -> value and where the paper prints it.
 PRINTED = {
@@ -51,6 +56,13 @@ OURS = {
     "drop_unseen": False, "face_votes": False, "fill_holes": False, "span_dents": False, "smoothing": 0,
     "flatten": False, "face_error": 0.0, "min_component": 0.0, "close_bottom": False, "crop_box": "", "texture": False,
 }  # fmt: skip
+#: Options of algorithms that run always otherwise, and what they are where the paper has no such step.
+ALGORITHMS_OFF = {
+    "pose_adjustment.adjust": False,  # 3.1.1 takes the cameras of structure from motion as they are
+    "propagation.retry_below": 0.0,  # 3.1.2 prompts EfficientSAM once per photo
+    "propagation.disagree_above": 1.0,
+    "propagation.finish": False,  # eq. 1 and 3.1.2: the mask is what the segmenter returns
+}
 #: Options of the method's stages that decide nothing about it, or that the others leave idle.
 NO_MATTER = {
     "weights", "strict_vote", "vote_tolerance", "passes", "holdout_every", "max_gaussians", "max_faces", "color_error",
@@ -65,6 +77,19 @@ def test_the_preset_has_the_printed_value(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(OURS))
 def test_what_is_ours_is_off(name: str) -> None:
     assert getattr(make_config({"preset": "paper"}), name) == OURS[name]
+
+
+def test_what_always_runs_otherwise_is_off() -> None:
+    config = make_config({"preset": "paper"})
+    assert config.algorithms == ALGORITHMS_OFF
+    assert {k for k in PRESETS["paper"] if is_algorithm_option(k)} == set(ALGORITHMS_OFF)
+    assert all(algorithm_default(name) != value for name, value in ALGORITHMS_OFF.items())
+
+
+def test_what_is_off_can_be_switched_on_again_and_stays_so_in_the_job_file() -> None:
+    config = make_config({"preset": "paper", "propagation.finish": True})
+    assert config.algorithm(PropagationOptions).finish and not config.algorithm(AdjustOptions).adjust
+    assert make_config(json.loads(json.dumps(as_dict(config)))) == config
 
 
 def test_every_option_of_the_method_is_accounted_for() -> None:

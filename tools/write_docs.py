@@ -18,7 +18,7 @@ sys.path.insert(0, str(REPO))
 
 from mgf_engine import algorithms as algorithm_table  # noqa: E402
 from mgf_engine.cli_arguments import make_parser  # noqa: E402
-from mgf_engine.config import option_fields, options_schema  # noqa: E402
+from mgf_engine.config import PRESETS, option_fields, options_schema  # noqa: E402
 from mgf_engine.option_list import default_text  # noqa: E402
 from mgf_engine.stages import STAGES  # noqa: E402
 
@@ -151,9 +151,8 @@ def _usage(action: argparse.Action) -> str:
 
 
 def _preset_table() -> Iterator[str]:
-    schema = options_schema()
     yield from ("", "| preset | changes from the defaults |", "|---|---|")
-    for name, values in schema["presets"].items():
+    for name, values in PRESETS.items():
         changes = ", ".join(f"`{option}={_value(value)}`" for option, value in values.items())
         yield f"| `{name}` | {changes or 'none'} |"
 

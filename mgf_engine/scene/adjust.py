@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
@@ -26,10 +28,6 @@ from mgf_engine.scene.sparse import SparseModel, check_model
 from mgf_engine.subprocesses import run_worker
 
 Indices = NDArray[np.int64]
-#: Median error, working pixels, from which adjusting is tried; sound models stay below 0.35.
-DISAGREEING = 0.4
-#: What may be left of it at most: a model that was adjusted before cannot lose as much.
-BETTER = 0.6
 #: A point is stray when its observations lie this far off, working pixels, beyond what is usual in the scene.
 STRAY, USUAL = 4.0, 3.0
 MOST_VIEWS = 600  # whose poses are solved for at once
@@ -38,17 +36,36 @@ MOST_POINTS, FEWEST_PER_VIEW = 3000, 60
 COMMAND = (sys.executable, "-m", "mgf_engine.scene.adjust_worker")
 
 
-def adjust_if_inconsistent(model: SparseModel, resolution: int, reporter: Reporter) -> SparseModel:
+@dataclass(frozen=True)
+class AdjustOptions:
+    """Options of adjusting cameras that disagree with the sparse points."""
+
+    adjust: bool = parameter(True, "Adjust cameras that disagree with the sparse points; off takes the model as it is")
+    from_error: float = parameter(
+        0.4, "Median reprojection error from which adjusting is tried; sound models stay below 0.35", "px"
+    )
+    better: float = parameter(
+        0.6, "Maximum share of the error that may be left; a model adjusted before cannot lose as much", high=1
+    )
+
+
+_DEFAULTS = AdjustOptions()
+
+
+def adjust_if_inconsistent(
+    model: SparseModel, resolution: int, reporter: Reporter, options: AdjustOptions = _DEFAULTS
+) -> SparseModel:
     """The model itself, or adjusted where its cameras and points disagree; a warning says so.
 
     Args:
         resolution: longest side of the working photos; errors are measured in their pixels.
         reporter: for the warning and the request to cancel.
+        options: whether to adjust, from which error, and how much better the result must be.
     """
-    if not _valid(model):
-        return model  # refused where the photos are planned
+    if not options.adjust or not _valid(model):
+        return model  # a model that is not valid is refused where the photos are planned
     with np.errstate(all="ignore"):  # numbers beyond reason are sorted out here
-        before, after, adjusted = _adjusted(model, resolution, reporter)
+        before, after, adjusted = _adjusted(model, resolution, reporter, options)
     if adjusted is model:
         return model
     change = max(abs(new.params[0] / model.cameras[i].params[0] - 1) for i, new in adjusted.cameras.items())
@@ -60,7 +77,9 @@ def adjust_if_inconsistent(model: SparseModel, resolution: int, reporter: Report
     return adjusted
 
 
-def _adjusted(model: SparseModel, resolution: int, reporter: Reporter) -> tuple[float, float, SparseModel]:
+def _adjusted(
+    model: SparseModel, resolution: int, reporter: Reporter, options: AdjustOptions
+) -> tuple[float, float, SparseModel]:
     """Disagreement before and after, working pixels, and the better model: the same one where it is not much better.
 
     It is the median error of the observations of points that are not stray.
@@ -69,7 +88,7 @@ def _adjusted(model: SparseModel, resolution: int, reporter: Reporter) -> tuple[
     sound = ~far_points(errors, model.points.start)[owners(model)] & np.isfinite(errors)
     before = float(np.median(errors[sound])) if sound.any() else 0.0
     chosen = take_part(model, sound)
-    if before <= DISAGREEING or not 3 <= len(model.images) <= MOST_VIEWS or not len(chosen):
+    if before <= options.from_error or not 3 <= len(model.images) <= MOST_VIEWS or not len(chosen):
         return before, before, model
     frame = _frame(model)
     task = Task(moved(model, frame), resolution, chosen, np.unique(owners(model)[chosen]), before)
@@ -78,7 +97,7 @@ def _adjusted(model: SparseModel, resolution: int, reporter: Reporter) -> tuple[
         return before, before, model
     result = moved(found, frame.inverse())
     after = float(np.median(projection_errors(result, resolution)[sound]))
-    return (before, after, result) if after < BETTER * before and _valid(result) else (before, before, model)
+    return (before, after, result) if after < options.better * before and _valid(result) else (before, before, model)
 
 
 def far_points(distances: NDArray[np.float64], start: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.scene.adjust import adjust_if_inconsistent
+from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.exposure import even_exposure
 from mgf_engine.scene.names import named_like
@@ -107,7 +107,9 @@ def _load(
                 "closer together, with more overlap, would help."
             )
     else:
-        model = adjust_if_inconsistent(read_model(model_folder), config.resolution, reporter)
+        model = adjust_if_inconsistent(
+            read_model(model_folder), config.resolution, reporter, config.algorithm(AdjustOptions)
+        )
         paths = find_photos([image.name for image in model.images], model_folder, source, exclude)
     photos = plan_photos(model, paths, config.resolution, reporter)
 

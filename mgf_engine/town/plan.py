@@ -27,7 +27,7 @@ from mgf_engine.georef.model import Georeference, write_georeference
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.adjust import adjust_if_inconsistent
+from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.system import json_text
@@ -233,7 +233,8 @@ def _model_of(job: Job) -> SparseModel:
     folder = find_model(job.source, job.folder) or find_model(job.path("scene", "sfm"))
     if folder is None:
         raise BadInput(f"The COLMAP model of '{job.source}' is gone; run again in a new folder.")
-    return adjust_if_inconsistent(read_model(folder), job.config.resolution, Reporter())  # as its scene stage did
+    options = job.config.algorithm(AdjustOptions)
+    return adjust_if_inconsistent(read_model(folder), job.config.resolution, Reporter(), options)  # as its scene stage
 
 
 def _earlier(out: Path) -> dict[str, str]:

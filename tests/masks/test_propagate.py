@@ -21,7 +21,7 @@ from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt, ignored_
 from mgf_engine.masks.propagation.propagate import Propagation
 from mgf_engine.masks.store import read_masks
 from mgf_engine.messages import Message, Reporter
-from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 from tests.masks.conftest import quiet
 
@@ -89,6 +89,16 @@ def test_what_is_written_is_what_is_read(plain: tuple[MaskSet, Path], scene: Sce
 def test_the_same_clicks_give_the_same_masks(plain: tuple[MaskSet, Path], scene: Scene, clicks: Clicks, tmp_path: Path):
     again = run(scene, clicks, tmp_path)
     assert all((a == b).all() for a, b in zip(again.labels, plain[0].labels, strict=True))
+
+
+def test_without_finishing_the_masks_are_what_the_segmenter_drew(
+    plain: tuple[MaskSet, Path], scene: Scene, house: House, clicks: Clicks, tmp_path: Path
+):
+    masks = run(scene, clicks, tmp_path, algorithms={"propagation.finish": False})
+    assert not any((labels == IGNORE).any() for labels in masks.labels)  # nobody said what stands in front
+    assert any((a != b).any() for a, b in zip(masks.labels, plain[0].labels, strict=True))
+    assert ious(masks, scene, house).mean() > 0.9
+    assert masks.used.all() and masks.point_mask.any()
 
 
 def test_clicks_off_by_ten_pixels(scene: Scene, house: House, clicks: Clicks, tmp_path: Path):

@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.synthetic.colmap_scene import Messages, reconstruction, write_model
 from mgf_engine.errors import Cancelled
-from mgf_engine.scene.adjust import adjust_if_inconsistent, far_points
+from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent, far_points
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, read_task, write_result, write_task
 from mgf_engine.scene.adjust_worker import align_similarity, replaced_points
 from mgf_engine.scene.colmap import read_model
@@ -75,6 +75,12 @@ def test_a_model_that_contradicts_itself_is_mended(tmp_path: Path, lens: str, wr
     assert np.linalg.norm(centres(mended) - centres(true), axis=1).max() < 0.02 * size
     (text,) = messages.warnings
     assert "bundle adjustment reduced it" in text
+
+
+def test_adjusting_can_be_switched_off(tmp_path: Path) -> None:
+    bad, messages = turned(true_model(tmp_path), 0.02), Messages()
+    assert adjust_if_inconsistent(bad, RESOLUTION, messages.reporter, AdjustOptions(adjust=False)) is bad
+    assert messages.warnings == []
 
 
 def test_coordinates_of_a_map_are_kept(tmp_path: Path) -> None:

@@ -65,6 +65,9 @@ class PropagationOptions:
     )
     leafy: float = parameter(0.3, "Likeness to leaves from which no surface is sought", high=1)
     stray_cover: float = parameter(0.3, "Share of a piece without points that the building's extent must cover", high=1)
+    finish: bool = parameter(
+        True, "Correct the drawn masks by sky, ground, plants, plain regions, thin structures and far background"
+    )
 
 
 @dataclass(frozen=True)
@@ -226,8 +229,32 @@ class _Work:
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
         accepted = self._accepted(self.full, voters)
-        plane = self.probability.ground
-        extent, point_mask = self.graph.extent(accepted, plane), accepted[: len(self.scene.points)]
+        point_mask = accepted[: len(self.scene.points)]
+        if self.options.finish:
+            explained = self._finish_masks(accepted, voters)
+            if explained is not None:
+                point_mask = self._accepted(self.scene, voters)
+                doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in explained)]
+        if self.config.voters != "all":
+            point_mask = self._accepted(self.scene, chosen_voters(self.scene, voters, self.config))
+        clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
+        masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
+        return Propagation(
+            masks, reasons, self._prompt_messages(doubts), consistency(self.scene, masks, self.config.vote_dilation)
+        )
+
+    def _finish_masks(self, accepted: NDArray[np.bool_], voters: list[int]) -> set[tuple[int, int]] | None:
+        """Correct the masks by what the paper does not use: sky, ground, plants, thin structures; in place.
+
+        Args:
+            accepted: points of the full scene on the building.
+            voters: views whose masks are good enough to vote.
+
+        Returns:
+            clicks (view, row) on thin structures that were drawn; None where there are no such structures.
+        """
+        plane, point_mask = self.probability.ground, accepted[: len(self.scene.points)]
+        extent = self.graph.extent(accepted, plane)
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         ground = (
@@ -240,16 +267,7 @@ class _Work:
                 self.scene, self.labels, self.shape.up, lambda i: self._seen_points(i, point_mask), self.threads,
                 self.config.algorithm(FarBackgroundOptions),
             )  # fmt: skip
-        if thin is not None:
-            point_mask = self._accepted(self.scene, voters)
-            doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in thin.explained)]
-        if self.config.voters != "all":
-            point_mask = self._accepted(self.scene, chosen_voters(self.scene, voters, self.config))
-        clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
-        masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
-        return Propagation(
-            masks, reasons, self._prompt_messages(doubts), consistency(self.scene, masks, self.config.vote_dilation)
-        )
+        return None if thin is None else thin.explained
 
     def _prompt_messages(self, doubts: list[OutlierPrompt]) -> list[str]:
         messages = PromptMessages(self.graph, self.original, self.labels)
