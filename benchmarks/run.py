@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Any
 from benchmarks.arguments import count, engine_options, results_folder
 from benchmarks.catalogue import with_present_names
 from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
-from benchmarks.suites import SUITES, half_of, suite_runs
+from benchmarks.suites import PRINTED, SUITES, half_of, suite_runs
 from mgf_engine import __version__
 from mgf_engine.config import named_values
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
@@ -66,6 +67,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--photos", type=int, help="fewer photos per scene")
     parser.add_argument("--width", type=int, help="width of the rendered photos in pixels")
     parser.add_argument("--seeds", type=count, default=1, help="runs per variant")
+    parser.add_argument(
+        "--paper-iterations", type=count, default=PRINTED, metavar="N",
+        help=f"training of the paper's setting and of its peers, instead of {PRINTED:,} iterations",
+    )  # fmt: skip
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="option given to every run")
     parser.add_argument("--only", nargs="+", default=[], help="only variants with one of these words in their name")
     parser.add_argument("--masks", choices=("prompts", "true"), default="prompts", help="from clicks, or the true ones")
@@ -90,7 +95,9 @@ def _run_suite(args: argparse.Namespace) -> int:
     from benchmarks.tables import write_table
 
     options, tools = engine_options(args.set), named_values("--external", args.external)
-    runs = suite_runs(args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only)
+    runs = suite_runs(
+        args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only, args.paper_iterations
+    )
     if args.half:
         runs = half_of(runs, args.half == "held-out")
     before = None if args.before is None else _read_table(args.before)
@@ -120,9 +127,20 @@ def _run_suite(args: argparse.Namespace) -> int:
     write_json(args.out / f"{args.suite}.json", rows)
     page = write_page(args.suite, rows, args.out, before)
     if args.write:
-        write_table(args.write, args.suite, SUITES[args.suite], rows)
+        write_table(args.write, args.suite, SUITES[args.suite], rows, _further(args, tools))
     print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
     return EXIT_FAULT if failed else EXIT_DONE
+
+
+def _further(args: argparse.Namespace, tools: dict[str, str]) -> list[str]:
+    """The words of the command that the rows of a table do not tell; of a tool's path its name alone."""
+    words = [] if args.paper_iterations == PRINTED else [f"--paper-iterations {args.paper_iterations}"]
+    words += [f"--{name} {value}" for name in ("photos", "width") if (value := getattr(args, name))]
+    words += ["--only " + " ".join(shlex.quote(word) for word in args.only)] if args.only else []
+    for name, command in tools.items():
+        program, _, rest = command.partition(" ")
+        words.append("--external " + shlex.quote(f"{name}={Path(program).name} {rest}".strip()))
+    return words
 
 
 def _read_table(path: Path) -> list[dict[str, Any]]:

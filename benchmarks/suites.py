@@ -68,8 +68,8 @@ MASK_PARTS: dict[str, Options] = {
     "no votes on faces": {"face_votes": False},
     "no second level": {"second_level": "off", **_NO_LOSSES},
 }
-#: Settings that the ablation starts from; ours has the paper's losses on, so that (c) can take them away.
-BASES: dict[str, Options] = {"paper": {"preset": "paper"}, "ours": {"preset": "standard", **_LOSSES}}
+#: Ours as the ablation starts from it, with the paper's losses on, so that (c) can take them away.
+OURS: Options = {"preset": "standard", **_LOSSES}
 _STEPS_OFF: Options = {"match_photos": False, "refine_rounds": 0}
 #: What eq. 25 costs or gains by itself: either surface at the level that sparse points calibrate.
 EQUAL_TERMS: dict[str, Options] = {
@@ -105,14 +105,8 @@ LIKE: dict[str, Options] = {
     "2DGS-like": {**_UNMASKED, "geometry_from": 0.23, "distortion_lambda": 1000.0, "surface": "fused"},
     "3DGS-like": {**_UNMASKED, "distortion_lambda": 0.0, "normal_lambda": 0.0},
 }
-PEERS: dict[str, Options] = {
-    "ours, paper": {"preset": "paper"},
-    "ours, standard": {"preset": "standard"},
-    **{f"{name}, {n} iterations": {**options, "iterations": n}
-       for n in (7000, 30_000) for name, options in LIKE.items()},
-    **{f"{name}, 7000 iterations, dense start": {**options, "iterations": 7000, "start": "dense"}
-       for name, options in LIKE.items()},
-}  # fmt: skip
+#: Training iterations of the paper's method and of the longer runs that it compares with.
+PRINTED, LONGER = 7000, 30_000
 NAMED = ("steel_frame_hall", "brick_ensemble")
 SUITES: dict[str, str] = {
     "smoke": "one short run on a tiny scene, for continuous integration",
@@ -130,6 +124,7 @@ SUITES: dict[str, str] = {
 def suite_runs(
     suite: str, scenes: Sequence[str] = (), seeds: int = 1, base: Options | None = None, masks: str = "prompts",
     poses: str = "sfm", commands: dict[str, str] | None = None, only: Sequence[str] = (),
+    paper_iterations: int = PRINTED,
 ) -> list[Run]:  # fmt: skip
     """The runs of a suite.
 
@@ -139,6 +134,7 @@ def suite_runs(
         base: options given to every run; a variant's own win.
         commands: external tools, name -> command (suites ``peers`` and ``surfaces``).
         only: keep the variants whose name contains one of these.
+        paper_iterations: of the paper's setting and of what is set up like its peers; their longer runs keep the ratio.
 
     Raises:
         BadInput: the suite does not exist, or nothing is left of it.
@@ -150,7 +146,10 @@ def suite_runs(
         small = {"preset": "draft", "iterations": 200, "max_gaussians": 8000}
         variants = [Run("smoke", "", {**small, **base})]
     else:
-        variants = [replace(run, options={**base, **run.options}) for run in _variants(suite, base, commands or {})]
+        variants = [
+            replace(run, options={**base, **run.options})
+            for run in _variants(suite, base, commands or {}, paper_iterations)
+        ]
     chosen = [run for run in variants if not only or any(word in run.variant for word in only)]
     if not chosen:
         raise BadInput(f"No variant of suite '{suite}' has one of these names: {', '.join(only)}.")
@@ -161,6 +160,25 @@ def suite_runs(
         for run in chosen
         for seed in range(seeds)
     ]
+
+
+def paper_setting(count: int = PRINTED) -> Options:
+    """The paper's setting, trained for so many iterations."""
+    return {"preset": "paper"} if count == PRINTED else {"preset": "paper", "iterations": count}
+
+
+def peers(count: int = PRINTED) -> dict[str, Options]:
+    """The paper's setting, ours, and ours set up like the methods the paper compares with; with sparse and dense start.
+
+    Args:
+        count: iterations of the shorter runs; the longer ones keep the paper's ratio.
+    """
+    settings: dict[str, Options] = {"ours, paper": paper_setting(count), "ours, standard": {"preset": "standard"}}
+    for length in (count, round(count * LONGER / PRINTED)):
+        settings |= {f"{name}, {length} iterations": {**like, "iterations": length} for name, like in LIKE.items()}
+    for name, like in LIKE.items():
+        settings[f"{name}, {count} iterations, dense start"] = {**like, "iterations": count, "start": "dense"}
+    return settings
 
 
 def half_of(runs: list[Run], held_out: bool) -> list[Run]:
@@ -175,10 +193,12 @@ def half_of(runs: list[Run], held_out: bool) -> list[Run]:
     return mine
 
 
-def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
+def _variants(suite: str, base: Options, commands: dict[str, str], count: int) -> list[Run]:
+    paper = paper_setting(count)
     tools = [Run(name, "", command=command, group=name) for name, command in commands.items()]
     if suite == "ablation":
-        return [run for name, start in BASES.items() for run in _ablation(name, {**start, **base})]
+        bases = {"paper": paper, "ours": OURS}
+        return [run for name, start in bases.items() for run in _ablation(name, {**start, **base})]
     if suite == "switches":
         return [Run(name, "", options, group="switches") for name, options in {"standard": {}, **SWITCHES}.items()]
     if suite == "equal-terms":
@@ -186,27 +206,28 @@ def _variants(suite: str, base: Options, commands: dict[str, str]) -> list[Run]:
     if suite == "training":
         return [_trained(count, steps) for count in TRAINED for steps in ("off", "on")]
     if suite == "resolution":
-        presets = {"paper": "paper's setting", "standard": "standard"}
-        return [Run(f"{name}, {n} px", "", {"preset": preset, "resolution": n}, group=name)
-                for preset, name in presets.items() for n in (375, 750, 1500)]  # fmt: skip
+        settings = {"paper's setting": paper, "standard": {"preset": "standard"}}
+        return [Run(f"{name}, {n} px", "", {**setting, "resolution": n}, group=name)
+                for name, setting in settings.items() for n in (375, 750, 1500)]  # fmt: skip
     if suite == "peers":
-        return [*(Run(name, "", options, group=name) for name, options in PEERS.items()), *tools]
-    runs = [Run(f"preset {name}", "", {"preset": name}, group="presets") for name in PRESETS]
+        return [*(Run(name, "", options, group=name) for name, options in peers(count).items()), *tools]
+    presets: dict[str, Options] = {**{name: {"preset": name} for name in PRESETS}, "paper": paper}
+    runs = [Run(f"preset {name}", "", options, group="presets") for name, options in presets.items()]
     if suite == "surfaces":
         return runs + tools
-    for count in (500, 1000, 2000, 3000, 7000):
-        runs.append(Run(f"{count} iterations", "", {"iterations": count}, group="iterations"))
+    for length in (500, 1000, 2000, 3000, 7000):
+        runs.append(Run(f"{length} iterations", "", {"iterations": length}, group="iterations"))
     for budget in (10_000, 20_000, 40_000, 80_000, 160_000):
         runs.append(Run(f"{budget // 1000}k Gaussians", "", {"max_gaussians": budget}, group="Gaussians"))
-    runs += [Run(name, "", {"preset": "paper", **options}, group="ablation of the paper's setting")
+    runs += [Run(name, "", {**paper, **options}, group="ablation of the paper's setting")
              for name, options in ABLATION.items() if options]  # fmt: skip
-    return [*runs, Run("GOF-like", "", {**LIKE["GOF-like"], "iterations": 7000}, group="GOF-like"), *tools]
+    return [*runs, Run("GOF-like", "", {**LIKE["GOF-like"], "iterations": count}, group="GOF-like"), *tools]
 
 
 def _ablation(name: str, start: Options) -> list[Run]:
     """Tables 5 and 6 from one setting."""
-    count = int(start.get("iterations", 7000 if name == "paper" else Config().run_length(RUN_LENGTH["most"])))
-    longer: Options = {"iterations": round(count * 30 / 7)}
+    count = int(start.get("iterations", PRINTED if name == "paper" else Config().run_length(RUN_LENGTH["most"])))
+    longer: Options = {"iterations": round(count * LONGER / PRINTED)}
     table = {**ABLATION, "(f) 30/7 of the iterations": longer, **MASK_PARTS}
     if name == "paper":  # which has no such votes
         del table["no votes during training"], table["no votes on faces"]

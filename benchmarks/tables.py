@@ -23,12 +23,13 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def write_table(document: Path, suite: str, title: str, rows: Sequence[Row]) -> None:
+def write_table(document: Path, suite: str, title: str, rows: Sequence[Row], further: Sequence[str] = ()) -> None:
     """Put the suite's tables, one per scene, into the document.
 
     Args:
         title: what the suite measures.
         rows: as :func:`benchmarks.measure.measure` makes them; those without scores are named as failed.
+        further: words of the command that the rows do not tell.
 
     Raises:
         BadInput: the document cannot be read or written, or there is nothing to put into it.
@@ -37,7 +38,7 @@ def write_table(document: Path, suite: str, title: str, rows: Sequence[Row]) -> 
     if not done:
         raise BadInput(f"No run of suite '{suite}' has a result yet, so '{document}' was left as it is.")
     begin, end = f"<!-- mgf bench {suite}: begin -->", f"<!-- mgf bench {suite}: end -->"
-    block = "\n".join([begin, *_lines(suite, title, rows, done), end])
+    block = "\n".join([begin, *_lines(suite, title, rows, done, further), end])
     try:
         text = document.read_text(encoding="utf-8")
         found = re.search(re.escape(begin) + r".*?" + re.escape(end), text, re.DOTALL)
@@ -51,7 +52,7 @@ def write_table(document: Path, suite: str, title: str, rows: Sequence[Row]) -> 
         raise BadInput(f"Cannot write the table into '{document}' ({error}); name a Markdown file.") from error
 
 
-def _lines(suite: str, title: str, rows: Sequence[Row], done: list[Row]) -> list[str]:
+def _lines(suite: str, title: str, rows: Sequence[Row], done: list[Row], further: Sequence[str]) -> list[str]:
     lines = [f"## {title[:1].upper()}{title[1:]}", ""]
     for scene in dict.fromkeys(row["scene"] for row in done):
         mine = [row for row in done if row["scene"] == scene]
@@ -61,10 +62,10 @@ def _lines(suite: str, title: str, rows: Sequence[Row], done: list[Row]) -> list
         lines.append("")
     failed = dict.fromkeys(f"{r['variant']} on `{Path(r['scene']).name}`: {r['failed']}" for r in rows if "failed" in r)
     lines += [f"Failed: {text}" for text in failed]
-    return [*lines, f"{_origin(suite, done)}"]
+    return [*lines, _origin(suite, done, further)]
 
 
-def _origin(suite: str, done: list[Row]) -> str:
+def _origin(suite: str, done: list[Row], further: Sequence[str]) -> str:
     """Which command, commit and machine the figures are of."""
     places = dict.fromkeys((r["commit"], r["date"], r["machine"]) for r in done if "commit" in r)
     measured = "; ".join(f"commit {commit}, {date}, {machine}" for commit, date, machine in places)
@@ -75,7 +76,7 @@ def _origin(suite: str, done: list[Row]) -> str:
     seeds = len({row["seed"] for row in done})
     repeated = f"--seeds {seeds}" if seeds > 1 else ""
     sampled = " ".join(f"--samples {n}" for n in sorted({row.get("samples", SAMPLES) for row in done} - {SAMPLES}))
-    command = " ".join(f"mgf bench {suite} --scenes {scenes} {repeated} {given} {sampled}".split())
+    command = " ".join(f"mgf bench {suite} --scenes {scenes} {repeated} {' '.join(further)} {given} {sampled}".split())
     return f"`{command} --write docs/results.md`: {measured}. Means over the seeds, ± half their spread."
 
 

@@ -20,7 +20,7 @@ from benchmarks.job_scores import held_out_scores, mean_mask_iou
 from benchmarks.measure import _source, prepare_scene
 from benchmarks.run import bench_main
 from benchmarks.shapes import true_mesh
-from benchmarks.suites import ABLATION, BASES, PEERS, SUITES, SWITCHES, suite_runs
+from benchmarks.suites import ABLATION, OURS, SUITES, SWITCHES, paper_setting, peers, suite_runs
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.colmap import find_model
@@ -58,14 +58,27 @@ def test_every_option_of_every_suite_exists() -> None:
     for suite in SUITES:
         for run in suite_runs(suite):
             make_config(run.options)
-    for name, start in BASES.items():
+    for name, start in {"paper": paper_setting(), "ours": OURS}.items():
         changed = {run.variant.partition(": ")[2]: run for run in suite_runs("ablation") if run.group == name}
         assert set(ABLATION) <= set(changed)
         for what, options in ABLATION.items():  # one thing at a time, from the setting's own values
             full, one = (as_dict(make_config(o)) for o in (start, changed[what].options))
             assert {k for k in full if full[k] != one[k]} == set(options)
     assert set(SWITCHES) <= {run.variant for run in suite_runs("switches")}
-    assert set(PEERS) == {run.variant for run in suite_runs("peers")}
+    assert set(peers()) == {run.variant for run in suite_runs("peers")}
+
+
+def test_shorter_runs_of_the_paper_keep_its_ratio_and_leave_ours_alone() -> None:
+    by_name = {run.variant: run.options for run in suite_runs("ablation", ["a"], paper_iterations=1400)}
+    lengths = {name: make_config(options).iterations for name, options in by_name.items()}
+    assert lengths["paper: (e) full"] == 1400 and lengths["paper: (f) 30/7 of the iterations"] == 6000
+    assert lengths["ours: (e) full"] == make_config().iterations
+    names = {run.variant for run in suite_runs("peers", ["a"], paper_iterations=1400)}
+    assert {"GOF-like, 1400 iterations", "GOF-like, 6000 iterations", "ours, paper"} <= names
+    same = [suite_runs("ablation", ["a"], paper_iterations=n)[0].key() for n in (7000, 1400)]
+    assert same[0] == suite_runs("ablation", ["a"])[0].key() != same[1]
+    shared = [run.key() for run in suite_runs("pareto", ["a"], paper_iterations=1400) if "(a)" in run.variant]
+    assert shared == [run.key() for run in suite_runs("ablation", ["a"], paper_iterations=1400, only=["paper: (a)"])]
 
 
 def test_runs_are_scenes_times_variants_times_seeds_with_distinct_keys() -> None:
