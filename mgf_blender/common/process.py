@@ -48,11 +48,12 @@ class Process:
 
     def __init__(self, command: Sequence[str], cwd: Path | None = None) -> None:
         self.command = list(command)
-        self._outputs = {name: _Output() for name in ("out", "err")}
+        self._outputs: dict[str, _Output] = {}
         options: dict[str, object] = {"start_new_session": True}
         if sys.platform == "win32":
             options = {"creationflags": subprocess.CREATE_NO_WINDOW | subprocess.CREATE_NEW_PROCESS_GROUP}
         try:
+            self._outputs.update((name, _Output()) for name in ("out", "err"))
             self._popen = subprocess.Popen(
                 self.command, cwd=cwd, env=clean_environment(), stdin=subprocess.PIPE,
                 stdout=self._outputs["out"].end, stderr=self._outputs["err"].end, **options,  # type: ignore[call-overload]

@@ -62,12 +62,21 @@ def recover(target: Path) -> None:
 
 
 def discard(*folders: Path) -> None:
-    """Remove environments by a process of its own, see :func:`discarding`: their thousands of files take seconds."""
+    """Remove environments by a process of its own, see :func:`discarding`: their thousands of files take seconds.
+
+    Where none can start, for lack of memory say, Blender waits for those seconds: nothing is left behind, and an
+    installation that went well does not fail for it.
+    """
     global _removal
     wait()
-    found = [str(folder) for folder in folders if folder.exists()]
-    if found:
-        _removal = Process([sys.executable, "-c", _REMOVE, *found])
+    found = [folder for folder in folders if folder.exists()]
+    if not found:
+        return
+    try:
+        _removal = Process([sys.executable, "-c", _REMOVE, *map(str, found)])
+    except UserError:
+        for folder in found:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def discarding() -> bool:

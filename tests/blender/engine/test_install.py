@@ -6,6 +6,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections import namedtuple
 from pathlib import Path
 
@@ -229,6 +230,26 @@ def test_an_engine_in_use_is_kept(tmp_path, monkeypatch):
     with pytest.raises(UserError, match="close other Blender windows"):
         swap.remove(tmp_path / "environment")
     assert folders(tmp_path) == ["environment"] and prefix_of(tmp_path)
+
+
+def test_an_old_engine_is_removed_where_no_process_can_start(tmp_path, monkeypatch):
+    """A machine without memory for one more process, or without room for its output."""
+    target = tmp_path / "environment"
+
+    def refuse(*_: object, **__: object) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    for broken in (subprocess, "Popen"), (tempfile, "mkstemp"):
+        assert shortened(tmp_path, "0").run() == DONE
+        task = shortened(tmp_path, "0")
+        while task.title != "Checking the engine":
+            assert task.drain()
+        with monkeypatch.context() as context:
+            context.setattr(*broken, refuse)
+            assert task.run() == DONE
+            assert folders(tmp_path) == ["environment"]
+            swap.remove(target)
+            assert folders(tmp_path) == []
 
 
 def test_the_engine_is_not_replaced_under_a_running_job(addon, tmp_path, monkeypatch):
