@@ -39,20 +39,26 @@ class Cancelled(Exception):
     """The user asked the job to stop; what was done so far stays resumable."""
 
 
-def explain(error: BaseException, resumable: bool = True) -> tuple[int, str]:
+def is_full_disk(error: BaseException) -> bool:
+    """Whether something could not be written because the disk is full."""
+    return isinstance(error, OSError) and error.errno in _FULL_DISK
+
+
+def explain(error: BaseException, resumable: bool = True, again: str = "") -> tuple[int, str]:
     """Exit code and sentence of an error.
 
     Args:
         resumable: it ended a job, which goes on from where it was.
+        again: how to go on, where that is not ``--resume``.
     """
-    again = "run again with --resume" if resumable else "run again"
+    again = again or ("run again with --resume" if resumable else "run again")
     if isinstance(error, BadInput):
         return EXIT_BAD_INPUT, str(error)
     if isinstance(error, Cancelled | KeyboardInterrupt):
         return EXIT_CANCELLED, str(error) or f"Cancelled; {again} to continue."
     if isinstance(error, BrokenPipeError):
         return EXIT_CANCELLED, f"The reader of the progress messages has closed; {again} to continue."
-    if isinstance(error, OSError) and error.errno in _FULL_DISK:
+    if is_full_disk(error):
         return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:
         return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its permissions or give another folder."

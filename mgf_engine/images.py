@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, is_full_disk
 from mgf_engine.system import atomic_path, put_in_place
 
 _ORIENTATION_TAG = 274
@@ -178,4 +178,6 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
         with atomic_path(path) as temporary:
             temporary.write_bytes(data.tobytes())
     except (OSError, cv2.error) as error:
+        if is_full_disk(error):
+            raise
         raise BadInput(refusal) from error

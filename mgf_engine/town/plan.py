@@ -42,6 +42,8 @@ from mgf_engine.town.view_selection import FEWEST, HullBuffers, ViewSelection, c
 Array = NDArray[np.float64]
 BUILDINGS, SCENE, FILE, ONE = "buildings", "scene", "buildings.json", "building.json"
 CLICKS = "prompts.json"
+#: Digests of automatic clicks of a building: those that are there, and those that were about to take their place.
+AUTOMATIC = "automatic.json"
 FORMAT = 1
 #: Photos of a building at most. More tell hardly more of it: the preset ``quick`` takes 60 of a whole scene.
 MOST_PHOTOS = 40
@@ -209,7 +211,7 @@ def write_plan(plan: Plan, job: Job, out: Path, given: dict[str, Any], footprint
                 folder / SCENE,
             )  # fmt: skip
             if building.clicks:
-                write_if_changed(folder / CLICKS, json_text(building.clicks, indent=1))
+                _write_clicks(building, folder, earlier)
         row = _row(building, plan, given, polygons)
         if building.runs:
             needed = {key: row[key] for key in ("id", "photos", "options")}  # no estimate, which learns from each job
@@ -237,6 +239,25 @@ def _model_of(job: Job) -> SparseModel:
     return adjust_if_inconsistent(read_model(folder), job.config.resolution, Reporter(), options)  # as its scene stage
 
 
+def _write_clicks(building: Building, folder: Path, earlier: dict[str, str]) -> None:
+    """Write the clicks; automatic ones are known as such even where the plan ends in the middle."""
+    if not building.by_hand:
+        known, new = _automatic(folder, earlier), _digest(building.clicks)
+        there = _digest(_read_clicks(folder / CLICKS)) if (folder / CLICKS).is_file() else ""
+        if new not in known:
+            write_if_changed(folder / AUTOMATIC, json_text(sorted({there} & known | {new})))
+    write_if_changed(folder / CLICKS, json_text(building.clicks, indent=1))
+
+
+def _automatic(folder: Path, earlier: dict[str, str]) -> set[str]:
+    """Digests of the automatic clicks that were written for a building, or were about to be."""
+    try:
+        marked = {str(digest) for digest in json.loads((folder / AUTOMATIC).read_text(encoding="utf-8"))}
+    except (OSError, ValueError, TypeError):
+        marked = set()
+    return marked | {earlier.get(folder.name, "")}
+
+
 def _earlier(out: Path) -> dict[str, str]:
     """Digest of the automatic clicks of each building as they were written before."""
     try:
@@ -261,7 +282,7 @@ def _with_hand(
         clicks = _read_clicks(given)
     elif own.is_file():
         found = _read_clicks(own)
-        clicks = found if _digest(found) != earlier.get(building.hull.id, "") else None
+        clicks = found if _digest(found) not in _automatic(own.parent, earlier) else None
     if not clicks:
         return building
     strange = sorted(set(clicks) - names)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import warnings
 from dataclasses import replace
@@ -151,13 +152,15 @@ def write_table(path: Path, town: Path, rows: list[dict[str, Any]], georeference
     }  # fmt: skip
     texts = ("id", "state", "job", "note")
     data = [np.array(values, object if name in texts else float) for name, values in columns.items()]
-    with atomic_path(path) as temporary, warnings.catch_warnings():
+    made = io.BytesIO()  # in memory first: SQLite's words about a full disk are no sentence
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # coordinates of a scene have no CRS
-        temporary.unlink()
         pyogrio.raw.write(
-            temporary, shapely.to_wkb(shapes), data, list(columns), layer="buildings", driver="GPKG",
+            made, shapely.to_wkb(shapes), data, list(columns), layer="buildings", driver="GPKG",
             crs=georeference.crs, geometry_type="Unknown",
         )  # fmt: skip
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(made.getvalue())
 
 
 def write_town(

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.model import Georeference
+from mgf_engine.images import write_picture
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.reported import add_reporting_arguments, run_reported
 from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.crop import parse_crop_box
-from mgf_engine.system import atomic_path, json_text
+from mgf_engine.system import json_text
 from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.find import find_outlines
 from mgf_engine.town.hulls import READY, make_hulls
@@ -168,5 +169,4 @@ def draw_clicks(scene: Scene, clicks: Clicks, path: Path) -> None:
     tiles = [cv2.copyMakeBorder(t, 0, height - len(t), 0, 0, cv2.BORDER_CONSTANT, value=(255,) * 3) for t in tiles]
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % columns)
     rows = [np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)]
-    with atomic_path(path) as temporary:
-        cv2.imwrite(str(temporary), np.vstack(rows))
+    write_picture(path, np.vstack(rows)[..., ::-1])

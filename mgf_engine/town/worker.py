@@ -23,7 +23,7 @@ from typing import Any
 from mgf_engine.config import make_config
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Message, Reporter
-from mgf_engine.system import write_json
+from mgf_engine.system import json_text, write_json
 
 STATUS, DONE, PICTURE, JOB = "status.json", "done.json", "picture.jpg", "job"
 #: What a second attempt makes smaller: about half of the memory.
@@ -60,6 +60,15 @@ class Status:
         self.values.update(changes, seconds=round(time.time() - self.values["started"], 1))
         write_json(self.path, self.values)
 
+    def write_last(self, **changes: Any) -> None:
+        """Write how the job ended, on a full disk into the room that the file has already."""
+        try:
+            self.write(**changes)
+        except OSError:
+            with contextlib.suppress(OSError), self.path.open("r+b") as file:
+                file.write(json_text(self.values).encode("utf-8"))
+                file.truncate()
+
 
 def options_of(row: dict[str, Any], attempt: int, threads: int) -> dict[str, Any]:
     """The options of a building's job; a second attempt works on smaller photos and takes a smaller texture."""
@@ -80,21 +89,22 @@ def run_building(folder: Path, attempt: int, threads: int) -> int:
         print(earlier["text"], file=sys.stderr)
         return int(earlier["code"])
     status = Status(folder / STATUS, attempt)
-    status.write()
     reporter = Reporter(status)
     _watch(reporter)
     try:
+        status.write()
         row = _read(folder / "building.json")
         figures = _run(folder, options_of(row, attempt, threads), reporter)
         status.write(state=FINISHED, overall=1.0, code=EXIT_DONE)
         write_json(folder / DONE, {**figures, "seconds": status.values["seconds"], "attempt": attempt})
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
-        code, text = explain(error)
+        code, text = explain(error, again="run again")
         if code == EXIT_FAULT:
             traceback.print_exception(error)
-        print(text, file=sys.stderr)
-        status.write(state=STOPPED if code == EXIT_CANCELLED else FAILED, text=text, code=code)
+        status.write_last(state=STOPPED if code == EXIT_CANCELLED else FAILED, text=text, code=code)
+        with contextlib.suppress(OSError):  # the log may be on the full disk
+            print(text, file=sys.stderr, flush=True)
         return code
 
 
@@ -145,9 +155,9 @@ def draw(job: Any, path: Path) -> None:
     import numpy as np
 
     from mgf_engine.geometry.rasterize import render_mesh, shaded
+    from mgf_engine.images import write_picture
     from mgf_engine.model.mesh import Mesh
     from mgf_engine.results import load_mesh, load_scene_of
-    from mgf_engine.system import atomic_path
 
     scene, mesh = load_scene_of(job), load_mesh(job)
     mesh = Mesh(scene.to_normalised.apply(mesh.vertices), mesh.faces, mesh.colors)
@@ -164,8 +174,7 @@ def draw(job: Any, path: Path) -> None:
     both = np.hstack([pair[top:bottom, left:right], pair[top:bottom, view.width + left : view.width + right]])
     size = 480 / both.shape[1]
     small = cv2.resize(both, None, fx=size, fy=size, interpolation=cv2.INTER_AREA if size < 1 else cv2.INTER_CUBIC)
-    with atomic_path(path) as temporary:
-        cv2.imwrite(str(temporary), small[..., ::-1])
+    write_picture(path, small)
 
 
 def _read(path: Path) -> dict[str, Any]:

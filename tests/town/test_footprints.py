@@ -12,9 +12,11 @@ import pytest
 import shapely
 
 from benchmarks.synthetic.street import write_footprints
+from mgf_engine.cli import main
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.crs import Projection
+from mgf_engine.town import plan
 from mgf_engine.town.footprints import read_footprints
 from mgf_engine.town.place import place_footprints, transformed
 from tests.georef.site import CRS, ORIGIN, Site, make_site, write_gps
@@ -132,3 +134,15 @@ def test_point_pairs_place_footprints_without_gps(site: Site, tmp_path: Path) ->
     pairs.write_text("east,north,height,x,y,z\n" + "\n".join(rows[:2]))
     with pytest.raises(BadInput, match="do not lie on a line"):
         place_footprints(found, site.scene, make_config({"gps": "off"}), pairs=pairs)
+
+
+def test_a_map_in_the_wrong_system_is_refused_before_anything_is_written(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(plan, "shared_scene", lambda *_: (None, site.scene))
+    map_ = write(tmp_path / "map.gpkg", PAIR[:1], ["house"], "EPSG:25833")
+    out = tmp_path / "town"
+    assert main(["buildings", str(site.folder), "--footprints", str(map_), "--out", str(out), "--preset", "quick"]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "None of the 1 footprints lies near the photos" in said and "read as EPSG:25832" in said
+    assert not out.exists()

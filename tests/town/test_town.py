@@ -19,7 +19,7 @@ import pytest
 import trimesh
 from filelock import FileLock
 
-from benchmarks.synthetic.street import PLACES, Street, build_street
+from benchmarks.synthetic.street import PLACES, Street
 from mgf_engine.cli import main
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.georef.model import read_georeference
@@ -40,8 +40,8 @@ OPTIONS = [
 
 
 @pytest.fixture(scope="module")
-def street(tmp_path_factory: pytest.TempPathFactory) -> Street:
-    return build_street(tmp_path_factory.mktemp("street"), 16)
+def street(short_street: Street) -> Street:
+    return short_street
 
 
 def arguments(street: Street, town: Path) -> list[str]:

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``mgf town`` on a full disk, and photos that go away in the middle: one sentence, nothing half written, no retry."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from benchmarks.full_disk import FullDisk
+from benchmarks.synthetic.street import PLACES, Street
+from mgf_engine.cli import main
+from mgf_engine.errors import EXIT_BAD_INPUT, explain
+from mgf_engine.geometry.mesh_files import write_ply
+from mgf_engine.system import write_json
+from mgf_engine.town.result import read_rows
+from mgf_engine.town.run import finish
+from mgf_engine.town.worker import DONE, STATUS, run_building, worth_retrying
+from mgf_engine.town.workflow import Wanted
+
+
+def plan(source: Path, town: Path) -> int:
+    map_ = ["--footprints", str(source / "footprints.geojson"), "--footprints-crs", "scene"]
+    options = ["--preset", "quick", "--resolution", "120", "--photos-per-building", "6"]
+    return main(["town", str(source), "--out", str(town), *map_, *options, "--plan-only"])
+
+
+@pytest.fixture(scope="module")
+def planned(short_street: Street, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Photos that may be deleted, and their town before its jobs."""
+    source, town = (tmp_path_factory.mktemp("faults") / name for name in ("street", "town"))
+    shutil.copytree(short_street.folder, source)
+    assert plan(source, town) == 0
+    return source, town
+
+
+def test_a_disk_full_at_every_file_of_a_plan(
+    planned: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, town = planned[0], tmp_path / "town"
+    shutil.copytree(planned[1] / "scene", town / "scene")
+    disk, before = FullDisk(town), -1
+    while len(disk.failed) > before:
+        before = len(disk.failed)
+        disk.attempt.clear()
+        with disk():
+            code = plan(source, town)
+        said = capsys.readouterr().err
+        assert code == (EXIT_BAD_INPUT if len(disk.failed) > before else 0), said
+        assert code == 0 or ("disk" in said.splitlines()[-1] and "Traceback" not in said), said
+        assert not list(town.rglob(".part-*"))
+    assert before > 12
+    for name in ("buildings.json", "buildings.geojson", "buildings/left/prompts.json", "buildings/left/building.json"):
+        assert json.loads((town / name).read_text()) == json.loads((planned[1] / name).read_text()), name
+
+
+def test_a_job_on_a_full_disk_says_so_and_is_not_tried_smaller(
+    planned: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    town, make = tmp_path / "town", tempfile.mkstemp
+    shutil.copytree(planned[1], town, symlinks=True)
+    folder = town / "buildings" / "left"
+
+    def full(*args: object, **more: object) -> object:
+        if not (folder / STATUS).exists():
+            return make(*args, **more)  # type: ignore[call-overload]
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as context:
+        context.setattr(tempfile, "mkstemp", full)
+        assert run_building(folder, 1, 1) == EXIT_BAD_INPUT
+    status = json.loads((folder / STATUS).read_text())
+    assert status["state"] == "failed" and status["text"] == "The disk is full; free some space and run again."
+    assert not worth_retrying(status) and not (folder / DONE).exists()
+
+
+def test_a_disk_full_at_every_file_that_comes_back(
+    planned: tuple[Path, Path], short_street: Street, tmp_path: Path
+) -> None:
+    town = tmp_path / "town"
+    shutil.copytree(planned[1], town, symlinks=True)
+    for name in PLACES:
+        (town / "buildings" / name / "job").mkdir()
+        write_ply(short_street.meshes[name], town / "buildings" / name / "job" / "mesh.ply")
+        write_json(town / "buildings" / name / DONE, {"seconds": 1.0, "attempt": 1})
+    disk, before = FullDisk(town), -1
+    while len(disk.failed) > before:
+        before = len(disk.failed)
+        disk.attempt.clear()
+        try:
+            with disk():
+                assert finish(town, 0, 1000, True, Wanted(False, False)) == 0
+        except OSError as error:
+            assert explain(error, resumable=False) == (2, "The disk is full; free some space and run again.")
+        assert not list(town.rglob(".part-*"))
+    assert {"town.gpkg", "town.glb", "town.html", "tiles/left_lod0.glb"} <= {
+        path.relative_to(town).as_posix() for path in town.rglob("*") if path.is_file()
+    }
+    assert any(".part.gpkg" in name for name in disk.failed)
+
+
+def test_a_photo_deleted_in_the_middle_is_named(planned: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    source, town = planned
+    photo = next(row for row in read_rows(town, running=False) if row["id"] == "right")["photos"][0]
+    kept = (source / "images" / photo).read_bytes()
+    (source / "images" / photo).unlink()
+    folder = town / "buildings" / "right"
+    assert run_building(folder, 1, 1) == EXIT_BAD_INPUT
+    status = json.loads((folder / STATUS).read_text())
+    assert photo in status["text"] and status["state"] == "failed" and not worth_retrying(status)
+    assert run_building(folder, 2, 1) == EXIT_BAD_INPUT  # Snakemake's second attempt
+    assert json.loads((folder / STATUS).read_text())["attempt"] == 1
+    capsys.readouterr()
+    assert plan(source, town) == EXIT_BAD_INPUT
+    assert photo in capsys.readouterr().err.splitlines()[-1]
+    (source / "images" / photo).write_bytes(kept)
+    assert plan(source, town) == 0
