@@ -169,4 +169,4 @@ def draw_clicks(scene: Scene, clicks: Clicks, path: Path) -> None:
     tiles = [cv2.copyMakeBorder(t, 0, height - len(t), 0, 0, cv2.BORDER_CONSTANT, value=(255,) * 3) for t in tiles]
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % columns)
     rows = [np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)]
-    write_picture(path, np.vstack(rows)[..., ::-1])
+    write_picture(path, np.asarray(np.vstack(rows)[..., ::-1], np.uint8))

@@ -174,7 +174,7 @@ def draw(job: Any, path: Path) -> None:
     both = np.hstack([pair[top:bottom, left:right], pair[top:bottom, view.width + left : view.width + right]])
     size = 480 / both.shape[1]
     small = cv2.resize(both, None, fx=size, fy=size, interpolation=cv2.INTER_AREA if size < 1 else cv2.INTER_CUBIC)
-    write_picture(path, small)
+    write_picture(path, np.asarray(small, np.uint8))
 
 
 def _read(path: Path) -> dict[str, Any]:
