@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.synthetic.house import House, build_house
-from mgf_engine.job import read_job
+from mgf_engine.job_folder import read_job
 
 OPTIONS = ["--iterations", "120", "--max-gaussians", "3000", "--densify-every", "40", "--level-steps", "3",
            "--resolution", "160", "--checkpoint-seconds", "1", "--threads", "2"]  # fmt: skip

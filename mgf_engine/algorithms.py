@@ -2,20 +2,21 @@
 """Options of the algorithms: numbers that the panel does not show and that ``--set section.name=value`` sets.
 
 Each algorithm keeps its numbers in a frozen dataclass in its own module; :func:`parameter` gives each number a sentence
-and a unit. :data:`ALGORITHMS` names the dataclasses, ``docs/algorithms.md`` is written from them, and
-:meth:`mgf_engine.config.Config.algorithm` makes one with the values that the user set. Like :mod:`mgf_engine.stages`,
-this module imports nothing of the algorithms: a dataclass is named as ``module:class`` and imported when it is needed.
+and a unit. :data:`mgf_engine.algorithm_table.ALGORITHMS` names the dataclasses, ``docs/algorithms.md`` is written from
+them, and :meth:`mgf_engine.config.Config.algorithm` makes one with the values that the user set.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import MISSING, Field, dataclass, field, fields
-from importlib import import_module
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import field
+from typing import Any, TypeVar
 
+from mgf_engine.algorithm_table import ALGORITHMS, Algorithm
 from mgf_engine.errors import BadInput
 from mgf_engine.option_values import check_limits, convert
+
+T = TypeVar("T")
 
 
 def parameter(default: Any, help: str, unit: str = "", *, low: float | None = 0, high: float | None = None) -> Any:
@@ -31,184 +32,6 @@ def parameter(default: Any, help: str, unit: str = "", *, low: float | None = 0,
     return field(default=default, metadata={"help": help, "unit": unit, "low": low, "high": high})
 
 
-@dataclass(frozen=True)
-class Algorithm:
-    """An algorithm with options.
-
-    Attributes:
-        section: as ``--set`` names it.
-        stage: the stage whose result its options decide.
-        title: what it does, for the docs.
-        options: its dataclass, as ``module:class``.
-    """
-
-    section: str
-    stage: str
-    title: str
-    options: str
-
-    def load(self) -> type:
-        """Import the dataclass."""
-        module, _, name = self.options.partition(":")
-        found: type = getattr(import_module(module), name)
-        return found
-
-    def parameters(self) -> Iterator[Field[Any]]:
-        """Iterate over the options; a field whose default is another dataclass is a section of its own."""
-        return (f for f in fields(self.load()) if f.default is not MISSING and "help" in f.metadata)
-
-
-ALGORITHMS: tuple[Algorithm, ...] = (
-    Algorithm(
-        "pose_adjustment",
-        "scene",
-        "Adjustment of cameras that disagree with the sparse points",
-        "mgf_engine.scene.adjust:AdjustOptions",
-    ),
-    Algorithm(
-        "random_walker",
-        "masks",
-        "Label propagation from clicks to all photos and points",
-        "mgf_engine.masks.propagation.random_walker:RandomWalkerOptions",
-    ),
-    Algorithm(
-        "start_views",
-        "field",
-        "Photos and masks that the starting surface is made from",
-        "mgf_engine.start.options:ViewOptions",
-    ),
-    Algorithm("start_lines", "field", "Edges in photos and lines in space", "mgf_engine.start.options:SegmentOptions"),
-    Algorithm("start_planes", "field", "Planes through lines", "mgf_engine.start.options:PlaneOptions"),
-    Algorithm("start_stereo", "field", "Points by stereo", "mgf_engine.start.options:DenseOptions"),
-    Algorithm(
-        "start_cut", "field", "Minimum cut that makes the starting surface", "mgf_engine.start.options:CutOptions"
-    ),
-    Algorithm("start_samples", "field", "Samples on the starting surface", "mgf_engine.start.samples:SampleOptions"),
-    Algorithm("start_points", "field", "Points that Gaussians start from", "mgf_engine.field.start:StartPointOptions"),
-    Algorithm(
-        "initialisation",
-        "field",
-        "Shape and opacity of the first Gaussians",
-        "mgf_engine.field.initialise:InitialisationOptions",
-    ),
-    Algorithm(
-        "densification", "field", "Splitting and pruning of Gaussians", "mgf_engine.field.density:DensificationOptions"
-    ),
-    Algorithm("learning_rates", "field", "Step sizes of Adam", "mgf_engine.field.schedule:LearningRates"),
-    Algorithm(
-        "photometric",
-        "mesh",
-        "Refinement of depth maps by matching photos",
-        "mgf_engine.mesh.photometric:MatchOptions",
-    ),
-    Algorithm(
-        "depth_smoothing",
-        "mesh",
-        "Smoothing of matched depth maps",
-        "mgf_engine.mesh.depth_smoothing:SmoothingOptions",
-    ),
-    Algorithm(
-        "prior", "mesh", "Choice between the field and the starting surface", "mgf_engine.mesh.prior:PriorOptions"
-    ),
-    Algorithm("tsdf", "mesh", "Fusion of depth maps into a signed distance", "mgf_engine.mesh.tsdf:TsdfOptions"),
-    Algorithm(
-        "mesh_refinement", "mesh", "Photometric refinement of the mesh", "mgf_engine.mesh.refine:RefinementOptions"
-    ),
-    Algorithm("planar", "mesh", "Projection of planar regions", "mgf_engine.mesh.plane_detection:PlanarOptions"),
-    Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mgf_engine.mesh.colors:ColorOptions"),
-    Algorithm(
-        "texture_visibility", "deliver", "Photos that show a face", "mgf_engine.texture.visibility:VisibilityOptions"
-    ),
-    Algorithm(
-        "texture_views",
-        "deliver",
-        "Choice of the photo that paints a face",
-        "mgf_engine.texture.view_selection:ViewSelectionOptions",
-    ),
-    Algorithm("seams", "deliver", "Levelling of colours at seams", "mgf_engine.texture.seams:SeamOptions"),
-    Algorithm("sky", "masks", "Sky regions and the skyline", "mgf_engine.masks.propagation.sky_regions:SkyOptions"),
-    Algorithm(
-        "sky_holes",
-        "masks",
-        "Sky that shows through the building",
-        "mgf_engine.masks.refinement.sky_holes:SkyHoleOptions",
-    ),
-    Algorithm(
-        "ground_homography",
-        "masks",
-        "Ground that shows through the building",
-        "mgf_engine.masks.refinement.ground_homography:GroundHomographyOptions",
-    ),
-    Algorithm(
-        "far_background",
-        "masks",
-        "Far background behind an open building",
-        "mgf_engine.masks.refinement.far_background:FarBackgroundOptions",
-    ),
-    Algorithm(
-        "building_extent",
-        "masks",
-        "Extent of the building in the photos",
-        "mgf_engine.masks.geometry.building_extent:ExtentOptions",
-    ),
-    Algorithm(
-        "planar_clustering",
-        "mesh",
-        "Merging of vertices in flat areas",
-        "mgf_engine.mesh.planar_clustering:PlanarClusteringOptions",
-    ),
-    Algorithm("mask_votes", "mesh", "Vote of the masks on faces", "mgf_engine.mesh.mask_votes:MaskVoteOptions"),
-    Algorithm(
-        "low_confidence_fill",
-        "mesh",
-        "Membrane over dents that no photo confirms",
-        "mgf_engine.mesh.low_confidence_fill:LowConfidenceFillOptions",
-    ),
-    Algorithm(
-        "unobserved_volumes",
-        "mesh",
-        "Removal of volumes that no photo shows",
-        "mgf_engine.mesh.unobserved_volumes:UnobservedVolumeOptions",
-    ),
-    Algorithm(
-        "superpixels",
-        "masks",
-        "Superpixels of each photo",
-        "mgf_engine.masks.propagation.superpixels:SuperpixelOptions",
-    ),
-    Algorithm(
-        "prompt_outliers",
-        "masks",
-        "Cross-validation of clicks",
-        "mgf_engine.masks.propagation.prompt_outliers:PromptOutlierOptions",
-    ),
-    Algorithm(
-        "prompt_agreement",
-        "masks",
-        "Clicks in several photos that confirm each other",
-        "mgf_engine.masks.propagation.prompt_agreement:PromptAgreementOptions",
-    ),
-    Algorithm(
-        "thin_structures",
-        "masks",
-        "Thin structures against the sky",
-        "mgf_engine.masks.refinement.thin_structures:ThinStructureOptions",
-    ),
-    Algorithm(
-        "propagation",
-        "masks",
-        "Drawing and checking of the masks",
-        "mgf_engine.masks.propagation.propagate:PropagationOptions",
-    ),
-    Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mgf_engine.mesh.extract:ExtractionOptions"),
-    Algorithm(
-        "homogeneous_regions",
-        "masks",
-        "Completion of homogeneous regions",
-        "mgf_engine.masks.refinement.homogeneous_regions:HomogeneousRegionOptions",
-    ),
-    Algorithm("mask_flags", "masks", "Masks that are left out", "mgf_engine.masks.validation.mask_flags:FlagOptions"),
-)
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}
 
@@ -233,7 +56,7 @@ def algorithm_of(kind: type) -> Algorithm:
     Raises:
         KeyError: the dataclass is not in the table.
     """
-    return _BY_CLASS[f"{kind.__module__}:{kind.__qualname__}"]
+    return _BY_CLASS[f"{kind.__module__.removeprefix('mgf_engine.')}:{kind.__qualname__}"]
 
 
 def algorithm_default(name: str) -> Any:
@@ -257,6 +80,27 @@ def algorithms_schema() -> list[dict[str, Any]]:
         for algorithm in ALGORITHMS
         for spec in algorithm.parameters()
     ]  # fmt: skip
+
+
+def make_options(kind: type[T], values: dict[str, Any]) -> T:
+    """Make the options of one algorithm from those of all, ``section.name`` -> value; others keep their defaults."""
+    start = algorithm_of(kind).section + "."
+    return kind(**{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)})
+
+
+def check_used(command: str, names: Iterable[str]) -> None:
+    """Check that a command for finished jobs runs the algorithms whose options it was given.
+
+    Raises:
+        BadInput: it does not run one of them, or there is no such option.
+    """
+    sections = {a.section for a in ALGORITHMS if command == a.stage or command in a.also}
+    for name in names:
+        if name.partition(".")[0] not in sections:
+            raise BadInput(
+                f"'mgf {command}' does not use the option '{name}'; 'mgf options --algorithms' lists the options of "
+                "each stage and command."
+            )
 
 
 def algorithm_values(given: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import argparse
 import time
 
 from mgf_engine.errors import EXIT_DONE, BadInput
-from mgf_engine.job import locked, read_job
+from mgf_engine.job_folder import locked, read_job
 from mgf_engine.runs import Run, list_runs, remove_runs
 
 

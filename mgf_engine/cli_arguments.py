@@ -11,6 +11,7 @@ from typing import Any
 from mgf_engine import __version__
 from mgf_engine.config import option_fields
 from mgf_engine.option_list import default_text
+from mgf_engine.reported import add_algorithm_arguments
 from mgf_engine.stages import SECTIONS, STAGES
 
 
@@ -131,6 +132,7 @@ def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resolution", default=1000, metavar="PX", help="longest side of the mask (default 1000)")
     parser.add_argument("--segmenter", default="auto", help="auto, random_walker or efficientsam (default auto)")
     parser.add_argument("--weights", default="", metavar="FOLDER", help="folder of the EfficientSAM weights")
+    add_algorithm_arguments(parser)
 
 
 def _add_job_command(commands: Any, name: str, help: str) -> None:

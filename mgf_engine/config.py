@@ -16,9 +16,9 @@ from typing import Any, TypeVar
 from mgf_engine.algorithms import (
     algorithm_default,
     algorithm_named,
-    algorithm_of,
     algorithm_values,
     is_algorithm_option,
+    make_options,
 )
 from mgf_engine.costs import COSTS
 from mgf_engine.errors import BadInput
@@ -164,8 +164,7 @@ class Config:
         Args:
             kind: a dataclass of :data:`mgf_engine.algorithms.ALGORITHMS`.
         """
-        start = algorithm_of(kind).section + "."
-        return kind(**{k.removeprefix(start): v for k, v in self.algorithms.items() if k.startswith(start)})
+        return make_options(kind, self.algorithms)
 
     def algorithms_of(self, stage: str) -> dict[str, Any]:
         """The set options of all algorithms of a stage, ``section.name`` -> value."""

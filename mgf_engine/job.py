@@ -12,24 +12,23 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-from filelock import FileLock, Timeout
+from filelock import FileLock
 
 from mgf_engine import __version__
 from mgf_engine.config import as_dict, make_config, option_fields
 from mgf_engine.errors import BadInput
 from mgf_engine.inputs import Inputs, read_inputs
+from mgf_engine.job_folder import FORMAT, acquire, check_folder, check_inputs, check_no_file, make_folder, read_job
 from mgf_engine.masks.prompts import clicked_names
 from mgf_engine.runs import delivered
 from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, Stage, stage_named
 from mgf_engine.system import atomic_path, sweep, write_json
 
-FORMAT = 1
 #: The clicks that the masks in the folder are made from.
 CLICKS = "prompts.json"
 #: Options that name a small file, which counts by its content.
@@ -89,13 +88,13 @@ class Job:
             BadInput: an option or input is wrong, the folder cannot be written, holds something else or another
                 job, or is in use.
         """
-        _check_no_file(folder)
+        check_no_file(folder)
         folder = folder.resolve()  # as the inputs are, so that the job's own files are known among them
         lock = FileLock(str(folder / ".lock"))
         plan = partial(cls._plan, folder, lock, source, prompts, masks, _with_whole_paths(given or {}), resume)
         plan()  # refuses before anything is made
-        _make_folder(folder)
-        _acquire(lock, folder)
+        make_folder(folder)
+        acquire(lock, folder)
         try:
             job = plan()  # anew: what another process finished until it let go of the lock is on record now
             tables = {name: value for name in TABLES if (value := getattr(job.config, name))}
@@ -129,9 +128,9 @@ class Job:
             given = {**earlier["given"], **given}
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
-        _check_inputs(source, prompts, masks, folder / CLICKS)
+        check_inputs(source, prompts, masks, folder / CLICKS)
         job = cls(folder, lock, source.resolve(), _resolved(prompts), _resolved(masks), given)
-        _check_folder(folder, job.source, resume)
+        check_folder(folder, job.source, resume)
         job.stages = stages
         return job
 
@@ -275,120 +274,9 @@ class Job:
         return bool(self.config.control) and self.config.control_adjust
 
 
-def read_job(folder: Path) -> dict[str, Any]:
-    """The contents of a job's ``job.json``.
-
-    Raises:
-        BadInput: there is no job, it cannot be read, or it was written by a newer version.
-    """
-    path = folder / "job.json"
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if not all(isinstance(data[key], dict) for key in ("stages", "given")):
-            raise TypeError("stages or given")
-        inputs = {"source": str, "prompts": str | None, "masks": str | None}
-        if not all(isinstance(data[key], kind) for key, kind in inputs.items()):
-            raise TypeError("source, prompts or masks")
-        data["format"]
-        _check_stages(data["stages"])
-    except FileNotFoundError as error:
-        raise BadInput(f"'{folder}' holds no job; give the scene to start one.") from error
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise BadInput(f"The job file '{path}' cannot be read ({error}); start in a new folder.") from error
-    if data["format"] != FORMAT:
-        raise BadInput(f"The job in '{folder}' was written by another version of MGF; start in a new folder.")
-    return data
-
-
-def _check_stages(stages: dict[str, Any]) -> None:
-    """Every stage's record as :meth:`Job.finish` writes it; TypeError or KeyError where it is not."""
-    for name, entry in stages.items():
-        kinds = {"key": str, "seconds": int | float, "peak_memory": int, "figures": dict, "warnings": list}
-        if name not in STAGE_NAMES or not all(isinstance(entry[key], kind) for key, kind in kinds.items()):
-            raise TypeError(f"stage {name}")
-
-
 def _with_whole_paths(given: dict[str, Any]) -> dict[str, Any]:
     """Options that name files with absolute paths: a job may be taken up from another folder."""
     return {k: str(Path(v).resolve()) if k in TABLES and isinstance(v, str) and v else v for k, v in given.items()}
-
-
-def _check_inputs(source: Path, prompts: Path | None, masks: Path | None, kept: Path) -> None:
-    if prompts is not None and not prompts.exists() and kept.is_file():
-        raise BadInput(
-            f"The prompts file '{prompts}' does not exist; check the path, or give the clicks that the job kept: "
-            f"--prompts '{kept}'."
-        )
-    for path, what in ((source, "scene"), (prompts, "prompts file"), (masks, "mask folder")):
-        if path is not None and not path.exists():
-            raise BadInput(f"The {what} '{path}' does not exist; check the path.")
-    if prompts is not None and prompts.is_dir():
-        raise BadInput(f"The prompts file '{prompts}' is a folder; give a file.")
-    if masks is not None and not masks.is_dir():
-        raise BadInput(f"The mask folder '{masks}' is a file; give a folder with one PNG per photo.")
-
-
-def _check_no_file(folder: Path) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise BadInput(f"The output '{folder}' is a file; give a folder.")
-
-
-def _check_folder(folder: Path, source: Path, resume: bool) -> None:
-    if _same(folder, source):
-        raise BadInput("The output folder is the scene itself; give another folder.")
-    if (folder / "job.json").exists():
-        other = Path(read_job(folder)["source"])
-        if not _same(other, source):
-            raise BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
-        if not resume:
-            raise BadInput(f"'{folder}' already holds a job; add --resume to continue it, or give another folder.")
-    elif folder.exists() and any(p.name != ".lock" for p in folder.iterdir()):
-        raise BadInput(f"The output folder '{folder}' is not empty and holds no job; give an empty or new folder.")
-
-
-def _same(one: Path, other: Path) -> bool:
-    """Whether two paths are one folder, also where the case of letters does not count or a drive has two names."""
-    try:
-        return one == other or os.path.samefile(one, other)
-    except OSError:  # one of them is not there
-        return False
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".lock"
-        if probe.is_symlink():  # would be written through, and the lock itself does not follow links
-            raise BadInput(f"'{probe}' is a symbolic link, where a job's own file has to be; remove it and try again.")
-        with probe.open("ab"):
-            pass
-    except OSError as error:
-        raise BadInput(f"Cannot write to '{folder}' ({error.strerror}); give a folder you may write to.") from error
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Nobody else works in the job folder meanwhile.
-
-    Raises:
-        BadInput: somebody does, or the folder cannot be locked.
-    """
-    lock = FileLock(str(folder.resolve() / ".lock"))
-    _acquire(lock, folder)
-    try:
-        yield
-    finally:
-        lock.release()
-
-
-def _acquire(lock: FileLock, folder: Path) -> None:
-    try:
-        lock.acquire(timeout=0)
-    except Timeout as error:
-        raise BadInput(f"The job folder '{folder}' is in use by another process; wait or stop it.") from error
-    except (OSError, NotImplementedError) as error:
-        why = getattr(error, "strerror", error)
-        raise BadInput(f"Cannot lock '{folder}' ({why}); give a folder on another file system.") from error
 
 
 def _path(text: str | None) -> Path | None:

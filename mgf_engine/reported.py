@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Commands on finished jobs speak as ``mgf reconstruct`` does: progress, cancelling, one sentence at the end."""
+"""Commands on finished jobs work as ``mgf reconstruct``: options, progress, cancelling, one sentence at the end."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
+from mgf_engine.algorithms import algorithm_values, check_used
+from mgf_engine.config import option_pairs, read_config
 from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Reporter
 from mgf_engine.terminal import drop_output, make_sink
@@ -23,6 +27,27 @@ def add_reporting_arguments(parser: argparse.ArgumentParser) -> None:
     """How progress is shown, and how the add-on asks a run to stop."""
     parser.add_argument("--progress", choices=STYLES, default="auto", help="how to show progress")
     parser.add_argument("--cancel-on-eof", action="store_true", default=False, help="stop when standard input closes")
+
+
+def add_algorithm_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the algorithms that the command runs (:mod:`mgf_engine.algorithms`)."""
+    parser.add_argument("--config", type=Path, default=None, metavar="FILE", help="read options from a JSON file")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="SECTION.NAME=VALUE",
+        help="set an option of an algorithm ('mgf options --algorithms' lists them); repeatable",
+    )  # fmt: skip
+
+
+def read_algorithm_options(args: argparse.Namespace, command: str) -> dict[str, Any]:
+    """Options of the algorithms that a command was given, ``section.name`` -> value; ``--set`` wins over the file.
+
+    Raises:
+        BadInput: an option that the command does not use, or a value that the option does not take.
+    """
+    given = {**(read_config(args.config) if args.config else {}), **option_pairs(args.set)}
+    check_used(command, given)
+    algorithm_values(given)  # checks them; one given at its default has to win over the job's
+    return given
 
 
 def read_number(flag: str, text: str | None, what: str) -> float | None:

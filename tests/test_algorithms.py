@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from mgf_engine.algorithms import ALGORITHMS, Algorithm, algorithms_schema, parameter
+from mgf_engine.algorithm_table import ALGORITHMS, COMMANDS, Algorithm
+from mgf_engine.algorithms import algorithms_schema, parameter
 from mgf_engine.cli import main
 from mgf_engine.config import SECTIONS, as_dict, make_config, option_pairs
 from mgf_engine.errors import BadInput
@@ -25,7 +26,7 @@ UNITS = {"", "px", "degrees", "ground px", "ground px²", "px²", "grey levels",
 def test_each_algorithm_has_a_dataclass_with_defaults_and_a_stage(algorithm: Algorithm) -> None:
     kind = algorithm.load()
     assert is_dataclass(kind) and kind.__dataclass_params__.frozen and kind().__class__ is kind
-    assert algorithm.stage in STAGE_NAMES and algorithm.section not in SECTIONS
+    assert algorithm.stage in (*STAGE_NAMES, *COMMANDS) and algorithm.section not in SECTIONS
     assert algorithm.title[0].isupper() and not algorithm.title.endswith(".")
     parameters = list(algorithm.parameters())
     assert parameters, "a section without options"

@@ -17,19 +17,11 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = (
     *("system", "errors", "stages", "subprocesses", "timing", "memory", "morton", "safe_npz", "sampling"),
     *("images", "output_folder"),
-    *(
-        "option_values",
-        "algorithms",
-        "costs",
-        "config",
-        "option_list",
-        "messages",
-        "terminal",
-        "reported",
-    ),  # options and reports
+    *("option_values", "algorithm_table", "algorithms", "costs", "config", "option_list"),  # options
+    *("messages", "terminal", "reported"),  # reports
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
-    *("runs", "inputs", "job", "results", "estimate"),  # the job folder
+    *("runs", "inputs", "job_folder", "job", "results", "estimate"),  # the job folder
     *("georef", "export", "drawings", "models", "runners", "pipeline", "town", "api"),  # whole jobs
     *("clean", "doctor", "cli_arguments", "cli", "__main__"),
 )

@@ -12,7 +12,8 @@ import pytest
 from filelock import FileLock
 
 from mgf_engine.errors import BadInput
-from mgf_engine.job import Job, read_job
+from mgf_engine.job import Job
+from mgf_engine.job_folder import read_job
 from mgf_engine.results import load_field, load_mesh, load_scene_of
 from mgf_engine.runs import keep_run
 from mgf_engine.scene.colmap import PHOTO_KINDS

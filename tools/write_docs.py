@@ -16,11 +16,11 @@ from typing import Any
 REPO = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPO))
 
-from mgf_engine import algorithms as algorithm_table  # noqa: E402
+from mgf_engine import algorithm_table  # noqa: E402
 from mgf_engine.cli_arguments import make_parser  # noqa: E402
 from mgf_engine.config import PRESETS, option_fields, options_schema  # noqa: E402
 from mgf_engine.option_list import default_text  # noqa: E402
-from mgf_engine.stages import STAGES  # noqa: E402
+from mgf_engine.stages import STAGE_NAMES, STAGES  # noqa: E402
 
 CLI, ARCHITECTURE = REPO / "docs" / "cli.md", REPO / "docs" / "architecture.md"
 ALGORITHMS = REPO / "docs" / "algorithms.md"
@@ -54,8 +54,9 @@ The numbers of the algorithms, for experiments and ablations. They are in no pan
 [results](results.md) were made with. Set them by name: `mgf reconstruct … --set random_walker.rounds=6`, in a JSON
 file after `--config` (`{"random_walker.rounds": 6}`), or from Python
 (`mgf.reconstruct(…, **{"random_walker.rounds": 6})`). A number with several parts is given with commas (`5,14`). A
-changed option redoes its stage and the later ones, like any other. `mgf options --algorithms` prints this list,
-with `--json` as data that has the limits, too.
+changed option redoes its stage and the later ones, like any other. `mgf drawings`, `mgf models` and `mgf preview` take
+`--set` and `--config` for the algorithms that they run, and otherwise what the job was made with. `mgf options
+--algorithms` prints this list, with `--json` as data that has the limits, too.
 
 px is a pixel of a working photo; a ground pixel is its size on the surface in the nearest photo.
 """
@@ -90,13 +91,14 @@ def cli_page() -> str:
 def algorithms_page() -> str:
     """Compose the page of the algorithms' options: a table for each algorithm, in the order of the stages."""
     parts = [_ALGORITHMS_HEAD.rstrip("\n")]
-    for stage in STAGES:
-        algorithms = [a for a in algorithm_table.ALGORITHMS if a.stage == stage.name]
+    for stage in (*STAGE_NAMES, *algorithm_table.COMMANDS):
+        algorithms = [a for a in algorithm_table.ALGORITHMS if a.stage == stage]
         if algorithms:
-            parts += ["", f"## Stage {stage.name}"]
+            parts += ["", f"## Stage {stage}" if stage in STAGE_NAMES else f"## mgf {stage}"]
         for algorithm in algorithms:
-            source = algorithm.options.partition(":")[0].replace(".", "/") + ".py"
-            parts += ["", f"### {algorithm.section}", "", f"{algorithm.title} (`{source}`).", ""]
+            source = "mgf_engine/" + algorithm.options.partition(":")[0].replace(".", "/") + ".py"
+            also = "".join(f"; also in `mgf {command}`" for command in algorithm.also)
+            parts += ["", f"### {algorithm.section}", "", f"{algorithm.title} (`{source}`){also}.", ""]
             parts += ["| option | default | meaning |", "|---|---|---|"]
             for spec in algorithm.parameters():
                 default = default_text(spec.default, spec.metadata["unit"])

@@ -13,7 +13,13 @@ from pathlib import Path
 from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import add_reporting_arguments, read_number, run_reported
+from mgf_engine.reported import (
+    add_algorithm_arguments,
+    add_reporting_arguments,
+    read_algorithm_options,
+    read_number,
+    run_reported,
+)
 
 NEEDED = {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely"}
 
@@ -42,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scale", default=None, metavar="N", help="of the sheets, 1:N (default: the largest round one that fits)"
     )
+    add_algorithm_arguments(parser)
     add_reporting_arguments(parser)
 
 
@@ -60,12 +67,13 @@ def _draw(args: argparse.Namespace, reporter: Reporter) -> None:
     points = [read_points(text) for text in args.facade]
     millimetres = read_number("--resolution", args.resolution, "a length in MM")
     scale = read_number("--scale", args.scale and args.scale.removeprefix("1:"), "the N of 1:N, a number")
+    algorithms = read_algorithm_options(args, "drawings")
     from mgf_engine.drawings.make import DrawingOptions, make_drawings
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
     kinds = frozenset(args.draw or KINDS)
     resolution = None if millimetres is None else millimetres / 1000
-    options = DrawingOptions(points, resolution, args.section, args.paper, scale, kinds)
+    options = DrawingOptions(points, resolution, args.section, args.paper, scale, kinds, algorithms)
     make_drawings(args.job, args.out, options, reporter)
 
 

@@ -15,7 +15,7 @@ from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference, read_georeference
-from mgf_engine.job import read_job
+from mgf_engine.job_folder import read_job
 from mgf_engine.masks.store import read_masks
 from mgf_engine.mesh.parts import face_parts, named_parts
 from mgf_engine.mesh.planar_clustering import nearest_pixels

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.config import Config
 from mgf_engine.drawings.elevation import draw_elevation, with_parts
 from mgf_engine.drawings.facades import facade_through, find_facades, plan_frame
 from mgf_engine.drawings.geotiff import write_geotiff
@@ -33,13 +34,13 @@ from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.section import cut, section_frames
 from mgf_engine.drawings.sheets import choose_scale, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
-from mgf_engine.job import locked
+from mgf_engine.job_folder import locked, with_algorithms_of_job
 from mgf_engine.masks.store import write_png
-from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.mesh.plane_detection import PlanarOptions, Planes
 from mgf_engine.messages import Reporter
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json
-from mgf_engine.texture.texture_pipeline import Painting, choose_painting
+from mgf_engine.texture.texture_pipeline import Painting, choose_painting, texture_options
 
 STAGE = "drawings"
 INDEX = "drawings.json"
@@ -60,6 +61,7 @@ class DrawingOptions:
         paper: of the sheets, A3 or A1.
         scale: of the sheets, the N of 1:N; None takes the largest round one that fits.
         kinds: what to draw, of :data:`KINDS`.
+        algorithms: options of the algorithms, ``section.name`` -> value; those that the job was made with otherwise.
     """
 
     facades: Sequence[Sequence[Sequence[float]]] = ()
@@ -68,6 +70,7 @@ class DrawingOptions:
     paper: str = "A3"
     scale: float | None = None
     kinds: frozenset[str] = frozenset(KINDS)
+    algorithms: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -75,12 +78,14 @@ class Work:
     """What the parts of a run share.
 
     Attributes:
+        config: options of the algorithms.
         folder: where files go; files: name -> what is known about it, for ``drawings.json``; rows: quantities.
     """
 
     survey: Survey
     facades: list[Facade]
     wanted: DrawingOptions
+    config: Config
     folder: Path
     reporter: Reporter
     cost: Cost = field(default_factory=Cost)
@@ -110,10 +115,11 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
     cost = Cost()
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
+            config = with_algorithms_of_job(job, wanted.algorithms)
             survey = read_survey(job)
             facades = _facades(survey, wanted)
         _tell(survey, reporter)
-        work = Work(survey, facades, wanted, beside, reporter, cost)
+        work = Work(survey, facades, wanted, config, beside, reporter, cost)
         _draw(work)
         write_json(beside / INDEX, _index(work))
         work.folder = folder
@@ -168,11 +174,12 @@ def _draw(work: Work) -> None:
     if work.wants("orthophotos", "elevations", "sheets", "quantities"):
         with work.cost.of("choosing photos"):
             painting = choose_painting(
-                survey.normalised, survey.scene, survey.masks, lambda share: work.reporter.progress(_CHOSEN * share)
-            )
+                survey.normalised, survey.scene, survey.masks, lambda share: work.reporter.progress(_CHOSEN * share),
+                texture_options(work.config),
+            )  # fmt: skip
             visibility = Visibility(survey, painting)
         with work.cost.of("lines"):
-            planes = survey_planes(survey)
+            planes = survey_planes(survey, work.config.algorithm(PlanarOptions))
         for k, frame in enumerate(frames):
             begun, length = _CHOSEN + (_PAINTED - _CHOSEN) * k / len(frames), (_PAINTED - _CHOSEN) / len(frames)
             facade = work.facades[k] if k < len(work.facades) else None

@@ -17,7 +17,7 @@ from scipy.ndimage import find_objects
 
 from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.drawings.project import Grid, Seen, plan_grid, see
-from mgf_engine.mesh.plane_detection import Planes, planes_of
+from mgf_engine.mesh.plane_detection import PlanarOptions, Planes, planes_of
 
 FINE = 0.5  # of a working pixel: a pixel of the regions
 LONGEST = 3000  # pixels of a region map
@@ -56,9 +56,9 @@ class Regions:
         return np.asarray(np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1))
 
 
-def survey_planes(survey: Survey) -> Planes:
+def survey_planes(survey: Survey, options: PlanarOptions = PlanarOptions()) -> Planes:
     """The planes of the survey's mesh, local frame."""
-    return planes_of(survey.mesh, survey.working_pixel)
+    return planes_of(survey.mesh, survey.working_pixel, options)
 
 
 def find_regions(survey: Survey, planes: Planes, frame: Frame) -> Regions:

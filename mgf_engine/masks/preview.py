@@ -34,6 +34,7 @@ from mgf_engine.masks.store import write_png
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.reported import read_algorithm_options
 from mgf_engine.scene.cameras import from_original, to_original
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.load import build_scene
@@ -54,7 +55,7 @@ def preview_command(args: argparse.Namespace) -> int:
     if args.out.suffix.lower() != ".png":
         raise BadInput(f"The mask '{args.out}' should be a PNG; give a name that ends in .png.")
     given = {n: getattr(args, n) for n in ("resolution", "segmenter", "weights")}
-    config = make_config(given)
+    config = make_config({**given, **read_algorithm_options(args, "preview")})
     for text in renamed_values(given):
         print(f"Warning: {text}", file=sys.stderr)
     mask, score = preview(args.scene, args.prompts, args.image, config)

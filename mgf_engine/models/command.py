@@ -11,7 +11,13 @@ from pathlib import Path
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import add_reporting_arguments, read_number, run_reported
+from mgf_engine.reported import (
+    add_algorithm_arguments,
+    add_reporting_arguments,
+    read_algorithm_options,
+    read_number,
+    run_reported,
+)
 
 _LEVELS = {"xatlas": "xatlas", "fast_simplification": "fast-simplification"}
 #: What can be made -> the packages it needs beyond the engine's own, module -> name.
@@ -52,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--draco", action="store_true",
         help="compress the levels of detail with Draco, for the web; not every program opens such files",
     )  # fmt: skip
+    add_algorithm_arguments(parser)
     add_reporting_arguments(parser)
 
 
@@ -70,12 +77,14 @@ def _make(args: argparse.Namespace, reporter: Reporter) -> None:
     errors = [] if args.error is None else [error / 100 for error in read_errors(args.error)]
     detail = _read_centimetres("--detail", args.detail)
     spacing = _read_centimetres("--spacing", args.spacing)
+    algorithms = read_algorithm_options(args, "models")
     require_packages(kinds, args.draco)
     from mgf_engine.models.make import make_models
     from mgf_engine.models.work import ModelOptions
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
-    make_models(args.job, args.out, ModelOptions(kinds, errors, detail, spacing, args.draco), reporter)
+    options = ModelOptions(kinds, errors, detail, spacing, args.draco, algorithms)
+    make_models(args.job, args.out, options, reporter)
 
 
 def _read_centimetres(flag: str, text: str | None) -> float | None:

@@ -11,7 +11,7 @@ import numpy as np
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
 from mgf_engine.geometry.mesh_files import COORDINATES, IMAGE, read_texture
-from mgf_engine.job import locked
+from mgf_engine.job_folder import locked, with_algorithms_of_job
 from mgf_engine.messages import Reporter
 from mgf_engine.models.cityjson import FILE as CITYJSON
 from mgf_engine.models.cityjson import make_cityjson
@@ -27,6 +27,7 @@ from mgf_engine.models.solid.openings import add_openings
 from mgf_engine.models.work import ModelOptions, Work
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json
+from mgf_engine.texture.texture_pipeline import texture_options
 
 STAGE = "models"
 INDEX = "models.json"
@@ -46,11 +47,12 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
     cost = Cost()
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
+            config = with_algorithms_of_job(job, wanted.algorithms)
             survey = read_survey(job)
             painted = (job / IMAGE).is_file() and (job / COORDINATES).is_file()
             texture = read_texture(job) if painted else None
         _tell(survey, reporter)
-        work = Work(job, survey, texture, wanted, beside, reporter, cost)
+        work = Work(job, survey, texture, wanted, config, beside, reporter, cost)
         if {"lod", "tiles", "usd"} & set(wanted.kinds):
             write_levels(work)
         if {"solid", "ifc"} & set(wanted.kinds):
@@ -97,7 +99,7 @@ def _solid(work: Work) -> None:
             work.reporter.warning(
                 "The photos do not show enough of the roof, so the solid is a block with a level top (LoD1)."
             )
-        detailed = add_openings(solid, work.survey)
+        detailed = add_openings(solid, work.survey, texture_options(work.config))
         ground = float(work.survey.world(np.array([0.0, 0.0, solid.ground]))[2])
         facts = {
             "kind": "solid", "lod": solid.level, "faces": len(solid.faces), "volume": round(solid.volume, 3),

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mgf_engine.config import Config
 from mgf_engine.drawings.model import Survey
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
@@ -26,6 +27,7 @@ class ModelOptions:
         detail: of the solid in the local unit: what is smaller is left out; None takes it from photos and size.
         spacing: of points in the local unit; None takes the size of a working pixel on the building.
         draco: whether levels of detail are compressed.
+        algorithms: options of the algorithms, ``section.name`` -> value; those that the job was made with otherwise.
     """
 
     kinds: Sequence[str] = KINDS
@@ -33,6 +35,7 @@ class ModelOptions:
     detail: float | None = None
     spacing: float | None = None
     draco: bool = False
+    algorithms: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -40,6 +43,7 @@ class Work:
     """What the parts of a run share.
 
     Attributes:
+        config: options of the algorithms.
         folder: where files go; files: name -> what is known about it, for ``models.json``.
         levels: levels of detail and their textures, the full mesh first.
     """
@@ -48,6 +52,7 @@ class Work:
     survey: Survey
     texture: Texture | None
     wanted: ModelOptions
+    config: Config
     folder: Path
     reporter: Reporter
     cost: Cost = field(default_factory=Cost)

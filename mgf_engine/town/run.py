@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, Cancelled
-from mgf_engine.job import locked
+from mgf_engine.job_folder import locked
 from mgf_engine.messages import Reporter
 from mgf_engine.terminal import duration, make_sink
 from mgf_engine.town.command import add_arguments as add_plan_arguments

@@ -14,7 +14,8 @@ import pytest
 from benchmarks.full_disk import run as run_on_full_disk
 from benchmarks.synthetic.house_scene import PHOTOS, house_scene
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_FAULT, BadInput, explain
-from mgf_engine.job import Job, read_job
+from mgf_engine.job import Job
+from mgf_engine.job_folder import read_job
 from mgf_engine.messages import encode
 from mgf_engine.system import json_text, write_json
 

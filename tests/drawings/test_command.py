@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -62,3 +63,35 @@ def test_closing_standard_input_stops_it(finished: FinishedJob, tmp_path: Path, 
     code, messages = run(capsys, finished.folder, "--out", tmp_path / "out", "--cancel-on-eof")
     assert code == 3 and messages[-1]["text"] == "Cancelled; what was there before is unchanged."
     assert list(tmp_path.iterdir()) == []
+
+
+def test_options_of_algorithms_come_from_the_job_and_from_set(finished: FinishedJob, tmp_path: Path, capsys) -> None:
+    def roofs(*more: str, job: Path = finished.folder) -> int:
+        code, _ = run(capsys, job, "--out", tmp_path / "out", "--draw", "quantities", "--resolution", "50", *more)
+        assert code == 0
+        return (tmp_path / "out" / "quantities.csv").read_text().count("roof ")
+
+    assert roofs() > 0 and roofs("--set", "planar.least_area=1e9") == 0
+    config, job = tmp_path / "options.json", tmp_path / "job"
+    config.write_text('{"planar.least_area": 1e9}')
+    assert roofs("--config", str(config)) == 0
+    shutil.copytree(finished.folder, job)
+    record = json.loads((job / "job.json").read_text())
+    record["given"]["planar.least_area"] = 1e9
+    (job / "job.json").write_text(json.dumps(record))
+    assert roofs(job=job) == 0 and roofs("--set", "planar.least_area=400", job=job) > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("tsdf.band=2", "'mgf drawings' does not use the option 'tsdf.band'"),
+        ("max_faces=2", "'mgf drawings' does not use the option 'max_faces'"),
+        ("planar.least_are=2", "Unknown option 'planar.least_are'"),
+        ("planar.least_area=-2", "must be at least 0"),
+        ("planar.least_area", "--set takes NAME=VALUE"),
+    ],
+)
+def test_options_it_does_not_use_are_refused(finished: FinishedJob, tmp_path: Path, capsys, text, says) -> None:
+    code, messages = run(capsys, finished.folder, "--out", tmp_path / "out", "--set", text)
+    assert code == 2 and says in messages[-1]["text"] and not (tmp_path / "out").exists()

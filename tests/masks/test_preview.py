@@ -74,3 +74,15 @@ def test_bad_input(
     assert preview(house, tmp_path / out, image=image, prompts=path) == 2
     assert says in capsys.readouterr().err
     assert not (tmp_path / out).exists()
+
+
+def test_options_of_the_algorithms_decide_the_mask(house: House, tmp_path: Path, capsys):
+    def mask(*more: str) -> np.ndarray:
+        assert preview(house, tmp_path / "mask.png", *more) == 0
+        return cv2.imread(str(tmp_path / "mask.png"), 0)
+
+    usual = mask()
+    assert (mask("--set", "superpixels.side=40") != usual).any()
+    assert (mask("--set", "superpixels.side=10") == usual).all(), "its default"
+    assert preview(house, tmp_path / "mask.png", "--set", "tsdf.band=2") == 2
+    assert "'mgf preview' does not use the option 'tsdf.band'" in capsys.readouterr().err

@@ -194,3 +194,8 @@ def test_a_missing_package_is_named(
 def test_offset_of_the_house_is_the_origin(index: dict[str, Any]) -> None:
     assert index["offset"] == pytest.approx(CORNER) and index["crs"] == "EPSG:32632"
     assert np.array(index["to_scene"])[:3, 3] == pytest.approx(OFFSET)
+
+
+def test_options_it_does_not_use_are_refused(job: FinishedJob, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["models", str(job.folder), "--progress", "none", "--set", "tsdf.band=2"]) == 2
+    assert "'mgf models' does not use the option 'tsdf.band'" in capsys.readouterr().err

@@ -17,18 +17,18 @@ from mgf_engine.drawings.parts import part_shapes, part_shares
 from mgf_engine.drawings.project import Grid, plan_grid, round_resolution, see
 from mgf_engine.models.solid.model import DOOR, WALL, WINDOW, Solid, SolidFace
 from mgf_engine.models.solid.polyhedron import faults_of
-from mgf_engine.texture.texture_pipeline import choose_painting
+from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
 KINDS = {"window": WINDOW, "door": DOOR}
 KEPT = 0.8  # of a rectangle that must lie on the wall; what hangs over, such as a door's foot, is cut off
 NEAR = 2.0  # details between the wall's plane and the mesh in the rectangle
 
 
-def add_openings(solid: Solid, survey: Survey) -> Solid | None:
+def add_openings(solid: Solid, survey: Survey, texture: TextureOptions = TextureOptions()) -> Solid | None:
     """The solid with windows and doors as faces of their own; None where none were clicked or none fits a wall."""
     if solid.level < 2 or not any(_kind(name) for name in survey.parts):
         return None
-    painting = choose_painting(survey.normalised, survey.scene, survey.masks)
+    painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=texture)
     visibility = Visibility(survey, painting)
     faces, vertices, openings = list(solid.faces), list(solid.vertices), list[SolidFace]()
     for number, face in enumerate(solid.faces):

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The table of algorithms with options: add a line to make a dataclass of options known to ``--set`` and the docs.
+
+Like :mod:`mgf_engine.stages`, this module imports nothing of the algorithms: a dataclass is named as ``module:class``
+and imported when it is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, dataclass, fields
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Algorithm:
+    """An algorithm with options.
+
+    Attributes:
+        section: as ``--set`` names it.
+        stage: the stage whose result its options decide, or the command (``drawings``).
+        title: what it does, for the docs.
+        options: its dataclass, as ``module:class`` inside the package.
+        also: further commands that run it.
+    """
+
+    section: str
+    stage: str
+    title: str
+    options: str
+    also: tuple[str, ...] = ()
+
+    def load(self) -> type:
+        """Import the dataclass."""
+        module, _, name = self.options.partition(":")
+        found: type = getattr(import_module(f"mgf_engine.{module}"), name)
+        return found
+
+    def parameters(self) -> Iterator[Field[Any]]:
+        """Iterate over the options; a field whose default is another dataclass is a section of its own."""
+        return (f for f in fields(self.load()) if f.default is not MISSING and "help" in f.metadata)
+
+
+#: Commands with algorithms of their own, beside the stages, in the order of the docs.
+COMMANDS = ("drawings", "models", "georef", "town")
+
+# fmt: off
+ALGORITHMS: tuple[Algorithm, ...] = (
+    # scene
+    Algorithm("pose_adjustment", "scene", "Adjustment of cameras that disagree with the sparse points", "scene.adjust:AdjustOptions"),
+    # masks
+    Algorithm("random_walker", "masks", "Label propagation from clicks to all photos and points", "masks.propagation.random_walker:RandomWalkerOptions", also=("preview",)),
+    Algorithm("sky", "masks", "Sky regions and the skyline", "masks.propagation.sky_regions:SkyOptions", also=("preview",)),
+    Algorithm("sky_holes", "masks", "Sky that shows through the building", "masks.refinement.sky_holes:SkyHoleOptions"),
+    Algorithm("ground_homography", "masks", "Ground that shows through the building", "masks.refinement.ground_homography:GroundHomographyOptions"),
+    Algorithm("far_background", "masks", "Far background behind an open building", "masks.refinement.far_background:FarBackgroundOptions"),
+    Algorithm("building_extent", "masks", "Extent of the building in the photos", "masks.geometry.building_extent:ExtentOptions"),
+    Algorithm("superpixels", "masks", "Superpixels of each photo", "masks.propagation.superpixels:SuperpixelOptions", also=("preview",)),
+    Algorithm("prompt_outliers", "masks", "Cross-validation of clicks", "masks.propagation.prompt_outliers:PromptOutlierOptions"),
+    Algorithm("prompt_agreement", "masks", "Clicks in several photos that confirm each other", "masks.propagation.prompt_agreement:PromptAgreementOptions"),
+    Algorithm("thin_structures", "masks", "Thin structures against the sky", "masks.refinement.thin_structures:ThinStructureOptions"),
+    Algorithm("propagation", "masks", "Drawing and checking of the masks", "masks.propagation.propagate:PropagationOptions", also=("preview",)),
+    Algorithm("homogeneous_regions", "masks", "Completion of homogeneous regions", "masks.refinement.homogeneous_regions:HomogeneousRegionOptions"),
+    Algorithm("mask_flags", "masks", "Masks that are left out", "masks.validation.mask_flags:FlagOptions"),
+    # field
+    Algorithm("start_views", "field", "Photos and masks that the starting surface is made from", "start.options:ViewOptions"),
+    Algorithm("start_lines", "field", "Edges in photos and lines in space", "start.options:SegmentOptions"),
+    Algorithm("start_planes", "field", "Planes through lines", "start.options:PlaneOptions"),
+    Algorithm("start_stereo", "field", "Points by stereo", "start.options:DenseOptions"),
+    Algorithm("start_cut", "field", "Minimum cut that makes the starting surface", "start.options:CutOptions"),
+    Algorithm("start_samples", "field", "Samples on the starting surface", "start.samples:SampleOptions"),
+    Algorithm("start_points", "field", "Points that Gaussians start from", "field.start:StartPointOptions"),
+    Algorithm("initialisation", "field", "Shape and opacity of the first Gaussians", "field.initialise:InitialisationOptions"),
+    Algorithm("densification", "field", "Splitting and pruning of Gaussians", "field.density:DensificationOptions"),
+    Algorithm("learning_rates", "field", "Step sizes of Adam", "field.schedule:LearningRates"),
+    # mesh
+    Algorithm("photometric", "mesh", "Refinement of depth maps by matching photos", "mesh.photometric:MatchOptions"),
+    Algorithm("depth_smoothing", "mesh", "Smoothing of matched depth maps", "mesh.depth_smoothing:SmoothingOptions"),
+    Algorithm("prior", "mesh", "Choice between the field and the starting surface", "mesh.prior:PriorOptions"),
+    Algorithm("tsdf", "mesh", "Fusion of depth maps into a signed distance", "mesh.tsdf:TsdfOptions"),
+    Algorithm("mesh_refinement", "mesh", "Photometric refinement of the mesh", "mesh.refine:RefinementOptions"),
+    Algorithm("planar", "mesh", "Projection of planar regions", "mesh.plane_detection:PlanarOptions", also=("drawings", "models")),
+    Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mesh.colors:ColorOptions"),
+    Algorithm("planar_clustering", "mesh", "Merging of vertices in flat areas", "mesh.planar_clustering:PlanarClusteringOptions"),
+    Algorithm("mask_votes", "mesh", "Vote of the masks on faces", "mesh.mask_votes:MaskVoteOptions"),
+    Algorithm("low_confidence_fill", "mesh", "Membrane over dents that no photo confirms", "mesh.low_confidence_fill:LowConfidenceFillOptions"),
+    Algorithm("unobserved_volumes", "mesh", "Removal of volumes that no photo shows", "mesh.unobserved_volumes:UnobservedVolumeOptions"),
+    Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mesh.extract:ExtractionOptions"),
+    # deliver
+    Algorithm("texture_visibility", "deliver", "Photos that show a face", "texture.visibility:VisibilityOptions", also=("drawings", "models")),
+    Algorithm("texture_views", "deliver", "Choice of the photo that paints a face", "texture.view_selection:ViewSelectionOptions", also=("drawings", "models")),
+    Algorithm("seams", "deliver", "Levelling of colours at seams", "texture.seams:SeamOptions", also=("drawings", "models")),
+)
+# fmt: on

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The folder of a job: its file, its lock, and the checks before anything is written to it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from mgf_engine.algorithms import is_algorithm_option
+from mgf_engine.config import Config, make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.stages import STAGE_NAMES
+
+FORMAT = 1  # of job.json
+
+
+def read_job(folder: Path) -> dict[str, Any]:
+    """The contents of a job's ``job.json``.
+
+    Raises:
+        BadInput: there is no job, it cannot be read, or it was written by a newer version.
+    """
+    path = folder / "job.json"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if not all(isinstance(data[key], dict) for key in ("stages", "given")):
+            raise TypeError("stages or given")
+        inputs = {"source": str, "prompts": str | None, "masks": str | None}
+        if not all(isinstance(data[key], kind) for key, kind in inputs.items()):
+            raise TypeError("source, prompts or masks")
+        data["format"]
+        _check_stages(data["stages"])
+    except FileNotFoundError as error:
+        raise BadInput(f"'{folder}' holds no job; give the scene to start one.") from error
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise BadInput(f"The job file '{path}' cannot be read ({error}); start in a new folder.") from error
+    if data["format"] != FORMAT:
+        raise BadInput(f"The job in '{folder}' was written by another version of MGF; start in a new folder.")
+    return data
+
+
+def with_algorithms_of_job(folder: Path, given: Mapping[str, Any]) -> Config:
+    """The options of the algorithms that a command for a finished job runs with: the job's own, less those given.
+
+    Args:
+        given: ``section.name`` -> value; these win.
+
+    Raises:
+        BadInput: as :func:`read_job`, or the job has an option that this version does not know.
+    """
+    own = {k: v for k, v in read_job(folder)["given"].items() if k == "preset" or is_algorithm_option(k)}
+    return make_config({**own, **given})
+
+
+def _check_stages(stages: dict[str, Any]) -> None:
+    """Every stage's record as :meth:`mgf_engine.job.Job.finish` writes it; TypeError or KeyError where it is not."""
+    for name, entry in stages.items():
+        kinds = {"key": str, "seconds": int | float, "peak_memory": int, "figures": dict, "warnings": list}
+        if name not in STAGE_NAMES or not all(isinstance(entry[key], kind) for key, kind in kinds.items()):
+            raise TypeError(f"stage {name}")
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Nobody else works in the job folder meanwhile.
+
+    Raises:
+        BadInput: somebody does, or the folder cannot be locked.
+    """
+    lock = FileLock(str(folder.resolve() / ".lock"))
+    acquire(lock, folder)
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def acquire(lock: FileLock, folder: Path) -> None:
+    """Take the lock of a job folder.
+
+    Raises:
+        BadInput: another process has it, or the folder cannot be locked.
+    """
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise BadInput(f"The job folder '{folder}' is in use by another process; wait or stop it.") from error
+    except (OSError, NotImplementedError) as error:
+        why = getattr(error, "strerror", error)
+        raise BadInput(f"Cannot lock '{folder}' ({why}); give a folder on another file system.") from error
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder and check that it can be written to.
+
+    Raises:
+        BadInput: it cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".lock"
+        if probe.is_symlink():  # would be written through, and the lock itself does not follow links
+            raise BadInput(f"'{probe}' is a symbolic link, where a job's own file has to be; remove it and try again.")
+        with probe.open("ab"):
+            pass
+    except OSError as error:
+        raise BadInput(f"Cannot write to '{folder}' ({error.strerror}); give a folder you may write to.") from error
+
+
+def check_no_file(folder: Path) -> None:
+    """Check that the output is no file.
+
+    Raises:
+        BadInput: it is.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise BadInput(f"The output '{folder}' is a file; give a folder.")
+
+
+def check_inputs(source: Path, prompts: Path | None, masks: Path | None, kept: Path) -> None:
+    """Check that the user's files are there.
+
+    Args:
+        kept: the clicks that the job keeps, named where the user's own are gone.
+
+    Raises:
+        BadInput: one is missing, or of another kind.
+    """
+    if prompts is not None and not prompts.exists() and kept.is_file():
+        raise BadInput(
+            f"The prompts file '{prompts}' does not exist; check the path, or give the clicks that the job kept: "
+            f"--prompts '{kept}'."
+        )
+    for path, what in ((source, "scene"), (prompts, "prompts file"), (masks, "mask folder")):
+        if path is not None and not path.exists():
+            raise BadInput(f"The {what} '{path}' does not exist; check the path.")
+    if prompts is not None and prompts.is_dir():
+        raise BadInput(f"The prompts file '{prompts}' is a folder; give a file.")
+    if masks is not None and not masks.is_dir():
+        raise BadInput(f"The mask folder '{masks}' is a file; give a folder with one PNG per photo.")
+
+
+def check_folder(folder: Path, source: Path, resume: bool) -> None:
+    """Check that the folder is empty, or holds the job of this scene.
+
+    Raises:
+        BadInput: it is the scene itself, or holds something else; or the job is not to be resumed.
+    """
+    if _same(folder, source):
+        raise BadInput("The output folder is the scene itself; give another folder.")
+    if (folder / "job.json").exists():
+        other = Path(read_job(folder)["source"])
+        if not _same(other, source):
+            raise BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
+        if not resume:
+            raise BadInput(f"'{folder}' already holds a job; add --resume to continue it, or give another folder.")
+    elif folder.exists() and any(p.name != ".lock" for p in folder.iterdir()):
+        raise BadInput(f"The output folder '{folder}' is not empty and holds no job; give an empty or new folder.")
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two paths are one folder, also where the case of letters does not count or a drive has two names."""
+    try:
+        return one == other or os.path.samefile(one, other)
+    except OSError:  # one of them is not there
+        return False
