@@ -6,9 +6,10 @@ from __future__ import annotations
 from mgf_engine.config import Config
 
 _STARTS = {
-    "surface": "edges, planes and stereo between neighbouring photos give a first surface",
-    "dense": "stereo between neighbouring photos gives dense points on the building",
-    "sparse": "the sparse points on the building, from structure from motion, are all that is known of it",
+    "surface": "Dense matching between neighbouring photos, line segments and planes through them give a closed surface "
+    "inside the masks, before any training.",
+    "dense": "Dense matching between neighbouring photos gives points on the building, before any training.",
+    "sparse": "The sparse points of structure from motion are all that is known of the building before the training.",
 }
 
 
@@ -19,20 +20,26 @@ def placing(config: Config, iterations: int) -> list[str]:
         iterations: of training.
     """
     start = config.start if config.use_masks or config.start != "surface" else "dense"
-    trained = f"the Gaussian field, trained for {iterations:,} iterations" if iterations else "the field, not trained"
+    return [_STARTS[start], _field(config, iterations), _photos(config, start)]
+
+
+def _field(config: Config, iterations: int) -> str:
+    field = f"The Gaussian field, trained for {iterations:,} iterations," if iterations else "The field, not trained,"
     if config.surface == "opacity":
-        decides = f"{trained}, decides: solid is what no photo sees through to, at an opacity of the level (eq. 23-26)"
-    else:
-        decides = f"{trained}, gives each photo its depths and sees through between bars; their mean is the surface"
-    if config.match_photos:
-        again = f", and {_times(config.refine_rounds)} on the finished mesh" if config.refine_rounds else ""
-        place = (
-            "it lies where patches of neighbouring photos look most alike, searched within two pixels of the field's "
-            f"surface{again}; where photos say nothing, the field's own surface stays"
-        )
-    else:
-        place = "no photo is compared once training has ended: the field's own surface stays"
-    return [f"{text[:1].upper()}{text[1:]}." for text in (f"at the start, {_STARTS[start]}", decides, place)]
+        return f"{field} is the surface: solid is what no photo sees through, down to a level of opacity (eq. 23-26)."
+    return f"{field} gives each photo a depth map, sees past bars and railings, and all depth maps are fused into one."
+
+
+def _photos(config: Config, start: str) -> str:
+    if not config.match_photos:
+        return "No photo is compared with another after the training: the surface is as accurate as the field."
+    again = f", and {_times(config.refine_rounds)} on the finished mesh" if config.refine_rounds else ""
+    kept = "the field's depth or the starting surface stays" if start == "surface" else "the field's depth stays"
+    moved = "each depth" if config.surface == "fused" else "the surface"
+    return (
+        f"Patches of neighbouring photos then move {moved} by at most two pixels of parallax to where they correlate "
+        f"best{again}; this decides the last fraction of a pixel, and where nothing correlates {kept}."
+    )
 
 
 def _times(rounds: int) -> str:
