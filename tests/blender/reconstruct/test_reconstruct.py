@@ -70,6 +70,15 @@ def test_crop_box_reaches_the_engine_and_leaves_with_the_object(ready):
     assert "crop_box=" in arguments(ready)  # empty, so that the resumed job forgets it
 
 
+def test_the_papers_preset_is_handed_over_as_one_word(ready):
+    """What it changes, options of algorithms too, is the engine's own knowledge."""
+    ready.options.preset = "paper"
+    assert (ready.options.surface, ready.options.iterations, ready.options.match_photos) == ("opacity", 7000, False)
+    bpy.ops.mgf.reconstruct()
+    line = arguments(ready)
+    assert [line[i + 1] for i, word in enumerate(line) if word == "--set"] == ["preset=paper"]
+
+
 def test_second_run_resumes_in_its_folder(ready):
     bpy.ops.mgf.reconstruct()
     bpy.ops.mgf.reconstruct()
