@@ -6,8 +6,8 @@ from __future__ import annotations
 from mgf_engine.config import Config
 
 _STARTS = {
-    "surface": "Dense matching between neighbouring photos, line segments and planes through them give a closed surface "
-    "inside the masks, before any training.",
+    "surface": "Dense matching between neighbouring photos, line segments and planes through them give a closed "
+    "surface inside the masks, before any training.",
     "dense": "Dense matching between neighbouring photos gives points on the building, before any training.",
     "sparse": "The sparse points of structure from motion are all that is known of the building before the training.",
 }
