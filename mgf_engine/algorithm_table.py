@@ -91,5 +91,21 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("texture_visibility", "deliver", "Photos that show a face", "texture.visibility:VisibilityOptions", also=("drawings", "models")),
     Algorithm("texture_views", "deliver", "Choice of the photo that paints a face", "texture.view_selection:ViewSelectionOptions", also=("drawings", "models")),
     Algorithm("seams", "deliver", "Levelling of colours at seams", "texture.seams:SeamOptions", also=("drawings", "models")),
+    # drawings
+    Algorithm("facades", "drawings", "Facades of a building", "drawings.facades:FacadeOptions"),
+    Algorithm("elevations", "drawings", "Lines of elevations and plans", "drawings.elevation:ElevationOptions"),
+    Algorithm("regions", "drawings", "Planar regions that a drawing shows", "drawings.regions:RegionOptions", also=("models",)),
+    Algorithm("straightening", "drawings", "Straight lines of drawings", "drawings.straighten:StraightenOptions"),
+    Algorithm("section_cuts", "drawings", "Sections through the mesh", "drawings.section:SectionOptions"),
+    Algorithm("part_outlines", "drawings", "Outlines of windows and other named parts", "drawings.parts:PartOutlineOptions", also=("models",)),
+    Algorithm("quantities", "drawings", "Quantities of walls and roofs", "drawings.quantities:QuantityOptions"),
+    Algorithm("drawing_frame", "drawings", "Direction up of a mesh without georeference", "drawings.load:UpOptions", also=("models",)),
+    # models
+    Algorithm("lod", "models", "Levels of detail", "models.lod:LodOptions"),
+    Algorithm("lod_textures", "models", "Textures of levels of detail", "models.atlas:AtlasOptions"),
+    Algorithm("solid", "models", "Solid of the building (CityJSON, IFC)", "models.solid.build:SolidOptions"),
+    Algorithm("solid_evidence", "models", "Walls, roofs and footprint that a solid is made from", "models.solid.evidence:EvidenceOptions"),
+    Algorithm("solid_labels", "models", "Choice of a roof plane for each cell of the ground plan", "models.solid.labels:LabelOptions"),
+    Algorithm("solid_openings", "models", "Windows and doors of the solid", "models.solid.openings:OpeningOptions"),
 )
 # fmt: on

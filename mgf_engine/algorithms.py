@@ -9,7 +9,7 @@ them, and :meth:`mgf_engine.config.Config.algorithm` makes one with the values t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import field
+from dataclasses import field, fields, is_dataclass
 from typing import Any, TypeVar
 
 from mgf_engine.algorithm_table import ALGORITHMS, Algorithm
@@ -56,7 +56,12 @@ def algorithm_of(kind: type) -> Algorithm:
     Raises:
         KeyError: the dataclass is not in the table.
     """
-    return _BY_CLASS[f"{kind.__module__.removeprefix('mgf_engine.')}:{kind.__qualname__}"]
+    return _BY_CLASS[_place_of(kind)]
+
+
+def _place_of(kind: type) -> str:
+    """The dataclass as the table names it."""
+    return f"{kind.__module__.removeprefix('mgf_engine.')}:{kind.__qualname__}"
 
 
 def algorithm_default(name: str) -> Any:
@@ -83,9 +88,16 @@ def algorithms_schema() -> list[dict[str, Any]]:
 
 
 def make_options(kind: type[T], values: dict[str, Any]) -> T:
-    """Make the options of one algorithm from those of all, ``section.name`` -> value; others keep their defaults."""
-    start = algorithm_of(kind).section + "."
-    return kind(**{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)})
+    """Make the options of an algorithm from those of all, ``section.name`` -> value; others keep their defaults.
+
+    A field whose default is another dataclass of options is made in the same way, so that a dataclass can hold the
+    options of the algorithms that its own one runs. One of such fields alone needs no section.
+    """
+    algorithm = _BY_CLASS.get(_place_of(kind))
+    start = "" if algorithm is None else algorithm.section + "."
+    own = {k.removeprefix(start): v for k, v in values.items() if algorithm is not None and k.startswith(start)}
+    inner = {f.name: make_options(type(f.default), values) for f in fields(kind) if is_dataclass(f.default)}  # type: ignore[arg-type]
+    return kind(**inner, **own)
 
 
 def check_used(command: str, names: Iterable[str]) -> None:

@@ -3,26 +3,39 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import CREASE, DETAIL, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
-from mgf_engine.drawings.regions import LOOSE, NOTHING, Regions, find_regions
-from mgf_engine.drawings.straighten import Stroke, join_ends, merge, straighten
+from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionOptions, Regions, find_regions
+from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, merge, straighten
 from mgf_engine.drawings.trace import Chain, trace
 from mgf_engine.mesh.plane_detection import Planes
 
-LEAST_STEP = 2.0  # working pixels between the planes on both sides, from which one hides part of the other
-LEAST_TURN = np.cos(np.radians(9.0))  # of the angle between planes that meet in a crease
-LEAST_LOOSE = 12.0  # working pixels; a shorter line beside something loose is noise
+
+@dataclass(frozen=True)
+class ElevationOptions:
+    """Options of the lines of elevations and plans."""
+
+    least_step: float = parameter(2.0, "Step in depth between two planes from which its edge is drawn", "ground px")
+    least_angle: float = parameter(
+        9.0, "Angle between two planes from which their crease is drawn", "degrees", high=180
+    )
+    least_loose: float = parameter(12.0, "Minimum length of a line beside a surface that is in no plane", "ground px")
+    regions: RegionOptions = RegionOptions()
+    straightening: StraightenOptions = StraightenOptions()
 
 
-def draw_elevation(survey: Survey, planes: Planes, frame: Frame) -> LineDrawing:
+def draw_elevation(
+    survey: Survey, planes: Planes, frame: Frame, options: ElevationOptions = ElevationOptions()
+) -> LineDrawing:
     """What a frame shows, as lines."""
-    regions = find_regions(survey, planes, frame)
+    regions = find_regions(survey, planes, frame, options.regions)
     chains = trace(regions.label)
-    kinds = [classify(chain, regions, survey.working_pixel) for chain in chains]
+    kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]
     drawn = [(chain, kind) for chain, kind in zip(chains, kinds, strict=True) if kind is not None]
     places: dict[int, Array] = {}
     strokes: list[Stroke] = []
@@ -30,24 +43,28 @@ def draw_elevation(survey: Survey, planes: Planes, frame: Frame) -> LineDrawing:
         corners = regions.grid.places(chain.corners)
         places[chain.ends[0]], places[chain.ends[1]] = corners[0], corners[-1]
         known = meeting_line(regions, chain) if kind == CREASE else None
-        strokes.append(straighten(corners, chain.ends, survey.working_pixel, known))
-    join_ends(strokes, places, survey.working_pixel)
-    return LineDrawing(frame, _merged(strokes, [kind for _, kind in drawn], survey.working_pixel), [])
+        strokes.append(straighten(corners, chain.ends, survey.working_pixel, known, options.straightening))
+    join_ends(strokes, places, survey.working_pixel, options.straightening)
+    return LineDrawing(
+        frame, _merged(strokes, [kind for _, kind in drawn], survey.working_pixel, options.straightening), []
+    )
 
 
-def classify(chain: Chain, regions: Regions, pixel: float) -> str | None:
+def classify(
+    chain: Chain, regions: Regions, pixel: float, options: ElevationOptions = ElevationOptions()
+) -> str | None:
     """The layer of a border between two regions; None where there is nothing to draw."""
     if chain.low == NOTHING:
         return OUTLINE
     length = float(np.linalg.norm(np.diff(chain.corners, axis=0), axis=1).sum()) * regions.grid.resolution
     if chain.high == LOOSE:
-        return DETAIL if length > LEAST_LOOSE * pixel else None
+        return DETAIL if length > options.least_loose * pixel else None
     at = regions.grid.places(chain.corners)
     step = np.median(np.abs(regions.before(chain.low, at) - regions.before(chain.high, at)))
-    if step > LEAST_STEP * pixel:
+    if step > options.least_step * pixel:
         return STEP
     turn = regions.normal(chain.low) @ regions.normal(chain.high)
-    return CREASE if turn < LEAST_TURN else None
+    return CREASE if turn < np.cos(np.radians(options.least_angle)) else None
 
 
 def meeting_line(regions: Regions, chain: Chain) -> Array | None:
@@ -70,7 +87,7 @@ def with_parts(drawing: LineDrawing, parts: list[Line]) -> LineDrawing:
     return LineDrawing(drawing.frame, [line for line in drawing.lines if outside(line)] + parts, drawing.areas)
 
 
-def _merged(strokes: list[Stroke], kinds: list[str], pixel: float) -> list[Line]:
+def _merged(strokes: list[Stroke], kinds: list[str], pixel: float, lines: StraightenOptions) -> list[Line]:
     """Lines by layer, those on one line made into one."""
     result = []
     for layer in dict.fromkeys(kinds):
@@ -80,5 +97,5 @@ def _merged(strokes: list[Stroke], kinds: list[str], pixel: float) -> list[Line]
             if kind == layer
             for start, end in pairwise(stroke.points)
         ]
-        result += [Line(np.stack(segment), layer) for segment in merge(segments, pixel)]
+        result += [Line(np.stack(segment), layer) for segment in merge(segments, pixel, lines)]
     return result

@@ -3,22 +3,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import LEANING, Array, Facade, Frame, Survey
 from mgf_engine.errors import BadInput
 
-BINS = 720  # of directions around
-BLUR = 4.0  # degrees (standard deviation) by which directions are blurred before the largest is taken
-WITHIN, APART = 10.0, 25.0  # degrees around a facade's direction: what is averaged, what is no facade of its own
-LEAST = 0.12  # of the wall area of the largest facade
-FLAT = 3.0  # pixels of the photos: faces this near belong to one plane
-MOST = 12
 COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 
 
-def find_facades(survey: Survey) -> list[Facade]:
+@dataclass(frozen=True)
+class FacadeOptions:
+    """Options of the search for facades."""
+
+    bins: int = parameter(720, "Number of bins of the histogram of wall directions", low=8)
+    blur: float = parameter(4.0, "Standard deviation of the blur of that histogram", "degrees", low=0.01)
+    same_direction: float = parameter(
+        10.0, "Largest angle between the walls of one facade and its direction", "degrees", high=90
+    )
+    other_direction: float = parameter(25.0, "Smallest angle between two facades", "degrees", high=180)
+    least_area: float = parameter(0.12, "Minimum wall area of a facade, as a share of the largest facade's", high=1)
+    plane_distance: float = parameter(
+        3.0, "Largest distance of a face from the plane of its facade, in pixels of the photos", "ground px"
+    )
+    most: int = parameter(12, "Maximum number of facades", low=1)
+
+
+def find_facades(survey: Survey, options: FacadeOptions = FacadeOptions()) -> list[Facade]:
     """The facades, in order around the building: from north over east, or from the largest where north is unknown.
 
     Raises:
@@ -29,27 +43,27 @@ def find_facades(survey: Survey) -> list[Facade]:
     azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360
     left, found = np.ones(len(wall), bool), list[tuple[float, NDArray[np.int64]]]()
     largest = 0.0
-    while left.any() and len(found) < MOST:
-        peak = _peak(azimuth[left], areas[left])
-        peak, near = _refined(peak, azimuth, areas)
+    while left.any() and len(found) < options.most:
+        peak = _peak(azimuth[left], areas[left], options)
+        peak, near = _refined(peak, azimuth, areas, options)
         near &= left
         area = float(areas[near].sum())
         largest = max(largest, area)
-        if area < LEAST * largest or not near.any():
+        if area < options.least_area * largest or not near.any():
             break
-        if not any(abs(_between(peak, other)) < APART for other, _ in found):
+        if not any(abs(_between(peak, other)) < options.other_direction for other, _ in found):
             found.append((peak, wall[near]))
-        left &= np.abs(_between(azimuth, peak)) > APART
+        left &= np.abs(_between(azimuth, peak)) > options.other_direction
     if not found or largest < 0.02 * survey.areas.sum():
         raise BadInput(
             "The mesh has no vertical plane that could be a facade; name one with three of its points: "
             '--facade "x,y,z x,y,z x,y,z".'
         )
-    facades = [_facade(survey, direction, faces) for direction, faces in found]
+    facades = [_facade(survey, direction, faces, options) for direction, faces in found]
     return _named(facades, survey.georeference.north_known)
 
 
-def facade_through(survey: Survey, points: Array, name: str) -> Facade:
+def facade_through(survey: Survey, points: Array, name: str, options: FacadeOptions = FacadeOptions()) -> Facade:
     """The facade through three points [3, 3] of the scene frame.
 
     Raises:
@@ -67,9 +81,9 @@ def facade_through(survey: Survey, points: Array, name: str) -> Facade:
     outward = np.sign(np.median((cameras - at.mean(0)) @ normal)) or 1.0
     normal = normal * outward
     direction = float(np.degrees(np.arctan2(normal[0], normal[1])) % 360)
-    facing = np.flatnonzero(survey.normals @ normal > np.cos(np.radians(WITHIN)))
+    facing = np.flatnonzero(survey.normals @ normal > np.cos(np.radians(options.same_direction)))
     away = (survey.centres[facing] - at.mean(0)) @ normal
-    wall = facing[np.abs(away) < FLAT * survey.pixel]
+    wall = facing[np.abs(away) < options.plane_distance * survey.pixel]
     frame = _frame(survey, direction, float(_level(direction) @ at.mean(0)), name)
     return Facade(frame, direction, wall, float(np.degrees(np.arcsin(-normal[2]))))
 
@@ -88,21 +102,21 @@ def _between(one: NDArray[np.float64] | float, other: float) -> NDArray[np.float
     return np.asarray((np.asarray(one) - other + 180) % 360 - 180)
 
 
-def _peak(azimuth: Array, areas: Array) -> float:
-    count = np.bincount((azimuth * BINS / 360).astype(int) % BINS, areas, BINS)
-    step = np.minimum(np.arange(BINS), BINS - np.arange(BINS)) * 360 / BINS
-    blurred = np.fft.irfft(np.fft.rfft(count) * np.fft.rfft(np.exp(-0.5 * (step / BLUR) ** 2)), BINS)
-    return (float(blurred.argmax()) + 0.5) * 360 / BINS
+def _peak(azimuth: Array, areas: Array, options: FacadeOptions) -> float:
+    count = np.bincount((azimuth * options.bins / 360).astype(int) % options.bins, areas, options.bins)
+    step = np.minimum(np.arange(options.bins), options.bins - np.arange(options.bins)) * 360 / options.bins
+    blurred = np.fft.irfft(np.fft.rfft(count) * np.fft.rfft(np.exp(-0.5 * (step / options.blur) ** 2)), options.bins)
+    return (float(blurred.argmax()) + 0.5) * 360 / options.bins
 
 
-def _refined(peak: float, azimuth: Array, areas: Array) -> tuple[float, NDArray[np.bool_]]:
+def _refined(peak: float, azimuth: Array, areas: Array, options: FacadeOptions) -> tuple[float, NDArray[np.bool_]]:
     """The direction around a peak that the walls there agree on, and which faces have it."""
-    for reach in (WITHIN, WITHIN / 2, WITHIN / 4):
+    for reach in (options.same_direction, options.same_direction / 2, options.same_direction / 4):
         off = _between(azimuth, peak)
         weight = areas * np.maximum(1 - (off / reach) ** 2, 0) ** 2
         if weight.sum() > 0:
             peak = float(peak + weight @ off / weight.sum()) % 360
-    return peak, np.abs(_between(azimuth, peak)) < WITHIN
+    return peak, np.abs(_between(azimuth, peak)) < options.same_direction
 
 
 def _level(direction: float) -> Array:
@@ -110,11 +124,11 @@ def _level(direction: float) -> Array:
     return np.array([np.sin(angle), np.cos(angle), 0.0])
 
 
-def _facade(survey: Survey, direction: float, faces: NDArray[np.int64]) -> Facade:
+def _facade(survey: Survey, direction: float, faces: NDArray[np.int64], options: FacadeOptions) -> Facade:
     """The facade of a direction, through the plane with most of the faces' area."""
     normal = _level(direction)
     away, areas = survey.centres[faces] @ normal, survey.areas[faces]
-    step = FLAT * survey.pixel
+    step = options.plane_distance * survey.pixel
     order = np.argsort(away)
     total = np.concatenate([[0.0], np.cumsum(areas[order])])
     until = np.searchsorted(away[order], away[order] + 2 * step)

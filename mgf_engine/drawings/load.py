@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.clean import face_areas
@@ -26,12 +27,17 @@ from mgf_engine.model.scene import Scene
 from mgf_engine.scene.gravity import find_up
 from mgf_engine.scene.store import read_scene
 
-TRUST = 0.003  # weight of the direction that cameras tell against that of all walls together
-AXIS = np.cos(np.radians(1.0))  # up this near to an axis of the scene is that axis: nobody's frame is so by chance
-ROUNDS = 5
+
+@dataclass(frozen=True)
+class UpOptions:
+    """Options of the direction up, found from walls."""
+
+    camera_weight: float = parameter(0.003, "Weight of the cameras' direction up against that of all walls")
+    axis_angle: float = parameter(1.0, "Angle to an axis of the scene below which up is that axis", "degrees", high=45)
+    rounds: int = parameter(5, "Number of iterations", low=1)
 
 
-def read_survey(folder: Path, georeference: Georeference | None = None) -> Survey:
+def read_survey(folder: Path, georeference: Georeference | None = None, options: UpOptions = UpOptions()) -> Survey:
     """All that a job folder knows about its building.
 
     Args:
@@ -52,7 +58,7 @@ def read_survey(folder: Path, georeference: Georeference | None = None) -> Surve
     turn = np.eye(3)
     if not georeference.up_known:
         guess = scene.to_normalised.rotation.T @ find_up(scene).vector
-        turn = turn_up(up_from_walls(in_georeference, georeference.rotation @ guess))
+        turn = turn_up(up_from_walls(in_georeference, georeference.rotation @ guess, options))
     local = replace(mesh, vertices=in_georeference.vertices @ turn.T)
     scale = georeference.scale / scene.to_normalised.scale
     return Survey(
@@ -61,21 +67,21 @@ def read_survey(folder: Path, georeference: Georeference | None = None) -> Surve
     )  # fmt: skip
 
 
-def up_from_walls(mesh: Mesh, guess: Array) -> Array:
+def up_from_walls(mesh: Mesh, guess: Array, options: UpOptions = UpOptions()) -> Array:
     """The direction that the normals of walls are square to, unit [3]; ``guess`` where there are no walls."""
     normals, areas = face_normals(mesh), face_areas(mesh)
     up = guess
-    for _ in range(ROUNDS):
+    for _ in range(options.rounds):
         lean = (normals @ up) / LEANING
         weight = areas * np.maximum(1 - lean**2, 0) ** 2
         if weight.sum() <= 0.01 * areas.sum():
             return guess
         matrix = (normals * weight[:, None]).T @ normals / weight.sum()
-        matrix += TRUST * (np.eye(3) - np.outer(guess, guess))
+        matrix += options.camera_weight * (np.eye(3) - np.outer(guess, guess))
         found = np.linalg.eigh(matrix)[1][:, 0]
         up = found * np.sign(found @ guess)
     axis = int(np.abs(up).argmax())
-    return np.eye(3)[axis] * np.sign(up[axis]) if abs(up[axis]) > AXIS else up
+    return np.eye(3)[axis] * np.sign(up[axis]) if abs(up[axis]) > np.cos(np.radians(options.axis_angle)) else up
 
 
 def turn_up(up: Array) -> NDArray[np.float64]:

@@ -13,16 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
-from mgf_engine.drawings.elevation import draw_elevation, with_parts
-from mgf_engine.drawings.facades import facade_through, find_facades, plan_frame
+from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation, with_parts
+from mgf_engine.drawings.facades import FacadeOptions, facade_through, find_facades, plan_frame
 from mgf_engine.drawings.geotiff import write_geotiff
 from mgf_engine.drawings.kinds import KINDS
-from mgf_engine.drawings.load import read_survey
+from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Facade, Frame, LineDrawing, Survey
 from mgf_engine.drawings.orthophoto import Visibility, paint
-from mgf_engine.drawings.parts import part_lines, part_shares
+from mgf_engine.drawings.parts import PartOutlineOptions, part_lines, part_shares
 from mgf_engine.drawings.project import Grid, Seen, plan_grid, round_resolution, see
 from mgf_engine.drawings.quantities import (
+    QuantityOptions,
     Row,
     building_rows,
     deviation_picture,
@@ -31,7 +32,7 @@ from mgf_engine.drawings.quantities import (
     write_csv,
 )
 from mgf_engine.drawings.regions import survey_planes
-from mgf_engine.drawings.section import cut, section_frames
+from mgf_engine.drawings.section import SectionOptions, cut, section_frames
 from mgf_engine.drawings.sheets import choose_scale, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.job_folder import locked, with_algorithms_of_job
@@ -40,7 +41,7 @@ from mgf_engine.mesh.plane_detection import PlanarOptions, Planes
 from mgf_engine.messages import Reporter
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json
-from mgf_engine.texture.texture_pipeline import Painting, choose_painting, texture_options
+from mgf_engine.texture.texture_pipeline import Painting, TextureOptions, choose_painting
 
 STAGE = "drawings"
 INDEX = "drawings.json"
@@ -116,8 +117,8 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
             config = with_algorithms_of_job(job, wanted.algorithms)
-            survey = read_survey(job)
-            facades = _facades(survey, wanted)
+            survey = read_survey(job, options=config.algorithm(UpOptions))
+            facades = _facades(survey, wanted, config.algorithm(FacadeOptions))
         _tell(survey, reporter)
         work = Work(survey, facades, wanted, config, beside, reporter, cost)
         _draw(work)
@@ -148,11 +149,11 @@ def _report(work: Work, job: Path) -> None:
     replace_section(report, f"{BEGIN}\n{text}\n{END}", BEGIN, END)
 
 
-def _facades(survey: Survey, wanted: DrawingOptions) -> list[Facade]:
+def _facades(survey: Survey, wanted: DrawingOptions, options: FacadeOptions) -> list[Facade]:
     if not wanted.facades:
-        return find_facades(survey)
+        return find_facades(survey, options)
     points = [np.array(three, np.float64) for three in wanted.facades]
-    return [facade_through(survey, three, f"facade-{k + 1}") for k, three in enumerate(points)]
+    return [facade_through(survey, three, f"facade-{k + 1}", options) for k, three in enumerate(points)]
 
 
 def _tell(survey: Survey, reporter: Reporter) -> None:
@@ -167,7 +168,9 @@ def _draw(work: Work) -> None:
     """Orthophotos of the facades and from above, their lines, the heights, and the sections."""
     survey = work.survey
     frames = [facade.frame for facade in work.facades] + [plan_frame(survey, work.facades)]
-    cuts = section_frames(survey, work.facades, work.wanted.sections) if work.wants("sections") else []
+    cuts = []
+    if work.wants("sections"):
+        cuts = section_frames(survey, work.facades, work.wanted.sections, work.config.algorithm(SectionOptions))
     if work.wants("sheets"):
         for frame in frames:
             choose_scale(frame.size, work.wanted.paper, work.wanted.scale)  # refused before anything is painted
@@ -175,7 +178,7 @@ def _draw(work: Work) -> None:
         with work.cost.of("choosing photos"):
             painting = choose_painting(
                 survey.normalised, survey.scene, survey.masks, lambda share: work.reporter.progress(_CHOSEN * share),
-                texture_options(work.config),
+                work.config.algorithm(TextureOptions),
             )  # fmt: skip
             visibility = Visibility(survey, painting)
         with work.cost.of("lines"):
@@ -186,7 +189,7 @@ def _draw(work: Work) -> None:
             _draw_frame(work, frame, facade, painting, visibility, planes, lambda s: begun + length * s)  # noqa: B023
         if work.wants("quantities"):
             with work.cost.of("quantities"):
-                work.rows += building_rows(survey, planes)
+                work.rows += building_rows(survey, planes, work.config.algorithm(QuantityOptions))
                 write_csv(work.add("quantities.csv", kind="quantities"), work.rows)
     _sections(work, cuts)
     _write_page(work)
@@ -218,9 +221,10 @@ def _draw_frame(
         _write_heights(work, seen)
     work.reporter.progress(share(1.0))
     with work.cost.of("lines"):
-        parts = part_lines(part_shares(survey, painting, visibility, seen), seen.grid)
+        outlines = work.config.algorithm(PartOutlineOptions)
+        parts = part_lines(part_shares(survey, painting, visibility, seen, outlines), seen.grid, outlines)
         if work.wants("elevations", "sheets"):
-            drawing = with_parts(draw_elevation(survey, planes, frame), parts)
+            drawing = with_parts(draw_elevation(survey, planes, frame, work.config.algorithm(ElevationOptions)), parts)
         if drawing is not None and work.wants("elevations"):
             _write_lines(work, "roof" if facade is None else f"elevation-{frame.name}", drawing, "elevation")
     if drawing is not None and image is not None and work.wants("sheets"):
@@ -228,7 +232,7 @@ def _draw_frame(
             _write_sheets(work, drawing, image, seen.grid)
     if facade is not None and work.wants("quantities"):
         with work.cost.of("quantities"):
-            deviation = wall_deviation(survey, facade, seen)
+            deviation = wall_deviation(survey, facade, seen, work.config.algorithm(QuantityOptions))
             _write_deviation(work, deviation, seen.grid)
             work.rows += wall_rows(survey, facade, deviation, parts)
 
@@ -271,7 +275,7 @@ def _sections(work: Work, frames: Sequence[Frame]) -> None:
     for k, frame in enumerate(frames):
         work.reporter.progress(_PAINTED + (1.0 - _PAINTED) * k / len(frames))
         with work.cost.of("sections"):
-            made = cut(work.survey, frame)
+            made = cut(work.survey, frame, work.config.algorithm(SectionOptions))
             if not made.drawing.lines:
                 work.reporter.warning(f"The section {frame.name} cuts nothing of the mesh; give another place.")
                 continue

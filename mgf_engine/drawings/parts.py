@@ -4,31 +4,45 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import PART, Array, Line, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.project import Grid, Seen
-from mgf_engine.drawings.straighten import straighten
+from mgf_engine.drawings.straighten import StraightenOptions, straighten
 from mgf_engine.drawings.trace import trace
 from mgf_engine.texture.texture_pipeline import Painting
 
-LEAST = 40.0  # pixels of the grid that a part covers at least
-SQUARE = 0.85  # intersection over union with its rectangle from which a part is one
-ALIGNED = 2.0  # pixels within which edges of rectangles are on one line
-EDGE = 0.5  # share of the photos that call a pixel part of it
-FACING = 0.35  # cosine to the drawing's normal of surfaces that parts are read on
+
+@dataclass(frozen=True)
+class PartOutlineOptions:
+    """Options of the outlines of named parts."""
+
+    least_area: float = parameter(40.0, "Minimum area of a part", "px²")
+    rectangle: float = parameter(
+        0.85, "Overlap (intersection over union) with its rectangle from which a part is drawn as one", high=1
+    )
+    aligned: float = parameter(2.0, "Distance within which edges of rectangles are put on one line", "px")
+    majority: float = parameter(0.5, "Share of the photos that must call a pixel part of it", high=1)
+    facing: float = parameter(0.35, "Smallest cosine between surface and drawing where parts are read", high=1)
+    straightening: StraightenOptions = StraightenOptions()
 
 
 def part_shares(
-    survey: Survey, painting: Painting, visibility: Visibility, seen: Seen
+    survey: Survey,
+    painting: Painting,
+    visibility: Visibility,
+    seen: Seen,
+    options: PartOutlineOptions = PartOutlineOptions(),
 ) -> dict[str, NDArray[np.float32]]:
     """For each named part, the share of the photos which see a pixel that call it that part, [H, W]."""
     normals = survey.normals @ seen.grid.frame.normal
-    pixel = np.flatnonzero((seen.face.ravel() >= 0) & (normals[np.maximum(seen.face.ravel(), 0)] > FACING))
+    pixel = np.flatnonzero((seen.face.ravel() >= 0) & (normals[np.maximum(seen.face.ravel(), 0)] > options.facing))
     if not survey.parts or not len(pixel):
         return {}
     points = survey.normalise(seen.points(pixel))
@@ -58,10 +72,12 @@ def part_shares(
     return result
 
 
-def part_lines(shares: dict[str, NDArray[np.float32]], grid: Grid) -> list[Line]:
+def part_lines(
+    shares: dict[str, NDArray[np.float32]], grid: Grid, options: PartOutlineOptions = PartOutlineOptions()
+) -> list[Line]:
     """The outlines of all parts: rectangles with edges in line where they are so but for noise, else polygons."""
-    boxes, others = part_shapes(shares)
-    lines = [Line(_polygon(own, x, y, grid), layer_of(name)) for name, own, x, y in others]
+    boxes, others = part_shapes(shares, options)
+    lines = [Line(_polygon(own, x, y, grid, options.straightening), layer_of(name)) for name, own, x, y in others]
     for name, (left, top, right, bottom) in boxes:
         ring = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
         lines.append(Line(grid.places(ring), layer_of(name)))
@@ -70,6 +86,7 @@ def part_lines(shares: dict[str, NDArray[np.float32]], grid: Grid) -> list[Line]
 
 def part_shapes(
     shares: dict[str, NDArray[np.float32]],
+    options: PartOutlineOptions = PartOutlineOptions(),
 ) -> tuple[list[tuple[str, Array]], list[tuple[str, NDArray[np.bool_], int, int]]]:
     """Parts that are rectangles: name, and left, top, right, bottom in pixels, with edges in line.
 
@@ -78,18 +95,20 @@ def part_shapes(
     boxes: list[tuple[str, Array]] = []
     others: list[tuple[str, NDArray[np.bool_], int, int]] = []
     for name, share in shares.items():
-        count, part, stats, _ = cv2.connectedComponentsWithStats((share > EDGE).astype(np.uint8), connectivity=4)
+        count, part, stats, _ = cv2.connectedComponentsWithStats(
+            (share > options.majority).astype(np.uint8), connectivity=4
+        )
         for k in range(1, count):
-            if stats[k, cv2.CC_STAT_AREA] < LEAST:
+            if stats[k, cv2.CC_STAT_AREA] < options.least_area:
                 continue
             x, y, w, h = stats[k, :4].tolist()
             own = part[y : y + h, x : x + w] == k
-            box = _rectangle(share, own, x, y)
+            box = _rectangle(share, own, x, y, options)
             if box is not None:
                 boxes.append((name, box))
             else:
                 others.append((name, own, x, y))
-    corners = _aligned(np.array([box for _, box in boxes]).reshape(-1, 4))
+    corners = _aligned(np.array([box for _, box in boxes]).reshape(-1, 4), options)
     return [(name, box) for (name, _), box in zip(boxes, corners, strict=True)], others
 
 
@@ -108,7 +127,9 @@ def _between(image: NDArray[np.float32], at: Array) -> NDArray[np.float32]:
     return np.asarray(found.ravel()[: len(at)], np.float32)
 
 
-def _rectangle(share: NDArray[np.float32], own: NDArray[np.bool_], x: int, y: int) -> Array | None:
+def _rectangle(
+    share: NDArray[np.float32], own: NDArray[np.bool_], x: int, y: int, options: PartOutlineOptions
+) -> Array | None:
     """Left, top, right, bottom in pixels, to a part of one; None for what is no rectangle."""
     filled = cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
     rows, columns = filled.sum(1), filled.sum(0)
@@ -116,17 +137,17 @@ def _rectangle(share: NDArray[np.float32], own: NDArray[np.bool_], x: int, y: in
     top, bottom, left, right = int(high[0]), int(high[-1]) + 1, int(wide[0]), int(wide[-1]) + 1
     box = (bottom - top) * (right - left)
     inside = int(filled[top:bottom, left:right].sum())
-    if inside < SQUARE * (box + int(filled.sum()) - inside):
+    if inside < options.rectangle * (box + int(filled.sum()) - inside):
         return None
-    across = _profile(share[y + top : y + bottom], x + left, x + right)
-    down = _profile(share[:, x + left : x + right].T, y + top, y + bottom)
+    across = _profile(share[y + top : y + bottom], x + left, x + right, options)
+    down = _profile(share[:, x + left : x + right].T, y + top, y + bottom, options)
     return np.array([across[0], down[0], across[1], down[1]])
 
 
-def _profile(band: NDArray[np.float32], begin: int, end: int) -> tuple[float, float]:
-    """Where the median over rows of a band [n, W] crosses :data:`EDGE` near two columns, upwards and downwards."""
+def _profile(band: NDArray[np.float32], begin: int, end: int, options: PartOutlineOptions) -> tuple[float, float]:
+    """Where the median over rows of a band [n, W] crosses the majority near two columns, upwards and downwards."""
     mean = np.median(band, axis=0)
-    return _crossing(mean - EDGE, begin), _crossing(EDGE - mean, end)
+    return _crossing(mean - options.majority, begin), _crossing(options.majority - mean, end)
 
 
 def _crossing(rising: NDArray[np.float32], at: int) -> float:
@@ -137,20 +158,20 @@ def _crossing(rising: NDArray[np.float32], at: int) -> float:
     return float(at)
 
 
-def _aligned(boxes: Array) -> Array:
+def _aligned(boxes: Array, options: PartOutlineOptions) -> Array:
     """Edges of rectangles [n, 4] that are nearly on one line brought onto it, column by column."""
     result = boxes.copy()
     for k in range(4):
         order = np.argsort(boxes[:, k])
-        groups = np.split(order, np.flatnonzero(np.diff(boxes[order, k]) > ALIGNED / 2) + 1)
+        groups = np.split(order, np.flatnonzero(np.diff(boxes[order, k]) > options.aligned / 2) + 1)
         for group in groups:
-            if len(group) and np.ptp(boxes[group, k]) <= ALIGNED:
+            if len(group) and np.ptp(boxes[group, k]) <= options.aligned:
                 result[group, k] = boxes[group, k].mean()
     return result
 
 
-def _polygon(own: NDArray[np.bool_], x: int, y: int, grid: Grid) -> Array:
+def _polygon(own: NDArray[np.bool_], x: int, y: int, grid: Grid, options: StraightenOptions) -> Array:
     chains = trace(np.pad(own.astype(np.int32), 1))
     outer = max(chains, key=lambda chain: len(chain.corners))
     corners = grid.places(outer.corners + np.array([x - 1.0, y - 1.0]))
-    return straighten(corners, (0, 0), grid.resolution).points
+    return straighten(corners, (0, 0), grid.resolution, options=options).points

@@ -6,12 +6,14 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Facade, Line, Survey
 from mgf_engine.drawings.project import Seen
 from mgf_engine.drawings.section import ring_area
@@ -19,10 +21,16 @@ from mgf_engine.drawings.vector_files import layer_name
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.system import atomic_path
 
-BAND = 6.0  # working pixels from its plane within which a surface belongs to a wall
-FACING = 0.8  # cosine between the normals of a surface and of the wall that it may be part of
-ROOF = 10.0, 75.0  # degrees: tilts of roof planes
 Row = tuple[str, str, str, str]  # of what, quantity, value, unit
+
+
+@dataclass(frozen=True)
+class QuantityOptions:
+    """Options of the quantities."""
+
+    wall_distance: float = parameter(6.0, "Largest distance of a surface from the plane of its wall", "ground px")
+    facing: float = parameter(0.8, "Smallest cosine between the normals of a surface and its wall", high=1)
+    roof_tilt: tuple[float, float] = parameter((10.0, 75.0), "Range of the tilt of roof planes", "degrees", high=90)
 
 
 def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], parts: Sequence[Line]) -> list[Row]:
@@ -57,7 +65,7 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
     return rows
 
 
-def building_rows(survey: Survey, planes: Planes) -> list[Row]:
+def building_rows(survey: Survey, planes: Planes, options: QuantityOptions = QuantityOptions()) -> list[Row]:
     """Heights over the lowest point, roof planes, and the volume where the mesh is closed."""
     import trimesh
 
@@ -67,7 +75,7 @@ def building_rows(survey: Survey, planes: Planes) -> list[Row]:
     for k, normal in enumerate(planes.normals):
         tilt = float(np.degrees(np.arccos(np.clip(normal[2], -1, 1))))
         faces = planes.label == k
-        if ROOF[0] < tilt < ROOF[1] and faces.any():
+        if options.roof_tilt[0] < tilt < options.roof_tilt[1] and faces.any():
             heights = z[survey.mesh.faces[faces]].ravel() - z.min()
             low, high = float(np.percentile(heights, 2)), float(np.percentile(heights, 98))
             area = float(survey.areas[faces].sum())
@@ -90,7 +98,9 @@ def building_rows(survey: Survey, planes: Planes) -> list[Row]:
     return rows
 
 
-def wall_deviation(survey: Survey, facade: Facade, seen: Seen) -> NDArray[np.float32]:
+def wall_deviation(
+    survey: Survey, facade: Facade, seen: Seen, options: QuantityOptions = QuantityOptions()
+) -> NDArray[np.float32]:
     """How far the wall stands before its own plane of least squares at each pixel, NaN beside the wall, [H, W]."""
     weight, at = survey.areas[facade.wall], facade.frame.to_drawing(survey.centres[facade.wall])
     terms = np.column_stack([at[:, :2], np.ones(len(at))]) * np.sqrt(weight)[:, None]
@@ -99,8 +109,10 @@ def wall_deviation(survey: Survey, facade: Facade, seen: Seen) -> NDArray[np.flo
     x = grid.left + (np.arange(grid.width) + 0.5) * grid.resolution
     y = grid.top - (np.arange(grid.height) + 0.5) * grid.resolution
     off = (seen.before - (a * x + c)[None] - (b * y)[:, None]) / np.sqrt(a * a + b * b + 1)
-    facing = (survey.normals @ facade.frame.normal > FACING)[seen.face] & (seen.face >= 0)
-    return np.where(facing & (np.abs(off) < BAND * survey.working_pixel), off, np.nan).astype(np.float32)
+    facing = (survey.normals @ facade.frame.normal > options.facing)[seen.face] & (seen.face >= 0)
+    return np.where(facing & (np.abs(off) < options.wall_distance * survey.working_pixel), off, np.nan).astype(
+        np.float32
+    )
 
 
 def deviation_picture(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:

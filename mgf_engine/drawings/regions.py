@@ -15,20 +15,37 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.drawings.project import Grid, Seen, plan_grid, see
 from mgf_engine.mesh.plane_detection import PlanarOptions, Planes, planes_of
 
-FINE = 0.5  # of a working pixel: a pixel of the regions
-LONGEST = 3000  # pixels of a region map
-NEAR = 2.5  # working pixels from a plane, within which what hangs together with it belongs to it
-PLANE = 500.0  # square working pixels of loose pixels that a further plane is put through
-STEEP = 4.0  # slope from which a plane is seen too much edge on
-TRIES, SAMPLE = 150, 3000
-LEAST, LEAST_HOLE = 120.0, 1600.0  # square working pixels; smaller regions and holes go to what is around
-SMOOTH = 2.0  # working pixels around a pixel that vote on its label
-REACH = 0.3  # of a plane's own box around it, in which it grows
 NOTHING, LOOSE = 0, 1 << 20
+
+
+@dataclass(frozen=True)
+class RegionOptions:
+    """Options of the regions of a drawing."""
+
+    pixel: float = parameter(0.5, "Size of a pixel of the map of regions", "ground px", low=0.05)
+    longest_side: int = parameter(3000, "Longest side of the map of regions", "px", low=16)
+    plane_distance: float = parameter(
+        2.5, "Largest distance from a plane of a surface that the plane grows over", "ground px"
+    )
+    least_plane: float = parameter(
+        500.0, "Minimum area of a further plane, fitted to what is in no plane of the mesh", "ground px²"
+    )
+    steepest: float = parameter(4.0, "Slope against the drawing's plane from which no further plane is fitted")
+    trials: int = parameter(150, "Number of samples of RANSAC, and of further planes", low=1)
+    sample: int = parameter(3000, "Number of pixels that RANSAC fits a plane to", low=3)
+    least_region: float = parameter(
+        120.0, "Minimum area of a region; smaller ones are merged with what is around", "ground px²"
+    )
+    least_hole: float = parameter(
+        1600.0, "Minimum area of a hole; smaller ones are merged with what is around", "ground px²"
+    )
+    smoothing: float = parameter(2.0, "Radius of the majority filter that smooths borders", "ground px")
+    reach: float = parameter(0.3, "Distance that a plane grows beyond its bounding box, as a share of that box")
 
 
 @dataclass(frozen=True)
@@ -61,21 +78,21 @@ def survey_planes(survey: Survey, options: PlanarOptions = PlanarOptions()) -> P
     return planes_of(survey.mesh, survey.working_pixel, options)
 
 
-def find_regions(survey: Survey, planes: Planes, frame: Frame) -> Regions:
+def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOptions = RegionOptions()) -> Regions:
     """The regions that a frame shows."""
     pixel = survey.working_pixel
-    resolution = max(FINE * pixel, float(frame.size.max()) / LONGEST)
+    resolution = max(options.pixel * pixel, float(frame.size.max()) / options.longest_side)
     seen = see(survey, plan_grid(frame, resolution, survey.unit))
     slope = _slopes(planes, frame)
     plane = planes.label[np.maximum(seen.face, 0)]
     label = np.where(seen.face < 0, NOTHING, np.where(plane >= 0, plane + 1, LOOSE)).astype(np.int32)
     regions = Regions(seen.grid, label, slope)
     square = (pixel / resolution) ** 2
-    _grow(regions, seen, NEAR * pixel)
-    regions = _further_planes(regions, seen, NEAR * pixel, PLANE * square)
-    _merge_small(regions, LEAST * square, LEAST_HOLE * square)
-    _smooth(regions.label, max(1, round(SMOOTH * pixel / resolution)))
-    _merge_small(regions, LEAST * square, LEAST_HOLE * square)
+    _grow(regions, seen, options.plane_distance * pixel, options)
+    regions = _further_planes(regions, seen, options.plane_distance * pixel, options.least_plane * square, options)
+    _merge_small(regions, options.least_region * square, options.least_hole * square)
+    _smooth(regions.label, max(1, round(options.smoothing * pixel / resolution)))
+    _merge_small(regions, options.least_region * square, options.least_hole * square)
     return regions
 
 
@@ -97,7 +114,7 @@ def _offsets(regions: Regions, seen: Seen, label: int, box: tuple[slice, slice])
     return np.asarray(np.abs(off) * np.float32(1 / np.sqrt(a * a + b * b + 1)))
 
 
-def _grow(regions: Regions, seen: Seen, near: float) -> None:
+def _grow(regions: Regions, seen: Seen, near: float, options: RegionOptions) -> None:
     """Planes take the loose pixels near them that hang together with them; the nearest plane wins."""
     label = regions.label
     best, taken = np.full(label.shape, near, np.float32), np.zeros(label.shape, np.int32)
@@ -105,7 +122,7 @@ def _grow(regions: Regions, seen: Seen, near: float) -> None:
     for index, own_box in enumerate(find_objects(np.where(loose, 0, label))):
         if own_box is None:
             continue
-        box = _wider(own_box, label.shape, REACH)
+        box = _wider(own_box, label.shape, options.reach)
         value, own = index + 1, label[box] == index + 1
         off = _offsets(regions, seen, value, box)
         fits = own | (loose[box] & (off < best[box]))
@@ -125,14 +142,14 @@ def _wider(box: tuple[slice, ...], shape: tuple[int, ...], share: float) -> tupl
     return rows, columns
 
 
-def _further_planes(regions: Regions, seen: Seen, near: float, least: float) -> Regions:
+def _further_planes(regions: Regions, seen: Seen, near: float, least: float, options: RegionOptions) -> Regions:
     """Planes through large loose parts, one after the other."""
     rng, tried = np.random.default_rng(0), 0
     for box, own in list(_parts(regions.label, LOOSE)):
         left = own.copy()
-        while left.sum() >= least and tried < TRIES:
+        while left.sum() >= least and tried < options.trials:
             tried += 1
-            slope = _plane_through(regions, seen, box, left, near, rng)
+            slope = _plane_through(regions, seen, box, left, near, rng, options)
             if slope is None:
                 break
             grown = replace(regions, slope=np.concatenate([regions.slope, slope[None]]))
@@ -154,15 +171,16 @@ def _plane_through(
     own: NDArray[np.bool_],
     near: float,
     rng: np.random.Generator,
+    options: RegionOptions,
 ) -> Array | None:
     """The plane (a, b, c) that most of the pixels of a part lie in; None where it is seen edge on."""
     row, column = np.nonzero(own)
-    some = rng.choice(len(row), min(SAMPLE, len(row)), replace=False)
+    some = rng.choice(len(row), min(options.sample, len(row)), replace=False)
     at = regions.grid.places(np.stack([column[some] + box[1].start, row[some] + box[0].start], 1) + 0.5)
     points = np.column_stack([at, seen.before[box][row[some], column[some]]])
-    three = points[rng.integers(0, len(points), (TRIES, 3))]
+    three = points[rng.integers(0, len(points), (options.trials, 3))]
     normal = np.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])
-    usable = np.abs(normal[:, 2]) * STEEP > np.hypot(normal[:, 0], normal[:, 1])
+    usable = np.abs(normal[:, 2]) * options.steepest > np.hypot(normal[:, 0], normal[:, 1])
     if not usable.any():
         return None
     normal, origin = normal[usable], three[usable, 0]
@@ -172,7 +190,7 @@ def _plane_through(
     held = points[off[:, k] < near]
     terms = np.column_stack([held[:, :2], np.ones(len(held))])
     slope = np.linalg.lstsq(terms, held[:, 2], rcond=None)[0]
-    return np.asarray(slope) if np.hypot(slope[0], slope[1]) < STEEP else None
+    return np.asarray(slope) if np.hypot(slope[0], slope[1]) < options.steepest else None
 
 
 def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, slice], NDArray[np.bool_]]]:

@@ -11,16 +11,27 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.facades import plan_frame
 from mgf_engine.drawings.model import CUT, Area, Array, Facade, Frame, Line, LineDrawing, Survey
-from mgf_engine.drawings.straighten import straighten
+from mgf_engine.drawings.straighten import StraightenOptions, straighten
 from mgf_engine.errors import BadInput
 
-SPACING = 0.5  # ground pixels between the points of a cut before it is made straight
-LOW = 0.2  # of the building's height, below which open ends are those of walls that go into the ground
-LEAST = 9.0  # square ground pixels; smaller areas and shorter lines are crumbs
-NEAR = np.sin(np.radians(2.0))  # a plane this near to level or upright is made so
-ABOVE = 1.2  # metres above the ground where a plan is cut; a quarter of the height where the scale is unknown
+
+@dataclass(frozen=True)
+class SectionOptions:
+    """Options of sections."""
+
+    spacing: float = parameter(
+        0.5, "Distance between the points of a cut before it is straightened", "ground px", low=0.01
+    )
+    in_ground: float = parameter(
+        0.2, "Share of the building's height below which open ends of walls are joined", high=1
+    )
+    least_area: float = parameter(9.0, "Minimum area inside a cut, and square of its minimum length", "ground px²")
+    level_angle: float = parameter(2.0, "Angle below which a plane is made level or upright", "degrees", high=45)
+    plan_height: float = parameter(1.2, "Height above the ground at which a plan is cut", "m")
+    straightening: StraightenOptions = StraightenOptions()
 
 
 @dataclass(frozen=True)
@@ -32,7 +43,9 @@ class Cut:
     closed: bool
 
 
-def section_frames(survey: Survey, facades: Sequence[Facade], wanted: Sequence[str]) -> list[Frame]:
+def section_frames(
+    survey: Survey, facades: Sequence[Facade], wanted: Sequence[str], options: SectionOptions = SectionOptions()
+) -> list[Frame]:
     """The planes to cut at: level ones ``z=1.2`` above the ground, upright ones ``A=3.5`` from a facade's left end, any
     others ``NAME=x,y,z,nx,ny,nz`` by a point and a normal of the scene frame.
 
@@ -42,45 +55,54 @@ def section_frames(survey: Survey, facades: Sequence[Facade], wanted: Sequence[s
         BadInput: a text names no facade, no number, or a plane beside the building; or two have one name.
     """
     if wanted:
-        frames = [_frame_of(survey, facades, text) for text in wanted]
+        frames = [_frame_of(survey, facades, text, options) for text in wanted]
         names = [frame.name for frame in frames]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise BadInput(f"Two sections are called {twice}; give each --section a name of its own.")
         return frames
     height = float(np.ptp(survey.mesh.vertices[:, 2]))
-    level = ABOVE if survey.georeference.metric and height > ABOVE else 0.25 * height
+    level = options.plan_height if survey.georeference.metric and height > options.plan_height else 0.25 * height
     first = facades[0]
     across = max(facades, key=lambda f: abs(float(f.frame.normal @ first.frame.x)))
     through = [first] if across is first else [first, across]
     return [_level(survey, facades, level), *(_upright(survey, f, 0.5 * float(f.frame.size[0])) for f in through)]
 
 
-def cut(survey: Survey, frame: Frame) -> Cut:
+def cut(survey: Survey, frame: Frame, options: SectionOptions = SectionOptions()) -> Cut:
     """What the frame's plane cuts."""
     pixel = survey.working_pixel
     paths = [frame.to_drawing(path)[:, :2] for path in _paths(survey, frame)]
-    paths = [path for path in paths if _length(path) ** 2 > LEAST * pixel**2]
+    paths = [path for path in paths if _length(path) ** 2 > options.least_area * pixel**2]
     upright = abs(float(frame.normal[2])) < 0.5
     rings, loose = [p for p in paths if (p[0] == p[-1]).all()], [p for p in paths if not (p[0] == p[-1]).all()]
-    low = float(frame.low[1] + LOW * frame.size[1])
+    low = float(frame.low[1] + options.in_ground * frame.size[1])
     for path in list(loose):
         in_ground = upright and max(path[0, 1], path[-1, 1]) < low
         if in_ground or np.hypot(*(path[0] - path[-1])) < 4 * pixel:
             rings.append(np.concatenate([path, path[:1]]))
             loose = [other for other in loose if other is not path]
-    straight = [straighten(_resampled(ring, SPACING * pixel), (0, 0), pixel).points for ring in rings]
-    areas = _areas(straight, LEAST * pixel**2)
+    straight = [
+        straighten(_resampled(ring, options.spacing * pixel), (0, 0), pixel, options=options.straightening).points
+        for ring in rings
+    ]
+    areas = _areas(straight, options.least_area * pixel**2)
     lines = [Line(ring, CUT) for area in areas for ring in (area.outer, *area.holes)]
-    lines += [Line(straighten(_resampled(path, SPACING * pixel), (0, 1), pixel).points, CUT) for path in loose]
+    lines += [
+        Line(
+            straighten(_resampled(path, options.spacing * pixel), (0, 1), pixel, options=options.straightening).points,
+            CUT,
+        )
+        for path in loose
+    ]
     total = sum(ring_area(a.outer) - sum(map(ring_area, a.holes)) for a in areas)
     return Cut(LineDrawing(frame, lines, areas), total, not loose)
 
 
-def _frame_of(survey: Survey, facades: Sequence[Facade], text: str) -> Frame:
+def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, options: SectionOptions) -> Frame:
     plane = re.fullmatch(r"\s*([\w-]+)\s*=([-+0-9.eE\s]+(?:,[-+0-9.eE\s]+){5})", text)
     if plane is not None:
-        return _along_plane(survey, facades, text, plane.group(1), plane.group(2))
+        return _along_plane(survey, facades, text, plane.group(1), plane.group(2), options)
     match = re.fullmatch(r"\s*([\w-]+)\s*=\s*([-+0-9.eE]+)\s*", text)
     known = {facade.name: facade for facade in facades}
     names = ", ".join(["z", *known])
@@ -98,7 +120,9 @@ def _frame_of(survey: Survey, facades: Sequence[Facade], text: str) -> Frame:
     return _level(survey, facades, value) if name == "z" else _upright(survey, known[name], value)
 
 
-def _along_plane(survey: Survey, facades: Sequence[Facade], text: str, name: str, numbers: str) -> Frame:
+def _along_plane(
+    survey: Survey, facades: Sequence[Facade], text: str, name: str, numbers: str, options: SectionOptions
+) -> Frame:
     """Through a point along a plane, both of the scene frame; seen from the side that the normal points to.
 
     Raises:
@@ -113,11 +137,11 @@ def _along_plane(survey: Survey, facades: Sequence[Facade], text: str, name: str
         raise BadInput(f"The section '{text}' is no plane; give NAME=x,y,z,nx,ny,nz with a normal that is not zero.")
     point = survey.local(values[:3])
     normal = survey.turn @ survey.georeference.rotation @ values[3:] / length
-    if np.hypot(normal[0], normal[1]) < NEAR:
+    if np.hypot(normal[0], normal[1]) < np.sin(np.radians(options.level_angle)):
         plan = plan_frame(survey, list(facades))
         return Frame(name, plan.origin + point[2] * plan.normal, plan.x, plan.y, plan.low, plan.high)
     up = np.array([0.0, 0.0, 1.0])
-    if abs(normal[2]) < NEAR:
+    if abs(normal[2]) < np.sin(np.radians(options.level_angle)):
         normal = np.array([normal[0], normal[1], 0.0]) / np.hypot(normal[0], normal[1])
         point = point - point[2] * up  # its y is the height
     x = np.cross(up, normal) / np.hypot(normal[0], normal[1])

@@ -14,18 +14,31 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
+
 Array = NDArray[np.float64]
 
-SPLIT = 2.0  # ground pixels that a chain may leave the line between two of its corners
-SHORT = 8.0  # ground pixels; shorter parts have no line of their own
-TRUE = 1.0  # ground pixel that the end of a line moves at most when it is made level or upright
-SNAP = np.radians(6.0)  # and its angle
-CROSS = np.sin(np.radians(12.0))  # of the angle between lines that cross in a place worth the name
-MEET = 4.0  # ground pixels around a corner or an end within which its lines are brought together
-KNOWN = 1.5  # ground pixels from the line of two planes within which a part is that line
-ALONG = np.cos(np.radians(1.5))  # of the angle between lines that are one line
-CORNER = 2.5  # ground pixels at the ends of a part that say nothing about its line
-APART = 0.6  # ground pixels between them
+
+@dataclass(frozen=True)
+class StraightenOptions:
+    """Options of the straightening of borders."""
+
+    split: float = parameter(2.0, "Tolerance of the polygon simplification (Douglas and Peucker)", "ground px")
+    short: float = parameter(8.0, "Length below which a part gives way to the crossing of its neighbours", "ground px")
+    level_shift: float = parameter(1.0, "Largest move of the end of a line that is made level or upright", "ground px")
+    level_angle: float = parameter(6.0, "Largest angle of a line that is made level or upright", "degrees", high=45)
+    crossing_angle: float = parameter(
+        12.0, "Smallest angle between two lines that are extended to their crossing", "degrees", high=90
+    )
+    meeting_distance: float = parameter(
+        4.0, "Largest distance of a crossing from the corner that it replaces", "ground px"
+    )
+    plane_line_distance: float = parameter(
+        1.5, "Largest distance of a border from the line where its two planes meet", "ground px"
+    )
+    same_angle: float = parameter(1.5, "Largest angle between two lines that are merged", "degrees", high=90)
+    corner: float = parameter(2.5, "Length at both ends of a part that its line is not fitted to", "ground px")
+    same_distance: float = parameter(0.6, "Largest distance between two lines that are merged", "ground px")
 
 
 @dataclass
@@ -68,7 +81,13 @@ class Stroke:
         return self.ends[0] == self.ends[1]
 
 
-def straighten(corners: Array, ends: tuple[int, int], pixel: float, known: Array | None = None) -> Stroke:
+def straighten(
+    corners: Array,
+    ends: tuple[int, int],
+    pixel: float,
+    known: Array | None = None,
+    options: StraightenOptions = StraightenOptions(),
+) -> Stroke:
     """A chain as straight runs.
 
     Args:
@@ -78,16 +97,16 @@ def straighten(corners: Array, ends: tuple[int, int], pixel: float, known: Array
     """
     closed = ends[0] == ends[1]
     if closed:
-        corners = _begun_at_longest(_begun_at_a_corner(corners), SPLIT * pixel)
-    breaks = split(corners, SPLIT * pixel)
-    runs = [_run(corners[i : j + 1], pixel, known) for i, j in pairwise(breaks)]
+        corners = _begun_at_longest(_begun_at_a_corner(corners), options.split * pixel)
+    breaks = split(corners, options.split * pixel)
+    runs = [_run(corners[i : j + 1], pixel, known, options) for i, j in pairwise(breaks)]
     at = corners[breaks]
-    runs, at = _without_short(runs, at, pixel, closed)
+    runs, at = _without_short(runs, at, pixel, closed, options)
     points = at.copy()
     for k in range(1, len(runs)):
-        points[k] = crossing([runs[k - 1], runs[k]], at[k], pixel)
+        points[k] = crossing([runs[k - 1], runs[k]], at[k], pixel, options)
     if closed and len(runs) > 1:
-        points[0] = points[-1] = crossing([runs[-1], runs[0]], at[0], pixel)
+        points[0] = points[-1] = crossing([runs[-1], runs[0]], at[0], pixel, options)
     elif not closed:
         points[0], points[-1] = runs[0].nearest(at[0]), runs[-1].nearest(at[-1])
     return Stroke(runs, points, ends)
@@ -116,7 +135,7 @@ def split(points: Array, tolerance: float) -> list[int]:
     return sorted(kept)
 
 
-def crossing(runs: list[Run], place: Array, pixel: float) -> Array:
+def crossing(runs: list[Run], place: Array, pixel: float, options: StraightenOptions = StraightenOptions()) -> Array:
     """Where lines meet near a place [2]: of least squares, level, upright and known lines before others."""
     matrix, right = 1e-9 * np.eye(2), 1e-9 * place
     for run in runs:
@@ -126,13 +145,15 @@ def crossing(runs: list[Run], place: Array, pixel: float) -> Array:
         right = right + weight * across * float(across @ run.at)
     steepest = max((abs(turn(a.along, b.along)) for k, a in enumerate(runs) for b in runs[k + 1 :]), default=0.0)
     mean = np.mean([run.nearest(place) for run in runs], axis=0)
-    if steepest < CROSS:
+    if steepest < np.sin(np.radians(options.crossing_angle)):
         return np.asarray(mean)
     found = np.linalg.solve(matrix, right)
-    return np.asarray(found if np.hypot(*(found - place)) <= MEET * pixel else mean, np.float64)
+    return np.asarray(found if np.hypot(*(found - place)) <= options.meeting_distance * pixel else mean, np.float64)
 
 
-def join_ends(strokes: list[Stroke], places: dict[int, Array], pixel: float) -> None:
+def join_ends(
+    strokes: list[Stroke], places: dict[int, Array], pixel: float, options: StraightenOptions = StraightenOptions()
+) -> None:
     """Bring all strokes that end in one place to one point; ``places``: where each place is, [2]."""
     meeting: dict[int, list[tuple[Stroke, int]]] = {}
     for stroke in strokes:
@@ -141,21 +162,25 @@ def join_ends(strokes: list[Stroke], places: dict[int, Array], pixel: float) -> 
             meeting.setdefault(stroke.ends[1], []).append((stroke, -1))
     for place, members in meeting.items():
         if len(members) > 1:
-            point = crossing([stroke.runs[end] for stroke, end in members], places[place], pixel)
+            point = crossing([stroke.runs[end] for stroke, end in members], places[place], pixel, options)
             for stroke, end in members:
                 stroke.points[end] = point
 
 
-def merge(segments: list[tuple[Array, Array]], pixel: float) -> list[tuple[Array, Array]]:
+def merge(
+    segments: list[tuple[Array, Array]], pixel: float, options: StraightenOptions = StraightenOptions()
+) -> list[tuple[Array, Array]]:
     """Segments (start and end, [2] each), those on one line that touch or overlap made into one."""
     merged = [s for s in segments if np.hypot(*(s[1] - s[0])) > 1e-9]
     changed = True
     while changed:
-        changed, merged = _merged_once(merged, pixel)
+        changed, merged = _merged_once(merged, pixel, options)
     return merged
 
 
-def _merged_once(segments: list[tuple[Array, Array]], pixel: float) -> tuple[bool, list[tuple[Array, Array]]]:
+def _merged_once(
+    segments: list[tuple[Array, Array]], pixel: float, options: StraightenOptions
+) -> tuple[bool, list[tuple[Array, Array]]]:
     segments = sorted(segments, key=lambda s: -float(np.hypot(*(s[1] - s[0]))))
     taken, result, changed = np.zeros(len(segments), bool), list[tuple[Array, Array]](), False
     if not segments:
@@ -171,7 +196,11 @@ def _merged_once(segments: list[tuple[Array, Array]], pixel: float) -> tuple[boo
         along, across = directions[k], np.array([-directions[k][1], directions[k][0]])
         off = np.maximum(np.abs((starts - starts[k]) @ across), np.abs((ends - starts[k]) @ across))
         a, b = (starts - starts[k]) @ along, (ends - starts[k]) @ along
-        alike = ~taken & (np.abs(directions @ along) > ALONG) & (off < APART * pixel)
+        alike = (
+            ~taken
+            & (np.abs(directions @ along) > np.cos(np.radians(options.same_angle)))
+            & (off < options.same_distance * pixel)
+        )
         for other in np.flatnonzero(alike):
             least, most = min(a[other], b[other]), max(a[other], b[other])
             if least <= high + pixel and most >= low - pixel:
@@ -193,7 +222,7 @@ def _begun_at_longest(loop: Array, tolerance: float) -> Array:
     return np.concatenate([loop[first:-1], loop[: first + 1]])
 
 
-def _run(corners: Array, pixel: float, known: Array | None) -> Run:
+def _run(corners: Array, pixel: float, known: Array | None, options: StraightenOptions) -> Run:
     """The line through part of a chain."""
     middles = 0.5 * (corners[1:] + corners[:-1])
     span = corners[-1] - corners[0]
@@ -202,41 +231,47 @@ def _run(corners: Array, pixel: float, known: Array | None) -> Run:
         across = known[:2]
         off = middles @ across + known[2]
         along = np.array([-across[1], across[0]])
-        if np.median(np.abs(off)) < KNOWN * pixel and length > 0 and abs(float(along @ span)) > 0.9 * length:
+        if (
+            np.median(np.abs(off)) < options.plane_line_distance * pixel
+            and length > 0
+            and abs(float(along @ span)) > 0.9 * length
+        ):
             centre = corners.mean(0)
-            return _true(Run(centre - across * (centre @ across + known[2]), along, length, True), pixel)
-    cut = min(len(middles) // 4, max(1, int(CORNER * pixel / max(length / len(middles), 1e-12))))
+            return _true(Run(centre - across * (centre @ across + known[2]), along, length, True), pixel, options)
+    cut = min(len(middles) // 4, max(1, int(options.corner * pixel / max(length / len(middles), 1e-12))))
     inner = middles[cut : len(middles) - cut] if len(middles) > 6 else middles
     centre = inner.mean(0)
     if len(inner) > 2:
         along = np.linalg.svd(inner - centre, full_matrices=False)[2][0]
     else:
         along = span / max(length, 1e-300)
-    return _true(Run(centre, along * (np.sign(along @ span) or 1.0), length), pixel)
+    return _true(Run(centre, along * (np.sign(along @ span) or 1.0), length), pixel, options)
 
 
-def _true(run: Run, pixel: float) -> Run:
+def _true(run: Run, pixel: float, options: StraightenOptions) -> Run:
     """The run level or upright where it is so but for a ground pixel at its ends."""
     for axis in range(2):
         turn = abs(float(run.along[axis]))
-        if turn < np.sin(SNAP) and 0.5 * run.length * turn <= TRUE * pixel:
+        if turn < np.sin(np.radians(options.level_angle)) and 0.5 * run.length * turn <= options.level_shift * pixel:
             along = np.zeros(2)
             along[1 - axis] = np.sign(run.along[1 - axis])
             return Run(run.at, along, run.length, run.known)
     return run
 
 
-def _without_short(runs: list[Run], at: Array, pixel: float, closed: bool) -> tuple[list[Run], Array]:
+def _without_short(
+    runs: list[Run], at: Array, pixel: float, closed: bool, options: StraightenOptions
+) -> tuple[list[Run], Array]:
     """Short runs dropped where the lines beside them cross nearby; the first run of a loop is its longest."""
     k = 1
     while k < len(runs) - (not closed) and len(runs) > 2:
         last = k == len(runs) - 1
         before, run, after = runs[k - 1], runs[k], runs[0 if last else k + 1]
-        if run.length < SHORT * pixel and min(before.length, after.length) > run.length:
+        if run.length < options.short * pixel and min(before.length, after.length) > run.length:
             middle = 0.5 * (at[k] + at[k + 1])
-            if abs(turn(before.along, after.along)) > CROSS:
+            if abs(turn(before.along, after.along)) > np.sin(np.radians(options.crossing_angle)):
                 place = _cross(before, after)
-                if np.hypot(*(place - middle)) < MEET * pixel:
+                if np.hypot(*(place - middle)) < options.meeting_distance * pixel:
                     runs, at = runs[:k] + runs[k + 1 :], np.concatenate([at[:k], [place], at[k + 2 :]])
                     if last:
                         at[0] = place

@@ -31,7 +31,7 @@ from mgf_engine.results import load_field, load_inputs, load_mesh
 from mgf_engine.runs import keep_run
 from mgf_engine.stages import outputs
 from mgf_engine.system import atomic_path
-from mgf_engine.texture.texture_pipeline import make_texture, texture_options
+from mgf_engine.texture.texture_pipeline import TextureOptions, make_texture
 
 #: What people take from a job, and the clicks it was made with.
 _RESULT = [*(output.path for output in outputs() if output.kept), CLICKS]
@@ -87,7 +87,7 @@ def _texture(
     job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, warn: Callable[[str], None], check: Callable[[], None]
 ) -> Texture:
     texture = make_texture(
-        mesh, scene, masks, job.config.texture_size, warn, lambda share: check(), texture_options(job.config)
+        mesh, scene, masks, job.config.texture_size, warn, lambda share: check(), job.config.algorithm(TextureOptions)
     )
     write_texture(texture, job.folder)
     return texture

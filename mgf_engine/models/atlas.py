@@ -9,11 +9,13 @@ the full one.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.mesh.colors import sample
@@ -21,30 +23,41 @@ from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.texture.bake import barycentric, fill_gutters
 from mgf_engine.texture.charts import BLOCK
 
-LEAST_SIDE = 256
-PADDING = 3  # pixels between charts
-SHRINK = 4.0  # what the gutters between the patches of the full texture allow
 BLOCK_FACES = 5000  # for which charts are made together
 AT_ONCE = 500_000  # pixels looked up together
 
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class AtlasOptions:
+    """Options of the textures of levels of detail."""
+
+    least_side: int = parameter(256, "Minimum width of a texture", "px", low=16)
+    padding: int = parameter(3, "Distance between charts", "px")
+    shrink: float = parameter(4.0, "Largest factor by which the full texture is reduced before it is looked up", low=1)
+
+
 def transfer_texture(
-    coarse: Mesh, full: Mesh, texture: Texture, side: int, progress: Callable[[float], None] = lambda share: None
+    coarse: Mesh,
+    full: Mesh,
+    texture: Texture,
+    side: int,
+    progress: Callable[[float], None] = lambda share: None,
+    options: AtlasOptions = AtlasOptions(),
 ) -> Texture:
     """The texture of a coarse mesh, from that of the full mesh in the same frame.
 
     Args:
-        side: of the picture, pixels; at least :data:`LEAST_SIDE` is taken.
+        side: of the picture, pixels; at least the options' ``least_side`` is taken.
     """
-    side = max(LEAST_SIDE, side)
-    uv, height = _charts(coarse, side)
+    side = max(options.least_side, side)
+    uv, height = _charts(coarse, side, options)
     at = uv * (side, height)
     face = draw_triangles(at, height, side)
     rows, columns = np.nonzero(face >= 0)
     image = np.zeros((height, side, 3), np.uint8)
-    texture = _shrunk(texture, len(rows))
+    texture = _shrunk(texture, len(rows), options)
     surface = Surface(full.vertices, full.faces.astype(np.int64))
     for first in range(0, len(rows), AT_ONCE):
         progress(first / len(rows))
@@ -57,7 +70,7 @@ def transfer_texture(
     return Texture(np.stack([uv[..., 0], 1 - uv[..., 1]], -1).astype(np.float32), image)
 
 
-def _charts(mesh: Mesh, side: int) -> tuple[Array, int]:
+def _charts(mesh: Mesh, side: int, options: AtlasOptions) -> tuple[Array, int]:
     """Places of the faces' corners in a picture of this width, 0..1 from the top left, [F, 3, 2], and its height."""
     import xatlas
 
@@ -68,7 +81,7 @@ def _charts(mesh: Mesh, side: int) -> tuple[Array, int]:
         atlas.add_mesh(local[used], index.reshape(-1, 3).astype(np.uint32))
     charts, packing = xatlas.ChartOptions(), xatlas.PackOptions()
     charts.max_iterations = 1
-    packing.padding, packing.resolution, packing.bilinear = PADDING, side, True
+    packing.padding, packing.resolution, packing.bilinear = options.padding, side, True
     atlas.generate(charts, packing)
     height = max(BLOCK, BLOCK * round(side * atlas.height / max(atlas.width, 1) / BLOCK))
     places = np.empty((len(mesh.faces), 3, 2))
@@ -92,15 +105,15 @@ def _blocks(middles: Array) -> list[NDArray[np.int64]]:
     return blocks
 
 
-def _shrunk(texture: Texture, pixels: int) -> Texture:
-    """The texture with about as many painted pixels as asked for, at most :data:`SHRINK` times smaller each way.
+def _shrunk(texture: Texture, pixels: int, options: AtlasOptions) -> Texture:
+    """The texture with about as many painted pixels as asked for, at most ``shrink`` times smaller each way.
 
     Else a coarse picture would pick single pixels of the fine one, which flickers.
     """
     height, width = texture.image.shape[:2]
     first, second = texture.uv[:, 1] - texture.uv[:, 0], texture.uv[:, 2] - texture.uv[:, 0]
     painted = 0.5 * float(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).sum()) * width * height
-    shrink = min(SHRINK, float(np.sqrt(painted / max(pixels, 1))))
+    shrink = min(options.shrink, float(np.sqrt(painted / max(pixels, 1))))
     if shrink <= 1:
         return texture
     size = max(1, round(width / shrink)), max(1, round(height / shrink))

@@ -9,9 +9,9 @@ from mgf_engine.geometry.mesh_files import IMAGE, encode_jpeg, write_glb
 from mgf_engine.georef.export import GLTF_AXES, extras
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
-from mgf_engine.models.atlas import transfer_texture
+from mgf_engine.models.atlas import AtlasOptions, transfer_texture
 from mgf_engine.models.draco import compress_glb
-from mgf_engine.models.lod import measure_deviation, reduce_chain, silhouette_overlap
+from mgf_engine.models.lod import LodOptions, measure_deviation, reduce_chain, silhouette_overlap
 from mgf_engine.models.place import to_geocentric
 from mgf_engine.models.tiles import FILE as TILESET
 from mgf_engine.models.tiles import make_tileset
@@ -27,7 +27,10 @@ def write_levels(work: Work) -> None:
     """Make the levels, and write them in every form that is wanted."""
     with work.cost.of("levels of detail"):
         chain = reduce_chain(
-            work.survey.mesh, work.wanted.errors, lambda share: work.reporter.progress(_REDUCED * share)
+            work.survey.mesh,
+            work.wanted.errors,
+            lambda share: work.reporter.progress(_REDUCED * share),
+            work.config.algorithm(LodOptions),
         )
     for k, mesh in enumerate(chain):
         begun, length = _REDUCED + (_PAINTED - _REDUCED) * k / len(chain), (_PAINTED - _REDUCED) / len(chain)
@@ -51,7 +54,7 @@ def _texture_of(work: Work, mesh: Mesh, level: int, progress: partial[None]) -> 
     if work.texture is None or level == 0:
         return work.texture
     side = work.texture.image.shape[1] >> level
-    return transfer_texture(mesh, work.survey.mesh, work.texture, side, progress)
+    return transfer_texture(mesh, work.survey.mesh, work.texture, side, progress, work.config.algorithm(AtlasOptions))
 
 
 def _write_level(work: Work, level: int) -> float:

@@ -10,18 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import render_parallel
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh
 
-SHARES = 1.0, 0.25, 0.06, 0.015  # of the faces of the full mesh
 SAMPLES = 100_000  # points on each of two surfaces that are compared
-MISSED = 1.05  # times the wanted number of faces
-NEARER = 0.67  # of the error of the reduction that keeps topology, from which the other is taken
 DIRECTIONS, SILHOUETTE = 8, 400  # around the building, and pixels along the longest side of what is seen from there
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LodOptions:
+    """Options of the levels of detail."""
+
+    shares: tuple[float, float, float] = parameter(
+        (0.25, 0.06, 0.015), "Number of faces of each coarser level, as shares of the full mesh's", high=1
+    )
+    face_excess: float = parameter(1.05, "Largest number of faces of a level over the wanted number", low=1)
+    nearer: float = parameter(
+        0.67, "Share of the error of the decimation that keeps topology, from which the other one is taken", high=1
+    )
 
 
 @dataclass(frozen=True)
@@ -45,24 +56,25 @@ def reduce_chain(
     mesh: Mesh,
     errors: Sequence[float] = (),
     progress: Callable[[float], None] = lambda share: None,
+    options: LodOptions = LodOptions(),
 ) -> list[Mesh]:
     """The mesh and coarser ones, each made from the full mesh, so that errors do not add up.
 
     Args:
-        errors: how far each coarser mesh may lie from the full one, in its unit; empty takes :data:`SHARES`.
+        errors: how far each coarser mesh may lie from the full one, in its unit; empty takes the options' shares.
     """
     chain = [mesh]
-    steps = len(errors) or len(SHARES) - 1
+    steps = len(errors) or len(options.shares)
     for k in range(steps):
         if errors:
             chain.append(reduce_faces(mesh, 0, errors[k]))
         else:
-            chain.append(_reduced_to(mesh, max(4, round(SHARES[k + 1] * len(mesh.faces)))))
+            chain.append(_reduced_to(mesh, max(4, round(options.shares[k] * len(mesh.faces))), options))
         progress((k + 1) / steps)
     return chain
 
 
-def _reduced_to(mesh: Mesh, most: int) -> Mesh:
+def _reduced_to(mesh: Mesh, most: int, options: LodOptions) -> Mesh:
     """The mesh with about ``most`` faces.
 
     Our own reduction keeps rims and outlines best, and keeps every hole and tunnel. A coarse mesh has no faces for all
@@ -73,11 +85,11 @@ def _reduced_to(mesh: Mesh, most: int) -> Mesh:
     free = _simplified(mesh, most)
     if len(free.faces) == 0:
         return kept
-    if len(kept.faces) > MISSED * most:
+    if len(kept.faces) > options.face_excess * most:
         return free
     few = SAMPLES // 4
-    nearer = measure_deviation(mesh, free, few).rms < NEARER * measure_deviation(mesh, kept, few).rms
-    return free if nearer and len(free.faces) <= MISSED * most else kept
+    nearer = measure_deviation(mesh, free, few).rms < options.nearer * measure_deviation(mesh, kept, few).rms
+    return free if nearer and len(free.faces) <= options.face_excess * most else kept
 
 
 def _simplified(mesh: Mesh, most: int) -> Mesh:

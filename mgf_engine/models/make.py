@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mgf_engine.drawings.load import read_survey
+from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Survey
 from mgf_engine.geometry.mesh_files import COORDINATES, IMAGE, read_texture
 from mgf_engine.job_folder import locked, with_algorithms_of_job
@@ -22,12 +22,11 @@ from mgf_engine.models.place import to_geocentric
 from mgf_engine.models.points import FILE as POINTS
 from mgf_engine.models.points import surface_points, write_laz
 from mgf_engine.models.report import add_to_report
-from mgf_engine.models.solid.build import NoSolid, build_solid
-from mgf_engine.models.solid.openings import add_openings
+from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
+from mgf_engine.models.solid.openings import OpeningOptions, add_openings
 from mgf_engine.models.work import ModelOptions, Work
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json
-from mgf_engine.texture.texture_pipeline import texture_options
 
 STAGE = "models"
 INDEX = "models.json"
@@ -48,7 +47,7 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
             config = with_algorithms_of_job(job, wanted.algorithms)
-            survey = read_survey(job)
+            survey = read_survey(job, options=config.algorithm(UpOptions))
             painted = (job / IMAGE).is_file() and (job / COORDINATES).is_file()
             texture = read_texture(job) if painted else None
         _tell(survey, reporter)
@@ -89,7 +88,7 @@ def _solid(work: Work) -> None:
     """The solid as CityJSON and IFC; a sentence where there is none, or only a block."""
     with work.cost.of("solid"):
         try:
-            solid = build_solid(work.survey, work.wanted.detail)
+            solid = build_solid(work.survey, work.wanted.detail, work.config.algorithm(SolidOptions))
         except NoSolid as reason:
             work.reporter.warning(
                 f"There is no solid of this building ({reason}); take photos from all sides, or give a larger --detail."
@@ -99,7 +98,7 @@ def _solid(work: Work) -> None:
             work.reporter.warning(
                 "The photos do not show enough of the roof, so the solid is a block with a level top (LoD1)."
             )
-        detailed = add_openings(solid, work.survey, texture_options(work.config))
+        detailed = add_openings(solid, work.survey, work.config.algorithm(OpeningOptions))
         ground = float(work.survey.world(np.array([0.0, 0.0, solid.ground]))[2])
         facts = {
             "kind": "solid", "lod": solid.level, "faces": len(solid.faces), "volume": round(solid.volume, 3),

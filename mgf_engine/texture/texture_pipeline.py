@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.rasterize import corners
@@ -40,13 +39,6 @@ class TextureOptions:
     visibility: VisibilityOptions = VisibilityOptions()
     views: ViewSelectionOptions = ViewSelectionOptions()
     seams: SeamOptions = SeamOptions()
-
-
-def texture_options(config: Config) -> TextureOptions:
-    """Return the options of the texture as the user set them."""
-    return TextureOptions(
-        config.algorithm(VisibilityOptions), config.algorithm(ViewSelectionOptions), config.algorithm(SeamOptions)
-    )
 
 
 def make_texture(

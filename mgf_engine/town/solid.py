@@ -33,15 +33,17 @@ def make_solid(folder: Path, georeference_of: Path) -> dict[str, Any]:
     Raises:
         BadInput: the job is damaged.
     """
-    from mgf_engine.drawings.load import read_survey
+    from mgf_engine.drawings.load import UpOptions, read_survey
+    from mgf_engine.job_folder import with_algorithms_of_job
     from mgf_engine.models.cityjson import make_cityjson
-    from mgf_engine.models.solid.build import NoSolid, build_solid
+    from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
 
     began, cpu = time.perf_counter(), cpu_seconds()
-    survey = read_survey(folder / JOB, read_georeference(georeference_of))
+    config = with_algorithms_of_job(folder / JOB, {})
+    survey = read_survey(folder / JOB, read_georeference(georeference_of), config.algorithm(UpOptions))
     (folder / CITYJSON).unlink(missing_ok=True)
     try:
-        solid = build_solid(survey)
+        solid = build_solid(survey, options=config.algorithm(SolidOptions))
     except NoSolid as reason:
         return {"lod": None, "reason": str(reason)}
     write_json(folder / CITYJSON, make_cityjson(solid, survey, folder.name))

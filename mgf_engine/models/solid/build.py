@@ -3,34 +3,47 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Survey
 from mgf_engine.evaluation.surfaces import Surface
-from mgf_engine.models.lod import SAMPLES, deviation_of
+from mgf_engine.models.lod import deviation_of
 from mgf_engine.models.solid.cells import cell_of_pixels, cut_into_cells
-from mgf_engine.models.solid.evidence import Evidence, gather_evidence
-from mgf_engine.models.solid.labels import choose_planes
+from mgf_engine.models.solid.evidence import Evidence, EvidenceOptions, gather_evidence
+from mgf_engine.models.solid.labels import LabelOptions, choose_planes
 from mgf_engine.models.solid.model import ROOF, WALL, Array, Solid
 from mgf_engine.models.solid.polyhedron import faults_of, make_polyhedron, triangles, volume_of
 
-MARGIN = 3.0  # details around what is seen from above
-SEEN = 0.5  # of the footprint: where less of the roof lies in planes, the solid is a block
-TRIES = 3  # with a coarser detail each, where planes make no valid solid
-COARSER = 1.5
-MADE_UP = 0.4  # of the walls: where more of them was not seen, there is no solid
-FACING = 0.5  # cosine between the normals of the solid and of the mesh that shows it
-NEAR = 2.0  # details from the mesh beyond which the solid's surface is not seen
+
+@dataclass(frozen=True)
+class SolidOptions:
+    """Options of the solid as a whole."""
+
+    margin: float = parameter(3.0, "Margin of the ground plan around what is seen from above, in details")
+    roof_seen: float = parameter(0.5, "Share of the footprint in roof planes below which the solid is a block", high=1)
+    trials: int = parameter(3, "Number of attempts, each with a coarser detail", low=1)
+    coarser: float = parameter(1.5, "Factor on the detail from attempt to attempt", low=1)
+    unseen_walls: float = parameter(
+        0.4, "Share of the walls that no photo showed, above which there is no solid", high=1
+    )
+    facing: float = parameter(
+        0.5, "Smallest cosine between the normals of the solid and of the mesh that shows it", high=1
+    )
+    seen_distance: float = parameter(2.0, "Largest distance between the solid and the mesh that shows it, in details")
+    samples: int = parameter(100000, "Number of points that the solid is compared with the mesh at", low=100)
+    evidence: EvidenceOptions = EvidenceOptions()
+    labels: LabelOptions = LabelOptions()
 
 
 class NoSolid(Exception):
     """The mesh does not enclose a building; the message says why."""
 
 
-def build_solid(survey: Survey, detail: float | None = None) -> Solid:
+def build_solid(survey: Survey, detail: float | None = None, options: SolidOptions = SolidOptions()) -> Solid:
     """The solid of a survey, checked and measured.
 
     Args:
@@ -39,21 +52,21 @@ def build_solid(survey: Survey, detail: float | None = None) -> Solid:
     Raises:
         NoSolid: there is none.
     """
-    evidence = gather_evidence(survey, detail)
+    evidence = gather_evidence(survey, detail, options.evidence)
     if evidence.inside.sum() * evidence.grid.resolution**2 < 4 * evidence.detail**2:
         raise NoSolid("the mesh covers no ground")
-    level = 2 if _roof_seen(evidence) >= SEEN else 1
-    for _ in range(TRIES):
-        solid = _make(evidence, level)
+    level = 2 if _roof_seen(evidence) >= options.roof_seen else 1
+    for _ in range(options.trials):
+        solid = _make(evidence, level, options)
         faults = faults_of(solid, 0.1 * evidence.detail)
         if not faults:
-            return _checked(_measured(solid, survey, evidence, level))
-        evidence = gather_evidence(survey, COARSER * evidence.detail)
+            return _checked(_measured(solid, survey, evidence, level, options), options)
+        evidence = gather_evidence(survey, options.coarser * evidence.detail, options.evidence)
     if level == 2:
-        solid = _make(evidence, 1)
+        solid = _make(evidence, 1, options)
         faults = faults_of(solid, 0.1 * evidence.detail)
         if not faults:
-            return _checked(_measured(solid, survey, evidence, 1))
+            return _checked(_measured(solid, survey, evidence, 1, options), options)
     raise NoSolid(faults[0])
 
 
@@ -62,28 +75,28 @@ def _roof_seen(evidence: Evidence) -> float:
     return float((evidence.label[evidence.inside] > 0).mean()) if len(evidence.slopes) else 0.0
 
 
-def _make(evidence: Evidence, level: int) -> Solid:
+def _make(evidence: Evidence, level: int, options: SolidOptions) -> Solid:
     slopes = evidence.slopes if level == 2 else np.array([[0.0, 0.0, evidence.block]])
     row, column = np.nonzero(evidence.inside)
     at = evidence.grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5)
-    around = MARGIN * evidence.detail
+    around = options.margin * evidence.detail
     cells = cut_into_cells(evidence.lines, at.min(0) - around, at.max(0) + around)
     owner = cell_of_pixels(cells, evidence.grid)
-    label = choose_planes(cells, owner, evidence, slopes)
+    label = choose_planes(cells, owner, evidence, slopes, options.labels)
     return make_polyhedron(cells, label, slopes, evidence.ground, evidence.lines)
 
 
-def _measured(solid: Solid, survey: Survey, evidence: Evidence, level: int) -> Solid:
+def _measured(solid: Solid, survey: Survey, evidence: Evidence, level: int, options: SolidOptions) -> Solid:
     """The solid with what is known about it."""
     faces, owner = triangles(solid)
     surface, mesh = Surface(solid.vertices, faces.astype(np.int64)), _mesh_surface(survey)
     rng = np.random.default_rng(0)
-    points = mesh.sample(SAMPLES, rng)[0]
+    points = mesh.sample(options.samples, rng)[0]
     points = points[points[:, 2] > evidence.ground + 0.5 * evidence.detail]
-    on_solid, triangle = surface.sample(SAMPLES, rng)
+    on_solid, triangle = surface.sample(options.samples, rng)
     squared, nearest, _ = mesh.closest(on_solid)
-    turned = (mesh.normals(nearest) * surface.normals(triangle)).sum(1) < FACING
-    far = turned | (squared > (NEAR * evidence.detail) ** 2)
+    turned = (mesh.normals(nearest) * surface.normals(triangle)).sum(1) < options.facing
+    far = turned | (squared > (options.seen_distance * evidence.detail) ** 2)
     kinds = np.array([face.kind for face in solid.faces])[owner[triangle]]
     unseen = {str(kind): round(float(far[kinds == kind].mean()), 4) for kind in (ROOF, WALL)}
     return replace(
@@ -92,13 +105,13 @@ def _measured(solid: Solid, survey: Survey, evidence: Evidence, level: int) -> S
     )  # fmt: skip
 
 
-def _checked(solid: Solid) -> Solid:
+def _checked(solid: Solid, options: SolidOptions) -> Solid:
     """The solid, unless most of its walls are made up.
 
     Raises:
         NoSolid: they are.
     """
-    if solid.unseen.get(WALL, 1.0) > MADE_UP:
+    if solid.unseen.get(WALL, 1.0) > options.unseen_walls:
         raise NoSolid(f"the mesh has {1 - solid.unseen.get(WALL, 1.0):.0%} of its walls")
     return solid
 

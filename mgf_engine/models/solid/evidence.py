@@ -12,25 +12,38 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_opening, median_filter
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.facades import plan_frame
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.drawings.project import Grid, plan_grid, see
-from mgf_engine.drawings.regions import LOOSE, Regions, find_regions, survey_planes
+from mgf_engine.drawings.regions import LOOSE, RegionOptions, Regions, find_regions, survey_planes
 from mgf_engine.drawings.trace import trace
+from mgf_engine.mesh.plane_detection import PlanarOptions
 
-DETAIL_PIXELS, DETAIL_SHARE = 8.0, 0.01  # working pixels, and share of the building's size: default of the detail
-STEEPEST = np.tan(np.radians(75.0))  # slope of a roof plane
-LEVEL = np.tan(np.radians(1.5))  # slope below which a roof is level
-LEAST_ROOF = 0.005  # of the footprint: area of a roof plane
-SNAP = np.radians(4.0)  # from the main directions, within which a wall is turned into them
-MOST_LINES = 60
-ALONG = np.cos(np.radians(8.0))  # of the angle between lines that are one line
-OVERHANG, EAVES = 4.0, 0.1  # details, or share of the height, from a wall within which an edge from above is its eaves
-WINDING = 0.35  # number of times that a mesh without floor winds around a place inside it, at least
-HALF = 0.45  # of the height: where that is asked
-LEAST_WALL = 0.004  # of the area of all walls
-WITHIN = np.radians(15.0)  # around a direction
-MOST_DIRECTIONS = 12
+
+@dataclass(frozen=True)
+class EvidenceOptions:
+    """Options of the evidence for a solid."""
+
+    detail_pixels: float = parameter(8.0, "Detail, where none is given", "ground px", low=0.1)
+    detail_share: float = parameter(0.01, "Minimum of that detail, as a share of the building's size", high=1)
+    steepest: float = parameter(75.0, "Largest tilt of a roof plane", "degrees", high=89)
+    level: float = parameter(1.5, "Tilt below which a roof plane is made level", "degrees", high=45)
+    least_roof: float = parameter(0.005, "Minimum area of a roof plane, as a share of the footprint", high=1)
+    main_angle: float = parameter(
+        4.0, "Largest angle between a wall and the main direction that it is turned into", "degrees", low=0.1, high=45
+    )
+    most_lines: int = parameter(60, "Maximum number of lines that cut the ground plan", low=4)
+    same_angle: float = parameter(8.0, "Largest angle between two lines that are merged", "degrees", high=90)
+    overhang: float = parameter(4.0, "Largest distance between a wall and its eaves, in details")
+    overhang_share: float = parameter(0.1, "Minimum of that distance, as a share of the building's height")
+    winding: float = parameter(0.35, "Winding number of the mesh from which a place is inside", high=1)
+    inside_height: float = parameter(0.45, "Height at which places are tested, as a share of the building's", high=1)
+    least_wall: float = parameter(0.004, "Minimum area of a wall, as a share of all walls", high=1)
+    same_direction: float = parameter(15.0, "Largest angle between the walls of one direction", "degrees", high=90)
+    most_directions: int = parameter(12, "Maximum number of directions of walls", low=1)
+    regions: RegionOptions = RegionOptions()
+    planes: PlanarOptions = PlanarOptions()
 
 
 @dataclass(frozen=True)
@@ -79,7 +92,9 @@ class Evidence:
         return self.grid.places(np.stack([column, row], -1))
 
 
-def gather_evidence(survey: Survey, detail: float | None = None) -> Evidence:
+def gather_evidence(
+    survey: Survey, detail: float | None = None, options: EvidenceOptions = EvidenceOptions()
+) -> Evidence:
     """Read all that the mesh tells.
 
     Args:
@@ -87,60 +102,62 @@ def gather_evidence(survey: Survey, detail: float | None = None) -> Evidence:
     """
     size = float(np.linalg.norm(np.ptp(survey.mesh.vertices[:, :2], axis=0)))
     if detail is None:
-        detail = max(DETAIL_PIXELS * survey.working_pixel, DETAIL_SHARE * size)
+        detail = max(options.detail_pixels * survey.working_pixel, options.detail_share * size)
     coarse = replace(survey, working_pixel=max(survey.working_pixel, 0.25 * detail))
-    regions = find_regions(coarse, survey_planes(coarse), plan_frame(survey, []))
+    regions = find_regions(coarse, survey_planes(coarse, options.planes), plan_frame(survey, []), options.regions)
     grid = regions.grid
     seen = see(survey, plan_grid(grid.frame, grid.resolution, survey.unit))
     height = np.where(seen.face >= 0, seen.before, np.nan).astype(np.float64)
     bottom = float(np.percentile(survey.mesh.vertices[:, 2], 0.5))
     top = float(np.nanpercentile(height, 90)) if np.isfinite(height).any() else float(survey.mesh.vertices[:, 2].max())
-    inside = _footprint(survey, height, grid, detail, bottom, top)
-    upper = height[np.isfinite(height) & (height > bottom + HALF * (top - bottom))]
+    inside = _footprint(survey, height, grid, detail, bottom, top, options)
+    upper = height[np.isfinite(height) & (height > bottom + options.inside_height * (top - bottom))]
     block = float(np.median(upper)) if len(upper) else top
-    label, slopes = _roofs(regions, inside)
+    label, slopes = _roofs(regions, inside, options)
     _take_loose(label, slopes, height, inside, grid, 0.5 * detail)
-    walls = wall_lines(survey, detail)
-    reach = max(OVERHANG * detail, EAVES * (top - bottom))
-    lines = walls + _roof_lines(label, slopes, regions, walls, detail, reach)
-    lines += _outlines(inside, grid, walls, detail, reach)
+    walls = wall_lines(survey, detail, options)
+    reach = max(options.overhang * detail, options.overhang_share * (top - bottom))
+    lines = walls + _roof_lines(label, slopes, regions, walls, detail, reach, options)
+    lines += _outlines(inside, grid, walls, detail, reach, options)
     ground, ground_from = find_ground(survey, inside, grid)
     return Evidence(
-        grid, height, inside, label, slopes, lines[:MOST_LINES], ground, ground_from, top, block, detail
+        grid, height, inside, label, slopes, lines[:options.most_lines], ground, ground_from, top, block, detail
     )  # fmt: skip
 
 
 def _footprint(
-    survey: Survey, height: Array, grid: Grid, detail: float, bottom: float, top: float
+    survey: Survey, height: Array, grid: Grid, detail: float, bottom: float, top: float, options: EvidenceOptions
 ) -> NDArray[np.bool_]:
     """Where the building stands: the mesh winds around places half way up to what is seen from above.
 
     That holds below a roof that no photo shows, in courtyards and under eaves, and for walls with gaps. Where nothing
-    is seen from above, places at :data:`HALF` of the height tell.
+    is seen from above, places at ``inside_height`` of the height tell.
     """
     step = max(1, round(0.3 * detail / grid.resolution))
     row, column = np.arange(step // 2, grid.height, step), np.arange(step // 2, grid.width, step)
     at = grid.places(np.stack(np.meshgrid(column, row), -1).astype(np.float64) + 0.5)
     over = height[np.ix_(row, column)]
-    level = bottom + HALF * (np.where(np.isfinite(over), over, top) - bottom)
+    level = bottom + options.inside_height * (np.where(np.isfinite(over), over, top) - bottom)
     points = np.column_stack([at.reshape(-1, 2), level.ravel()])
     winding = igl.fast_winding_number(survey.mesh.vertices, survey.mesh.faces.astype(np.int64), points)
-    inside = binary_opening(median_filter(np.asarray(winding).reshape(level.shape) > WINDING, 3), iterations=1)
+    inside = binary_opening(median_filter(np.asarray(winding).reshape(level.shape) > options.winding, 3), iterations=1)
     wide = cv2.resize(inside.astype(np.uint8), (grid.width, grid.height), interpolation=cv2.INTER_NEAREST)
     return np.asarray(wide > 0)
 
 
-def _roofs(regions: Regions, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int32], Array]:
+def _roofs(regions: Regions, inside: NDArray[np.bool_], options: EvidenceOptions) -> tuple[NDArray[np.int32], Array]:
     """Roof planes of some size, renumbered: the label of each pixel and their slopes."""
     count = np.bincount(np.where(regions.label < LOOSE, regions.label, 0)[inside], minlength=len(regions.slope) + 1)
     slope = np.hypot(regions.slope[:, 0], regions.slope[:, 1])
-    kept = np.flatnonzero((count[1:] > LEAST_ROOF * inside.sum()) & (slope < STEEPEST))
+    kept = np.flatnonzero(
+        (count[1:] > options.least_roof * inside.sum()) & (slope < np.tan(np.radians(options.steepest)))
+    )
     number = np.zeros(len(regions.slope) + 1, np.int32)
     number[kept + 1] = np.arange(1, len(kept) + 1)
     label = number[np.where(regions.label < LOOSE, regions.label, 0)]
     slopes = np.array(regions.slope[kept]).reshape(-1, 3)  # the plan's axes are those of the local frame
     for k, plane in enumerate(slopes):
-        if np.hypot(*plane[:2]) < LEVEL:
+        if np.hypot(*plane[:2]) < np.tan(np.radians(options.level)):
             row, column = np.nonzero(label == k + 1)
             at = regions.grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5).mean(0)
             slopes[k] = 0.0, 0.0, float(plane[:2] @ at + plane[2])
@@ -160,7 +177,7 @@ def _take_loose(
         label[row[better], column[better]] = k + 1
 
 
-def wall_lines(survey: Survey, detail: float) -> list[Line2]:
+def wall_lines(survey: Survey, detail: float, options: EvidenceOptions = EvidenceOptions()) -> list[Line2]:
     """The walls as lines of the ground plan, largest first; nearly parallel ones and right angles made exact.
 
     Directions are taken one after the other, the one that most wall area faces first; along each, places where much of
@@ -169,16 +186,16 @@ def wall_lines(survey: Survey, detail: float) -> list[Line2]:
     wall = np.flatnonzero(np.abs(survey.normals[:, 2]) < LEANING)
     azimuth = np.arctan2(survey.normals[wall, 1], survey.normals[wall, 0]) % np.pi  # a line has no sides
     areas, at = survey.areas[wall], survey.centres[wall][:, :2]
-    least = max(4 * detail**2, LEAST_WALL * float(areas.sum()))
+    least = max(4 * detail**2, options.least_wall * float(areas.sum()))
     left, found = np.ones(len(wall), bool), list[Line2]()
-    for _ in range(MOST_DIRECTIONS):
+    for _ in range(options.most_directions):
         if float(areas[left].sum()) < least:
             break
-        direction = _main_direction(azimuth[left], areas[left], np.pi)
-        near = left & (np.abs(_turn(azimuth, direction, np.pi)) < WITHIN)
+        direction = _main_direction(azimuth[left], areas[left], np.pi, options)
+        near = left & (np.abs(_turn(azimuth, direction, np.pi)) < np.radians(options.same_direction))
         found += _in_direction(at[near], areas[near], direction, detail, least)
-        left &= np.abs(_turn(azimuth, direction, np.pi)) > WITHIN
-    return merge_lines(_turned(found, detail), detail)
+        left &= np.abs(_turn(azimuth, direction, np.pi)) > np.radians(options.same_direction)
+    return merge_lines(_turned(found, detail, options), detail, options)
 
 
 def _in_direction(at: Array, areas: Array, direction: float, detail: float, least: float) -> list[Line2]:
@@ -222,15 +239,15 @@ def _turn(angle: Array | float, other: float, whole: float) -> Array:
     return np.asarray((np.asarray(angle) - other + whole / 2) % whole - whole / 2)
 
 
-def _main_direction(angle: Array, weight: Array, whole: float) -> float:
+def _main_direction(angle: Array, weight: Array, whole: float, options: EvidenceOptions) -> float:
     """The direction that most of the weight lies around."""
     grid = np.linspace(0, whole, 360, endpoint=False)
     bins = np.bincount((angle % whole * 720 / whole).astype(np.int64) % 720, weight, 720)
     at = (np.arange(720) + 0.5) * whole / 720
-    near = np.maximum(1 - (_turn(at[None] - grid[:, None], 0.0, whole)) ** 2 / SNAP**2, 0)
+    near = np.maximum(1 - (_turn(at[None] - grid[:, None], 0.0, whole)) ** 2 / np.radians(options.main_angle) ** 2, 0)
     best = float(grid[int((near**2 @ bins).argmax())])
     off = _turn(angle, best, whole)
-    share = np.maximum(1 - (off / SNAP) ** 2, 0) ** 2 * weight
+    share = np.maximum(1 - (off / np.radians(options.main_angle)) ** 2, 0) ** 2 * weight
     return float(best + (share @ off) / max(float(share.sum()), 1e-300))
 
 
@@ -240,17 +257,17 @@ def _line(points: Array, normal: Array, weight: float, offset: float | None = No
     return Line2(normal, float(np.median(points @ normal)) if offset is None else offset, low, high, weight)
 
 
-def _turned(lines: list[Line2], detail: float) -> list[Line2]:
+def _turned(lines: list[Line2], detail: float, options: EvidenceOptions) -> list[Line2]:
     """Lines near a main direction turned into it around their middle, where that moves their ends by little."""
     if not lines:
         return []
     angle = np.array([np.arctan2(line.normal[1], line.normal[0]) for line in lines])
     weight = np.array([line.weight for line in lines])
-    main = _main_direction(angle, weight, np.pi / 2)
+    main = _main_direction(angle, weight, np.pi / 2, options)
     result = []
     for line, a in zip(lines, angle, strict=True):
         turn = float(_turn(a, main, np.pi / 2))
-        if abs(turn) < SNAP and 0.5 * (line.high - line.low) * abs(turn) < 0.7 * detail:
+        if abs(turn) < np.radians(options.main_angle) and 0.5 * (line.high - line.low) * abs(turn) < 0.7 * detail:
             middle = line.normal * line.offset + line.along * 0.5 * (line.low + line.high)
             normal = np.array([np.cos(a - turn), np.sin(a - turn)])
             along = float(middle @ np.array([-normal[1], normal[0]]))
@@ -260,12 +277,12 @@ def _turned(lines: list[Line2], detail: float) -> list[Line2]:
     return result
 
 
-def merge_lines(lines: list[Line2], detail: float) -> list[Line2]:
+def merge_lines(lines: list[Line2], detail: float, options: EvidenceOptions = EvidenceOptions()) -> list[Line2]:
     """Lines less than a detail apart made one, the heavier ones first."""
     kept: list[Line2] = []
     for line in sorted(lines, key=lambda each: -each.weight):
         for k, other in enumerate(kept):
-            if distance_between(line, other) < detail:
+            if distance_between(line, other, options) < detail:
                 middle = line.normal * line.offset + line.along * 0.5 * (line.low + line.high)
                 share = line.weight / (line.weight + other.weight)
                 offset = other.offset + share * (float(middle @ other.normal) - other.offset)
@@ -280,9 +297,9 @@ def merge_lines(lines: list[Line2], detail: float) -> list[Line2]:
     return kept
 
 
-def distance_between(line: Line2, other: Line2) -> float:
+def distance_between(line: Line2, other: Line2, options: EvidenceOptions = EvidenceOptions()) -> float:
     """How far a line's extent lies from another line; inf where they are not parallel or lie beside each other."""
-    if abs(float(line.normal @ other.normal)) < ALONG:
+    if abs(float(line.normal @ other.normal)) < np.cos(np.radians(options.same_angle)):
         return np.inf
     ends = [line.normal * line.offset + line.along * t for t in (line.low, line.high)]
     reach = sorted(float(end @ other.along) for end in ends)
@@ -293,7 +310,13 @@ def distance_between(line: Line2, other: Line2) -> float:
 
 
 def _roof_lines(
-    label: NDArray[np.int32], slopes: Array, regions: Regions, walls: list[Line2], detail: float, reach: float
+    label: NDArray[np.int32],
+    slopes: Array,
+    regions: Regions,
+    walls: list[Line2],
+    detail: float,
+    reach: float,
+    options: EvidenceOptions,
 ) -> list[Line2]:
     """Where roof planes meet, exactly, and where one stands over another without a wall near that."""
     found: list[Line2] = []
@@ -311,17 +334,19 @@ def _roof_lines(
             if np.median(np.abs(at @ normal - offset)) < 2 * detail:
                 found.append(_line(at, normal, length, offset))
                 continue
-        found += [line for line in _straight(at, detail) if not _explained(line, walls, reach)]
+        found += [line for line in _straight(at, detail) if not _explained(line, walls, reach, options)]
     return sorted(found, key=lambda line: -line.weight)
 
 
-def _outlines(inside: NDArray[np.bool_], grid: Grid, walls: list[Line2], detail: float, reach: float) -> list[Line2]:
+def _outlines(
+    inside: NDArray[np.bool_], grid: Grid, walls: list[Line2], detail: float, reach: float, options: EvidenceOptions
+) -> list[Line2]:
     """Straight parts of the outline from above that no wall stands below."""
     found: list[Line2] = []
     for chain in trace(inside.astype(np.int32)):
         at = grid.places(chain.corners)
-        found += [line for line in _straight(at, detail) if not _explained(line, walls, reach)]
-    return merge_lines(_turned(found, detail), detail)
+        found += [line for line in _straight(at, detail) if not _explained(line, walls, reach, options)]
+    return merge_lines(_turned(found, detail, options), detail, options)
 
 
 def _straight(at: Array, detail: float) -> list[Line2]:
@@ -348,8 +373,8 @@ def _straight(at: Array, detail: float) -> list[Line2]:
     return lines
 
 
-def _explained(line: Line2, others: list[Line2], reach: float) -> bool:
-    return any(distance_between(line, other) < reach for other in others)
+def _explained(line: Line2, others: list[Line2], reach: float, options: EvidenceOptions) -> bool:
+    return any(distance_between(line, other, options) < reach for other in others)
 
 
 def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> tuple[float, str]:

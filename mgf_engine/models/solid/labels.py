@@ -8,12 +8,14 @@ the length of borders times a fraction of the detail. Alpha expansion (Boykov, V
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.models.solid.cells import Cells
 from mgf_engine.models.solid.evidence import Evidence
 from mgf_engine.models.solid.model import Array
@@ -21,20 +23,31 @@ from mgf_engine.models.solid.model import Array
 #: Costs of the borders between labels [E] and labels [E].
 Border = Callable[[NDArray[np.int64], NDArray[np.int64]], Array]
 
-CAP = 0.25  # of the building's height: differences beyond count no more
-STEP_WEIGHT, LENGTH_WEIGHT = 0.25, 0.125  # in details; with both a strip is kept from about one detail of width
-ROUNDS = 5
 WHOLE = 5e8  # capacities are whole numbers up to this, all together
 
 
-def choose_planes(cells: Cells, owner: NDArray[np.int32], evidence: Evidence, slopes: Array) -> NDArray[np.int64]:
+@dataclass(frozen=True)
+class LabelOptions:
+    """Options of the energy and of alpha expansion."""
+
+    cap: float = parameter(
+        0.25, "Largest difference of heights that counts, as a share of the building's height", high=1
+    )
+    step_weight: float = parameter(0.25, "Weight of the area of steps, in details")
+    length_weight: float = parameter(0.125, "Weight of the length of borders, in squared details")
+    rounds: int = parameter(5, "Maximum number of rounds of alpha expansion", low=1)
+
+
+def choose_planes(
+    cells: Cells, owner: NDArray[np.int32], evidence: Evidence, slopes: Array, options: LabelOptions = LabelOptions()
+) -> NDArray[np.int64]:
     """The label of each cell: 0 outside, k + 1 the k-th of ``slopes``; [C].
 
     Args:
         owner: the cell of each pixel.
         slopes: [P, 3], planes ``z = a x + b y + c``.
     """
-    cap = max(CAP * (evidence.top - evidence.ground), 3 * evidence.detail)
+    cap = max(options.cap * (evidence.top - evidence.ground), 3 * evidence.detail)
     cost = _volumes(cells, owner, evidence, slopes, cap)
     u, v, first, second = np.array([b for b in cells.borders() if b[3] >= 0], np.int64).reshape(-1, 4).T
     nodes = np.array(cells.nodes)
@@ -46,12 +59,12 @@ def choose_planes(cells: Cells, owner: NDArray[np.int32], evidence: Evidence, sl
     def border(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
         rows = np.arange(len(length))
         step = np.minimum(np.abs(heights[a, rows] - heights[b, rows]), cap).mean(1)
-        steps = evidence.detail * (STEP_WEIGHT * step + LENGTH_WEIGHT * evidence.detail)
+        steps = evidence.detail * (options.step_weight * step + options.length_weight * evidence.detail)
         return np.asarray(np.where(a == b, 0.0, length * steps))
 
     label = cost.argmin(1)
     energy = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(options.rounds):
         for alpha in range(len(slopes) + 1):
             label = _expand(label, alpha, cost, first, second, border)
         now = float(cost[np.arange(len(label)), label].sum() + border(label[first], label[second]).sum())

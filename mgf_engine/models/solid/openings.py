@@ -7,28 +7,37 @@ straight. They lie in the plane of the wall, since the solid's walls are plane, 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.drawings.orthophoto import Visibility
-from mgf_engine.drawings.parts import part_shapes, part_shares
+from mgf_engine.drawings.parts import PartOutlineOptions, part_shapes, part_shares
 from mgf_engine.drawings.project import Grid, plan_grid, round_resolution, see
 from mgf_engine.models.solid.model import DOOR, WALL, WINDOW, Solid, SolidFace
 from mgf_engine.models.solid.polyhedron import faults_of
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
 KINDS = {"window": WINDOW, "door": DOOR}
-KEPT = 0.8  # of a rectangle that must lie on the wall; what hangs over, such as a door's foot, is cut off
-NEAR = 2.0  # details between the wall's plane and the mesh in the rectangle
 
 
-def add_openings(solid: Solid, survey: Survey, texture: TextureOptions = TextureOptions()) -> Solid | None:
+@dataclass(frozen=True)
+class OpeningOptions:
+    """Options of windows and doors."""
+
+    on_wall: float = parameter(0.8, "Minimum share of a rectangle that lies on the wall", high=1)
+    wall_distance: float = parameter(2.0, "Largest distance between the mesh in the rectangle and the wall, in details")
+    parts: PartOutlineOptions = PartOutlineOptions()
+    texture: TextureOptions = TextureOptions()
+
+
+def add_openings(solid: Solid, survey: Survey, options: OpeningOptions = OpeningOptions()) -> Solid | None:
     """The solid with windows and doors as faces of their own; None where none were clicked or none fits a wall."""
     if solid.level < 2 or not any(_kind(name) for name in survey.parts):
         return None
-    painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=texture)
+    painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options.texture)
     visibility = Visibility(survey, painting)
     faces, vertices, openings = list(solid.faces), list(solid.vertices), list[SolidFace]()
     for number, face in enumerate(solid.faces):
@@ -36,10 +45,10 @@ def add_openings(solid: Solid, survey: Survey, texture: TextureOptions = Texture
         if frame is None:
             continue
         seen = see(survey, plan_grid(frame, round_resolution(survey.working_pixel), survey.georeference.unit))
-        boxes, _ = part_shapes(part_shares(survey, painting, visibility, seen))
-        near = np.abs(seen.before) < NEAR * solid.detail
+        boxes, _ = part_shapes(part_shares(survey, painting, visibility, seen, options.parts), options.parts)
+        near = np.abs(seen.before) < options.wall_distance * solid.detail
         holes = []
-        for kind, box in _fitting(solid, face, seen.grid, near, boxes):
+        for kind, box in _fitting(solid, face, seen.grid, near, boxes, options):
             ring = tuple(range(len(vertices), len(vertices) + 4))
             left, low, right, high = box
             corners = np.array([(left, low, 0), (right, low, 0), (right, high, 0), (left, high, 0)])
@@ -69,7 +78,7 @@ def _frame(solid: Solid, face: SolidFace) -> Frame | None:
 
 
 def _fitting(
-    solid: Solid, face: SolidFace, grid: Grid, near: np.ndarray, boxes: list[tuple[str, Array]]
+    solid: Solid, face: SolidFace, grid: Grid, near: np.ndarray, boxes: list[tuple[str, Array]], options: OpeningOptions
 ) -> list[tuple[str, tuple[float, float, float, float]]]:
     """Kind and left, low, right, high of the rectangles that lie on a wall, in its drawing coordinates.
 
@@ -86,12 +95,12 @@ def _fitting(
         kind = _kind(name)
         left, top, right, bottom = box
         rows, columns = slice(int(top), int(np.ceil(bottom))), slice(int(left), int(np.ceil(right)))
-        if kind is None or near[rows, columns].mean() < KEPT:
+        if kind is None or near[rows, columns].mean() < options.on_wall:
             continue
         corners = grid.places(np.array([[left, bottom], [right, top]]))
         whole = shapely.box(*corners.ravel())
         part = shapely.box(*whole.intersection(free).bounds) if whole.intersects(free) else shapely.Polygon()
-        if part.area < KEPT * whole.area or not free.buffer(1e-9).contains(part):
+        if part.area < options.on_wall * whole.area or not free.buffer(1e-9).contains(part):
             continue
         found.append((kind, part.bounds))
         free = free.difference(part.buffer(grid.resolution, join_style="mitre"))
