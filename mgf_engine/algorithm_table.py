@@ -49,6 +49,9 @@ COMMANDS = ("drawings", "models", "georef", "town")
 ALGORITHMS: tuple[Algorithm, ...] = (
     # scene
     Algorithm("pose_adjustment", "scene", "Adjustment of cameras that disagree with the sparse points", "scene.adjust:AdjustOptions"),
+    Algorithm("photo_quality", "scene", "Noise and sharpness of the photos", "scene.quality:QualityOptions"),
+    Algorithm("exposure", "scene", "Exposure and white balance of the photos", "scene.exposure:ExposureOptions"),
+    Algorithm("scene_checks", "scene", "Photos and points of another place", "scene.validation:ValidationOptions"),
     # masks
     Algorithm("random_walker", "masks", "Label propagation from clicks to all photos and points", "masks.propagation.random_walker:RandomWalkerOptions", also=("preview",)),
     Algorithm("sky", "masks", "Sky regions and the skyline", "masks.propagation.sky_regions:SkyOptions", also=("preview",)),

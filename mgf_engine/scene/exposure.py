@@ -10,6 +10,7 @@ so a change of exposure is a gain there too.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -18,21 +19,31 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.images import read_rgb, write_png
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 
-DARKEST, BRIGHTEST = 12.0, 240.0  # grey values outside are noise or clipped
-ROUNDS, NOISE = 10, 0.06  # re-weighting; residuals of log c that are nothing unusual
 EXACT, MOST_STEPS = 1e-9, 2000  # residual of the conjugate gradients, relative, and their steps
-PRIOR = 2.0  # observations that the prior of "no change" counts as
-LEAST, MOST = 0.02, np.log(3.0)  # spread of log gains that is worth a change; largest change
 
 Array = NDArray[np.float64]
 
 
-def even_exposure(scene: Scene, folder: Path, threads: int = 1) -> Array:
+@dataclass(frozen=True)
+class ExposureOptions:
+    """Options of the adjustment of exposures."""
+
+    darkest: float = parameter(12.0, "Grey value below which an observation does not count", "grey levels", high=255)
+    brightest: float = parameter(240.0, "Grey value above which an observation does not count", "grey levels", high=255)
+    rounds: int = parameter(10, "Number of rounds of robust least squares", low=1)
+    noise: float = parameter(0.06, "Scale of Cauchy's weights, of the logarithm of a colour", low=0.001)
+    prior: float = parameter(2.0, "Weight of unchanged exposure, in observations")
+    least_change: float = parameter(0.02, "Largest logarithm of a gain below which no photo is changed")
+    largest_gain: float = parameter(3.0, "Largest gain, and inverse of the smallest", low=1)
+
+
+def even_exposure(scene: Scene, folder: Path, threads: int = 1, options: ExposureOptions = ExposureOptions()) -> Array:
     """Rewrite the working photos in ``folder`` so that all show the building in the same light.
 
     Args:
@@ -41,7 +52,7 @@ def even_exposure(scene: Scene, folder: Path, threads: int = 1) -> Array:
     Returns:
         What each photo's channels were multiplied by, [V, 3]; ones where nothing was changed.
     """
-    gains = photo_gains(observed_colors(scene, folder, threads), scene)
+    gains = photo_gains(observed_colors(scene, folder, threads), scene, options)
 
     def rewrite(index: int) -> None:
         path = folder / Path(scene.views[index].file).name
@@ -58,27 +69,29 @@ def with_gain(photo: NDArray[np.uint8], gain: Sequence[float] | Array) -> NDArra
     return np.asarray(cv2.LUT(photo, table[None]), np.uint8)
 
 
-def photo_gains(observed: Array, scene: Scene) -> Array:
+def photo_gains(observed: Array, scene: Scene, options: ExposureOptions = ExposureOptions()) -> Array:
     """Factors [V, 3] that make the photos agree on their points; all ones when they agree already.
 
     Args:
         observed: colours of the scene's observations, 0..255, [T, 3].
     """
     owner = scene.track_point
-    valid = ((observed > DARKEST) & (observed < BRIGHTEST)).all(1)
+    valid = ((observed > options.darkest) & (observed < options.brightest)).all(1)
     shared = np.bincount(owner[valid], minlength=len(scene.points)) >= 2
     valid &= shared[owner]
     if not valid.any():
         return np.ones((len(scene.views), 3))
     point, view = np.unique(owner[valid], return_inverse=True)[1], scene.track_view[valid]
-    logs = np.stack([_solve(np.log(c), view, point, len(scene.views)) for c in observed[valid].T], 1)
-    if np.abs(logs).max() < LEAST:
+    logs = np.stack([_solve(np.log(c), view, point, len(scene.views), options) for c in observed[valid].T], 1)
+    if np.abs(logs).max() < options.least_change:
         return np.ones((len(scene.views), 3))
-    gains: Array = np.exp(np.clip(-logs, -MOST, MOST))
+    gains: Array = np.exp(np.clip(-logs, -np.log(options.largest_gain), np.log(options.largest_gain)))
     return gains
 
 
-def _solve(value: Array, view: NDArray[np.int32], point: NDArray[np.int64], views: int) -> Array:
+def _solve(
+    value: Array, view: NDArray[np.int32], point: NDArray[np.int64], views: int, options: ExposureOptions
+) -> Array:
     """g [views] of value = g[view] + p[point], the points eliminated; its mean is zero.
 
     The matrix between photos is never formed: it would grow with their square, and with that of the tracks' lengths.
@@ -87,17 +100,17 @@ def _solve(value: Array, view: NDArray[np.int32], point: NDArray[np.int64], view
     points = int(point.max()) + 1
     weight = np.ones(len(value))
     log_gain = np.zeros(views)
-    for _ in range(ROUNDS):
+    for _ in range(options.rounds):
         pairs = sparse.csr_matrix((weight, (view, point)), shape=(views, points))
         per_point = np.bincount(point, weight, points)
         mean = np.bincount(point, weight * value, points) / per_point
-        own: Array = np.bincount(view, weight, views).astype(np.float64) + PRIOR
+        own: Array = np.bincount(view, weight, views).astype(np.float64) + options.prior
         right: Array = np.bincount(view, weight * (value - mean[point]), views).astype(np.float64)
         log_gain = _conjugate_gradients(pairs, np.asarray(1.0 / per_point), own, right, log_gain)
         log_gain -= log_gain.mean()
         level = np.bincount(point, weight * (value - log_gain[view]), points) / per_point
         residual = np.abs(value - log_gain[view] - level[point])
-        weight = 1.0 / (1.0 + (residual / NOISE) ** 2)
+        weight = 1.0 / (1.0 + (residual / options.noise) ** 2)
     return log_gain
 
 

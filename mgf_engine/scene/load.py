@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
-from mgf_engine.scene.exposure import even_exposure
+from mgf_engine.scene.exposure import ExposureOptions, even_exposure
 from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
@@ -27,7 +27,7 @@ from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots, 
 from mgf_engine.scene.sfm import reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
-from mgf_engine.scene.validation import drop_views, filter_outliers
+from mgf_engine.scene.validation import ValidationOptions, drop_views, filter_outliers
 from mgf_engine.system import cores, put_in_place
 
 log = logging.getLogger("mgf")
@@ -80,6 +80,22 @@ def load_scene(
             folder.rmdir()
 
 
+@dataclass(frozen=True)
+class _Found:
+    """A model and its photos.
+
+    Attributes:
+        paths: of the photos, in the order of the model's images.
+        unplaced: names of the photos that structure from motion could not register.
+        done: share of the stage that finding it took.
+    """
+
+    model: SparseModel
+    paths: list[Path]
+    unplaced: tuple[str, ...] = ()
+    done: float = 0.0
+
+
 def _load(
     source: Path,
     folder: Path,
@@ -89,62 +105,79 @@ def _load(
     clicked: Sequence[str],
     adjust: Adjust | None,
 ) -> Scene:
-    job = folder.parent
-    exclude = folder if source == job or job in source.parents else job
+    """Find the model, place its cameras, write the photos that are used, and check them."""
     reporter.progress(0.0)
-    model_folder = find_model(source, exclude)
-    start, unplaced = 0.0, list[str]()
-    if model_folder is None:
-        photo_root, names = list_photos(source, exclude)
-        start = _SFM_SHARE
-        model_folder = reconstruct(photo_root, names, folder / "sfm", config, reporter, lambda f: f * start)
-        model = read_model(model_folder)
-        paths = [photo_root / image.name for image in model.images]
-        unplaced = sorted(set(names) - {image.name for image in model.images})
-        if unplaced:
-            reporter.warning(
-                f"{len(unplaced)} of {len(names)} photos could not be registered and are left out; photos taken "
-                "closer together, with more overlap, would help."
-            )
-    else:
-        model = adjust_if_inconsistent(
-            read_model(model_folder), config.resolution, reporter, config.algorithm(AdjustOptions)
-        )
-        paths = find_photos([image.name for image in model.images], model_folder, source, exclude)
-    photos = plan_photos(model, paths, config.resolution, reporter)
-
-    scene = build_scene(model, photos, folder, config)
-    if adjust is not None:
-
-        def rebuilt(model: SparseModel) -> Scene:
-            quiet = Reporter()  # what planning has to say was said
-            return build_scene(model, plan_photos(model, paths, config.resolution, quiet), folder, config)
-
-        model = adjust(model, scene, rebuilt, config, reporter)
-        photos = plan_photos(model, paths, config.resolution, Reporter())
-        scene = build_scene(model, photos, folder, config)
+    found = _find(source, folder, config, reporter)
+    scene, photos = _place(found, folder, config, reporter, adjust)
     used = _used(scene, config.max_photos, clicked)
 
     def progress(fraction: float) -> None:
-        reporter.progress(start + (1.0 - start) * fraction, photos=len(used))
+        reporter.progress(found.done + (1.0 - found.done) * fraction, photos=len(used))
 
     make_photos([photos[i] for i in used], working, config.threads, progress)
     if len(used) < len(photos):
         log.info("scene: %d of %d photos are used", len(used), len(photos))
         scene = drop_views(scene, sorted(set(range(len(photos))) - set(used)), config.holdout_every)
-    threads = config.threads or cores()
-    scene = filter_outliers(scene, working, config.holdout_every, reporter, threads)
-    if unplaced:
-        scene = replace(scene, left_out=(*scene.left_out, *unplaced))
-    if config.even_exposure:
-        gains = even_exposure(scene, working, threads)
-        views = (replace(v, gain=(r, g, b)) for v, (r, g, b) in zip(scene.views, gains.tolist(), strict=True))
-        scene = replace(scene, views=tuple(views))
-        log.info("scene: photos brought to one exposure, factors %.2f to %.2f", gains.min(), gains.max())
+    scene = _check(scene, working, config, reporter)
+    scene = replace(scene, left_out=(*scene.left_out, *found.unplaced))
     _replace(working, folder / "images")
     PHOTOS.clear()  # nobody asks for them under their old names
     save_scene(scene)
     return scene
+
+
+def _find(source: Path, folder: Path, config: Config, reporter: Reporter) -> _Found:
+    """The user's model, adjusted where it is inconsistent; or one by structure from motion where there is none."""
+    job = folder.parent
+    exclude = folder if source == job or job in source.parents else job
+    model_folder = find_model(source, exclude)
+    if model_folder is None:
+        return _reconstruct(source, exclude, folder / "sfm", config, reporter)
+    model = read_model(model_folder)
+    model = adjust_if_inconsistent(model, config.resolution, reporter, config.algorithm(AdjustOptions))
+    return _Found(model, find_photos([image.name for image in model.images], model_folder, source, exclude))
+
+
+def _reconstruct(source: Path, exclude: Path, folder: Path, config: Config, reporter: Reporter) -> _Found:
+    """A model of a folder of photos, by structure from motion; warns of photos that it could not register."""
+    root, names = list_photos(source, exclude)
+    model = read_model(reconstruct(root, names, folder, config, reporter, lambda f: f * _SFM_SHARE))
+    unplaced = sorted(set(names) - {image.name for image in model.images})
+    if unplaced:
+        reporter.warning(
+            f"{len(unplaced)} of {len(names)} photos could not be registered and are left out; photos taken "
+            "closer together, with more overlap, would help."
+        )
+    return _Found(model, [root / image.name for image in model.images], tuple(unplaced), _SFM_SHARE)
+
+
+def _place(
+    found: _Found, folder: Path, config: Config, reporter: Reporter, adjust: Adjust | None
+) -> tuple[Scene, list[Photo]]:
+    """The scene of a model, after ``adjust`` moved its cameras, and its photos as they will be undistorted."""
+
+    def build(model: SparseModel, reporter: Reporter) -> tuple[Scene, list[Photo]]:
+        photos = plan_photos(model, found.paths, config.resolution, reporter)
+        return build_scene(model, photos, folder, config), photos
+
+    scene, photos = build(found.model, reporter)
+    if adjust is None:
+        return scene, photos
+    quiet = Reporter()  # what planning has to say was said
+    return build(adjust(found.model, scene, lambda model: build(model, quiet)[0], config, reporter), quiet)
+
+
+def _check(scene: Scene, working: Path, config: Config, reporter: Reporter) -> Scene:
+    """The scene without outliers, its working photos at one exposure."""
+    threads = config.threads or cores()
+    checks = config.algorithm(ValidationOptions)
+    scene = filter_outliers(scene, working, config.holdout_every, reporter, threads, checks)
+    if not config.even_exposure:
+        return scene
+    gains = even_exposure(scene, working, threads, config.algorithm(ExposureOptions))
+    log.info("scene: photos brought to one exposure, factors %.2f to %.2f", gains.min(), gains.max())
+    views = (replace(v, gain=(r, g, b)) for v, (r, g, b) in zip(scene.views, gains.tolist(), strict=True))
+    return replace(scene, views=tuple(views))
 
 
 def _used(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:

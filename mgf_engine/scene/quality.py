@@ -13,21 +13,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.images import read_rgb
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
-#: Grey values of noise that roughen the mesh. Sound photos stay below 5 down to 240 pixels, leaves and bricks included.
-NOISY = 10.0
-#: Sharpness below which detail is lost: edges take more than three pixels. Sound photos have 0.65 to 1.6.
-BLURRED = 0.5
-#: A photo is out of line when it is blurred and this much less sharp than the median photo.
-OUT_OF_LINE = 0.6
 _SECOND_DIFFERENCE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)  # its noise gain is 6
 _BLOCK, _AROUND, _MARGIN = 8, 9, 5  # pixels
 _DARKEST, _BRIGHTEST = 16.0, 235.0  # clipped pixels have no noise
+
+
+@dataclass(frozen=True)
+class QualityOptions:
+    """Options of the judgement of photos."""
+
+    noisy: float = parameter(10.0, "Noise that a warning is given for (sound photos stay below 5)", "grey levels")
+    blurred: float = parameter(0.5, "Sharpness below which a photo is blurred (sound photos have 0.65 to 1.6)")
+    out_of_line: float = parameter(
+        0.6, "Sharpness of a blurred photo, as a share of the median photo's, below which it is left out", high=1
+    )
 
 
 @dataclass(frozen=True)
@@ -105,22 +111,22 @@ def _along(grey: NDArray[np.float32], step: tuple[int, int], far: int, inner: ND
     return far * squares(1) / max(squares(far), 1e-6)
 
 
-def blurred_views(quality: Quality) -> list[int]:
+def blurred_views(quality: Quality, options: QualityOptions = QualityOptions()) -> list[int]:
     """Blurred photos much less sharp than the median photo."""
-    limit = min(BLURRED, OUT_OF_LINE * _median(quality.sharpness))
+    limit = min(options.blurred, options.out_of_line * _median(quality.sharpness))
     return np.flatnonzero(quality.sharpness < limit).tolist()
 
 
-def poor_photos(quality: Quality) -> list[str]:
+def poor_photos(quality: Quality, options: QualityOptions = QualityOptions()) -> list[str]:
     """A sentence each, with cause and cure, where the photos as a whole are noisy or blurred."""
     found = []
     noise, sharpness = _median(quality.noise), _median(quality.sharpness)
-    if noise > NOISY:
+    if noise > options.noisy:
         found.append(
             f"The photos are noisy ({noise:.0f} of 255 grey values at working resolution); the mesh will be rough "
             "and lose detail. Take them in more light or with a lower ISO."
         )
-    if sharpness < BLURRED:
+    if sharpness < options.blurred:
         found.append(
             "The photos are blurred by three pixels or more at working resolution; the mesh will lose detail. Take "
             "them again in focus, with a shorter exposure."

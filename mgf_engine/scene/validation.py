@@ -6,36 +6,53 @@ Outlier points and photos of another place are removed; what cannot be repaired 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.adjust import far_points
 from mgf_engine.scene.exposure import observed_colors
-from mgf_engine.scene.quality import blurred_views, photo_quality, poor_photos
+from mgf_engine.scene.quality import QualityOptions, blurred_views, photo_quality, poor_photos
 from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots
 
 Array = NDArray[np.float64]
-#: A photo is foreign below the first correlation with the other photos at its points, where a quarter of the photos
-#: reach the second (photos that all differ, by shadows for example, tell nothing).
-FOREIGN, FAMILIAR = 0.35, 0.7
-FEWEST_SPOTS = 30  # observations that can tell a foreign photo
-MOST_FOREIGN = 0.45  # of all photos; where more look foreign, or the others are not familiar, nobody can say which are
-MOST_BLURRED = 0.3  # of all photos that are left out for being less sharp than the others
-#: Median reprojection error that spoils the mesh, working pixels.
-UNSTEADY = 0.8
-FEW_PHOTOS = 5
-SPACING = 25.0  # degrees from photo to photo, seen from the building; stereo fails beyond
-FEW_POINTS = 30  # seen per photo (median); masks and stereo lean on them
-ONE_SIDED = 225.0  # degrees around the building; less leaves sides that no photo shows (docs/stability.md)
 
 
-def filter_outliers(scene: Scene, folder: Path, every: int, reporter: Reporter, threads: int = 1) -> Scene:
+@dataclass(frozen=True)
+class ValidationOptions:
+    """Options of the checks of a scene."""
+
+    outlier_consistency: float = parameter(
+        0.35, "Correlation with the other photos below which a photo shows another place", low=-1, high=1
+    )
+    usual_consistency: float = parameter(
+        0.7, "Correlation that three quarters of the photos must reach for that", low=-1, high=1
+    )
+    least_observations: int = parameter(30, "Minimum number of observations of a photo that is judged", low=2)
+    most_outliers: float = parameter(0.45, "Maximum share of the photos that are left out as outliers", high=1)
+    most_blurred: float = parameter(0.3, "Maximum share of the photos that are left out as blurred", high=1)
+    reprojection_error: float = parameter(0.8, "Median reprojection error that a warning is given for", "px")
+    least_photos: int = parameter(5, "Number of photos below which a warning is given")
+    largest_angle: float = parameter(25.0, "Angle between neighbouring photos that a warning is given for", "degrees")
+    least_points: int = parameter(30, "Number of points that half of the photos see, below which a warning is given")
+    least_surround: float = parameter(225.0, "Angle around the building without a warning", "degrees", high=360)
+    quality: QualityOptions = QualityOptions()
+
+
+def filter_outliers(
+    scene: Scene,
+    folder: Path,
+    every: int,
+    reporter: Reporter,
+    threads: int = 1,
+    options: ValidationOptions = ValidationOptions(),
+) -> Scene:
     """The scene without stray points and foreign photos; warns about each, and about what is left that is weak.
 
     Args:
@@ -54,18 +71,22 @@ def filter_outliers(scene: Scene, folder: Path, every: int, reporter: Reporter, 
                 f"{share:.0%} of the sparse points have large reprojection errors and are left out; build the "
                 "COLMAP model again for better ones."
             )
-    scene = _without_foreign(scene, observed_colors(scene, folder, threads).mean(1), every, reporter)
+    scene = _without_foreign(scene, observed_colors(scene, folder, threads).mean(1), every, reporter, options)
     quality = photo_quality(scene, folder, threads)
-    scene = _without_blurred(scene, blurred_views(quality), every, reporter)
-    for text in (*poor_photos(quality), *diagnose(scene)):
+    scene = _without_blurred(scene, blurred_views(quality, options.quality), every, reporter, options)
+    for text in (*poor_photos(quality, options.quality), *diagnose(scene, options)):
         reporter.warning(text)
     return scene
 
 
-def _without_foreign(scene: Scene, brightness: Array, every: int, reporter: Reporter) -> Scene:
-    foreign, others = find_outlier_views(brightness, scene)
-    uncertain = others < FAMILIAR or len(foreign) > MOST_FOREIGN * len(scene.views)
-    if (foreign and uncertain) or (not foreign and median_consistency(brightness, scene) < FAMILIAR):
+def _without_foreign(
+    scene: Scene, brightness: Array, every: int, reporter: Reporter, options: ValidationOptions
+) -> Scene:
+    foreign, others = find_outlier_views(brightness, scene, options)
+    uncertain = others < options.usual_consistency or len(foreign) > options.most_outliers * len(scene.views)
+    if (foreign and uncertain) or (
+        not foreign and median_consistency(brightness, scene, options) < options.usual_consistency
+    ):
         reporter.warning(
             "The photos show the same points at very different brightness: moving shadows, clipped exposure or "
             "photos of another place. Remove the photos that differ."
@@ -79,14 +100,16 @@ def _without_foreign(scene: Scene, brightness: Array, every: int, reporter: Repo
     return scene
 
 
-def _without_blurred(scene: Scene, blurred: list[int], every: int, reporter: Reporter) -> Scene:
+def _without_blurred(
+    scene: Scene, blurred: list[int], every: int, reporter: Reporter, options: ValidationOptions
+) -> Scene:
     """Blurred photos are left out where the others are close enough together without them; else they are named."""
     if not blurred:
         return scene
     text = f"{len(blurred)} of {len(scene.views)} photos are much less sharp than the others "
-    if len(blurred) <= MOST_BLURRED * len(scene.views):
+    if len(blurred) <= options.most_blurred * len(scene.views):
         smaller = drop_views(scene, blurred, every)
-        if triangulation_angle(smaller) <= SPACING:
+        if triangulation_angle(smaller) <= options.largest_angle:
             reporter.warning(
                 f"{text}and are left out ({_names(scene, blurred)}); sharp ones in their place would help."
             )
@@ -115,7 +138,9 @@ def find_outlier_points(scene: Scene) -> NDArray[np.bool_]:
     return far_points(reprojection_errors(scene), scene.track_start)
 
 
-def find_outlier_views(brightness: Array, scene: Scene) -> tuple[list[int], float]:
+def find_outlier_views(
+    brightness: Array, scene: Scene, options: ValidationOptions = ValidationOptions()
+) -> tuple[list[int], float]:
     """Photos whose brightness at their points has little to do with what the other photos show there.
 
     The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
@@ -127,23 +152,25 @@ def find_outlier_views(brightness: Array, scene: Scene) -> tuple[list[int], floa
     """
     found: list[int] = []
     while True:
-        alike = photo_consistency(brightness, scene, ~np.isin(scene.track_view, found))
+        alike = photo_consistency(brightness, scene, ~np.isin(scene.track_view, found), options)
         alike[found] = np.nan
-        low = np.flatnonzero(alike < FOREIGN)
-        if not len(low) or np.isfinite(alike).sum() < 3 or np.nanpercentile(alike, 75) < FAMILIAR:
+        low = np.flatnonzero(alike < options.outlier_consistency)
+        if not len(low) or np.isfinite(alike).sum() < 3 or np.nanpercentile(alike, 75) < options.usual_consistency:
             known = alike[np.isfinite(alike)]
             return sorted(found), float(np.percentile(known, 25)) if len(known) else 0.0
         found += low[np.argsort(alike[low], kind="stable")][: -(-len(low) // 3)].tolist()
 
 
-def median_consistency(brightness: Array, scene: Scene) -> float:
+def median_consistency(brightness: Array, scene: Scene, options: ValidationOptions = ValidationOptions()) -> float:
     """Return the upper quartile of :func:`photo_consistency` over the photos; 1 where too few points tell."""
-    alike = photo_consistency(brightness, scene, np.ones(len(brightness), bool))
+    alike = photo_consistency(brightness, scene, np.ones(len(brightness), bool), options)
     known = alike[np.isfinite(alike)]
     return float(np.percentile(known, 75)) if len(known) >= 3 else 1.0
 
 
-def photo_consistency(brightness: Array, scene: Scene, trusted: NDArray[np.bool_]) -> Array:
+def photo_consistency(
+    brightness: Array, scene: Scene, trusted: NDArray[np.bool_], options: ValidationOptions = ValidationOptions()
+) -> Array:
     """Correlation of each photo's brightness with the mean of the other photos' at its points, [V]; NaN: too few.
 
     Args:
@@ -160,7 +187,7 @@ def photo_consistency(brightness: Array, scene: Scene, trusted: NDArray[np.bool_
         own, weight = np.unique(owner[mine], return_inverse=True)[1], trusted[mine].astype(np.float64)
         others = count[owner[mine]] - np.bincount(own, weight)[own]
         usable = others > 0.5
-        if usable.sum() < FEWEST_SPOTS:
+        if usable.sum() < options.least_observations:
             continue
         rest = total[owner[mine]] - np.bincount(own, weight * brightness[mine])[own]
         a, b = brightness[mine][usable], rest[usable] / others[usable]
@@ -209,30 +236,30 @@ def drop_views(scene: Scene, drop: list[int], every: int) -> Scene:
     return replace(smaller, roots=roots, held_out=choose_held_out(len(left), roots, every))
 
 
-def diagnose(scene: Scene) -> list[str]:
+def diagnose(scene: Scene, options: ValidationOptions = ValidationOptions()) -> list[str]:
     """One sentence for everything that will make the mesh worse than it could be: cause and cure."""
     found = []
     errors = reprojection_errors(scene)
     median = float(np.median(errors)) if len(errors) else 0.0
-    if median > UNSTEADY:
+    if median > options.reprojection_error:
         found.append(
             f"The COLMAP model has a reprojection error of {median:.1f} working pixels, and bundle adjustment did "
             "not help; the mesh will be inaccurate. Build the model again with the right camera model."
         )
     spacing = triangulation_angle(scene)
-    if spacing > SPACING or len(scene.views) < FEW_PHOTOS:
+    if spacing > options.largest_angle or len(scene.views) < options.least_photos:
         found.append(
             f"There are only {len(scene.views)} photos, {spacing:.0f} degrees apart seen from the building: "
             "expect holes and depth errors. Photos 5 to 15 degrees apart would help."
         )
     seen = float(np.median(np.bincount(scene.track_view, minlength=len(scene.views))))
-    if seen < FEW_POINTS:
+    if seen < options.least_points:
         found.append(
             f"Half of the photos see fewer than {seen + 1:.0f} sparse points; masks and mesh will be poor. Build "
             "the COLMAP model again with more features or from sharper photos."
         )
     around = surround_angle(scene)
-    if around < ONE_SIDED:
+    if around < options.least_surround:
         found.append(
             f"The photos cover only {around:.0f} degrees around the building; the other sides will be missing or "
             "interpolated."

@@ -11,7 +11,7 @@ import pytest
 
 from mgf_engine.images import read_rgb, write_png
 from mgf_engine.model.scene import Scene, Similarity, View
-from mgf_engine.scene.exposure import _solve, even_exposure, photo_gains
+from mgf_engine.scene.exposure import ExposureOptions, _solve, even_exposure, photo_gains
 
 VIEWS, POINTS, SIZE = 6, 400, 48
 
@@ -94,7 +94,7 @@ def test_the_gains_of_very_many_photos_need_no_matrix_between_them() -> None:
     point = random.integers(0, points, len(view))
     gain = random.normal(0, 0.2, photos)
     value = gain[view] + random.normal(0, 0.5, points)[point] + random.normal(0, 0.01, len(view))
-    found = _solve(value, view, point, photos)
+    found = _solve(value, view, point, photos, ExposureOptions())
     inner = np.abs(gain) < 0.3  # the prior draws larger ones to zero
     assert np.percentile(np.abs(found - (gain - gain.mean()))[inner], 95) < 0.08
     assert np.corrcoef(found, gain)[0, 1] > 0.99
