@@ -19,7 +19,20 @@ from mgf_engine.masks.propagation.random_walker import RandomWalkerOptions
 from mgf_engine.stages import STAGE_NAMES
 
 OPTIONS = algorithms_schema()
-UNITS = {"", "px", "degrees", "ground px", "ground px²", "px²", "grey levels", "point spacings", "m", "s", "1/px²"}
+UNITS = {
+    "",
+    "px",
+    "degrees",
+    "rad",
+    "ground px",
+    "ground px²",
+    "px²",
+    "grey levels",
+    "point spacings",
+    "m",
+    "s",
+    "1/px²",
+}
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda a: a.section)

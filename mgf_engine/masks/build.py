@@ -18,7 +18,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.contact_sheet import write_contact_sheet
 from mgf_engine.masks.geometry.visual_hull import hull_cells
-from mgf_engine.masks.parts import Part, add_elements, tie_parts
+from mgf_engine.masks.parts import Part, PartOptions, add_elements, tie_parts
 from mgf_engine.masks.points import chosen_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, read_prompts
 from mgf_engine.masks.propagation.propagate import Propagation, propagate
@@ -29,9 +29,9 @@ from mgf_engine.masks.segmenters.notice import notice
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.user_masks import read_supplied
-from mgf_engine.masks.validation.cross_view_consistency import find_contradicted_masks
-from mgf_engine.masks.validation.low_texture import PLAIN, low_texture_share, low_texture_warning
-from mgf_engine.masks.validation.mask_coverage import describe_misfits, mark_ignored, measure_coverage
+from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions, find_contradicted_masks
+from mgf_engine.masks.validation.low_texture import LowTextureOptions, low_texture_share, low_texture_warning
+from mgf_engine.masks.validation.mask_coverage import CoverageOptions, describe_misfits, mark_ignored, measure_coverage
 from mgf_engine.masks.validation.mask_flags import consistency
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
@@ -94,7 +94,7 @@ def _build_masks(
     masks, parts = result.masks, list[Part]()
     parts_clicked = any(photo.parts for photo in clicks.values())
     if segmenter is not None and config.wants_elements(parts_clicked):
-        masks, parts = _second_level(scene, masks, clicks, segmenter, threads, reporter)
+        masks, parts = _second_level(scene, masks, clicks, segmenter, threads, reporter, config.algorithm(PartOptions))
     figures: dict[str, Any] = {
         "segmenter": segmenter.name if segmenter else "none",
         "seconds_per_photo": round((time.perf_counter() - started) / len(scene.views), 3),
@@ -107,8 +107,9 @@ def _build_masks(
     reporter.preview(str(sheet), "Masks")
     _warn(result, scene, reporter)
     _check_clicks(clicks, masks)
-    plain = low_texture_share(scene, masks) if config.use_masks else 0.0
-    if plain > PLAIN:
+    textures = config.algorithm(LowTextureOptions)
+    plain = low_texture_share(scene, masks, textures) if config.use_masks else 0.0
+    if plain > textures.warn_above:
         reporter.warning(low_texture_warning(plain))
     return masks
 
@@ -151,10 +152,11 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
         labels.append(np.zeros((view.height, view.width), np.uint8) if mask is None else mask)
         reasons.append("no mask was given" if mask is None else "" if building(mask).any() else "the mask is empty")
     used = np.array([not r for r in reasons])
-    for index, agreement in find_contradicted_masks(scene, labels, used, config.vote_dilation).items():
+    cross_view = config.algorithm(CrossViewOptions)
+    for index, agreement in find_contradicted_masks(scene, labels, used, config.vote_dilation, cross_view).items():
         reasons[index] = f"other photos' masks contradict it (agreement {agreement:.0%})"
         used[index] = False
-    fit = measure_coverage(scene, labels, used)
+    fit = measure_coverage(scene, labels, used, config.algorithm(CoverageOptions))
     labels = mark_ignored(scene, labels, fit)
     rows = np.arange(len(scene.points))
     points = vote(
@@ -165,21 +167,27 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
 
 
 def _second_level(
-    scene: Scene, masks: MaskSet, clicks: Prompts, segmenter: Segmenter, threads: int, reporter: Reporter
+    scene: Scene,
+    masks: MaskSet,
+    clicks: Prompts,
+    segmenter: Segmenter,
+    threads: int,
+    reporter: Reporter,
+    options: PartOptions,
 ) -> tuple[MaskSet, list[Part]]:
     sam = segmenter if isinstance(segmenter, EfficientSam) else None
     labels, names = [], []
 
     def elements(index: int) -> tuple[NDArray[np.uint8], dict[int, str]]:
         parts = clicks[index].parts if index in clicks else {}
-        return add_elements(masks.labels[index], scene.photo(index), parts, sam)
+        return add_elements(masks.labels[index], scene.photo(index), parts, sam, options)
 
     each = ELEMENT_BYTES * most_pixels(scene.views)
     for with_elements, named in parallel_map(elements, range(len(masks.labels)), threads, each):
         labels.append(with_elements)
         names.append(named)
         reporter.check()
-    return replace(masks, labels=tuple(labels)), tie_parts(scene, labels, names)
+    return replace(masks, labels=tuple(labels)), tie_parts(scene, labels, names, options)
 
 
 def _check(scene: Scene, result: Propagation, config: Config) -> None:

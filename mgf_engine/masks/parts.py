@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.ndimage import find_objects
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import grow
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Points
@@ -25,12 +26,22 @@ from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
 from mgf_engine.model.scene import Scene
 
 LAST_ELEMENT = IGNORE - 1
-SMALLEST, LARGEST = 0.001, 0.5  # share of the building
-GRID = 12  # prompts across the longer side of the building
-MIN_QUALITY, MIN_STABILITY, MAX_OVERLAP = 0.8, 0.9, 0.6
-MIN_CONTRAST = 4.0  # CIELAB units around an element found by colour
-MARGIN = 8  # px around the building that are looked at, too: a field ends where the next begins
-MIN_SHARED, MIN_COMMON = 3, 0.5  # points two elements share, and their share of what both photos saw
+
+
+@dataclass(frozen=True)
+class PartOptions:
+    """Options of the elements of the building."""
+
+    smallest: float = parameter(0.001, "Minimum area of an element, as a share of the building", high=1)
+    largest: float = parameter(0.5, "Maximum area of an element, as a share of the building", high=1)
+    grid: int = parameter(12, "Number of EfficientSAM prompts along the longer side of the building", low=1)
+    quality: float = parameter(0.8, "Minimum predicted quality of a mask of EfficientSAM", high=1)
+    stability: float = parameter(0.9, "Minimum stability of a mask of EfficientSAM", high=1)
+    overlap: float = parameter(0.6, "Maximum overlap (intersection over union) of two masks of EfficientSAM", high=1)
+    contrast: float = parameter(4.0, "Minimum colour distance (CIELAB) between an element and what is around it")
+    margin: int = parameter(8, "Width around the building in which fields may end", "px", low=1)
+    shared: int = parameter(3, "Minimum number of points that the same element shares in two photos", low=1)
+    common: float = parameter(0.5, "Minimum share of the points in both photos that such elements share", high=1)
 
 
 @dataclass(frozen=True)
@@ -57,7 +68,11 @@ class Part:
 
 
 def add_elements(
-    labels: NDArray[np.uint8], photo: NDArray[np.uint8], clicks: dict[str, Points], sam: EfficientSam | None
+    labels: NDArray[np.uint8],
+    photo: NDArray[np.uint8],
+    clicks: dict[str, Points],
+    sam: EfficientSam | None,
+    options: PartOptions = PartOptions(),
 ) -> tuple[NDArray[np.uint8], dict[int, str]]:
     """Label map with elements from 2 up, and the user's names of clicked ones.
 
@@ -70,12 +85,12 @@ def add_elements(
     inside = building(labels)
     if not inside.any():
         return labels, {}
-    fields = colour_fields(photo, inside)
-    named = [(name, _clicked(points, fields, inside, photo, sam)) for name, points in sorted(clicks.items())]
+    fields = colour_fields(photo, inside, options)
+    named = [(name, _clicked(points, fields, inside, photo, sam, options)) for name, points in sorted(clicks.items())]
     if sam is not None:
-        found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam)]
+        found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam, options)]
     else:
-        found = good_fields(photo, inside, fields)
+        found = good_fields(photo, inside, fields, options)
     result = np.where(inside, BUILDING, labels).astype(np.uint8)
     number = FIRST_ELEMENT
     # Small ones are drawn over the large ones they lie on; named ones over all.
@@ -92,14 +107,16 @@ def add_elements(
     return _renumber(result, names)
 
 
-def colour_fields(photo: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.int32]:
+def colour_fields(
+    photo: NDArray[np.uint8], inside: NDArray[np.bool_], options: PartOptions = PartOptions()
+) -> NDArray[np.int32]:
     """Fields of even colour inside the building, int32 [H, W], from 0; -1 outside."""
     count, result = 0, np.full(inside.shape, -1, np.int32)
-    around = _around(inside)
+    around = _around(inside, options)
     held, building_here = np.ascontiguousarray(photo[around]), inside[around]
     lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, 7, 30, 5), cv2.COLOR_RGB2LAB))
-    lab[~grow(building_here, MARGIN)] = 0  # one field, quickly found
-    smallest = max(12, round(SMALLEST * int(inside.sum())))
+    lab[~grow(building_here, options.margin)] = 0  # one field, quickly found
+    smallest = max(12, round(options.smallest * int(inside.sum())))
     graph = cv2.ximgproc.segmentation.createGraphSegmentation(0.6, 250.0, smallest)
     fields = graph.processImage(lab).astype(np.int32)
     fields[~building_here] = -1
@@ -112,40 +129,44 @@ def colour_fields(photo: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArra
     return result
 
 
-def good_fields(photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32]) -> list[Element]:
+def good_fields(
+    photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32], options: PartOptions = PartOptions()
+) -> list[Element]:
     """Fields of a sensible size that stand out from what is around them."""
-    around = _around(inside)
+    around = _around(inside, options)
     lab = lab_of(photo[around])
     total, sizes = int(inside.sum()), np.bincount(fields[fields >= 0])
     result = []
     for value, (rows, columns) in _boxes(fields).items():
-        if not SMALLEST * total <= sizes[value] <= LARGEST * total:
+        if not options.smallest * total <= sizes[value] <= options.largest * total:
             continue
         box = slice(max(0, rows.start - 4), rows.stop + 4), slice(max(0, columns.start - 4), columns.stop + 4)
         mask = fields[box] == value
         ring = cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool) & ~mask
         top, left = around[0].start, around[1].start
         patch = lab[box[0].start - top : box[0].stop - top, box[1].start - left : box[1].stop - left]
-        if ring.any() and np.linalg.norm(patch[mask].mean(0) - patch[ring].mean(0)) < MIN_CONTRAST:
+        if ring.any() and np.linalg.norm(patch[mask].mean(0) - patch[ring].mean(0)) < options.contrast:
             continue
         result.append(Element(box, mask))
     return result
 
 
-def _around(inside: NDArray[np.bool_]) -> tuple[slice, slice]:
+def _around(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, slice]:
     """The box that holds the building and a margin."""
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     return (
-        slice(max(0, int(rows[0]) - MARGIN), int(rows[-1]) + 1 + MARGIN),
-        slice(max(0, int(columns[0]) - MARGIN), int(columns[-1]) + 1 + MARGIN),
+        slice(max(0, int(rows[0]) - options.margin), int(rows[-1]) + 1 + options.margin),
+        slice(max(0, int(columns[0]) - options.margin), int(columns[-1]) + 1 + options.margin),
     )
 
 
-def sam_elements(photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam) -> list[NDArray[np.bool_]]:
+def sam_elements(
+    photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam, options: PartOptions = PartOptions()
+) -> list[NDArray[np.bool_]]:
     """Masks from a grid of single points: good by the model's own word, stable, of a sensible size, not twice."""
     embedding = sam.embed(photo)
     ys, xs = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
-    step = max(4.0, max(ys[-1] - ys[0], xs[-1] - xs[0]) / GRID)
+    step = max(4.0, max(ys[-1] - ys[0], xs[-1] - xs[0]) / options.grid)
     grid = np.stack(np.meshgrid(np.arange(xs[0], xs[-1] + 1, step), np.arange(ys[0], ys[-1] + 1, step)), -1)
     grid = grid.reshape(-1, 2) + 0.5
     y, x = pixel_at(inside.shape, grid)
@@ -154,20 +175,22 @@ def sam_elements(photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: Effic
         masks, quality = sam.ask(embedding, photo.shape[:2], point[None], np.array([POINT]))
         for logits, value in zip(masks, quality, strict=True):
             stability = (logits > 1).sum() / max(1, (logits > -1).sum())
-            if value < MIN_QUALITY or stability < MIN_STABILITY:
+            if value < options.quality or stability < options.stability:
                 continue
             mask = cv2.resize(logits, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR) > 0
             mask &= inside
-            if SMALLEST * total <= mask.sum() <= LARGEST * total:
+            if options.smallest * total <= mask.sum() <= options.largest * total:
                 found.append((float(value), mask))
     kept: list[NDArray[np.bool_]] = []
     for _, mask in sorted(found, key=lambda f: -f[0]):
-        if all((mask & other).sum() <= MAX_OVERLAP * (mask | other).sum() for other in kept):
+        if all((mask & other).sum() <= options.overlap * (mask | other).sum() for other in kept):
             kept.append(mask)
     return kept
 
 
-def tie_parts(scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[int, str]]) -> list[Part]:
+def tie_parts(
+    scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[int, str]], options: PartOptions = PartOptions()
+) -> list[Part]:
     """Scene-wide parts: elements of different photos that show the same sparse points.
 
     Args:
@@ -183,7 +206,7 @@ def tie_parts(scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[in
     node = np.where(element > 0, scene.track_view.astype(np.int64) * 256 + element, -1)
     parent = {int(n): int(n) for n in np.unique(node[node >= 0])}
     parent |= {v * 256 + label: v * 256 + label for v, named in enumerate(names) for label in named}
-    for first, second in _links(scene, node):
+    for first, second in _links(scene, node, options):
         parent[_root(parent, first)] = _root(parent, second)
     for members in _same_name(names):
         for other in members[1:]:
@@ -191,7 +214,7 @@ def tie_parts(scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[in
     return _collect(scene, node, parent, names)
 
 
-def _links(scene: Scene, node: NDArray[np.int64]) -> list[tuple[int, int]]:
+def _links(scene: Scene, node: NDArray[np.int64], options: PartOptions) -> list[tuple[int, int]]:
     """Pairs of elements of two photos that share enough points.
 
     ``shared`` counts the points two elements both hold, ``seen`` those of an element that another photo sees at all.
@@ -203,12 +226,12 @@ def _links(scene: Scene, node: NDArray[np.int64]) -> list[tuple[int, int]]:
     holds = sparse.csr_matrix((ones[known], (point[known], column)), (len(scene.points), len(ids)))
     sees = sparse.csr_matrix((ones, (point, view)), (len(scene.points), len(scene.views)))
     shared, seen = (holds.T @ holds).tocoo(), (holds.T @ sees).tocsr()
-    enough = (ids[shared.row] // 256 < ids[shared.col] // 256) & (shared.data >= MIN_SHARED)
+    enough = (ids[shared.row] // 256 < ids[shared.col] // 256) & (shared.data >= options.shared)
     if not enough.any():
         return []
     a, b, count = shared.row[enough], shared.col[enough], shared.data[enough]
     common = np.maximum(np.asarray(seen[a, ids[b] // 256]), np.asarray(seen[b, ids[a] // 256]))
-    good = count >= MIN_COMMON * common.ravel()
+    good = count >= options.common * common.ravel()
     return list(zip(ids[a[good]].tolist(), ids[b[good]].tolist(), strict=True))
 
 
@@ -251,7 +274,7 @@ def _root(parent: dict[int, int], node: int) -> int:
 
 def _clicked(
     points: Points, fields: NDArray[np.int32], inside: NDArray[np.bool_], photo: NDArray[np.uint8],
-    sam: EfficientSam | None,
+    sam: EfficientSam | None, options: PartOptions,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """The element under the user's clicks: the colour fields they hit, or the model's smallest good answer."""
     if not len(points):
@@ -265,7 +288,7 @@ def _clicked(
     for logits, value in zip(masks, quality, strict=True):
         mask = cv2.resize(logits, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR) > 0
         score = float(mask[y, x].mean()) + 0.1 * float(value)
-        if mask.sum() <= LARGEST * inside.sum() and score > best_score:
+        if mask.sum() <= options.largest * inside.sum() and score > best_score:
             best, best_score = mask & inside, score
     return best
 

@@ -21,7 +21,8 @@ from mgf_engine.config import Config, make_config, renamed_values
 from mgf_engine.errors import BadInput
 from mgf_engine.images import read_rgb, shrink, turn
 from mgf_engine.masks.build import choose_segmenter
-from mgf_engine.masks.geometry.point_features import measure_point_features
+from mgf_engine.masks.geometry.building_extent import ExtentOptions
+from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
 from mgf_engine.masks.propagation.propagate import PropagationOptions, make_hints
 from mgf_engine.masks.propagation.random_walker import LabelGraph, RandomWalkerOptions
@@ -159,9 +160,10 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
     graph = LabelGraph(
         scene,
         [regions],
-        measure_point_features(scene),
+        measure_point_features(scene, options=config.algorithm(PointFeatureOptions)),
         options=config.algorithm(RandomWalkerOptions),
         sky=config.algorithm(SkyOptions),
+        extent=config.algorithm(ExtentOptions),
     )
     segmenter = choose_segmenter(config, default_folder().parent)
 

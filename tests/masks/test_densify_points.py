@@ -8,7 +8,7 @@ from support.wall import make_wall
 from benchmarks.synthetic.house import OFFSET, House
 from mgf_engine.config import make_config
 from mgf_engine.errors import Cancelled
-from mgf_engine.masks.geometry.densify_points import CONFIRMED, densify_points
+from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.masks.propagation.propagate import propagate
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
@@ -50,7 +50,7 @@ def test_bare_half_of_a_wall_gets_points_on_the_wall(half: Scene) -> None:
 def test_tracks_go_through_photos_that_show_the_point(half: Scene) -> None:
     full = densify_points(half, nowhere, 2, go_on)
     count = len(half.points)
-    assert np.diff(full.track_start)[count:].min() >= CONFIRMED
+    assert np.diff(full.track_start)[count:].min() >= DensifyOptions().confirmed
     for row in range(len(half.track_view), len(full.track_view)):
         view = full.views[full.track_view[row]]
         uv = view.project(full.points[full.track_point[row]][None])[0][0]

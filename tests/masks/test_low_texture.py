@@ -12,7 +12,7 @@ from benchmarks.synthetic.colmap_scene import Messages
 from benchmarks.synthetic.house_scene import house_scene
 from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
-from mgf_engine.masks.validation.low_texture import PLAIN, low_texture_share
+from mgf_engine.masks.validation.low_texture import LowTextureOptions, low_texture_share
 from mgf_engine.scene.load import load_scene
 
 
@@ -28,5 +28,5 @@ def test_plain_walls_are_spoken_of(source: Path, tmp_path: Path, level: float, p
     scene = load_scene(folder, tmp_path / "job/scene", config, messages.reporter)
     masks = build_masks(scene, None, folder / "masks", tmp_path / "job/masks", config, messages.reporter)
     share = low_texture_share(scene, masks)
-    assert (share > PLAIN) == plain, share
+    assert (share > LowTextureOptions().warn_above) == plain, share
     assert any("of the building has neither texture" in text for text in messages.warnings) == plain

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
-from mgf_engine.masks.geometry.overhangs import Overhangs, enclosed
+from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs, enclosed
 from mgf_engine.masks.geometry.point_features import PointFeatures
-from mgf_engine.masks.geometry.point_surface import Map, make_surface
+from mgf_engine.masks.geometry.point_surface import Map, SurfaceOptions, make_surface
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.gravity import looking_down
 
@@ -59,6 +59,8 @@ class ExtentOptions:
     hidden_blur: tuple[float, float] = parameter(
         (5.0, 14.0), "Standard deviation of the smallest and the largest window, on the map", "px", low=0.1
     )
+    overhangs: OverhangOptions = OverhangOptions()
+    surface: SurfaceOptions = SurfaceOptions()
 
 
 @dataclass(frozen=True)
@@ -102,11 +104,15 @@ class BuildingExtent:
         over = None
         if keep.any():
             spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene) is None
-            over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen)
-        self.columns = make_surface(scene, shape, keep, ground, discs=False, overhangs=over, coarse=fine)
-        self.body = make_surface(scene, shape, keep, ground, discs=True, overhangs=over, coarse=fine)
+            over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen, options.overhangs)
+        self.columns = make_surface(
+            scene, shape, keep, ground, discs=False, overhangs=over, coarse=fine, options=options.surface
+        )
+        self.body = make_surface(
+            scene, shape, keep, ground, discs=True, overhangs=over, coarse=fine, options=options.surface
+        )
         others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)
-        self.others = make_surface(scene, shape, others, None, discs=True, coarse=fine)
+        self.others = make_surface(scene, shape, others, None, discs=True, coarse=fine, options=options.surface)
         self.floor = ground or _lowest(scene, shape, keep)
 
     def place(self, index: int) -> ViewRegions:

@@ -8,28 +8,44 @@ ground behind, whatever was clicked on them. Matching photos with their neighbou
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.depths import Depths, match_photos
 
 Flags = NDArray[np.bool_]
 
-NEIGHBOURS, LONGEST_SIDE = 3, 375  # photos each is matched with, px
-#: Shares of the longer side: a pixel farther than REACH from all points is bare; at most one new point per CELL.
-REACH, CELL = 1 / 20, 1 / 40
-#: px around a pixel of which nearly all must be matched, without a step in depth: at edges matching is off by a window.
-CALM, MATCHED, STEP = 6, 0.8, 0.04
-CONFIRMED = 3  # photos, itself among them, that must see a point
+
+@dataclass(frozen=True)
+class DensifyOptions:
+    """Options of the points added for the masks."""
+
+    neighbours: int = parameter(3, "Number of photos that each photo is matched with", low=1)
+    longest_side: int = parameter(375, "Longest side of the photos that are matched", "px", low=64)
+    reach: float = parameter(
+        0.05, "Distance from all points beyond which a pixel is bare, as a share of the longer side", high=1
+    )
+    cell: float = parameter(
+        0.025, "Side of the cells that get one point at most, as a share of the longer side", low=0.001, high=1
+    )
+    window: int = parameter(6, "Half width of the window that must be matched without a step in depth", "px")
+    matched: float = parameter(0.8, "Share of that window that must be matched", high=1)
+    step: float = parameter(0.04, "Relative change of depth that is a step")
+    confirmed: int = parameter(3, "Number of photos that must see a point", low=1)
 
 
 def densify_points(
-    scene: Scene, leafy: Callable[[int], NDArray[np.bool_]], threads: int, check: Callable[[], None]
+    scene: Scene,
+    leafy: Callable[[int], NDArray[np.bool_]],
+    threads: int,
+    check: Callable[[], None],
+    options: DensifyOptions = DensifyOptions(),
 ) -> Scene:
     """The scene with points, and tracks through the photos that confirm them, where it has none.
 
@@ -42,26 +58,30 @@ def densify_points(
     """
     views = range(len(scene.views))
     depths = match_photos(
-        scene, views, np.ones(len(scene.points), bool), None, NEIGHBOURS, LONGEST_SIDE, threads, check
+        scene, views, np.ones(len(scene.points), bool), None, options.neighbours, options.longest_side, threads, check
     )
-    bare = {i: ~_around(scene, i, depths) & ~_beside(leafy(i), depths.photos[i].grey.shape) for i in views}
+    bare = {
+        i: ~_around(scene, i, depths, options) & ~_beside(leafy(i), depths.photos[i].grey.shape, options) for i in views
+    }
     found: list[tuple[NDArray[np.float64], NDArray[np.uint8], Flags]] = []
     for index in depths.maps:
         check()
-        points, colors = _new_points(index, depths, bare[index])
+        points, colors = _new_points(index, depths, bare[index], options)
         seen = _seen(points, index, depths, len(views))
-        enough = seen.sum(1) >= CONFIRMED
+        enough = seen.sum(1) >= options.confirmed
         points, colors, seen = points[enough], colors[enough], seen[enough]
         for other in np.flatnonzero(seen.any(0)).tolist():
-            bare[other] &= ~_covered(scene, other, points[seen[:, other]], bare[other].shape)
+            bare[other] &= ~_covered(scene, other, points[seen[:, other]], bare[other].shape, options)
         found.append((points, colors, seen))
     return _joined(scene, *(np.concatenate(parts) for parts in zip(*found, strict=True))) if found else scene
 
 
-def _new_points(index: int, depths: Depths, bare: Flags) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+def _new_points(
+    index: int, depths: Depths, bare: Flags, options: DensifyOptions
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """At most one point [N, 3] for each cell of a photo's bare pixels [h, w], with its grey as colour [N, 3]."""
-    pixels, points = depths.points(index, bare & _calm(depths.maps[index]))
-    side = _cell(bare.shape)
+    pixels, points = depths.points(index, bare & _calm(depths.maps[index], options))
+    side = _cell(bare.shape, options)
     cell = pixels // side @ np.array([bare.shape[1], 1])
     aside = np.abs(pixels % side - side / 2).sum(1)
     order = np.lexsort((aside, cell))
@@ -70,9 +90,9 @@ def _new_points(index: int, depths: Depths, bare: Flags) -> tuple[NDArray[np.flo
     return points[chosen], np.stack([grey] * 3, 1)
 
 
-def _cell(shape: tuple[int, ...]) -> int:
+def _cell(shape: tuple[int, ...], options: DensifyOptions) -> int:
     """Side of a cell of a reduced photo, px."""
-    return max(2, round(CELL * max(shape)))
+    return max(2, round(options.cell * max(shape)))
 
 
 def _seen(points: NDArray[np.float64], index: int, depths: Depths, count: int) -> Flags:
@@ -85,20 +105,20 @@ def _seen(points: NDArray[np.float64], index: int, depths: Depths, count: int) -
     return result
 
 
-def _calm(depth: NDArray[np.float32]) -> Flags:
+def _calm(depth: NDArray[np.float32], options: DensifyOptions) -> Flags:
     """Pixels [h, w] around which nearly all are matched and the depth changes evenly."""
-    window = np.ones((2 * CALM + 1,) * 2, np.uint8)
-    matched = cv2.blur((depth > 0).astype(np.float32), window.shape) > MATCHED
+    window = np.ones((2 * options.window + 1,) * 2, np.uint8)
+    matched = cv2.blur((depth > 0).astype(np.float32), window.shape) > options.matched
     around = np.ones((3, 3), np.uint8)
     near, far = cv2.erode(np.where(depth > 0, depth, np.inf), around), cv2.dilate(depth, around)
-    step = cv2.dilate((far / np.float32(1 + STEP) > near).astype(np.uint8), window) > 0
+    step = cv2.dilate((far / np.float32(1 + options.step) > near).astype(np.uint8), window) > 0
     return np.asarray(matched & ~step, bool)
 
 
-def _around(scene: Scene, index: int, depths: Depths) -> Flags:
+def _around(scene: Scene, index: int, depths: Depths, options: DensifyOptions) -> Flags:
     """Pixels [h, w] of a reduced photo that have a sparse point near by, be it one that only others observed."""
     view, shape = scene.views[index], depths.photos[index].grey.shape
-    radius = round(REACH * max(shape))
+    radius = round(options.reach * max(shape))
     disc = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
     places = np.concatenate(
         [scene.track_uv[scene.observations(index)], view.project(scene.points[depths.confirms(index, scene.points)])[0]]
@@ -106,16 +126,18 @@ def _around(scene: Scene, index: int, depths: Depths) -> Flags:
     return _spots(places / (view.width, view.height), shape, disc)
 
 
-def _beside(mask: Flags, shape: tuple[int, ...]) -> Flags:
+def _beside(mask: Flags, shape: tuple[int, ...], options: DensifyOptions) -> Flags:
     """Pixels [h, w] of a reduced photo on a mask of any size or beside it."""
     small = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
-    return np.asarray(cv2.dilate(small, np.ones((2 * CALM + 1,) * 2, np.uint8)) > 0, bool)
+    return np.asarray(cv2.dilate(small, np.ones((2 * options.window + 1,) * 2, np.uint8)) > 0, bool)
 
 
-def _covered(scene: Scene, index: int, points: NDArray[np.float64], shape: tuple[int, ...]) -> Flags:
+def _covered(
+    scene: Scene, index: int, points: NDArray[np.float64], shape: tuple[int, ...], options: DensifyOptions
+) -> Flags:
     """Pixels [h, w] of a reduced photo that new points stand for."""
     view = scene.views[index]
-    window = np.ones((2 * _cell(shape) - 1,) * 2, np.uint8)
+    window = np.ones((2 * _cell(shape, options) - 1,) * 2, np.uint8)
     return _spots(view.project(points)[0] / (view.width, view.height), shape, window)
 
 

@@ -12,12 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.model.scene import Scene
 
-MIN_SUPPORT = 20  # points
-MAX_TILT = 0.26  # radians between the plane's normal and up
-TRIALS = 300
+
+@dataclass(frozen=True)
+class GroundPlaneOptions:
+    """Options of the search for the ground."""
+
+    least_support: int = parameter(20, "Minimum number of points on the plane", low=3)
+    largest_tilt: float = parameter(0.26, "Largest angle between the plane's normal and up", "rad", high=1.57)
+    trials: int = parameter(300, "Number of samples of RANSAC", low=1)
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,13 @@ class Ground:
         return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)
 
 
-def find_ground(scene: Scene, shape: PointFeatures, outside: NDArray[np.floating], seed: int) -> Ground | None:
+def find_ground(
+    scene: Scene,
+    shape: PointFeatures,
+    outside: NDArray[np.floating],
+    seed: int,
+    options: GroundPlaneOptions = GroundPlaneOptions(),
+) -> Ground | None:
     """The plane most points agree on that lies below the cameras and nearly all points, or None.
 
     Args:
@@ -48,23 +60,23 @@ def find_ground(scene: Scene, shape: PointFeatures, outside: NDArray[np.floating
     upright = np.abs(shape.normals @ shape.up) * shape.flatness
     weight = np.clip(outside, 0, 1) * np.clip(2 * upright - 0.6, 0, 1)
     pool = np.flatnonzero(weight > 0.05)
-    if len(pool) < MIN_SUPPORT:
+    if len(pool) < options.least_support:
         return None
     rng = np.random.default_rng(seed)
     thickness = 0.6 * float(np.median(shape.spacing[pool]))
     centres = np.stack([v.centre for v in scene.views])
     points, best, best_score = scene.points, None, 0.0
     share = weight[pool] / weight[pool].sum()
-    for three in _draws(rng, share, TRIALS):
-        plane = _through(points[pool[three]], shape.up)
+    for three in _draws(rng, share, options.trials):
+        plane = _through(points[pool[three]], shape.up, options)
         if plane is None:
             continue
         score = _support(plane, points, weight, thickness, centres)
         if score > best_score:
             best, best_score = plane, score
-    if best is None or best_score < MIN_SUPPORT / 2:
+    if best is None or best_score < options.least_support / 2:
         return None
-    return _refit(best, points, weight, thickness)
+    return _refit(best, points, weight, thickness, options)
 
 
 def _draws(rng: np.random.Generator, share: NDArray[np.float64], count: int) -> Iterator[NDArray[np.int64]]:
@@ -80,13 +92,15 @@ def _draws(rng: np.random.Generator, share: NDArray[np.float64], count: int) -> 
         yield three
 
 
-def _through(three: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
+def _through(
+    three: NDArray[np.float64], up: NDArray[np.float64], options: GroundPlaneOptions
+) -> tuple[NDArray[np.float64], float] | None:
     normal = np.cross(three[1] - three[0], three[2] - three[0])
     length = np.linalg.norm(normal)
     if length < 1e-12:
         return None
     normal = normal / length * np.sign(normal @ up or 1.0)
-    return (normal, float(normal @ three[0])) if normal @ up > np.cos(MAX_TILT) else None
+    return (normal, float(normal @ three[0])) if normal @ up > np.cos(options.largest_tilt) else None
 
 
 def _support(
@@ -105,7 +119,11 @@ def _support(
 
 
 def _refit(
-    plane: tuple[NDArray[np.float64], float], points: NDArray[np.float64], weight: NDArray[np.float64], thickness: float
+    plane: tuple[NDArray[np.float64], float],
+    points: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    thickness: float,
+    options: GroundPlaneOptions,
 ) -> Ground:
     normal, level = plane
     for _ in range(3):
@@ -114,7 +132,7 @@ def _refit(
         offset = (points[near] - centre) * np.sqrt(weight[near])[:, None]
         fitted = np.linalg.svd(offset, full_matrices=False)[2][2]
         fitted = fitted * np.sign(fitted @ normal or 1.0)
-        if fitted @ normal < np.cos(MAX_TILT):
+        if fitted @ normal < np.cos(options.largest_tilt):
             break
         normal, level = fitted, float(fitted @ centre)
     near = (np.abs(points @ normal - level) < thickness) & (weight > 0.05)

@@ -3,17 +3,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
+
 Map = NDArray[np.bool_]
 Points = NDArray[np.float64]
 
-WALL = 4.0  # spacings that points must stand above each other for a wall
-GAP_IN_WALLS = 0.12  # of the plan's size; half the widest gap between the points of a wall
-OVERHANG = 5.0  # spacings beyond the walls where nothing reaches the ground
-MAX_PLAN = 1000  # cells
+
+@dataclass(frozen=True)
+class OverhangOptions:
+    """Options of overhangs."""
+
+    wall: float = parameter(4.0, "Height over which points stand above each other in a wall", "point spacings")
+    gap_in_walls: float = parameter(0.12, "Half the largest gap in a wall, as a share of the plan's size", high=1)
+    reach: float = parameter(5.0, "Distance beyond the walls within which something overhangs", "point spacings")
+    largest_plan: int = parameter(1000, "Maximum number of cells along a side of the ground plan", low=10)
 
 
 class Overhangs:
@@ -27,24 +36,31 @@ class Overhangs:
         walls_seen: photos straight down show walls at a slant, with hardly a point on them: there nothing overhangs.
     """
 
-    def __init__(self, points: Points, up: Points, spacing: float, walls_seen: bool = True) -> None:
+    def __init__(
+        self,
+        points: Points,
+        up: Points,
+        spacing: float,
+        walls_seen: bool = True,
+        options: OverhangOptions = OverhangOptions(),
+    ) -> None:
         self._across, self._spacing = np.linalg.svd(up[None])[2][1:].T, spacing
         plan, height = points @ self._across, (points @ up).astype(np.float32)
-        border = round(OVERHANG) + 1
+        border = round(options.reach) + 1
         self._low = plan.min(0) - border * spacing
-        size = np.minimum(np.ceil((plan.max(0) - self._low) / spacing).astype(int) + border, MAX_PLAN)
+        size = np.minimum(np.ceil((plan.max(0) - self._low) / spacing).astype(int) + border, options.largest_plan)
         top, bottom = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
         at = self._cells(points, top)
         np.maximum.at(top, at, height)
         np.minimum.at(bottom, at, height)
         around = np.ones((3, 3), np.uint8)
         with np.errstate(over="ignore", invalid="ignore"):  # no point around: minus infinity less infinity
-            walls = (cv2.dilate(top, around) - cv2.erode(bottom, around) > WALL * spacing).astype(np.uint8)
-        reach = max(1, round(GAP_IN_WALLS * max(size)))
+            walls = (cv2.dilate(top, around) - cv2.erode(bottom, around) > options.wall * spacing).astype(np.uint8)
+        reach = max(1, round(options.gap_in_walls * max(size)))
         padded = cv2.copyMakeBorder(walls, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
         closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _round(reach))[reach:-reach, reach:-reach]
         inside = cv2.erode(enclosed(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
-        self._over = walls_seen & (inside == 0) & (cv2.dilate(inside, _round(round(OVERHANG))) > 0)
+        self._over = walls_seen & (inside == 0) & (cv2.dilate(inside, _round(round(options.reach))) > 0)
 
     def __call__(self, samples: Points) -> Map:
         """Tell whether samples [K, 3] overhang, bool [K]."""

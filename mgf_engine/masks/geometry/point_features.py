@@ -12,13 +12,21 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.gravity import up_from_cameras
 
-NEIGHBOURS = 10
-ASTRAY = 1.5  # times the spacing of its neighbours
-ONE_SIDED = 0.75  # of their mean distance, the distance of their middle
-GROUP_GAP = 4.0  # spacings; side of the cells whose contact makes a group
+
+@dataclass(frozen=True)
+class PointFeatureOptions:
+    """Options of the features of points."""
+
+    neighbours: int = parameter(10, "Number of neighbours of a point", low=3)
+    astray: float = parameter(1.5, "Spacing of a stray point, as a multiple of its neighbours'")
+    one_sided: float = parameter(
+        0.75, "Distance of a stray point's neighbours' centroid, as a share of their mean distance", high=1
+    )
+    group_gap: float = parameter(4.0, "Gap between two groups of points", "point spacings", low=0.1)
 
 
 @dataclass(frozen=True)
@@ -46,7 +54,9 @@ class PointFeatures:
     astray: NDArray[np.bool_]
 
 
-def measure_point_features(scene: Scene, up: NDArray[np.float64] | None = None) -> PointFeatures:
+def measure_point_features(
+    scene: Scene, up: NDArray[np.float64] | None = None, options: PointFeatureOptions = PointFeatureOptions()
+) -> PointFeatures:
     """Neighbours, normals and heights of the sparse points of a scene.
 
     Args:
@@ -55,7 +65,7 @@ def measure_point_features(scene: Scene, up: NDArray[np.float64] | None = None) 
     points = scene.points
     count = len(points)
     up = up_from_cameras(scene) if up is None else up
-    k = min(NEIGHBOURS, count - 1)
+    k = min(options.neighbours, count - 1)
     if k < 1:
         zero, none = np.zeros(count), np.zeros(count, bool)
         return PointFeatures(
@@ -70,14 +80,14 @@ def measure_point_features(scene: Scene, up: NDArray[np.float64] | None = None) 
     normals = vectors[:, :, 0]
     flatness = 1 - np.sqrt(np.maximum(values[:, 0], 0) / np.maximum(values[:, 1], 1e-18))
     pairs, closeness = _links(distance, index, spacing, normals, flatness)
-    loose = _astray(offsets, spacing, index)
+    loose = _astray(offsets, spacing, index, options)
     return PointFeatures(up, spacing, normals, flatness, _heights(points @ up, points, up), pairs, closeness, loose)
 
 
-def _astray(offsets: NDArray, spacing: NDArray, index: NDArray) -> NDArray[np.bool_]:
+def _astray(offsets: NDArray, spacing: NDArray, index: NDArray, options: PointFeatureOptions) -> NDArray[np.bool_]:
     """From the offsets [P, K, 3] to the neighbours ``index`` [P, K]."""
-    one_sided = np.linalg.norm(offsets.mean(1), axis=1) > ONE_SIDED * np.linalg.norm(offsets, axis=2).mean(1)
-    return np.asarray(one_sided & (spacing > ASTRAY * spacing[index].mean(1)), bool)
+    one_sided = np.linalg.norm(offsets.mean(1), axis=1) > options.one_sided * np.linalg.norm(offsets, axis=2).mean(1)
+    return np.asarray(one_sided & (spacing > options.astray * spacing[index].mean(1)), bool)
 
 
 def _links(
@@ -113,7 +123,11 @@ def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64
 
 
 def clicked_groups(
-    points: NDArray[np.float64], keep: NDArray[np.bool_], clicked: NDArray[np.int64], shape: PointFeatures
+    points: NDArray[np.float64],
+    keep: NDArray[np.bool_],
+    clicked: NDArray[np.int64],
+    shape: PointFeatures,
+    options: PointFeatureOptions = PointFeatureOptions(),
 ) -> NDArray[np.bool_]:
     """Kept points that hang together with clicked ones: a building of the same brick across the street does not.
 
@@ -129,7 +143,7 @@ def clicked_groups(
     clicked = clicked[keep[clicked]]
     if not len(clicked):
         return keep
-    cell = GROUP_GAP * float(np.median(shape.spacing[keep]))
+    cell = options.group_gap * float(np.median(shape.spacing[keep]))
     rows = np.flatnonzero(keep)
     cells, which = np.unique(np.floor(points[rows] / cell).astype(np.int64), axis=0, return_inverse=True)
     tree = cKDTree(cells)

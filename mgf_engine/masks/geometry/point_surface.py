@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs
 from mgf_engine.masks.geometry.point_features import PointFeatures
@@ -19,12 +20,18 @@ from mgf_engine.native.library import call
 Map = NDArray[np.bool_]
 Points = NDArray[np.float64]
 
-MAX_COLUMN = 40  # samples between a point and the ground
-DISC = 0.9  # spacings; the surface is known this far around a point
-FLAT = 0.6  # flatness from which a point has a surface
 SPLAT = 0.8  # cells; radius of a sample
-HALF = 0.5  # of the points' spacing: how far apart samples are, unless coarser ones are asked for
 _RINGS = ((0.5, 6), (1.0, 12))  # share of the disc's radius, samples
+
+
+@dataclass(frozen=True)
+class SurfaceOptions:
+    """Options of the surface around points."""
+
+    column: int = parameter(40, "Maximum number of samples between a point and the ground", low=1)
+    disc: float = parameter(0.9, "Radius of the disc around a point on a flat surface", "point spacings")
+    flat: float = parameter(0.6, "Flatness from which a point has a surface", high=1)
+    cell: float = parameter(0.5, "Minimum distance between samples", "point spacings", low=0.01)
 
 
 @dataclass(frozen=True)
@@ -100,6 +107,7 @@ def make_surface(
     discs: bool,
     overhangs: Overhangs | None = None,
     coarse: float = 0.0,
+    options: SurfaceOptions = SurfaceOptions(),
 ) -> Surface:
     """The surface around kept points.
 
@@ -115,30 +123,30 @@ def make_surface(
         return Surface(np.zeros((0, 3)), np.zeros(0), 1.0, 1.0)
     usual = float(np.median(shape.spacing[keep]))
     spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
-    cell = max(HALF * usual, coarse)
+    cell = max(options.cell * usual, coarse)
     owner = np.flatnonzero(keep)
     if overhangs is not None:
         owner = owner[~(overhangs(scene.points[owner]) & shape.astray[owner])]
     samples = scene.points[owner]
     flat = owner if discs else owner[overhangs(samples)] if overhangs is not None else owner[:0]
     if len(flat):
-        wide, around = _discs(scene.points, spacing, shape, flat)
+        wide, around = _discs(scene.points, spacing, shape, flat, options)
         samples, owner = _thin(np.concatenate([samples, wide]), np.concatenate([owner, around]), cell)
     if overhangs is not None:
         top = _highest(samples, shape.up, cell)
         top = top[~overhangs(samples[top])]
         height = np.maximum(ground.height(samples[top]), 0) if ground is not None else shape.height[owner[top]]
-        below, count = _columns(samples[top], height, shape.up, cell)
+        below, count = _columns(samples[top], height, shape.up, cell, options)
         samples = np.concatenate([samples, below])
         samples, owner = _thin(samples, np.concatenate([owner, np.repeat(owner[top], count)]), cell)
-    return Surface(samples, spacing[owner], cell, HALF * usual)
+    return Surface(samples, spacing[owner], cell, options.cell * usual)
 
 
 def _discs(
-    points: Points, spacing: Points, shape: PointFeatures, rows: NDArray[np.int64]
+    points: Points, spacing: Points, shape: PointFeatures, rows: NDArray[np.int64], options: SurfaceOptions
 ) -> tuple[Points, NDArray[np.int64]]:
     """Samples of a disc around each of these points where the surface is flat, and which point each belongs to."""
-    flat = rows[shape.flatness[rows] > FLAT]
+    flat = rows[shape.flatness[rows] > options.flat]
     normals = shape.normals[flat]
     helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(normals, helper)
@@ -147,7 +155,7 @@ def _discs(
     samples, owner = [], []
     for ring, number in _RINGS:
         for angle in np.arange(number) * (2 * np.pi / number):
-            reach = (ring * DISC * spacing[flat])[:, None]
+            reach = (ring * options.disc * spacing[flat])[:, None]
             samples.append(points[flat] + reach * (np.cos(angle) * first + np.sin(angle) * second))
             owner.append(flat)
     return np.concatenate(samples), np.concatenate(owner)
@@ -164,9 +172,11 @@ def _highest(samples: Points, up: Points, cell: float) -> NDArray[np.int64]:
     return order[np.flatnonzero(np.diff(place[order], append=-1))]
 
 
-def _columns(top: Points, height: Points, up: Points, cell: float) -> tuple[Points, NDArray[np.int64]]:
+def _columns(
+    top: Points, height: Points, up: Points, cell: float, options: SurfaceOptions
+) -> tuple[Points, NDArray[np.int64]]:
     """Sample columns below the samples [K, 3], down to depths [K]; returns them and their number per sample, [K]."""
-    step = np.maximum(cell, height / MAX_COLUMN)
+    step = np.maximum(cell, height / options.column)
     count = np.floor(height / step).astype(np.int64) + 1
     rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     return np.repeat(top, count, axis=0) - (rank * np.repeat(step, count))[:, None] * up, count

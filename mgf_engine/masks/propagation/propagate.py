@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions
-from mgf_engine.masks.geometry.densify_points import densify_points
-from mgf_engine.masks.geometry.point_features import measure_point_features
+from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
+from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of, vegetation_probability
@@ -40,7 +40,7 @@ from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHo
 from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
-from mgf_engine.masks.refinement.vegetation import find_foreground_leaves
+from mgf_engine.masks.refinement.vegetation import LeafOptions, find_foreground_leaves
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
 from mgf_engine.masks.validation.mask_flags import FlagOptions, consistency, flag_by_masks, flag_reason
@@ -112,9 +112,12 @@ class _Work:
         for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i), superpixels), self.views):
             self.regions.append(regions)
             self.reporter.progress(0.25 * (index + 1) / len(self.views))
-        self.full = densify_points(self.scene, self._leafy, self.threads, self.reporter.check)
+        self.full = densify_points(
+            self.scene, self._leafy, self.threads, self.reporter.check, self.config.algorithm(DensifyOptions)
+        )
         self.reporter.progress(0.4)
-        self.shape = measure_point_features(self.scene, find_up(self.scene, (), self.threads).vector)
+        up = find_up(self.scene, (), self.threads).vector
+        self.shape = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
         self.graph = LabelGraph(
             self.scene, self.regions, self.shape, self.threads, self.full, self.config.algorithm(RandomWalkerOptions),
             self.config.algorithm(SkyOptions), self.config.algorithm(ExtentOptions),
@@ -298,7 +301,9 @@ class _Work:
         labels[find_missing_pixels(lab, labels, sky, negative, regions)] = BUILDING
         labels[seen & (labels == BACKGROUND) & ~sky] = IGNORE
         ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
-        labels[find_foreground_leaves(labels, self._of_regions(index, self.graph.plants)) & ~sky & ~ground] = IGNORE
+        plants = self._of_regions(index, self.graph.plants)
+        leaves = find_foreground_leaves(labels, plants, self.config.algorithm(LeafOptions))
+        labels[leaves & ~sky & ~ground] = IGNORE
 
     def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
         """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""

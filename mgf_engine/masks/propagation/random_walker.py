@@ -30,8 +30,13 @@ from mgf_engine.masks.geometry.building_extent import (
     Visibility,
     over_building,
 )
-from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
-from mgf_engine.masks.geometry.point_features import PointFeatures, clicked_groups, measure_point_features
+from mgf_engine.masks.geometry.ground_plane import Ground, GroundPlaneOptions, find_ground
+from mgf_engine.masks.geometry.point_features import (
+    PointFeatureOptions,
+    PointFeatures,
+    clicked_groups,
+    measure_point_features,
+)
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import (
     FEATURE_SCALE,
@@ -103,6 +108,8 @@ class RandomWalkerOptions:
         0.02, "Probability per step that the first random walk ends, which limits the reach of a click"
     )
     rounds: int = parameter(4, "Number of rounds of appearance, geometry and propagation", low=1, high=100)
+    ground: GroundPlaneOptions = GroundPlaneOptions()
+    features: PointFeatureOptions = PointFeatureOptions()
 
 
 @dataclass(frozen=True)
@@ -147,7 +154,7 @@ class LabelGraph:
         self.scene, self.regions, self.shape, self.options = scene, regions, shape, options
         self.threads, self._extent_options = threads, extent
         self.full = scene if full is None else full
-        self.full_shape = shape if full is None else measure_point_features(full, shape.up)
+        self.full_shape = shape if full is None else measure_point_features(full, shape.up, options.features)
         self.visibility = Visibility(self.full, self.full_shape, len(scene.points), extent)
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
@@ -211,7 +218,7 @@ class LabelGraph:
             np.zeros(len(probability), bool),
         )
         added_ground = np.zeros(self.added_count)
-        ground = find_ground(self.scene, self.shape, 1 - points, seed)
+        ground = find_ground(self.scene, self.shape, 1 - points, seed, self.options.ground)
         if ground is not None:
             held = ground.holds(self.scene, self.shape)
             if self._clicks_reject(held, prompts):
@@ -224,7 +231,9 @@ class LabelGraph:
                 # A plinth the building stands on, as far as anybody said: no evidence against it.
                 ground = None
         keep = points > self.options.building_above
-        apart = keep & ~clicked_groups(self.scene.points, keep, self._clicked_points(prompts), self.shape)
+        apart = keep & ~clicked_groups(
+            self.scene.points, keep, self._clicked_points(prompts), self.shape, self.options.features
+        )
         odds[self.region_count :] += self.options.apart_odds * apart
         keep &= ~apart
         if keep.sum() < 10:

@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
 from mgf_engine.masks.points import pixel_at
-from mgf_engine.masks.refinement.sky_silhouette import OVER_HORIZON, find_silhouette, over_horizon
+from mgf_engine.masks.refinement.sky_silhouette import OVER_HORIZON, SilhouetteOptions, find_silhouette, over_horizon
 from mgf_engine.model.scene import View
 
 
@@ -42,6 +42,7 @@ class SkyHoleOptions:
     around: float = parameter(
         0.03, "Radius of the building around a hole, as a share of the longer side", low=1e-4, high=1
     )
+    silhouette: SilhouetteOptions = SilhouetteOptions()
 
 
 def find_sky_holes(
@@ -65,7 +66,7 @@ def find_sky_holes(
     none = np.zeros_like(mask)
     if not sky.any():
         return none
-    seen = find_silhouette(lab, sky, view, up, degrees=-90)
+    seen = find_silhouette(lab, sky, view, up, degrees=-90, options=options.silhouette)
     over, under = over_horizon(view, up, options.horizon), ~over_horizon(view, up, -OVER_HORIZON)
     gaps = seen.empty & mask
     if not (gaps & over).any():

@@ -16,26 +16,34 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.image_ops import distance
 from mgf_engine.model.scene import View
 
-#: CIELAB distance to the sky around below which a pixel is sky; where the sky itself is uneven, so many times what
-#: 95 % of it stay within. From twice that distance on a pixel is something else.
-SKY_STEP, SKY_SPREAD = 5.0, 1.5
 #: The sky's colour around a pixel is a mean of this width, and of the second where the first finds none; of the side.
 WIDTHS = (0.03, 0.1)
-#: The photo is reduced by so much at least, and at most to this longer side, for such means.
-SHRINK, SMALL = 4, 190
 #: Degrees over the horizon from which nothing can be ground.
 OVER_HORIZON = 1.5
-#: A cell is something when so many photos, and such a share of those that show anything against the sky, see it before
-#: the sky; it is empty when more than one sees sky all over it.
-FEWEST, FEWEST_SHARE = 3, 0.25
 #: Share of a hull's cells, the lowest, that stand on something.
 FOOT_SHARE = 0.25
-#: More cells than this are not divided further: what is left would be too coarse a question, not a wrong answer.
-MOST_CELLS = 3_000_000
+
+
+@dataclass(frozen=True)
+class SilhouetteOptions:
+    """Options of silhouettes against the sky."""
+
+    sky_distance: float = parameter(
+        5.0, "Colour distance (CIELAB) to the sky around below which a pixel is sky; twice that is something else"
+    )
+    sky_spread: float = parameter(
+        1.5, "Minimum of that distance, as a multiple of the 95th percentile in the sky itself"
+    )
+    shrink: int = parameter(4, "Factor by which the photo is reduced for the sky's colour, at least", low=1)
+    reduced_side: int = parameter(190, "Longest side of the reduced photo", "px", low=16)
+    photos: int = parameter(3, "Number of photos that must see a cell before the sky", low=1)
+    photo_share: float = parameter(0.25, "Minimum of that number, as a share of the photos with a silhouette", high=1)
+    most_cells: int = parameter(3000000, "Maximum number of cells of the hull", low=8)
 
 
 @dataclass(frozen=True)
@@ -53,6 +61,7 @@ def find_silhouette(
     up: NDArray[np.float64],
     widths: Sequence[float] = WIDTHS,
     degrees: float = OVER_HORIZON,
+    options: SilhouetteOptions = SilhouetteOptions(),
 ) -> SkySilhouette:
     """Tell sky from what stands before it, over the horizon of the photo.
 
@@ -65,9 +74,9 @@ def find_silhouette(
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not (sure & over).any():
         return SkySilhouette(np.zeros_like(sky), np.zeros_like(sky))
-    around, known = _sky_around(lab, sure, widths)
+    around, known = _sky_around(lab, sure, widths, options)
     away = distance(lab, around)
-    most = max(SKY_STEP, SKY_SPREAD * float(np.percentile(away[sure], 95)))
+    most = max(options.sky_distance, options.sky_spread * float(np.percentile(away[sure], 95)))
     return SkySilhouette(over & known & (away < most), over & known & (away > 2 * most))
 
 
@@ -93,11 +102,11 @@ def _rays(view: View, up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 
 def _sky_around(
-    lab: NDArray[np.float32], sure: NDArray[np.bool_], widths: Sequence[float]
+    lab: NDArray[np.float32], sure: NDArray[np.bool_], widths: Sequence[float], options: SilhouetteOptions
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Colour of the sky around each pixel [H, W, 3], and where there is any, [H, W]."""
     height, width = sure.shape
-    factor = max(SHRINK, max(height, width) // SMALL)
+    factor = max(options.shrink, max(height, width) // options.reduced_side)
     size = (max(1, width // factor), max(1, height // factor))
     weight = cv2.resize(sure.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     colour = cv2.resize(lab * sure[..., None], size, interpolation=cv2.INTER_AREA)
@@ -180,7 +189,12 @@ _EIGHT = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], n
 
 
 def carve(
-    views: Sequence[View], outlines: Sequence[SkySilhouette], corner: NDArray[np.float64], size: float, cell: float
+    views: Sequence[View],
+    outlines: Sequence[SkySilhouette],
+    corner: NDArray[np.float64],
+    size: float,
+    cell: float,
+    options: SilhouetteOptions = SilhouetteOptions(),
 ) -> SilhouetteHull:
     """The cells of a cube that several photos see as something and that hardly any photo sees as sky.
 
@@ -194,17 +208,17 @@ def carve(
     told = [(v, _sums(o.empty), _sums(o.solid)) for v, o in zip(views, outlines, strict=True) if o.solid.any()]
     hull = SilhouetteHull(np.zeros((1, 3), np.int64), corner, size)
     while True:
-        hull = hull.where(_may_be_solid(hull, told))
-        if hull.side <= cell or len(hull.places) * 8 > MOST_CELLS or not len(hull.places):
+        hull = hull.where(_may_be_solid(hull, told, options))
+        if hull.side <= cell or len(hull.places) * 8 > options.most_cells or not len(hull.places):
             return hull
         hull = SilhouetteHull((2 * hull.places[:, None] + _EIGHT).reshape(-1, 3), corner, hull.side / 2)
 
 
 def _may_be_solid(
-    hull: SilhouetteHull, told: Sequence[tuple[View, NDArray[np.int32], NDArray[np.int32]]]
+    hull: SilhouetteHull, told: Sequence[tuple[View, NDArray[np.int32], NDArray[np.int32]]], options: SilhouetteOptions
 ) -> NDArray[np.bool_]:
     centres, radius = hull.centres, hull.side * np.sqrt(3) / 2
-    fewest = max(FEWEST, round(FEWEST_SHARE * len(told)))
+    fewest = max(options.photos, round(options.photo_share * len(told)))
     free, solid, seen = (np.zeros(len(centres), np.int32) for _ in range(3))
     for view, empty_sums, solid_sums in told:
         uv, depth = view.project(centres)

@@ -22,7 +22,13 @@ from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, near_ground
-from mgf_engine.masks.refinement.sky_silhouette import SilhouetteHull, SkySilhouette, carve, find_silhouette
+from mgf_engine.masks.refinement.sky_silhouette import (
+    SilhouetteHull,
+    SilhouetteOptions,
+    SkySilhouette,
+    carve,
+    find_silhouette,
+)
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
 from mgf_engine.model.scene import Scene, View
 
@@ -37,6 +43,7 @@ class ThinStructureOptions:
     space: float = parameter(4.0, "Side of the searched cube, as a factor of the building's largest extent", low=1)
     cell: float = parameter(3.0, "Side of a cell", "px", low=0.1)
     largest: int = parameter(60, "Maximum number of photos that decide on a cell", low=2)
+    silhouette: SilhouetteOptions = SilhouetteOptions()
 
 
 @dataclass(frozen=True)
@@ -90,7 +97,7 @@ def find_thin_structures(
         return None
     outlines = []
     for index, view in enumerate(scene.views):
-        seen = find_silhouette(lab_of(scene.photo(index)), sky(index), view, up)
+        seen = find_silhouette(lab_of(scene.photo(index)), sky(index), view, up, options=options.silhouette)
         unexplained = seen.solid & ~building(labels[index]) & (leafy(index) < options.leafy)
         outlines.append(SkySilhouette(seen.empty, unexplained))
     hull = _hull(scene, outlines, accepted, options)
@@ -123,7 +130,7 @@ def _hull(
     pixel = float(np.median([np.linalg.norm(v.centre - centre) / v.fx for v in scene.views]))
     telling = np.argsort([-int(o.solid.sum()) for o in outlines], kind="stable")[: o.largest]
     views = [scene.views[i] for i in telling]
-    return carve(views, [outlines[i] for i in telling], centre - size / 2, size, o.cell * pixel)
+    return carve(views, [outlines[i] for i in telling], centre - size / 2, size, o.cell * pixel, o.silhouette)
 
 
 def _clicked(

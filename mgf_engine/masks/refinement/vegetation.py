@@ -8,18 +8,30 @@ from elsewhere look past it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import grow, shrink
 from mgf_engine.model.masks import BACKGROUND
 
-GAPS = 0.012  # share of the longer side: twigs and gaps up to this wide belong to the leaves around them
-LEAFY = 0.5  # how much a region must look like leaves
+
+@dataclass(frozen=True)
+class LeafOptions:
+    """Options of leaves in front of the building."""
+
+    gaps: float = parameter(
+        0.012, "Largest width of twigs and gaps that belong to the leaves around, as a share of the longer side", high=1
+    )
+    leafy: float = parameter(0.5, "Likeness to leaves from which a region is leaves", high=1)
 
 
-def find_foreground_leaves(labels: NDArray[np.uint8], leafy: NDArray[np.floating]) -> NDArray[np.bool_]:
+def find_foreground_leaves(
+    labels: NDArray[np.uint8], leafy: NDArray[np.floating], options: LeafOptions = LeafOptions()
+) -> NDArray[np.bool_]:
     """Background pixels that are leaves inside the convex hull of the building and of ignored pixels, bool [H, W].
 
     Args:
@@ -31,8 +43,8 @@ def find_foreground_leaves(labels: NDArray[np.uint8], leafy: NDArray[np.floating
         return np.zeros_like(outside)
     hull = np.zeros(labels.shape, np.uint8)
     cv2.fillConvexPoly(hull, cv2.convexHull(_ends(~outside)), 1)
-    reach = max(1, round(GAPS * max(labels.shape)))
-    leaves = shrink(grow(leafy > LEAFY, reach), reach)
+    reach = max(1, round(options.gaps * max(labels.shape)))
+    leaves = shrink(grow(leafy > options.leafy, reach), reach)
     return np.asarray((hull > 0) & leaves & outside, bool)
 
 

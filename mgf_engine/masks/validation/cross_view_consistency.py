@@ -8,23 +8,37 @@ are refused.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.points import LabelMaps, pixel_at
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
 
-#: Agreement below which a mask is left out, and that a quarter of all masks must reach before any is. 1 is full
-#: agreement, 0 is that of a random mask.
-CONTRADICTED, CONSISTENT = 0.35, 0.6
 FEWEST_SPOTS = 15
 
 
+@dataclass(frozen=True)
+class CrossViewOptions:
+    """Options of the comparison of masks."""
+
+    contradicted: float = parameter(
+        0.35, "Agreement with the others below which a mask is left out (1 all, 0 a random mask)", low=-1, high=1
+    )
+    consistent: float = parameter(0.6, "Agreement that the other masks must have among themselves", low=-1, high=1)
+
+
 def find_contradicted_masks(
-    scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int
+    scene: Scene,
+    labels: LabelMaps,
+    used: NDArray[np.bool_],
+    dilation: int,
+    options: CrossViewOptions = CrossViewOptions(),
 ) -> dict[int, float]:
     """Views whose mask the others contradict, with their agreement.
 
@@ -44,10 +58,10 @@ def find_contradicted_masks(
         trusted = (says != 0) & ~np.isin(scene.track_view, list(found))
         score = np.array([_agreement(i, says, owner, scene, trusted) for i in range(len(scene.views))])
         score[list(found)] = np.nan
-        low = np.flatnonzero(score < CONTRADICTED)
+        low = np.flatnonzero(score < options.contradicted)
         if not len(low):
             return found
-        if np.nanpercentile(score, 75) < CONSISTENT:
+        if np.nanpercentile(score, 75) < options.consistent:
             raise BadInput(
                 "The given masks contradict each other about which points are on the building; check that each "
                 "mask belongs to its photo and shows the same building."

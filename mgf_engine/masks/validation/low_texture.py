@@ -3,40 +3,56 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
 
-#: Share of the building that may be plain. Painted flat in one colour, a house has 0.4 and keeps half of its F1.
-PLAIN = 0.25
-_CALM = 2.0  # grey values of 255: standard deviation in a window that says "no texture"
-_WINDOW = 7  # pixels
-_POINT = 0.01  # of the longest side: how far around a sparse point its surface counts as seen
-_PHOTOS = 16  # looked at, spread over all
+
+@dataclass(frozen=True)
+class LowTextureOptions:
+    """Options of the warning of surfaces without texture."""
+
+    warn_above: float = parameter(0.25, "Share of the building without texture that a warning is given for", high=1)
+    deviation: float = parameter(2.0, "Standard deviation in a window without texture", "grey levels")
+    window: int = parameter(7, "Side of the window", "px", low=3)
+    near_point: float = parameter(
+        0.01, "Distance to a sparse point within which a surface counts as seen, as a share of the longest side", high=1
+    )
+    photos: int = parameter(16, "Number of photos that are measured", low=1)
 
 
-def low_texture_share(scene: Scene, masks: MaskSet) -> float:
+def low_texture_share(scene: Scene, masks: MaskSet, options: LowTextureOptions = LowTextureOptions()) -> float:
     """Median over photos of the share of the building that is plain, 0..1; 0 where no mask is large enough."""
     used = np.flatnonzero(masks.used)
     shares = []
-    for index in used[:: max(1, -(-len(used) // _PHOTOS))].tolist():
+    for index in used[:: max(1, -(-len(used) // options.photos))].tolist():
         grey = scene.photo(index)[..., 1].astype(np.float32)
-        mean = cv2.blur(grey, (_WINDOW, _WINDOW))
-        spread = np.sqrt(np.maximum(cv2.blur(grey * grey, (_WINDOW, _WINDOW)) - mean * mean, 0.0))
-        inner = cv2.erode(building(masks.labels[index]).astype(np.uint8), np.ones((_WINDOW, _WINDOW), np.uint8)) > 0
-        if inner.sum() >= _WINDOW**2:
-            shares.append(float(((spread < _CALM) & ~_seen(scene, index, grey.shape))[inner].mean()))
+        mean = cv2.blur(grey, (options.window, options.window))
+        spread = np.sqrt(np.maximum(cv2.blur(grey * grey, (options.window, options.window)) - mean * mean, 0.0))
+        inner = (
+            cv2.erode(
+                building(masks.labels[index]).astype(np.uint8), np.ones((options.window, options.window), np.uint8)
+            )
+            > 0
+        )
+        if inner.sum() >= options.window**2:
+            shares.append(
+                float(((spread < options.deviation) & ~_seen(scene, index, grey.shape, options))[inner].mean())
+            )
     return float(np.median(shares)) if shares else 0.0
 
 
-def _seen(scene: Scene, index: int, shape: tuple[int, ...]) -> np.ndarray:
+def _seen(scene: Scene, index: int, shape: tuple[int, ...], options: LowTextureOptions) -> np.ndarray:
     """Pixels near an observation, bool [H, W]."""
     near = np.zeros(shape, np.uint8)
     near[pixel_at(shape, scene.track_uv[scene.observations(index)])] = 1
-    side = 2 * round(_POINT * max(shape)) + 1
+    side = 2 * round(options.near_point * max(shape)) + 1
     return np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8)) > 0)
 
 

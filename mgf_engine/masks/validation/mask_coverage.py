@@ -14,18 +14,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.points import LabelMaps, pixel_at
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
 
-#: Pixels beside its mask that an observation must lie to count, for keypoints and outlines are inaccurate.
-BESIDE = 1.5
-#: Photos with a mask that must see a point before it tells anything.
-FEWEST_PHOTOS = 3
-#: Shares of the building's observations outside their masks, and of the surroundings' inside, that are spoken of. Sound
-#: masks have less than 0.0001 and 0.0015.
-LACKING, EXCESS = 0.002, 0.01
-_AROUND = 2.0  # pixels made ignored beyond the way to the mask
+
+@dataclass(frozen=True)
+class CoverageOptions:
+    """Options of the check of given masks."""
+
+    margin: float = parameter(1.5, "Distance to the outline from which an observation contradicts its mask", "px")
+    photos: int = parameter(3, "Number of photos with a mask that must see a point", low=1)
+    lacking: float = parameter(
+        0.002, "Share of the building's observations outside their masks that a warning is given for", low=1e-06, high=1
+    )
+    excess: float = parameter(
+        0.01, "Share of the surroundings' observations inside the masks that a warning is given for", low=1e-06, high=1
+    )
+    ignored: float = parameter(2.0, "Radius around a contradicting observation that is ignored", "px")
 
 
 @dataclass(frozen=True)
@@ -40,19 +47,22 @@ class MaskCoverage:
     margin: NDArray[np.float64]
     on_building: NDArray[np.bool_]
     beside: NDArray[np.bool_]
+    options: CoverageOptions = CoverageOptions()
 
     @property
     def lacking(self) -> NDArray[np.bool_]:
         """Observations of the building that their mask leaves out, bool [T]."""
-        return self.on_building & (self.margin < -BESIDE)
+        return self.on_building & (self.margin < -self.options.margin)
 
     @property
     def excess(self) -> NDArray[np.bool_]:
         """Observations of the surroundings that their mask takes in, bool [T]."""
-        return self.beside & (self.margin > BESIDE)
+        return self.beside & (self.margin > self.options.margin)
 
 
-def measure_coverage(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_]) -> MaskCoverage:
+def measure_coverage(
+    scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], options: CoverageOptions = CoverageOptions()
+) -> MaskCoverage:
     """Compare the masks of the views ``used`` (bool [V]) at the points that they share."""
     margin = np.full(len(scene.track_view), np.nan)
     for index in np.flatnonzero(used).tolist():
@@ -62,8 +72,8 @@ def measure_coverage(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_]) -
     known, owner = np.isfinite(margin), scene.track_point
     voters = np.bincount(owner[known], minlength=len(scene.points))
     inside = np.bincount(owner[known], margin[known] > 0, len(scene.points))
-    told = known & (voters[owner] >= FEWEST_PHOTOS)
-    return MaskCoverage(margin, told & (2 * inside > voters)[owner], told & (2 * inside < voters)[owner])
+    told = known & (voters[owner] >= options.photos)
+    return MaskCoverage(margin, told & (2 * inside > voters)[owner], told & (2 * inside < voters)[owner], options)
 
 
 def _signed(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -86,7 +96,7 @@ def mark_ignored(scene: Scene, labels: LabelMaps, fit: MaskCoverage) -> list[NDA
         background = ~building(result[index])
         disc = _holes(background, scene.track_uv[lacking], scene.track_uv[beside])
         for (x, y), margin in zip(np.floor(scene.track_uv[lacking]), fit.margin[lacking], strict=True):
-            cv2.circle(disc, (int(x), int(y)), round(_AROUND - margin), 1, -1)
+            cv2.circle(disc, (int(x), int(y)), round(fit.options.ignored - margin), 1, -1)
         result[index] = np.where((disc > 0) & background, IGNORE, result[index]).astype(np.uint8)
     return result
 
@@ -112,9 +122,9 @@ def describe_misfits(scene: Scene, fit: MaskCoverage) -> list[str]:
     Only the greater fault is named: where much is wrong, the majority is, too, and each looks like the other.
     """
     lacking, excess = _share(fit.lacking, fit.on_building), _share(fit.excess, fit.beside)
-    if max(lacking / LACKING, excess / EXCESS) <= 1:
+    if max(lacking / fit.options.lacking, excess / fit.options.excess) <= 1:
         return []
-    if lacking / LACKING > excess / EXCESS:
+    if lacking / fit.options.lacking > excess / fit.options.excess:
         return [
             f"The given masks cut off parts of the building or have holes: {lacking:.1%} of its visible points "
             f"lie outside (most in {_most(scene, fit.lacking)}). Enlarge the masks and fill their holes, or those "
