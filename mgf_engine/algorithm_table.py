@@ -53,7 +53,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("exposure", "scene", "Exposure and white balance of the photos", "scene.exposure:ExposureOptions"),
     Algorithm("scene_checks", "scene", "Photos and points of another place", "scene.validation:ValidationOptions"),
     # masks
-    Algorithm("random_walker", "masks", "Label propagation from clicks to all photos and points", "masks.propagation.random_walker:RandomWalkerOptions", also=("preview",)),
+    Algorithm("random_walker", "masks", "Label propagation from clicks to all photos and points", "masks.propagation.random_walker_options:RandomWalkerOptions", also=("preview",)),
     Algorithm("sky", "masks", "Sky regions and the skyline", "masks.propagation.sky_regions:SkyOptions", also=("preview",)),
     Algorithm("sky_holes", "masks", "Sky that shows through the building", "masks.refinement.sky_holes:SkyHoleOptions"),
     Algorithm("ground_homography", "masks", "Ground that shows through the building", "masks.refinement.ground_homography:GroundHomographyOptions"),

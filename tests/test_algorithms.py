@@ -15,7 +15,7 @@ from mgf_engine.algorithms import algorithms_schema, parameter
 from mgf_engine.cli import main
 from mgf_engine.config import SECTIONS, as_dict, make_config, option_pairs
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.propagation.random_walker import RandomWalkerOptions
+from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.stages import STAGE_NAMES
 
 OPTIONS = algorithms_schema()

@@ -25,7 +25,8 @@ from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
 from mgf_engine.masks.propagation.propagate import PropagationOptions, make_hints
-from mgf_engine.masks.propagation.random_walker import LabelGraph, RandomWalkerOptions
+from mgf_engine.masks.propagation.random_walker import LabelPropagation
+from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions
 from mgf_engine.masks.propagation.stable_masks import enforce_clicks, first_clicks, merge_masks, set_clicked_pixels
 from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, cut_regions
@@ -157,7 +158,7 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
 
 def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Config) -> Segment:
     regions, options = cut_regions(photo, config.algorithm(SuperpixelOptions)), config.algorithm(PropagationOptions)
-    graph = LabelGraph(
+    walker = LabelPropagation(
         scene,
         [regions],
         measure_point_features(scene, options=config.algorithm(PointFeatureOptions)),
@@ -168,7 +169,7 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
     segmenter = choose_segmenter(config, default_folder().parent)
 
     def answer(given: Clicks) -> tuple[Segment, Hints]:
-        probability = graph.solve({0: given}, config.seed)
+        probability = walker.solve({0: given}, config.seed)
         hints = make_hints(scene, 0, given, regions, probability, (probability.points > 0.5)[scene.track_point])
         segment = segmenter.segment(0, photo, hints)
         if segment.score < options.retry_below:

@@ -12,7 +12,8 @@ import pytest
 from mgf_engine.masks.geometry.building_extent import ViewRegions
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.prompts import Clicks
-from mgf_engine.masks.propagation.random_walker import LabelGraph, RandomWalkerOptions
+from mgf_engine.masks.propagation.random_walker import LabelPropagation
+from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import Scene, Similarity, View
 
@@ -43,7 +44,7 @@ def strip(contrast: Sequence[float], features: Sequence[Sequence[float]] | None 
 
 def graph_of(
     photos: Sequence[Regions], tracks: Sequence[Sequence[tuple[int, int]]] = (), pairs: Sequence[tuple[int, int]] = ()
-) -> LabelGraph:
+) -> LabelPropagation:
     """A graph of photos and points.
 
     Args:
@@ -68,15 +69,15 @@ def graph_of(
         np.array([0.0, -1.0, 0.0]), np.ones(count), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros(count),
         np.zeros(count), np.array(pairs, np.int64).reshape(-1, 2), np.ones(len(pairs)), np.zeros(count, bool),
     )  # fmt: skip
-    return LabelGraph(scene, photos, shape)
+    return LabelPropagation(scene, photos, shape)
 
 
-def joined(graph: LabelGraph, values: dict[int, float]) -> np.ndarray:
+def joined(walker: LabelPropagation, values: dict[int, float]) -> np.ndarray:
     """The share of building at each node where some are tied to a value, with HOLD, and the others are free."""
-    stiffness, source = np.full(len(graph.degree), 1e-9), np.zeros(len(graph.degree))
+    stiffness, source = np.full(len(walker.graph.degree), 1e-9), np.zeros(len(walker.graph.degree))
     for node, value in values.items():
         stiffness[node], source[node] = HOLD, HOLD * value
-    return graph._flow(stiffness, source, None)
+    return walker.graph.flow(stiffness, source, None)
 
 
 def row_of_resistors(ties: Sequence[float]) -> np.ndarray:
@@ -97,56 +98,62 @@ def test_between_two_clicks_the_probability_falls_evenly() -> None:
 
 def test_an_edge_in_the_photo_is_a_weak_tie() -> None:
     """Two resistors in a row: the contrast of the second is twice the mean square, so its tie weighs exp(-2)."""
-    graph = graph_of([strip([0.0, 30.0])])
+    walker = graph_of([strip([0.0, 30.0])])
     first, second = 1 + SMALL, np.exp(-2) + SMALL
-    assert joined(graph, {0: 1.0, 2: 0.0}) == pytest.approx(row_of_resistors([HOLD, first, second, HOLD]), abs=1e-3)
+    assert joined(walker, {0: 1.0, 2: 0.0}) == pytest.approx(row_of_resistors([HOLD, first, second, HOLD]), abs=1e-3)
 
 
 def test_ties_are_symmetric_and_the_laplacian_holds_back_nothing() -> None:
-    graph = graph_of([strip([0.0, 5.0]), strip([3.0])], [[(0, 0), (1, 1)], [(0, 2)]], [(0, 1)])
-    dense = graph.laplacian.toarray()
+    walker = graph_of([strip([0.0, 5.0]), strip([3.0])], [[(0, 0), (1, 1)], [(0, 2)]], [(0, 1)])
+    dense = walker.graph.laplacian.toarray()
     assert np.allclose(dense, dense.T) and np.allclose(dense.sum(0), 0)
-    assert np.allclose(np.diag(dense), graph.degree)
+    assert np.allclose(np.diag(dense), walker.graph.degree)
     assert dense[5, 0] == dense[5, 4] == -OPTIONS.track_weight == dense[6, 2]  # points to the regions that saw them
     assert dense[5, 6] == -OPTIONS.space_weight and dense[0, 3] == 0  # and to each other; photos meet in points alone
 
 
 def test_a_point_carries_a_click_from_one_photo_to_another() -> None:
     """Region, point, region in a row with ties of 1, each node losing LEAK times its ties."""
-    graph = graph_of([strip([]), strip([])], [[(0, 0), (1, 0)]])
-    pull, target = graph.click_pull({0: Clicks(clicks_at([0]), NONE)})
-    first, _, point = graph._flow(pull + OPTIONS.termination * graph.degree, pull * target, None)[[0, 1, 2]]
-    second = graph._flow(pull + OPTIONS.termination * graph.degree, pull * target, None)[1]
+    walker = graph_of([strip([]), strip([])], [[(0, 0), (1, 0)]])
+    pull, target = walker.graph.click_pull({0: Clicks(clicks_at([0]), NONE)})
+    first, _, point = walker.graph.flow(pull + OPTIONS.termination * walker.graph.degree, pull * target, None)[
+        [0, 1, 2]
+    ]
+    second = walker.graph.flow(pull + OPTIONS.termination * walker.graph.degree, pull * target, None)[1]
     loss = 1 + OPTIONS.termination
     assert point / second == pytest.approx(loss, rel=1e-3)
     assert first / second == pytest.approx(2 * loss * loss - 1, rel=1e-3)
-    probability, trust = graph._first_guess(pull, target)
+    probability, trust = walker._first_guess(pull, target)
     assert probability[1] > 0.999 and trust[0] > trust[2] > trust[1] > 0
 
 
 def test_a_click_pulls_at_five_places() -> None:
-    graph = graph_of([strip([0.0, 0.0])])
-    pull, target = graph.click_pull({0: Clicks(np.array([[22.0, 5.0]]), NONE)})  # 5 px to the left is the next column
+    walker = graph_of([strip([0.0, 0.0])])
+    pull, target = walker.graph.click_pull(
+        {0: Clicks(np.array([[22.0, 5.0]]), NONE)}
+    )  # 5 px to the left is the next column
     assert pull.tolist() == [OPTIONS.click_weight, 4 * OPTIONS.click_weight, 0] and target.tolist() == [1, 1, 0]
 
 
 def test_clicks_of_both_kinds_in_one_region_cancel() -> None:
-    graph = graph_of([strip([0.0])])
-    pull, target = graph.click_pull({0: Clicks(clicks_at([0, 1]), clicks_at([0]))})
+    walker = graph_of([strip([0.0])])
+    pull, target = walker.graph.click_pull({0: Clicks(clicks_at([0, 1]), clicks_at([0]))})
     assert target == pytest.approx([0.5, 1.0]) and pull[0] == 2 * pull[1] == 10 * OPTIONS.click_weight
 
 
 def test_both_kinds_of_clicks_are_treated_alike() -> None:
-    graph = graph_of([strip([0.0, 4.0, 1.0, 0.0])])
+    walker = graph_of([strip([0.0, 4.0, 1.0, 0.0])])
     one, other = Clicks(clicks_at([0]), clicks_at([3])), Clicks(clicks_at([3]), clicks_at([0]))
-    (probability, trust), (mirrored, same) = (graph._first_guess(*graph.click_pull({0: c})) for c in (one, other))
+    (probability, trust), (mirrored, same) = (
+        walker._first_guess(*walker.graph.click_pull({0: c})) for c in (one, other)
+    )
     assert mirrored == pytest.approx(1 - probability, abs=1e-3) and same == pytest.approx(trust, abs=1e-2)
     assert (np.diff(probability[:4]) < 0).all()
 
 
 def test_what_no_click_reaches_stays_unknown() -> None:
-    graph = graph_of([strip([0.0]), strip([0.0])])
-    probability, trust = graph._first_guess(*graph.click_pull({0: Clicks(clicks_at([0]), NONE)}))
+    walker = graph_of([strip([0.0]), strip([0.0])])
+    probability, trust = walker._first_guess(*walker.graph.click_pull({0: Clicks(clicks_at([0]), NONE)}))
     assert probability[2:] == pytest.approx([0.5, 0.5]) and trust[2:] == pytest.approx([0, 0])
     assert probability[0] > 0.99 and trust[0] > 0.5
 
@@ -162,8 +169,8 @@ def test_colour_reaches_a_photo_without_clicks_and_ties() -> None:
         features = [np.array(BRICK if k < 12 else LAWN) + rng.normal(0, scatter) for k in range(24)]
         return strip([1.0] * 11 + [40.0] + [1.0] * 11, features)
 
-    graph = graph_of([two_materials(), two_materials()], [[(0, 3)], [(0, 20)]])
-    probability = graph.solve({0: Clicks(clicks_at([2, 7]), clicks_at([15, 21]))}, rounds=1)
+    walker = graph_of([two_materials(), two_materials()], [[(0, 3)], [(0, 20)]])
+    probability = walker.solve({0: Clicks(clicks_at([2, 7]), clicks_at([15, 21]))}, rounds=1)
     clicked, other = probability.regions
     assert clicked[:12].min() > 0.9 and clicked[12:].max() < 0.1
     assert other[:12].min() > 0.7 and other[12:].max() < 0.3
@@ -172,19 +179,19 @@ def test_colour_reaches_a_photo_without_clicks_and_ties() -> None:
 
 
 def test_sky_is_given_up_piece_by_piece_where_it_is_clicked() -> None:
-    graph = graph_of([strip([0.0, 0.0]), strip([0.0])])
-    graph.sky = np.array([1, 1, 2, 3, 0])
-    assert graph._unclicked_sky({}).tolist() == [True, True, True, True, False]
-    left = graph._unclicked_sky({0: Clicks(clicks_at([1]), clicks_at([2]))})
+    walker = graph_of([strip([0.0, 0.0]), strip([0.0])])
+    walker.graph.sky = np.array([1, 1, 2, 3, 0])
+    assert walker.graph.unclicked_sky({}).tolist() == [True, True, True, True, False]
+    left = walker.graph.unclicked_sky({0: Clicks(clicks_at([1]), clicks_at([2]))})
     assert left.tolist() == [False, False, True, True, False]
 
 
 def test_a_click_is_on_the_nearest_point_that_its_own_photo_saw() -> None:
-    graph = graph_of([strip([0.0] * 9), strip([0.0] * 9)], [[(0, 2)], [(0, 5)], [(1, 3)]])
+    walker = graph_of([strip([0.0] * 9), strip([0.0] * 9)], [[(0, 2)], [(0, 5)], [(1, 3)]])
     near, middle = OPTIONS.click_radius * 10 * SIDE, SIDE / 2
     uv = np.array([[50 + 0.9 * near, middle], [50 + 1.1 * near, middle], [70.0, middle], [110.0, middle]])
-    assert graph._points_at(0, uv).tolist() == [0, 1]
-    assert graph._points_at(1, uv[2:]).tolist() == [2] and graph._points_at(0, NONE).tolist() == []
+    assert walker.graph.points_at(0, uv).tolist() == [0, 1]
+    assert walker.graph.points_at(1, uv[2:]).tolist() == [2] and walker.graph.points_at(0, NONE).tolist() == []
 
 
 def test_evidence_of_where_the_building_is() -> None:
@@ -196,8 +203,8 @@ def test_evidence_of_where_the_building_is() -> None:
     away = np.array([[0, 1, 3.2, 0, 0, 0]], np.float32)
     place = ViewRegions(**maps, away=away, near=np.ones((1, 6), np.float32))
     regions = strip([0.0] * 5)
-    graph = graph_of([regions])
-    odds, first = graph._region_odds(place, regions, graph.scene.views[0], np.ones(6))
+    walker = graph_of([regions])
+    odds, first = walker.geometry._region_odds(place, regions, walker.graph.scene.views[0], np.ones(6))
     o = OPTIONS
     wanted = [o.core_odds, o.rim_odds, 2 * o.far_odds, o.hidden_odds, o.ground_first_odds, o.occluded_odds]
     assert odds == pytest.approx(wanted) and first.tolist() == [False] * 4 + [True, False]
@@ -205,12 +212,14 @@ def test_evidence_of_where_the_building_is() -> None:
 
 def test_a_region_without_points_is_tied_to_the_building_or_to_the_ground() -> None:
     """A roof between two points of the building, an edge, and a lawn with a point."""
-    graph = graph_of([strip([0.0] * 4 + [40.0] + [0.0] * 2)], [[(0, 0)], [(0, 4)], [(0, 7)]])
+    walker = graph_of([strip([0.0] * 4 + [40.0] + [0.0] * 2)], [[(0, 0)], [(0, 4)], [(0, 7)]])
     building, probability = np.array([True, True, False]), np.array([1.0, 1.0, 0.0])
-    tied = graph._tied_to_building(building, probability, np.zeros(len(graph.degree)))
+    tied = walker.geometry._tied_to_building(building, probability, np.zeros(len(walker.graph.degree)))
     assert tied == pytest.approx([1, 1, 1, 1, 1, 0, 0, 0], abs=1e-6)
     lawn = np.r_[np.zeros(1), np.full(3, -OPTIONS.appearance_limit), np.zeros(7)]
-    assert (graph._tied_to_building(building, probability, lawn)[1:4] < 0.5).all()  # a courtyard of another colour
+    assert (
+        walker.geometry._tied_to_building(building, probability, lawn)[1:4] < 0.5
+    ).all()  # a courtyard of another colour
 
 
 def test_missing_points_say_nothing_of_a_tied_region_within_the_building() -> None:
@@ -222,7 +231,9 @@ def test_missing_points_say_nothing_of_a_tied_region_within_the_building() -> No
     away = np.array([[3.2, 3.2, 3.2, 3.2]], np.float32)
     place = ViewRegions(**maps, ground_first=first, hull=hull, away=away, near=np.ones((1, 4), np.float32))
     regions = strip([0.0] * 3)
-    graph = graph_of([regions])
-    odds, ground = graph._region_odds(place, regions, graph.scene.views[0], np.array([0.0, 0.0, 1.0, 0.0]))
+    walker = graph_of([regions])
+    odds, ground = walker.geometry._region_odds(
+        place, regions, walker.graph.scene.views[0], np.array([0.0, 0.0, 1.0, 0.0])
+    )
     far, below = 2 * OPTIONS.far_odds, OPTIONS.ground_first_odds
     assert odds == pytest.approx([0, far + below, far + below, far]) and ground.tolist() == [False, True, True, False]

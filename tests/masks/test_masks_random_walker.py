@@ -7,7 +7,7 @@ import pytest
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.masks.geometry.point_features import measure_point_features
 from mgf_engine.masks.prompts import Clicks
-from mgf_engine.masks.propagation.random_walker import LabelGraph
+from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.superpixels import cut_regions
 from mgf_engine.model.scene import Scene
 
@@ -15,8 +15,8 @@ VIEW = 3
 
 
 @pytest.fixture(scope="module")
-def graph(scene: Scene) -> LabelGraph:
-    return LabelGraph(
+def walker(scene: Scene) -> LabelPropagation:
+    return LabelPropagation(
         scene, [cut_regions(scene.photo(i)) for i in range(len(scene.views))], measure_point_features(scene)
     )
 
@@ -26,12 +26,12 @@ def graph(scene: Scene) -> LabelGraph:
     [("wall", "sky", True), ("wall", "", True), ("wall", "lawn", True), ("lawn", "", False), ("lawn", "lawn", False)],
 )
 def test_the_ground_is_background_unless_clicked_otherwise(
-    graph: LabelGraph, scene: Scene, positive: str, negative: str, rejected: bool
+    walker: LabelPropagation, scene: Scene, positive: str, negative: str, rejected: bool
 ):
     height = scene.to_normalised.invert(scene.points)[:, 2] - OFFSET[2]
     grounded = (height < 0.01).astype(float)
     here = scene.track_view == VIEW
-    of = height[graph.visibility.owner[here]]
+    of = height[walker.geometry.visibility.owner[here]]
     uv = scene.track_uv[here]
     spots = {"wall": uv[of.argmax()], "lawn": uv[np.flatnonzero(of < 0.01)[0]], "sky": np.array([3.0, 3.0])}
 
@@ -39,4 +39,4 @@ def test_the_ground_is_background_unless_clicked_otherwise(
         return np.array([spots[where]]) if where else np.zeros((0, 2))
 
     prompts = {VIEW: Clicks(clicks(positive), clicks(negative))}
-    assert graph._clicks_reject(grounded, prompts) is rejected
+    assert walker.geometry._clicks_reject(grounded, prompts) is rejected

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
+from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.prompt_outliers import (
     OutlierPrompt,
     clicked_elsewhere,
     ignored_outliers,
     on_points,
 )
-from mgf_engine.masks.propagation.random_walker import LabelGraph
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.scene.cameras import to_original
 

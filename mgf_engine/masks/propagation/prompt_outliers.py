@@ -16,7 +16,8 @@ import numpy as np
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.prompts import Clicks, Prompts
-from mgf_engine.masks.propagation.random_walker import LabelGraph
+from mgf_engine.masks.propagation.label_graph import LabelGraph
+from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.native.parallel import parallel_map
 
 
@@ -45,7 +46,7 @@ class OutlierPrompt:
 
 
 def find_outlier_prompts(
-    graph: LabelGraph, prompts: Prompts, seed: int, options: PromptOutlierOptions = PromptOutlierOptions()
+    walker: LabelPropagation, prompts: Prompts, seed: int, options: PromptOutlierOptions = PromptOutlierOptions()
 ) -> list[OutlierPrompt]:
     """The clicks that the other photos' clicks contradict; empty with fewer than three clicked photos.
 
@@ -55,7 +56,7 @@ def find_outlier_prompts(
     found: list[OutlierPrompt] = []
     kept = prompts
     for number in range(options.passes):
-        new = _one_pass(graph, kept, seed, clicked_alone=number == 0, o=options)
+        new = _one_pass(walker, kept, seed, clicked_alone=number == 0, o=options)
         if not new:
             break
         found += [_original_row(d, prompts, kept) for d in new]
@@ -91,7 +92,7 @@ def _original_row(doubt: OutlierPrompt, prompts: Prompts, kept: Prompts) -> Outl
 
 
 def _one_pass(
-    graph: LabelGraph, prompts: Prompts, seed: int, clicked_alone: bool, o: PromptOutlierOptions
+    walker: LabelPropagation, prompts: Prompts, seed: int, clicked_alone: bool, o: PromptOutlierOptions
 ) -> list[OutlierPrompt]:
     clicked = [i for i in sorted(prompts) if len(prompts[i].positive) or len(prompts[i].negative)]
     if len(clicked) < 3:
@@ -103,10 +104,10 @@ def _one_pass(
         others = {i: c for i, c in prompts.items() if i not in held}
         if not any(len(c.positive) for c in others.values()):
             return []
-        probability = graph.solve(others, seed, o.rounds, clicked if clicked_alone else None)
-        return [doubt for i in held for doubt in _against(graph, probability.regions[i], i, prompts[i], o)]
+        probability = walker.solve(others, seed, o.rounds, clicked if clicked_alone else None)
+        return [doubt for i in held for doubt in _against(walker.graph, probability.regions[i], i, prompts[i], o)]
 
-    return [doubt for doubts in parallel_map(against, range(count), graph.threads) for doubt in doubts]
+    return [doubt for doubts in parallel_map(against, range(count), walker.graph.threads) for doubt in doubts]
 
 
 def without_outliers(prompts: Prompts, doubts: list[OutlierPrompt]) -> Prompts:

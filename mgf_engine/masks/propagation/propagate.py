@@ -32,7 +32,8 @@ from mgf_engine.masks.propagation.prompt_outliers import (
     ignored_outliers,
     without_outliers,
 )
-from mgf_engine.masks.propagation.random_walker import BuildingProbability, LabelGraph, RandomWalkerOptions
+from mgf_engine.masks.propagation.random_walker import BuildingProbability, LabelPropagation
+from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
 from mgf_engine.masks.propagation.superpixels import Regions, SuperpixelOptions, cut_regions
 from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, remove_far_background
@@ -118,12 +119,13 @@ class _Work:
         self.reporter.progress(0.4)
         up = find_up(self.scene, (), self.threads).vector
         self.shape = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
-        self.graph = LabelGraph(
+        self.walker = LabelPropagation(
             self.scene, self.regions, self.shape, self.threads, self.full, self.config.algorithm(RandomWalkerOptions),
             self.config.algorithm(SkyOptions), self.config.algorithm(ExtentOptions),
         )  # fmt: skip
+        self.graph = self.walker.graph
         doubts = self._drop_doubtful()
-        self.probability = self.graph.solve(self.prompts, self.config.seed)
+        self.probability = self.walker.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
         roots = [i for i in self.views if i in self.prompts]
         on_building = self.probability.points > 0.5
@@ -137,7 +139,7 @@ class _Work:
     def _drop_doubtful(self) -> list[OutlierPrompt]:
         """Leave out clicks that the other photos contradict; returns all doubted ones, also those that count."""
         found = find_outlier_prompts(
-            self.graph, self.prompts, self.config.seed, self.config.algorithm(PromptOutlierOptions)
+            self.walker, self.prompts, self.config.seed, self.config.algorithm(PromptOutlierOptions)
         )
         doubts = drop_confirmed(found, self.scene, self.prompts, self.config.algorithm(PromptAgreementOptions))
         self.confirmed = [d for d in found if d not in doubts]
@@ -257,7 +259,7 @@ class _Work:
             clicks (view, row) on thin structures that were drawn; None where there are no such structures.
         """
         plane, point_mask = self.probability.ground, accepted[: len(self.scene.points)]
-        extent = self.graph.extent(accepted, plane)
+        extent = self.walker.geometry.extent(accepted, plane)
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
         ground = (

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the building stands, as evidence for the label propagation: ground, extent, what is in front and behind.
+
+The points that are probably the building span a surface (:mod:`mgf_engine.masks.geometry.building_extent`). Regions
+whose rays meet it, miss it, or meet the ground first get log-odds of "building"; so do points on the ground plane,
+points that stand on the building, and points apart from every click.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.masks.geometry.building_extent import (
+    BuildingExtent,
+    ExtentOptions,
+    ViewRegions,
+    Visibility,
+    over_building,
+)
+from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
+from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
+from mgf_engine.masks.prompts import Prompts
+from mgf_engine.masks.propagation.label_graph import LabelGraph
+from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.model.scene import View
+from mgf_engine.native.parallel import parallel_map
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GeometricEvidence:
+    """What the geometry says, where it was looked at: of all nodes [N], regions first.
+
+    Attributes:
+        odds: log-odds of "building".
+        grounded: what is ground.
+        over: points that stand on the building.
+        ground: the plane; None where there is none, or the clicks count it in.
+    """
+
+    odds: Array
+    grounded: NDArray[np.bool_]
+    over: NDArray[np.bool_]
+    ground: Ground | None
+
+
+class GeometricOdds:
+    """Evidence of where the building is.
+
+    Args:
+        graph: of the scene.
+        extent: options of the building's extent in the photos.
+    """
+
+    def __init__(self, graph: LabelGraph, extent: ExtentOptions = ExtentOptions()) -> None:
+        self.graph, self.options, self._extent_options = graph, graph.options, extent
+        added = graph.full is not graph.scene
+        features = self.options.features
+        self.full_shape = measure_point_features(graph.full, graph.shape.up, features) if added else graph.shape
+        self.visibility = Visibility(graph.full, self.full_shape, len(graph.scene.points), extent)
+
+    def place(
+        self, probability: Array, appearance: Array, prompts: Prompts, seed: int, views: Sequence[int]
+    ) -> GeometricEvidence:
+        """Compute the odds that the geometry gives in these views."""
+        points = probability[self.graph.region_count :]
+        odds, grounded, over = (
+            np.zeros(len(probability)),
+            np.zeros(len(probability), bool),
+            np.zeros(len(probability), bool),
+        )
+        added_ground = np.zeros(self.graph.added_count)
+        ground = find_ground(self.graph.scene, self.graph.shape, 1 - points, seed, self.options.ground)
+        if ground is not None:
+            held = ground.holds(self.graph.scene, self.graph.shape)
+            if self._clicks_reject(held, prompts):
+                odds[self.graph.region_count :] = self.options.ground_odds * held
+                added_ground = ground.holds(self.graph.full, self.full_shape)[self.graph.point_count :]
+                odds[: self.graph.region_count] = self.options.ground_odds * self.graph.shows_added(added_ground)
+                grounded[self.graph.region_count :] = held > 0.5
+                points = np.minimum(points, 1 - held)
+            else:
+                # A plinth the building stands on, as far as anybody said: no evidence against it.
+                ground = None
+        keep = points > self.options.building_above
+        apart = keep & ~clicked_groups(
+            self.graph.scene.points, keep, self.graph.clicked_points(prompts), self.graph.shape, self.options.features
+        )
+        odds[self.graph.region_count :] += self.options.apart_odds * apart
+        keep &= ~apart
+        if keep.sum() < 10:
+            return GeometricEvidence(odds, grounded, over, ground)
+        over[self.graph.region_count :] = over_building(
+            self.graph.scene.points, keep, self.graph.shape, self._extent_options
+        )
+        odds += self.options.over_odds * over
+        keep |= over[self.graph.region_count :] & (points > self.options.other_below)
+        away = (
+            (points < self.options.other_below)
+            & ~grounded[self.graph.region_count :]
+            & ~over[self.graph.region_count :]
+        )
+        others = apart | (away & self._far_from(keep))
+        extent = self.extent(
+            np.concatenate([keep, self.graph.added_on_building(probability) & (added_ground < 0.5)]), ground, others
+        )
+        tied = self._tied_to_building(keep, points, appearance)
+        within = np.zeros(self.graph.point_count)
+        geometry = parallel_map(lambda i: self._geometry(extent, i, tied), views, self.graph.threads)
+        for index, (region_odds, first, inside) in zip(views, geometry, strict=True):
+            part = slice(self.graph.start[index], self.graph.start[index + 1])
+            odds[part] += region_odds
+            grounded[part] = first & (ground is not None)
+            within += inside
+        seen = np.bincount(
+            self.graph.scene.track_point[np.isin(self.graph.scene.track_view, views)], minlength=self.graph.point_count
+        )
+        share = within / np.maximum(seen, 1)
+        odds[self.graph.region_count :] += self.options.within_odds * share * ~grounded[self.graph.region_count :]
+        return GeometricEvidence(odds, grounded, over, ground)
+
+    def _tied_to_building(self, keep: NDArray[np.bool_], points: Array, appearance: Array) -> Array:
+        """How far regions may be the building although no point of it is near, 0..1, [regions].
+
+        A sheet roof or a plain wall has points along its edges only. What looks like the building, and is tied to its
+        points more than to those of other things, may be one surface with them.
+        """
+        own = self.options
+        known = np.concatenate([self.graph.sky[: self.graph.region_count] > 0, keep | (points < own.other_below)])
+        target = np.concatenate([np.zeros(self.graph.region_count), keep])
+        wanted = 1 / (1 + np.exp(-appearance))
+        strength = own.tie_appearance_weight * np.abs(2 * wanted - 1) * ~known + 1e-4
+        pull = own.click_weight * known
+        tied = self.graph.flow(pull + strength, pull * target + strength * wanted, None)[: self.graph.region_count]
+        low, high = own.tied
+        return np.clip((tied - low) / (high - low), 0, 1)
+
+    def _geometry(
+        self, extent: BuildingExtent, index: int, tied: Array
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+        """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
+        place = extent.place(index)
+        sure = 1 - tied[self.graph.start[index] : self.graph.start[index + 1]]
+        odds, first = self._region_odds(place, self.graph.regions[index], self.graph.scene.views[index], sure)
+        seen = self.visibility.owner[self.graph.full.observations(index)][extent.within(index, place)]
+        return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
+
+    def extent(
+        self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None
+    ) -> BuildingExtent:
+        """Return the extent of the building.
+
+        Args:
+            keep: of the full scene's points, those of the building.
+            others: [P], points of other things that stand on the ground.
+        """
+        if others is not None:
+            others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
+        return BuildingExtent(
+            self.graph.full, self.full_shape, keep, ground, self.visibility, others, self._extent_options
+        )
+
+    def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Points farther from all kept ones than a wall is from the roof on it, [P]."""
+        gap = float(self.options.other_gap * np.median(self.graph.shape.spacing[keep]))
+        distance, _ = cKDTree(self.graph.scene.points[keep]).query(
+            self.graph.scene.points, distance_upper_bound=np.nextafter(gap, np.inf), workers=self.graph.threads
+        )
+        return np.asarray(distance > gap, bool)  # infinite beyond the bound
+
+    def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
+        """Tell whether the ground is background: more negative than positive clicks lie on it, or none at all.
+
+        Nobody has to click beside the building: what stands on the ground is not the ground.
+        """
+        on_ground = grounded > 0.5
+        negative = sum(int(on_ground[self.graph.points_at(i, c.negative)].sum()) for i, c in prompts.items())
+        positive = sum(int(on_ground[self.graph.points_at(i, c.positive)].sum()) for i, c in prompts.items())
+        return negative > positive or negative == positive == 0
+
+    def _region_odds(
+        self, place: ViewRegions, regions: Regions, view: View, sure: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Log-odds of each region, and whether its ray meets the ground first, [S] each.
+
+        Args:
+            sure: how much it says that no point of the building is near, 0..1, [S].
+        """
+        h, w = place.core.shape
+        x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)
+        y = np.clip((regions.centres[:, 1] * h / view.height).astype(int), 0, h - 1)
+        sure = np.where(place.hull[y, x], sure, 1.0)
+        clear = ~place.hidden & ~place.ground_first & ~place.behind
+        own = self.options
+        odds = own.core_odds * (place.core & clear)[y, x] + own.rim_odds * (place.reach & ~place.core & clear)[y, x]
+        odds = odds + own.far_odds * sure * np.clip(place.away[y, x] - own.far_from, 0, own.far_limit)
+        first = place.ground_first[y, x]
+        odds += own.hidden_odds * place.hidden[y, x] + own.occluded_odds * (place.behind[y, x] & ~first)
+        return odds + own.ground_first_odds * sure * first, first & (sure > 0.5)
