@@ -131,7 +131,7 @@ def suite_runs(
     Args:
         scenes: instead of the suite's own.
         seeds: runs per variant.
-        base: options given to every run; a variant's own win.
+        base: options given to every run of the engine; a variant's own win.
         commands: external tools, name -> command (suites ``peers`` and ``surfaces``).
         only: keep the variants whose name contains one of these.
         paper_iterations: of the paper's setting and of what is set up like its peers; their longer runs keep the ratio.
@@ -147,7 +147,7 @@ def suite_runs(
         variants = [Run("smoke", "", {**small, **base})]
     else:
         variants = [
-            replace(run, options={**base, **run.options})
+            run if run.command else replace(run, options={**base, **run.options})
             for run in _variants(suite, base, commands or {}, paper_iterations)
         ]
     chosen = [run for run in variants if not only or any(word in run.variant for word in only)]

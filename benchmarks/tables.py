@@ -69,8 +69,9 @@ def _origin(suite: str, done: list[Row], further: Sequence[str]) -> str:
     """Which command, commit and machine the figures are of."""
     places = dict.fromkeys((r["commit"], r["date"], r["machine"]) for r in done if "commit" in r)
     measured = "; ".join(f"commit {commit}, {date}, {machine}" for commit, date, machine in places)
-    shared = {name for row in done for name in row["options"]}
-    same = {n: done[0]["options"].get(n) for n in sorted(shared) if len({str(r["options"].get(n)) for r in done}) == 1}
+    options = [row["options"] for row in done if row.get("options")]  # other tools have none
+    names = sorted({name for given in options for name in given})
+    same = {n: options[0].get(n) for n in names if len({str(given.get(n)) for given in options}) == 1}
     given = " ".join(f"--set {name}={value}" for name, value in same.items() if name != "preset")
     scenes = " ".join(dict.fromkeys(Path(row["scene"]).name for row in done))
     seeds = len({row["seed"] for row in done})

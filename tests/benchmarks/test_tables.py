@@ -39,7 +39,8 @@ def test_a_table_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
 def test_the_command_names_samples_that_are_not_the_usual_ones(tmp_path: Path) -> None:
     document = tmp_path / "results.md"
     document.write_text("")
-    write_table(document, "peers", "others", [row("a", 1.0, samples=200_000)], ["--paper-iterations 70"])
+    rows = [row("a", 1.0, samples=200_000), row("tool", 1.0, samples=200_000, options={})]
+    write_table(document, "peers", "others", rows, ["--paper-iterations 70"])
     assert "--paper-iterations 70 --set iterations=9 --set surface=opacity --samples 200000 --write" in (
         document.read_text()
     )
