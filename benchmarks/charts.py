@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 from statistics import mean
@@ -15,18 +16,21 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import LogFormatter, ScalarFormatter
+from matplotlib.transforms import Bbox
 
 from benchmarks.measure import SCORED
 from benchmarks.page import write_html
+from benchmarks.suites import SETTINGS_APART
 from benchmarks.surface_charts import surface_figures, surface_tables
 from mgf_engine.stages import STAGE_NAMES
 
 Row = dict[str, Any]
 _COLORS = ("#4c78a8", "#f58518", "#54a24b", "#b279a2", "#9d9da1", "#e45756", "#72b7b2", "#eeca3b")
 STAGE_COLORS = dict(zip(STAGE_NAMES, itertools.cycle(_COLORS), strict=False))
-#: Where a group's names stand beside its points (points right and up, alignment), in turn: groups often meet.
-_SIDES = ((4, -11, "left"), (4, 4, "left"), (-5, 4, "right"))
+#: Where a name may stand beside its point (points right and up); the first that is free is taken.
+_SIDES = [(x, y) for y in (4, -11, 14, -21, 24, -31) for x in (5, -5)]
 
 
 def write_page(suite: str, rows: list[Row], out: Path, before: list[Row] | None = None) -> Path:
@@ -192,23 +196,49 @@ def _curves(axes: Axes, rows: list[Row], x: tuple[str, str], y: str) -> None:
         points.setdefault(same[0].get("group") or variant, []).append(
             (float(mean(r[x[0]] for r in same)), float(mean(values)), variant)
         )
-    for number, (group, spots) in enumerate(points.items()):
+    names: list[tuple[str, tuple[float, float], Any]] = []
+    for group, spots in points.items():
         spots.sort()
-        style = "-" if len(spots) > 1 and group != "ablation" else ""
+        style = "" if len(spots) == 1 or group.startswith(SETTINGS_APART) else "-"
         (line,) = axes.plot([s[0] for s in spots], [s[1] for s in spots], marker="o", linestyle=style, label=group)
-        right, up, align = _SIDES[number % len(_SIDES)]
-        look: dict[str, Any] = {"fontsize": 7, "color": line.get_color(), "ha": align}
-        for work, value, variant in spots:
-            axes.annotate(_name_in(group, variant), (work, value), (right, up), textcoords="offset points", **look)
+        names += [(_name_in(group, name), (work, value), line.get_color()) for work, value, name in spots]
     axes.margins(x=0.15)  # for the names
     _time_axis(axes, x[1])
     axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %" if y == "f1" else "PSNR inside the mask, held-out views, dB")
     _tidy(axes, legend=len(points) > 1)
+    _write_names(axes, names)
+
+
+def _write_names(axes: Axes, names: list[tuple[str, tuple[float, float], Any]]) -> None:
+    """Write each name beside its point, where it covers no other name and no point, if there is such a place."""
+    figure = axes.get_figure()
+    assert isinstance(figure, Figure)
+    figure.draw_without_rendering()  # settles the scales
+    dots = axes.transData.transform([place for _, place, _ in names])
+    taken = [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in dots]
+    legend = axes.get_legend()
+    if legend is not None:
+        taken.append(legend.get_window_extent())
+    for own, (name, place, color) in enumerate(names):
+        label = axes.annotate(name, place, (0, 0), textcoords="offset points", fontsize=7, color=color)
+        others = [box for index, box in enumerate(taken) if index != own]
+
+        def free(side: tuple[float, float], label: Annotation = label, others: list[Bbox] = others) -> bool:
+            label.set_position(side)
+            label.set_horizontalalignment("left" if side[0] > 0 else "right")
+            return label.get_window_extent().count_overlaps(others) == 0
+
+        if not any(free(side) for side in _SIDES):
+            free(_SIDES[0])
+        taken.append(label.get_window_extent())
 
 
 def _name_in(group: str, variant: str) -> str:
-    """A variant's name less what the legend says of its group: "80k" of "80k Gaussians"."""
-    return " ".join(word for word in variant.split() if word.rstrip("s") != group.rstrip("s")) or variant
+    """A variant's name less what the legend says of its group: "80k" of "80k Gaussians", "(a)" of an ablation."""
+    if group.startswith("ablation") and variant.startswith("("):
+        return variant.partition(" ")[0]
+    told = {group.rstrip("s"), "preset"}
+    return " ".join(word for word in variant.split() if word.rstrip("s") not in told) or variant
 
 
 def _time_axis(axes: Axes, label: str) -> None:
@@ -238,6 +268,8 @@ def _tidy(axes: Axes, legend: bool) -> None:
     axes.grid(True, alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
     if legend:
+        for line in axes.get_lines():
+            line.set_label(textwrap.fill(str(line.get_label()), 44))
         axes.legend(fontsize=8, frameon=False)
 
 

@@ -108,6 +108,8 @@ LIKE: dict[str, Options] = {
 #: Training iterations of the paper's method and of the longer runs that it compares with.
 PRINTED, LONGER = 7000, 30_000
 NAMED = ("steel_frame_hall", "brick_ensemble")
+#: Groups whose settings are no steps of one quantity begin so; charts do not join their points.
+SETTINGS_APART = ("ablation", "paper", "ours")
 SUITES: dict[str, str] = {
     "smoke": "one short run on a tiny scene, for continuous integration",
     "equal-terms": "opacity and fused surface, each without and with photo steps",
@@ -212,15 +214,17 @@ def _variants(suite: str, base: Options, commands: dict[str, str], count: int) -
     if suite == "peers":
         return [*(Run(name, "", options, group=name) for name, options in peers(count).items()), *tools]
     presets: dict[str, Options] = {**{name: {"preset": name} for name in PRESETS}, "paper": paper}
-    runs = [Run(f"preset {name}", "", options, group="presets") for name, options in presets.items()]
+    groups = dict.fromkeys(PRESETS, "presets") | {"paper": "paper's setting"}
+    runs = [Run(f"preset {name}", "", options, group=groups[name]) for name, options in presets.items()]
     if suite == "surfaces":
         return runs + tools
     for length in (500, 1000, 2000, 3000, 7000):
         runs.append(Run(f"{length} iterations", "", {"iterations": length}, group="iterations"))
     for budget in (10_000, 20_000, 40_000, 80_000, 160_000):
         runs.append(Run(f"{budget // 1000}k Gaussians", "", {"max_gaussians": budget}, group="Gaussians"))
-    runs += [Run(name, "", {**paper, **options}, group="ablation of the paper's setting")
-             for name, options in ABLATION.items() if options]  # fmt: skip
+    missing = {name: options for name, options in ABLATION.items() if options}
+    group = "ablation of it: " + ", ".join(missing)
+    runs += [Run(name, "", {**paper, **options}, group=group) for name, options in missing.items()]
     return [*runs, Run("GOF-like", "", {**LIKE["GOF-like"], "iterations": count}, group="GOF-like"), *tools]
 
 
