@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.job_scores import held_out_scores, mean_mask_iou
 from benchmarks.stage_cache import Stages, keep, lend, saved, shelf_of, stages_of
 from benchmarks.suites import Run
+from benchmarks.true_masks import write_elements
 from mgf_engine import __version__
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.geometry import cameras_of, compare_surfaces
@@ -39,10 +40,6 @@ CROP_MARGIN = 0.5
 CROP_FOOT = 0.1
 #: The scores of a row, and how tables name them.
 SCORED = {"geometry": "F1", "without_openwork": "F1 without steelwork"}
-
-
-#: What :class:`Run` says of masks -> the folder of a scene that has them.
-TRUE_MASKS = {"true": "masks", "elements": "elements"}
 
 
 def origin() -> dict[str, str]:
@@ -238,8 +235,10 @@ def _source(folder: Path, poses: str, job: Path) -> Path:
 def _engine(run: Run, source: Path, scene: Path, job: Path) -> list[str]:
     command = [sys.executable, "-m", "mgf_engine", "reconstruct", str(source), "--out", str(job), "--progress", "json"]
     command += ["--prompts", str(scene / "prompts.json"), "--resume"]
-    if run.masks in TRUE_MASKS:
-        command += ["--masks", str(scene / TRUE_MASKS[run.masks])]
+    if run.masks == "true":
+        command += ["--masks", str(scene / "masks")]
+    elif run.masks == "true elements":
+        command += ["--masks", str(write_elements(scene, source.with_name(source.name + "-elements")))]
     for name, value in {**run.options, "seed": run.seed}.items():
         command += ["--set", f"{name}={value}"]
     return command

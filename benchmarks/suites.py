@@ -28,8 +28,8 @@ class Run:
         variant: what is different about it, as shown in tables.
         scene: name in :data:`benchmarks.catalogue.SCENES`, or a folder with COLMAP model and prompts.
         options: engine options, name -> value.
-        masks: ``prompts`` (clicks, as a user works), ``true`` (the generator's masks), ``elements`` (these with the
-            generator's elements as their second level) or ``none``.
+        masks: ``prompts`` (clicks, as a user works), ``true`` (the generator's masks), ``true elements`` (these with
+            the generator's elements as their second level) or ``none``.
         poses: ``sfm`` (structure from motion) or ``true`` (the generator's cameras).
         command: of an external tool, with ``{images}``, ``{scene}``, ``{mesh}`` and ``{work}``; empty runs the engine.
         group: curve of the charts it belongs to.
@@ -236,7 +236,7 @@ def _ablation(name: str, start: Options) -> list[Run]:
     if name == "paper":  # which has no such votes
         del table["no votes during training"], table["no votes on faces"]
     runs = [Run(f"{name}: {what}", "", {**start, **options}, group=name) for what, options in table.items()]
-    kinds = {"true": "true masks", "elements": "true masks and true elements"}
+    kinds = {"true": "true masks", "true elements": "true masks and true elements"}
     return runs + [Run(f"{name}: {what}", "", start, masks=masks, group=name) for masks, what in kinds.items()]
 
 
