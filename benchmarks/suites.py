@@ -235,6 +235,7 @@ def _ablation(name: str, start: Options) -> list[Run]:
     table = {**ABLATION, "(f) 30/7 of the iterations": longer, **MASK_PARTS}
     if name == "paper":  # which has no such votes
         del table["no votes during training"], table["no votes on faces"]
+        table["started on our surface"] = {"start": "surface"}
     runs = [Run(f"{name}: {what}", "", {**start, **options}, group=name) for what, options in table.items()]
     kinds = {"true": "true masks", "true elements": "true masks and true elements"}
     return runs + [Run(f"{name}: {what}", "", start, masks=masks, group=name) for masks, what in kinds.items()]
