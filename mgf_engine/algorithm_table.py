@@ -121,5 +121,10 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("solid_evidence", "models", "Walls, roofs and footprint that a solid is made from", "models.solid.evidence:EvidenceOptions"),
     Algorithm("solid_labels", "models", "Choice of a roof plane for each cell of the ground plan", "models.solid.labels:LabelOptions"),
     Algorithm("solid_openings", "models", "Windows and doors of the solid", "models.solid.openings:OpeningOptions"),
+    # town
+    Algorithm("building_hulls", "town", "Ground and height of each building", "town.hulls:HullOptions", also=("suggest-clicks",)),
+    Algorithm("building_search", "town", "Buildings in the sparse points alone", "town.find:OutlineOptions", also=("suggest-clicks",)),
+    Algorithm("building_views", "town", "Choice of photos for each building", "town.view_selection:BuildingViewOptions", also=("suggest-clicks",)),
+    Algorithm("suggested_clicks", "town", "Clicks from sparse points and hulls", "town.clicks:ClickOptions", also=("suggest-clicks",)),
 )
 # fmt: on

@@ -30,6 +30,7 @@ UNITS = {
     "grey levels",
     "point spacings",
     "m",
+    "m²",
     "s",
     "1/px²",
 }

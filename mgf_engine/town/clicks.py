@@ -16,25 +16,38 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.roots import camera_poses, sample_views
-from mgf_engine.town.hulls import ABOVE, SLACK, Hull, prism
+from mgf_engine.town.hulls import Hull, HullOptions, prism
 from mgf_engine.town.place import to_normalised
 from mgf_engine.town.view_selection import HullBuffers, ViewSelection
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-POSITIVES, NEGATIVES = 5, 5
-_SHARE, _FEWEST = 3, 5  # clicks are put on a third of the photos, and on so many at least
-_LARGE = 0.6  # of the median photo's share: a photo with clicks shows at least so much of the building
-_CLOSE = 10  # px of the drawn pictures
-_EDGE, _AWAY = 3.0, 4.0  # px of the drawn pictures: from the hull's edge to clicks inside it, and beside it
-_NEAR = 0.25  # of a picture's longest side: clicks beside a building lie so near
-_APART = 1.0  # metre from a neighbour: nearer points may be on either
+
+
+@dataclass(frozen=True)
+class ClickOptions:
+    """Options of suggested clicks."""
+
+    positives: int = parameter(5, "Maximum number of clicks on the building in a photo", low=1)
+    negatives: int = parameter(5, "Maximum number of clicks beside the building in a photo")
+    every: int = parameter(3, "Number of photos for each photo with clicks", low=1)
+    photos: int = parameter(5, "Minimum number of photos with clicks", low=1)
+    large: float = parameter(0.6, "Size of the building in a photo with clicks, as a share of the median", high=1)
+    hidden: int = parameter(10, "Distance to another hull within which a pixel may belong to it", "px")
+    inside: float = parameter(3.0, "Minimum distance of clicks inside a hull from its edge", "px")
+    outside: float = parameter(4.0, "Minimum distance of clicks beside a hull from its edge", "px")
+    near: float = parameter(
+        0.25, "Maximum distance of clicks beside a building, as a share of the longest side", high=1
+    )
+    neighbour: float = parameter(1.0, "Distance to a neighbour within which a point may belong to either", "m")
+    hulls: HullOptions = HullOptions()
 
 
 @dataclass(frozen=True)
@@ -46,11 +59,13 @@ class Sides:
     beside: Bools
 
 
-def sides_of(hull: Hull, hulls: Sequence[Hull], points: Array, metre: float) -> Sides:
+def sides_of(
+    hull: Hull, hulls: Sequence[Hull], points: Array, metre: float, options: ClickOptions = ClickOptions()
+) -> Sides:
     """Sort the sparse points (local frame) by one building."""
     import shapely
 
-    slack, above = SLACK * metre, hull.low + ABOVE * metre
+    slack, above = options.hulls.slack * metre, hull.low + options.hulls.above * metre
     around = hull.polygon.buffer(40 * metre)
     near = shapely.contains_xy(around.envelope, points[:, :2])
     on, next_to, beside = (np.zeros(len(points), bool) for _ in range(3))
@@ -60,7 +75,9 @@ def sides_of(hull: Hull, hulls: Sequence[Hull], points: Array, metre: float) -> 
     neighbours = shapely.union_all(others) if others else shapely.Polygon()
     inside = shapely.contains_xy(hull.polygon.buffer(0.5 * slack), places)
     to_neighbour = shapely.distance(shapely.points(places), neighbours) if others else np.full(len(rows), np.inf)
-    on[rows] = inside & (heights > above) & (heights < hull.high + 0.5 * metre) & (to_neighbour > _APART * metre)
+    on[rows] = (
+        inside & (heights > above) & (heights < hull.high + 0.5 * metre) & (to_neighbour > options.neighbour * metre)
+    )
     clear = ~shapely.contains_xy(hull.polygon.buffer(2 * slack), places)
     next_to[rows] = shapely.contains_xy(neighbours, places) & clear & (heights > above)
     # What overhangs a footprint is near it; the ground right at the wall is left to the mask.
@@ -78,6 +95,7 @@ def suggest_clicks(
     drawn: HullBuffers,
     choice: ViewSelection,
     metre: float,
+    options: ClickOptions = ClickOptions(),
 ) -> dict[str, dict[str, list[list[float]]]]:
     """Clicks on one building in the form of ``prompts.json``, pixels of the user's photos.
 
@@ -86,13 +104,13 @@ def suggest_clicks(
         points: [P, 3] sparse points, local frame.
         choice: its photos.
     """
-    sides = sides_of(hull, hulls, points, metre)
+    sides = sides_of(hull, hulls, points, metre, options)
     alone = _mesh(scene, georeference, hull.polygon, hull.low - 0.3 * metre, hull.high)
     middle = hull.polygon.buffer(-0.15 * math.sqrt(hull.polygon.area))
     middle = middle if not middle.is_empty else hull.polygon
     core = _mesh(scene, georeference, middle, hull.low, hull.low + 0.6 * (hull.high - hull.low))
     result: dict[str, dict[str, list[list[float]]]] = {}
-    for index in _clicked(scene, choice, [float((owner == number).mean()) for owner in drawn.owner]):
+    for index in _clicked(scene, choice, [float((owner == number).mean()) for owner in drawn.owner], options):
         rows = scene.observations(index)
         pixels = np.asarray(scene.track_uv[rows], np.float64)
         owner = scene.track_point[rows]
@@ -101,14 +119,22 @@ def suggest_clicks(
         inward = _depth(visible)
         outward = _depth(render_mesh(alone, view).face < 0)
         positive = _spread(
-            *_kept(pixels, sides.on[owner], inward, factor, _EDGE),
-            _inmost(render_mesh(core, view).face >= 0, visible & ~_near_others(drawn.owner[index], number)),
+            *_kept(pixels, sides.on[owner], inward, factor, options.inside),
+            _inmost(
+                render_mesh(core, view).face >= 0, visible & ~_near_others(drawn.owner[index], number, options), options
+            ),
             factor,
+            options=options,
         )
-        limit = _NEAR * max(view.width, view.height)
+        limit = options.near * max(view.width, view.height)
         negative = [
-            *_nearest(*_kept(pixels, sides.neighbours[owner], outward, factor, _AWAY, limit), NEGATIVES // 2),
-            *_nearest(*_kept(pixels, sides.beside[owner], outward, factor, _AWAY, limit), NEGATIVES - NEGATIVES // 2),
+            *_nearest(
+                *_kept(pixels, sides.neighbours[owner], outward, factor, options.outside, limit), options.negatives // 2
+            ),
+            *_nearest(
+                *_kept(pixels, sides.beside[owner], outward, factor, options.outside, limit),
+                options.negatives - options.negatives // 2,
+            ),
         ]
         if len(positive):
             result[scene.views[index].name] = {
@@ -117,10 +143,10 @@ def suggest_clicks(
     return result
 
 
-def _clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float]) -> list[int]:
+def _clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float], options: ClickOptions) -> list[int]:
     """The photos that get clicks: a third of those chosen, spread out, none with only a corner of the building."""
-    count = min(len(choice.photos), max(_FEWEST, -(-len(choice.photos) // _SHARE)))
-    large = _LARGE * float(np.median([shares[k] for k in choice.photos]))
+    count = min(len(choice.photos), max(options.photos, -(-len(choice.photos) // options.every)))
+    large = options.large * float(np.median([shares[k] for k in choice.photos]))
     photos = [k for k in choice.photos if shares[k] >= large]
     views = [scene.views[k] for k in photos]
     centres, directions, _ = camera_poses(views, np.zeros(0, np.int32))
@@ -151,32 +177,32 @@ def _kept(
     return chosen[kept], np.asarray(found[kept], np.float64)
 
 
-def _inmost(core: Bools, visible: Bools) -> tuple[Array, Array]:
+def _inmost(core: Bools, visible: Bools, options: ClickOptions) -> tuple[Array, Array]:
     """The middle of what is surely the building and not hidden, pixels [N, 2] of the drawn picture, and depths [N]."""
     depth = _depth(core & visible)
-    if depth.max() < _EDGE:
+    if depth.max() < options.inside:
         return np.zeros((0, 2)), np.zeros(0)
-    v, u = np.nonzero(depth >= max(_EDGE, 0.5 * float(depth.max())))
+    v, u = np.nonzero(depth >= max(options.inside, 0.5 * float(depth.max())))
     return np.stack([u, v], 1).astype(np.float64) + 0.5, np.asarray(depth[v, u], np.float64)
 
 
-def _near_others(owner: NDArray[np.int16], number: int) -> Bools:
+def _near_others(owner: NDArray[np.int16], number: int, options: ClickOptions) -> Bools:
     """Pixels near another hull: a footprint half a metre off, or a roof higher than thought, may put it there."""
     others = ((owner >= 0) & (owner != number)).astype(np.uint8)
-    return np.asarray(cv2.dilate(others, np.ones((2 * _CLOSE + 1,) * 2, np.uint8)) > 0)
+    return np.asarray(cv2.dilate(others, np.ones((2 * options.hidden + 1,) * 2, np.uint8)) > 0)
 
 
-def _spread(pixels: Array, depth: Array, spare: tuple[Array, Array], factor: float) -> Array:
+def _spread(pixels: Array, depth: Array, spare: tuple[Array, Array], factor: float, options: ClickOptions) -> Array:
     """Clicks on the building: the deepest, then what lies farthest from those; from the core where points are few."""
-    if len(pixels) < POSITIVES and len(spare[0]):
+    if len(pixels) < options.positives and len(spare[0]):
         pixels = np.concatenate([pixels, spare[0] / factor])
         depth = np.concatenate([depth, spare[1]])
     if not len(pixels):
         return pixels
     chosen = [int(np.argmax(depth))]
     gap = np.linalg.norm(pixels - pixels[chosen[0]], axis=1)
-    while len(chosen) < POSITIVES and gap.max() > 6 / factor:
-        chosen.append(int(np.argmax(gap * np.minimum(1.0, depth / (4 * _EDGE)))))
+    while len(chosen) < options.positives and gap.max() > 6 / factor:
+        chosen.append(int(np.argmax(gap * np.minimum(1.0, depth / (4 * options.inside)))))
         gap = np.minimum(gap, np.linalg.norm(pixels - pixels[chosen[-1]], axis=1))
     return pixels[chosen]
 

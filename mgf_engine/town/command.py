@@ -68,7 +68,7 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
     from mgf_engine.town.footprints import read_footprints
     from mgf_engine.town.map import draw_map
     from mgf_engine.town.place import place_footprints
-    from mgf_engine.town.plan import SCENE, make_plan, shared_scene, write_plan
+    from mgf_engine.town.plan import SCENE, PlanOptions, make_plan, shared_scene, write_plan
     from mgf_engine.town.view_selection import FEWEST
 
     if args.photos_per_building < FEWEST:
@@ -85,7 +85,7 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
         placed = place_footprints(
             footprints, scene, make_config(given), args.footprints_crs, args.pairs, reporter.warning
         )
-    plan = make_plan(scene, placed, footprints, args.photos_per_building, _say)
+    plan = make_plan(scene, placed, footprints, args.photos_per_building, _say, job.config.algorithm(PlanOptions))
     plan = write_plan(plan, job, args.out, given, footprints, args.photos_per_building, args.clicks)
     outlines = [(b.hull.id, b.hull.state, b.hull.polygon) for b in plan.buildings]
     draw_map(args.out / "map.png", scene, placed, outlines)

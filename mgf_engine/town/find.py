@@ -13,22 +13,39 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.model.scene import Scene
 from mgf_engine.town.footprints import Footprints
-from mgf_engine.town.hulls import LOWEST
+from mgf_engine.town.hulls import HullOptions
 from mgf_engine.town.place import Placed, local_points, place_scene
 
 Array = NDArray[np.float64]
-#: Metres: cells of the ground, the widest building, cells of what stands on the ground, the least area of a building;
-#: and points of one at least.
-_GROUND, _WIDEST, _CELL, _AREA, _FEWEST = 1.5, 40.0, 0.75, 18.0, 25
-#: Share of the points of a building whose surroundings are plane: trees have a quarter, roofs and walls two thirds.
-_PLANE, _FLAT, _SCATTERED = 0.65, 0.5, 0.5
-_NEIGHBOURS = 10
-_ROUNDS, _LOWER = 8, 60.0  # of fitting the slope, and the percentage of points that are low enough for it
-_AROUND, _STRAY = 20, 0.8  # points whose heights a point is compared with; metres below them that are too much
+
+
+@dataclass(frozen=True)
+class OutlineOptions:
+    """Options of the search for buildings."""
+
+    ground_cell: float = parameter(1.5, "Side of the cells of the ground", "m", low=0.1)
+    widest: float = parameter(40.0, "Width of the widest building", "m")
+    cell: float = parameter(0.75, "Side of the cells that join points into a building", "m", low=0.1)
+    least_area: float = parameter(18.0, "Minimum area of a building", "m²")
+    least_points: int = parameter(25, "Minimum number of points of a building", low=1)
+    planar: float = parameter(
+        0.65, "Planarity from which a point lies in a plane (trees have a quarter, roofs two thirds)", high=1
+    )
+    planar_share: float = parameter(0.5, "Share of a building's points that must lie in planes", high=1)
+    scattered: float = parameter(0.5, "Planarity below which a point is taken for leaves", high=1)
+    neighbours: int = parameter(10, "Number of neighbours that planarity is measured in", low=3)
+    slope_rounds: int = parameter(8, "Number of rounds of fitting the slope of the ground", low=1)
+    slope_points: float = parameter(
+        60.0, "Percentage of the points, the lower ones, that the slope is fitted to", low=1, high=100
+    )
+    stray_neighbours: int = parameter(20, "Number of neighbours that the height of a point is compared with", low=1)
+    stray_depth: float = parameter(0.8, "Depth below its neighbours from which a point is a wrong match", "m")
+    hulls: HullOptions = HullOptions()
 
 
 @dataclass(frozen=True)
@@ -46,43 +63,47 @@ class Outline:
     flat: float
 
 
-def height_over_ground(points: Array, metre: float) -> Array:
+def height_over_ground(points: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> Array:
     """Of each point [P, 3] (local frame), [P]: over an opening of the lowest points wider than buildings."""
     low = points[:, :2].min(0)
-    cells = np.floor((points[:, :2] - low) / (_GROUND * metre)).astype(np.int64)
+    cells = np.floor((points[:, :2] - low) / (options.ground_cell * metre)).astype(np.int64)
     cells = np.minimum(cells, 4000)  # stray points far away are left to its rim
     floor = np.full(tuple(cells.max(0) + 1), np.inf)
-    sound = ~_sunken(points, metre)
+    sound = ~_sunken(points, metre, options)
     np.minimum.at(floor, tuple(cells[sound].T), points[sound, 2])
     known = np.isfinite(floor)
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     filled = ndimage.median_filter(floor[tuple(nearest)], 3)
-    trend = _trend(filled, known)  # without it an opening takes the upper rim of a slope for something on the ground
-    opened = trend + ndimage.grey_opening(filled - trend, size=max(3, round(_WIDEST / _GROUND)), mode="nearest")
+    trend = _trend(
+        filled, known, options
+    )  # without it an opening takes the upper rim of a slope for something on the ground
+    opened = trend + ndimage.grey_opening(
+        filled - trend, size=max(3, round(options.widest / options.ground_cell)), mode="nearest"
+    )
     return np.asarray(points[:, 2] - opened[tuple(cells.T)])
 
 
-def _trend(floor: Array, known: NDArray[np.bool_]) -> Array:
+def _trend(floor: Array, known: NDArray[np.bool_], options: OutlineOptions) -> Array:
     """The plane of the slope that lies under a map of lowest points [X, Y]: fitted to the lower ones in turns."""
     place = np.column_stack([*np.nonzero(known), np.ones(known.sum())]).astype(float)
     height, kept = floor[known], np.ones(known.sum(), bool)
     plane = np.zeros(3)
-    for _ in range(_ROUNDS):
+    for _ in range(options.slope_rounds):
         plane = np.linalg.lstsq(place[kept], height[kept], rcond=None)[0]
         off = height - place @ plane
-        kept = off <= np.percentile(off, _LOWER)
+        kept = off <= np.percentile(off, options.slope_points)
     x, y = np.indices(floor.shape)
     return np.asarray(plane[0] * x + plane[1] * y + plane[2])
 
 
-def _sunken(points: Array, metre: float) -> NDArray[np.bool_]:
+def _sunken(points: Array, metre: float, options: OutlineOptions) -> NDArray[np.bool_]:
     """Which points [P, 3] lie far below those around them: wrong matches, which would take the ground down."""
-    index = cKDTree(points[:, :2]).query(points[:, :2], min(_AROUND, len(points)))[1]
+    index = cKDTree(points[:, :2]).query(points[:, :2], min(options.stray_neighbours, len(points)))[1]
     around = points[index.reshape(len(points), -1), 2]
-    return np.asarray(points[:, 2] < np.percentile(around, 30, axis=1) - _STRAY * metre)
+    return np.asarray(points[:, 2] < np.percentile(around, 30, axis=1) - options.stray_depth * metre)
 
 
-def find_outlines(points: Array, metre: float) -> list[Outline]:
+def find_outlines(points: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> list[Outline]:
     """What stands on the ground and may be a building, the largest first.
 
     Args:
@@ -90,14 +111,17 @@ def find_outlines(points: Array, metre: float) -> list[Outline]:
     """
     import shapely
 
-    rows = np.flatnonzero(height_over_ground(points, metre) > LOWEST * metre)
-    if len(rows) < _FEWEST:
+    rows = np.flatnonzero(height_over_ground(points, metre, options) > options.hulls.lowest * metre)
+    if len(rows) < options.least_points:
         return []
-    planar = _planar(points[rows])
-    rows, planar = rows[planar > _SCATTERED], planar[planar > _SCATTERED]  # leaves would tie houses together
+    planar = _planar(points[rows], options)
+    rows, planar = (
+        rows[planar > options.scattered],
+        planar[planar > options.scattered],
+    )  # leaves would tie houses together
     plan = points[rows, :2]
-    low = plan.min(0) - 3 * _CELL * metre
-    cells = np.minimum(np.floor((plan - low) / (_CELL * metre)).astype(np.int64), 8000)
+    low = plan.min(0) - 3 * options.cell * metre
+    cells = np.minimum(np.floor((plan - low) / (options.cell * metre)).astype(np.int64), 8000)
     taken = np.zeros(tuple(cells.max(0) + 4), bool)
     taken[tuple(cells.T)] = True
     closed = ndimage.binary_closing(np.pad(taken, 3), np.ones((3, 3)))[3:-3, 3:-3]
@@ -106,18 +130,18 @@ def find_outlines(points: Array, metre: float) -> list[Outline]:
     found = []
     for number in range(1, count + 1):
         mine = owner == number
-        if mine.sum() < _FEWEST:
+        if mine.sum() < options.least_points:
             continue
         polygon = outline_of(plan[mine], metre)
-        flat = float((planar[mine] > _PLANE).mean())
-        if polygon.area >= _AREA * metre**2 and flat >= _FLAT:
+        flat = float((planar[mine] > options.planar).mean())
+        if polygon.area >= options.least_area * metre**2 and flat >= options.planar_share:
             found.append(Outline(polygon, int(mine.sum()), flat))
     return sorted(found, key=lambda outline: -float(shapely.area(outline.polygon)))
 
 
-def _planar(points: Array) -> Array:
+def _planar(points: Array, options: OutlineOptions) -> Array:
     """How plane the surroundings of each point [P, 3] are, 0 to 1: the median of its neighbours counts."""
-    count = min(_NEIGHBOURS, len(points) - 1)
+    count = min(options.neighbours, len(points) - 1)
     index = cKDTree(points).query(points, count + 1)[1]
     offsets = points[index] - points[index].mean(1, keepdims=True)
     values = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", offsets, offsets))
@@ -144,7 +168,7 @@ def find_buildings(
         BadInput: nothing stands on the ground.
     """
     georeference, metre = place_scene(scene, config, warn)
-    outlines = find_outlines(local_points(scene, georeference), metre)
+    outlines = find_outlines(local_points(scene, georeference), metre, config.algorithm(OutlineOptions))
     if not outlines:
         raise BadInput(
             "Nothing in the sparse points stands on the ground like a building; give --footprints FILE, or click it."

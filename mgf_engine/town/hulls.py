@@ -11,15 +11,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
+
 Array = NDArray[np.float64]
-#: Metres: how far a footprint may be off, the ring around a building where the ground is looked for, the lowest thing
-#: that is taken for a building, and how far above the ground that begins.
-SLACK, _RING, LOWEST, ABOVE = 0.6, (1.0, 7.0), 2.0, 1.2
-_FEWEST = 8  # points: fewer say nothing
 
 #: What can be said of a building before its job. ``doubtful`` ones get no clicks; clicks by hand settle them.
 READY, BY_HAND, DOUBTFUL, GONE, UNSEEN = "ready", "by hand", "doubtful", "nothing there", "not photographed"
 UNMAPPED = "not in the map"
+
+
+@dataclass(frozen=True)
+class HullOptions:
+    """Options of the hulls of buildings."""
+
+    slack: float = parameter(0.6, "Largest error of a footprint", "m")
+    ring: tuple[float, float] = parameter(
+        (1.0, 7.0), "Inner and outer distance of the ring around a building in which the ground is sought", "m"
+    )
+    lowest: float = parameter(2.0, "Minimum height of a building", "m")
+    above: float = parameter(1.2, "Height above the ground at which a building begins", "m")
+    least_points: int = parameter(8, "Minimum number of points that tell a height", low=4)
 
 
 @dataclass(frozen=True)
@@ -44,7 +55,9 @@ class Hull:
     reason: str = ""
 
 
-def make_hulls(ids: Sequence[str], polygons: NDArray[np.object_], points: Array, metre: float) -> list[Hull]:
+def make_hulls(
+    ids: Sequence[str], polygons: NDArray[np.object_], points: Array, metre: float, options: HullOptions = HullOptions()
+) -> list[Hull]:
     """A hull for each footprint.
 
     Args:
@@ -60,26 +73,28 @@ def make_hulls(ids: Sequence[str], polygons: NDArray[np.object_], points: Array,
     usual = float(np.percentile(points[:, 2], 10))
     hulls = []
     for name, polygon in zip(ids, polygons, strict=True):
-        around = polygon.buffer(_RING[1] * metre).difference(polygon.buffer(_RING[0] * metre))
-        others = [polygons[k].buffer(SLACK * metre) for k in built.query(around) if polygons[k] is not polygon]
+        around = polygon.buffer(options.ring[1] * metre).difference(polygon.buffer(options.ring[0] * metre))
+        others = [polygons[k].buffer(options.slack * metre) for k in built.query(around) if polygons[k] is not polygon]
         ring = points[tree.query(around.difference(shapely.union_all(others)), predicate="intersects")]
-        inside = points[tree.query(polygon.buffer(0.5 * SLACK * metre), predicate="intersects")]
-        hulls.append(_hull(name, polygon, ring[:, 2], inside[:, 2], usual, metre))
+        inside = points[tree.query(polygon.buffer(0.5 * options.slack * metre), predicate="intersects")]
+        hulls.append(_hull(name, polygon, ring[:, 2], inside[:, 2], usual, metre, options))
     return hulls
 
 
-def _hull(name: str, polygon: Any, ring: Array, inside: Array, usual: float, metre: float) -> Hull:
-    ground = ground_of(ring) if len(ring) >= _FEWEST else usual
-    raised = inside[inside > ground + ABOVE * metre]
-    if len(raised) >= _FEWEST:
+def _hull(
+    name: str, polygon: Any, ring: Array, inside: Array, usual: float, metre: float, options: HullOptions
+) -> Hull:
+    ground = ground_of(ring) if len(ring) >= options.least_points else usual
+    raised = inside[inside > ground + options.above * metre]
+    if len(raised) >= options.least_points:
         top = float(np.percentile(raised, 98))
-        if top - ground >= LOWEST * metre:
+        if top - ground >= options.lowest * metre:
             return Hull(name, polygon, ground, top + 0.2 * metre, len(raised))
-    if len(inside) - len(raised) >= _FEWEST:
+    if len(inside) - len(raised) >= options.least_points:
         reason = f"The points show ground where the map has a building ({len(inside)} points, {len(raised)} above it)."
-        return Hull(name, polygon, ground, ground + LOWEST * metre, len(raised), GONE, reason)
+        return Hull(name, polygon, ground, ground + options.lowest * metre, len(raised), GONE, reason)
     reason = f"Only {len(raised)} points lie on it, too few to tell its height; click it by hand if it is there."
-    return Hull(name, polygon, ground, ground + LOWEST * metre, len(raised), DOUBTFUL, reason)
+    return Hull(name, polygon, ground, ground + options.lowest * metre, len(raised), DOUBTFUL, reason)
 
 
 def ground_of(heights: Array) -> float:

@@ -31,13 +31,20 @@ from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.system import json_text
-from mgf_engine.town.clicks import suggest_clicks
-from mgf_engine.town.find import find_outlines
+from mgf_engine.town.clicks import ClickOptions, suggest_clicks
+from mgf_engine.town.find import OutlineOptions, find_outlines
 from mgf_engine.town.footprints import Footprints
-from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN, Hull, make_hulls
+from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN, Hull, HullOptions, make_hulls
 from mgf_engine.town.place import Placed, local_points, near_scene
 from mgf_engine.town.submodel import write_if_changed, write_submodel
-from mgf_engine.town.view_selection import FEWEST, HullBuffers, ViewSelection, choose_photos, draw_hulls
+from mgf_engine.town.view_selection import (
+    FEWEST,
+    BuildingViewOptions,
+    HullBuffers,
+    ViewSelection,
+    choose_photos,
+    draw_hulls,
+)
 
 Array = NDArray[np.float64]
 BUILDINGS, SCENE, FILE, ONE = "buildings", "scene", "buildings.json", "building.json"
@@ -49,12 +56,18 @@ FORMAT = 1
 MOST_PHOTOS = 40
 _BESIDE = 1.0  # metre around a footprint that still is its building
 _AROUND = 20.0  # metres around a footprint from which points are kept
-_FREE, _SHARED, _BELOW = (
-    1.8,
-    0.3,
-    0.3,
-)  # metres that the crop box leaves around a footprint: for eaves, towards a neighbour, below
+_FREE, _SHARED, _BELOW = 1.8, 0.3, 0.3  # metres that the crop box leaves: for eaves, towards a neighbour, below
 _DIM = 0.4  # share of walls and roof that two photos see, below which a building is doubtful
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """Options of the algorithms that a plan is made by."""
+
+    hulls: HullOptions = HullOptions()
+    outlines: OutlineOptions = OutlineOptions()
+    views: BuildingViewOptions = BuildingViewOptions()
+    clicks: ClickOptions = ClickOptions()
 
 
 @dataclass(frozen=True)
@@ -105,7 +118,12 @@ def shared_scene(source: Path, folder: Path, given: dict[str, Any], reporter: Re
 
 
 def make_plan(
-    scene: Scene, placed: Placed, footprints: Footprints, most: int, say: Callable[[str], None] = lambda text: None
+    scene: Scene,
+    placed: Placed,
+    footprints: Footprints,
+    most: int,
+    say: Callable[[str], None] = lambda text: None,
+    options: PlanOptions = PlanOptions(),
 ) -> Plan:
     """Hulls, photos and clicks of every building near the photos.
 
@@ -115,30 +133,30 @@ def make_plan(
     """
     points = local_points(scene, placed.georeference)
     near = np.flatnonzero(near_scene(placed.polygons, points, placed.metre))
-    hulls = make_hulls([footprints.ids[k] for k in near], placed.polygons[near], points, placed.metre)
-    hulls += _unmapped(placed, points, hulls)
-    drawn = draw_hulls(scene, placed.georeference, [h for h in hulls if h.state != GONE] or hulls, placed.metre)
+    hulls = make_hulls([footprints.ids[k] for k in near], placed.polygons[near], points, placed.metre, options.hulls)
+    hulls += _unmapped(placed, points, hulls, options)
     standing = [h for h in hulls if h.state != GONE] or hulls
+    drawn = draw_hulls(scene, placed.georeference, standing, placed.metre, options.views)
     buildings = []
     for count, hull in enumerate(hulls, 1):
         number = next((k for k, other in enumerate(standing) if other is hull), -1)
-        buildings.append(plan_building(scene, placed, hull, number, standing, points, drawn, most))
+        buildings.append(plan_building(scene, placed, hull, number, standing, points, drawn, most, options))
         say(f"{count} of {len(hulls)} buildings: {hull.id}, {buildings[-1].hull.state}")
     return Plan(scene, placed, tuple(buildings), len(footprints.ids) - len(near), footprints.passed_over)
 
 
-def _unmapped(placed: Placed, points: Array, hulls: Sequence[Hull]) -> list[Hull]:
+def _unmapped(placed: Placed, points: Array, hulls: Sequence[Hull], options: PlanOptions) -> list[Hull]:
     """What stands where the map has nothing: it hides what lies behind it, and somebody should look at it."""
     import shapely
 
     taken = shapely.union_all([hull.polygon for hull in hulls]).buffer(_BESIDE * placed.metre)
-    outlines = [o.polygon for o in find_outlines(points, placed.metre)]
+    outlines = [o.polygon for o in find_outlines(points, placed.metre, options.outlines)]
     free = [polygon for polygon in outlines if polygon.intersection(taken).area < 0.1 * polygon.area]
     found = np.empty(len(free), object)
     found[:] = free
     names = [f"unmapped_{number}" for number in range(1, len(free) + 1)]
     reason = "Something as high as a building stands here, and the map has nothing; add it to the map if it is one."
-    made = make_hulls(names, found, points, placed.metre) if free else []
+    made = make_hulls(names, found, points, placed.metre, options.hulls) if free else []
     return [replace(hull, state=UNMAPPED, reason=reason) for hull in made if hull.state == READY]
 
 
@@ -151,6 +169,7 @@ def plan_building(
     points: Array,
     drawn: HullBuffers,
     most: int,
+    options: PlanOptions = PlanOptions(),
 ) -> Building:
     """Photos and clicks of one building.
 
@@ -159,13 +178,15 @@ def plan_building(
     """
     if number < 0 or hull.state == UNMAPPED:
         return Building(hull, ViewSelection([], 0.0, 0.0, 0.0, 0), {})
-    choice = choose_photos(scene, placed.georeference, hull, number, hulls, drawn, most, placed.metre)
+    choice = choose_photos(scene, placed.georeference, hull, number, hulls, drawn, most, placed.metre, options.views)
     if len(choice.photos) < FEWEST:
         few = f"Photos that show it: {len(choice.photos)}, where {FEWEST} are needed; fly there again."
         return Building(replace(hull, state=UNSEEN, reason=few), choice, {})
     if hull.state != READY:
         return Building(hull, choice, {})
-    clicks = suggest_clicks(scene, placed.georeference, hull, number, hulls, points, drawn, choice, placed.metre)
+    clicks = suggest_clicks(
+        scene, placed.georeference, hull, number, hulls, points, drawn, choice, placed.metre, options.clicks
+    )
     if len(clicks) < FEWEST:
         few = f"Only {len(clicks)} photos show spots that surely are on it; click it by hand."
         return Building(replace(hull, state=DOUBTFUL, reason=few), choice, {})

@@ -26,6 +26,7 @@ from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.find import find_outlines
 from mgf_engine.town.hulls import READY, make_hulls
 from mgf_engine.town.place import local_points, place_scene
+from mgf_engine.town.plan import PlanOptions
 from mgf_engine.town.submodel import write_if_changed
 from mgf_engine.town.view_selection import FEWEST, choose_photos, draw_hulls
 
@@ -99,19 +100,20 @@ def clicks_on_one(
     """
     import shapely
 
+    options = config.algorithm(PlanOptions)
     georeference, metre = place_scene(scene, config, reporter.warning)
     points = local_points(scene, georeference)
-    polygons = [outline.polygon for outline in find_outlines(points, metre)]
+    polygons = [outline.polygon for outline in find_outlines(points, metre, options.outlines)]
     wanted = _region(config, point, georeference, polygons, metre)
     others = [p for p in polygons if p.intersection(wanted).area < 0.3 * min(p.area, wanted.area)]
     shapes = np.empty(1 + len(others), object)
     shapes[:] = [wanted, *others]
-    hulls = make_hulls([str(k) for k in range(len(shapes))], shapes, points, metre)
+    hulls = make_hulls([str(k) for k in range(len(shapes))], shapes, points, metre, options.hulls)
     if hulls[0].state != READY:
         raise BadInput(f"No clicks can be suggested there: {hulls[0].reason}")
-    drawn = draw_hulls(scene, georeference, hulls, metre)
-    choice = choose_photos(scene, georeference, hulls[0], 0, hulls, drawn, len(scene.views), metre)
-    clicks = suggest_clicks(scene, georeference, hulls[0], 0, hulls, points, drawn, choice, metre)
+    drawn = draw_hulls(scene, georeference, hulls, metre, options.views)
+    choice = choose_photos(scene, georeference, hulls[0], 0, hulls, drawn, len(scene.views), metre, options.views)
+    clicks = suggest_clicks(scene, georeference, hulls[0], 0, hulls, points, drawn, choice, metre, options.clicks)
     if len(clicks) < FEWEST:
         raise BadInput(f"Only {len(clicks)} photos show spots that surely are on the building; click it by hand.")
     middle = shapely.centroid(wanted)

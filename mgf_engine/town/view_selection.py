@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh, scaled_view
 from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
@@ -17,14 +18,20 @@ from mgf_engine.town.hulls import Hull, prism, samples
 from mgf_engine.town.place import to_normalised
 
 Array = NDArray[np.float64]
-#: Longest side of the pictures that hulls are drawn in, pixels.
-SIDE = 480
-_SPACING, _STEEP, _TOLERANCE = 2.0, 0.17, 0.02  # metres; cosine of 80 degrees; share of a depth
-_PARTY = 1.0  # metre: a wall so near to another footprint is shared with it, and nobody sees it
-_LEAST_SHARE = 0.008  # of a photo, which a building must fill to be worth it
-#: A spot of a building gains this much less by every further photo of it.
-_DECAY = 0.82
 FEWEST = 3  # photos of a building
+
+
+@dataclass(frozen=True)
+class BuildingViewOptions:
+    """Options of the choice of photos."""
+
+    picture_side: int = parameter(480, "Longest side of the pictures that hulls are drawn in", "px", low=64)
+    spacing: float = parameter(2.0, "Distance between the spots of a hull whose visibility is tested", "m", low=0.1)
+    steep: float = parameter(0.17, "Smallest cosine between a wall's normal and the viewing ray", high=1)
+    depth_tolerance: float = parameter(0.02, "Relative depth by which a spot may lie behind what was drawn", high=1)
+    party_wall: float = parameter(1.0, "Distance to another footprint within which nobody sees a wall", "m")
+    least_share: float = parameter(0.008, "Minimum share of a photo that a building fills", high=1)
+    decay: float = parameter(0.82, "Factor on the worth of a spot for each photo that shows it already", high=1)
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,7 @@ class HullBuffers:
     """The hulls as photos see them.
 
     Attributes:
-        owner: per photo, int16 [H, W]: which hull each pixel sees, -1 for none; pictures of at most :data:`SIDE`.
+        owner: per photo, int16 [H, W]: which hull each pixel sees, -1 for none; pictures of at most ``picture_side``.
         depth: per photo, float32 [H, W], normalised frame; 0 where there is none.
         views: the cameras of those pictures.
         factor: per photo, pixels there over pixels of the working photo.
@@ -63,13 +70,19 @@ class ViewSelection:
     candidates: int
 
 
-def small_view(view: View) -> tuple[View, float]:
-    """The camera with pictures of at most :data:`SIDE`, and their size over that of the working photo."""
-    factor = min(1.0, SIDE / max(view.width, view.height))
+def small_view(view: View, options: BuildingViewOptions = BuildingViewOptions()) -> tuple[View, float]:
+    """The camera with pictures of at most ``picture_side``, and their size over that of the working photo."""
+    factor = min(1.0, options.picture_side / max(view.width, view.height))
     return (scaled_view(view, factor) if factor < 1 else view), factor
 
 
-def draw_hulls(scene: Scene, georeference: Georeference, hulls: Sequence[Hull], metre: float) -> HullBuffers:
+def draw_hulls(
+    scene: Scene,
+    georeference: Georeference,
+    hulls: Sequence[Hull],
+    metre: float,
+    options: BuildingViewOptions = BuildingViewOptions(),
+) -> HullBuffers:
     """Draw all hulls into all photos, each hiding what lies behind it."""
     vertices, faces, owners, count = [], [], [], 0
     for number, hull in enumerate(hulls):
@@ -83,7 +96,7 @@ def draw_hulls(scene: Scene, georeference: Georeference, hulls: Sequence[Hull], 
     owner_of = np.concatenate([*owners, [-1]]).astype(np.int16)  # face -1 finds the last
     drawn = HullBuffers([], [], [], [])
     for view in scene.views:
-        small, factor = small_view(view)
+        small, factor = small_view(view, options)
         buffers = render_mesh(mesh, small)
         drawn.owner.append(owner_of[buffers.face])
         drawn.depth.append(buffers.depth)
@@ -101,6 +114,7 @@ def choose_photos(
     drawn: HullBuffers,
     most: int,
     metre: float,
+    options: BuildingViewOptions = BuildingViewOptions(),
 ) -> ViewSelection:
     """The photos worth using for a hull: together they see as much of it as possible, near and face on.
 
@@ -112,49 +126,82 @@ def choose_photos(
         most: photos at most.
     """
     low = max(hull.low, hull.low + 0.1 * (hull.high - hull.low))
-    spots, normals = samples(hull.polygon, low, hull.high, _SPACING * metre)
-    outside = _towards_neighbours(spots + _PARTY * metre * normals, hull, hulls)
+    spots, normals = samples(hull.polygon, low, hull.high, options.spacing * metre)
+    outside = _towards_neighbours(spots + options.party_wall * metre * normals, hull, hulls)
     spots, normals = spots[~outside], normals[~outside]
     places = to_normalised(scene, georeference, spots)
     turned = to_normalised(scene, georeference, spots + normals * metre) - places
+    seen = _look(scene, drawn, number, places, turned, options)
+    candidates = int((seen.shares > 0).sum())
+    worth = (seen.shares >= options.least_share) & (seen.quality > 0).any(1)
+    if not worth.any():
+        return ViewSelection([], 0.0, 0.0, 0.0, candidates)
+    quality = seen.quality / max(float(np.percentile(seen.quality[seen.quality > 0], 90)), 1e-12)
+    quality = np.minimum(quality, 1.5) * worth[:, None]
+    chosen = _most_telling(quality, min(most, int(worth.sum())), options.decay)
+    twice = float(((quality[chosen] > 0).sum(0) >= 2).mean())
+    return ViewSelection(
+        chosen, float(seen.shares[chosen].mean()), float(np.median(seen.pixels[chosen])), twice, candidates
+    )
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What the photos show of a hull.
+
+    Attributes:
+        quality: how well each photo sees each spot, 0 where it does not, [V, S].
+        shares: share of each photo that the hull fills, [V].
+        pixels: size of a pixel on the hull in metres, infinite where the photo sees no spot, [V].
+    """
+
+    quality: Array
+    shares: Array
+    pixels: Array
+
+
+def _look(
+    scene: Scene, drawn: HullBuffers, number: int, places: Array, turned: Array, options: BuildingViewOptions
+) -> _Seen:
+    """Measure how well each photo sees the spots of a hull.
+
+    Args:
+        places: of the spots, normalised frame, [S, 3]; turned: their normals, a metre long, [S, 3].
+    """
     length = np.linalg.norm(turned[0])  # of a metre
-    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    quality = np.zeros((len(scene.views), len(spots)))
-    shares = np.zeros(len(scene.views))
-    pixels = np.full(len(scene.views), np.inf)
+    normals = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    count = len(scene.views)
+    seen = _Seen(np.zeros((count, len(places))), np.zeros(count), np.full(count, np.inf))
     for index, view in enumerate(scene.views):
         owner, small = drawn.owner[index], drawn.views[index]
-        shares[index] = float((owner == number).mean())
-        if shares[index] == 0:
+        seen.shares[index] = float((owner == number).mean())
+        if seen.shares[index] == 0:
             continue
         uv, depth = small.project(places)
         u, v = np.clip(uv, 0, (small.width - 1, small.height - 1)).astype(int).T
         inside = (depth > 0) & (uv >= 0).all(1) & (uv < (small.width, small.height)).all(1)
         met = drawn.depth[index][v, u]
-        free = (owner[v, u] == number) | (met == 0) | (depth < met * (1 + _TOLERANCE))
+        free = (owner[v, u] == number) | (met == 0) | (depth < met * (1 + options.depth_tolerance))
         ray = view.centre - places
-        cosine = (ray * turned).sum(1) / np.linalg.norm(ray, axis=1)
-        seen = inside & free & (cosine > _STEEP)
-        quality[index, seen] = cosine[seen] * view.fx / depth[seen]
-        if seen.any():
-            pixels[index] = 1.0 / float(np.median(view.fx / depth[seen] * length))
-    worth = (shares >= _LEAST_SHARE) & (quality > 0).any(1)
-    if not worth.any():
-        return ViewSelection([], 0.0, 0.0, 0.0, int((shares > 0).sum()))
-    quality = quality / max(float(np.percentile(quality[quality > 0], 90)), 1e-12)
-    quality = np.minimum(quality, 1.5) * worth[:, None]
+        cosine = (ray * normals).sum(1) / np.linalg.norm(ray, axis=1)
+        shown = inside & free & (cosine > options.steep)
+        seen.quality[index, shown] = cosine[shown] * view.fx / depth[shown]
+        if shown.any():
+            seen.pixels[index] = 1.0 / float(np.median(view.fx / depth[shown] * length))
+    return seen
+
+
+def _most_telling(quality: Array, count: int, decay: float) -> list[int]:
+    """Photos in the order of what each adds to those before it; a spot that a photo shows is worth less to the next."""
     chosen = list[int]()
-    gain = np.ones(len(spots))
-    while len(chosen) < min(most, int(worth.sum())):
+    gain = np.ones(quality.shape[1])
+    while len(chosen) < count:
         value = quality @ gain
         value[chosen] = -1.0
         best = int(np.argmax(value))
         chosen.append(best)
-        gain *= np.where(quality[best] > 0, _DECAY, 1.0)
-    twice = float(((quality[chosen] > 0).sum(0) >= 2).mean())
-    return ViewSelection(
-        chosen, float(shares[chosen].mean()), float(np.median(pixels[chosen])), twice, int((shares > 0).sum())
-    )
+        gain *= np.where(quality[best] > 0, decay, 1.0)
+    return chosen
 
 
 def _towards_neighbours(points: Array, hull: Hull, hulls: Sequence[Hull]) -> NDArray[np.bool_]:
