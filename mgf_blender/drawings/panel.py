@@ -3,30 +3,20 @@
 
 import bpy
 
-from ..common import runner
 from ..common.text import draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
-from ..properties import key_of
-from ..reconstruct.operators import last_job
-from ..reconstruct.panel import draw_job
-from ..reconstruct.start import has_job_file, job_folder
+from ..reconstruct.finished_job import draw_run, finished_job_panel
+from ..reconstruct.start import job_folder
 from .index import FOLDER, PAGE, read_index
 from .sections import find_sections
 
 
+@finished_job_panel
 class MGF_PT_drawings(bpy.types.Panel):
     """Orthophotos, elevations, sections and quantities of the finished job"""
 
     bl_idname = "MGF_PT_drawings"
     bl_label = "Drawings"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return has_job_file(context.scene, "deliver.json")
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, scene = self.layout, context.scene
@@ -44,14 +34,7 @@ class MGF_PT_drawings(bpy.types.Panel):
             _draw_sections(layout, scene)
         if draw_engine_missing(layout):
             return
-        job = last_job(scene, ("drawings",))
-        if job is None or not job.live:
-            row = layout.row()
-            row.scale_y = 1.4
-            row.operator("mgf.make_drawings", icon="GREASEPENCIL")
-        if job is not None:
-            draw_job(layout, job)
-        if not runner.live_job(key_of(scene), ("drawings",)):
+        if draw_run(layout, scene, ("drawings",), "mgf.make_drawings", "GREASEPENCIL"):
             _draw_pictures(layout, scene)
 
 

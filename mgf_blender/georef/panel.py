@@ -7,12 +7,9 @@ import math
 
 import bpy
 
-from ..common import runner
 from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
-from ..properties import key_of
-from ..reconstruct.operators import last_job
-from ..reconstruct.panel import draw_job
+from ..reconstruct.finished_job import draw_run, finished_job_panel
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.tree import Tree
 from . import files, place
@@ -26,19 +23,12 @@ _BY = {
 }
 
 
+@finished_job_panel
 class MGF_PT_georef(bpy.types.Panel):
     """True coordinates of the finished job: by GPS, control points or scale bars"""
 
     bl_idname = "MGF_PT_georef"
     bl_label = "Georeference"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return has_job_file(context.scene, "deliver.json")
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, scene = self.layout, context.scene
@@ -51,7 +41,6 @@ class MGF_PT_georef(bpy.types.Panel):
         column.prop(state, "scale_bars")
         if draw_engine_missing(layout):
             return
-        idle = not runner.live_job(key_of(scene), ("georef", "places"))
         if state.control_file:
             row = layout.row(align=True)
             row.operator("mgf.predict_places", icon="FILE_REFRESH")
@@ -59,16 +48,8 @@ class MGF_PT_georef(bpy.types.Panel):
         if len(state.points):
             text = tr("{points} points, {marks} marks", points=len(state.points), marks=len(state.marks))
             draw_sentence(layout, text, "TRACKER")
-        if idle:
-            row = layout.row()
-            row.scale_y = 1.4
-            row.operator("mgf.georeference", icon="WORLD")
-            if len(state.marks):
-                layout.operator("mgf.use_in_reconstruction", icon="HOME")
-        job = last_job(scene, ("georef", "places"))
-        if job is not None:
-            draw_job(layout, job)
-        if idle:
+        second = ("mgf.use_in_reconstruction", "HOME") if len(state.marks) else None
+        if draw_run(layout, scene, ("georef", "places"), "mgf.georeference", "WORLD", second):
             _draw_rows(layout, files.read_rows(job_folder(scene)))
             _draw_place(layout, scene)
 

@@ -5,27 +5,19 @@ import bpy
 
 from ..common.text import N_, tr
 from ..engine.status_label import draw_engine_missing
-from ..reconstruct.operators import last_job
-from ..reconstruct.panel import draw_job
+from ..reconstruct.finished_job import draw_run, finished_job_panel
 from ..reconstruct.start import has_job_file
 from ..scene_import.tree import Tree
 from .index import FILE, FOLDER
 from .lods import LEVEL_KEY, levels_of, shown_level
 
 
+@finished_job_panel
 class MGF_PT_models(bpy.types.Panel):
     """Levels of detail, solid and other models of the finished job"""
 
     bl_idname = "MGF_PT_models"
     bl_label = "Models"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return has_job_file(context.scene, "deliver.json")
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, scene = self.layout, context.scene
@@ -40,14 +32,8 @@ class MGF_PT_models(bpy.types.Panel):
             column.prop(wanted, "detail", text="Detail (cm)")
         if draw_engine_missing(layout):
             return
-        job = last_job(scene, ("models",))
-        if job is None or not job.live:
-            row = layout.row()
-            row.scale_y = 1.4
-            row.operator("mgf.make_models", icon="MOD_DECIM")
-        if job is not None:
-            draw_job(layout, job)
-        if has_job_file(scene, f"{FOLDER}/{FILE}") and (job is None or not job.live):
+        idle = draw_run(layout, scene, ("models",), "mgf.make_models", "MOD_DECIM")
+        if idle and has_job_file(scene, f"{FOLDER}/{FILE}"):
             _draw_levels(layout, Tree.find(scene))
 
 

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the panels for a finished job share: their place, when they show, the large button and the progress below it."""
+
+import bpy
+
+from ..common import runner
+from ..properties import key_of
+from .operators import last_job
+from .panel import draw_job
+from .start import has_job_file
+
+
+def finished_job_panel(cls: type[bpy.types.Panel]) -> type[bpy.types.Panel]:
+    """Put a panel into the sidebar, closed at first, and show it once the job has a mesh; a class decorator."""
+    cls.bl_space_type, cls.bl_region_type, cls.bl_category = "VIEW_3D", "UI", "MGF"
+    cls.bl_options = {"DEFAULT_CLOSED"}
+    cls.poll = classmethod(lambda cls, context: has_job_file(context.scene, "deliver.json"))
+    return cls
+
+
+def draw_run(
+    layout: bpy.types.UILayout,
+    scene: bpy.types.Scene,
+    kinds: tuple[str, ...],
+    operator: str,
+    icon: str,
+    second: tuple[str, str] | None = None,
+) -> bool:
+    """The button that starts a run, where none of these kinds goes on, and how the last one does or did.
+
+    Args:
+        second: operator and icon of a button below it.
+
+    Returns:
+        Whether none goes on.
+    """
+    idle = not runner.live_job(key_of(scene), kinds)
+    if idle:
+        row = layout.row()
+        row.scale_y = 1.4
+        row.operator(operator, icon=icon)
+        if second is not None:
+            layout.operator(second[0], icon=second[1])
+    job = last_job(scene, kinds)
+    if job is not None:
+        draw_job(layout, job)
+    return idle
