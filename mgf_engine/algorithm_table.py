@@ -92,7 +92,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("photometric", "mesh", "Refinement of depth maps by matching photos", "mesh.photometric:MatchOptions"),
     Algorithm("depth_smoothing", "mesh", "Smoothing of matched depth maps", "mesh.depth_smoothing:SmoothingOptions"),
     Algorithm("prior", "mesh", "Choice between the field and the starting surface", "mesh.prior:PriorOptions"),
-    Algorithm("tsdf", "mesh", "Fusion of depth maps into a signed distance", "mesh.tsdf:TsdfOptions"),
+    Algorithm("tsdf", "mesh", "Fusion of depth maps into a signed distance", "mesh.fusion_options:TsdfOptions"),
     Algorithm("mesh_refinement", "mesh", "Photometric refinement of the mesh", "mesh.refine:RefinementOptions"),
     Algorithm("planar", "mesh", "Projection of planar regions", "mesh.plane_detection:PlanarOptions", also=("drawings", "models")),
     Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mesh.colors:ColorOptions"),

@@ -24,6 +24,7 @@ from mgf_engine.mesh.component_filter import faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.face_visibility import count_pixels
+from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.holes import cap_rims, fill_holes
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.isosurface import FREE, find_level, march
@@ -38,7 +39,7 @@ from mgf_engine.mesh.prior import Prior, PriorOptions
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
-from mgf_engine.mesh.tsdf import FusionOptions, Photos, TsdfField, TsdfOptions, fuse_gaussians
+from mgf_engine.mesh.tsdf import Photos, TsdfField, fuse_gaussians
 from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_unobserved
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
@@ -111,7 +112,7 @@ def extract_mesh(
         BadInput: nothing is left to mesh; the message says at which step.
         Cancelled: the user asked to stop.
     """
-    times, options = times or PartTimes(), config.algorithm(ExtractionOptions)
+    times = times or PartTimes()
     trusted = find_trusted_views(scene, masks, config)
     reporter.progress(0.0)
     box = crop_of(config.crop_box, scene)
@@ -141,27 +142,31 @@ def extract_mesh(
             mesh = keep_clicked_parts(mesh, scene, masks, reporter)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with times.part("refinement"):
-        if config.match_photos and isinstance(field, OpacityField) and field.evidence is not None:
-            mesh = onto_surface(
-                mesh,
-                vertex_normals(mesh),
-                field.evidence,
-                ground_pixels(mesh, trusted.views),
-                RefinementOptions(reach=options.opacity_reach),
-            )
-        mesh = refine_mesh(mesh, trusted, config, reporter)
+        mesh = refine_mesh(move_onto_evidence(mesh, field, trusted, config), trusted, config, reporter)
     if config.flatten:
         with times.part("planes"):
             mesh = flatten(mesh, ground_pixels(mesh, trusted.views), config.algorithm(PlanarOptions))
     with times.part("colours"):
-        colored = color_from_photos(
-            crop_mesh(mesh, config, box), trusted.views, lambda i: scene.photo(trusted.indices[i]),
-            [building(label) for label in trusted.labels],
-            lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share), config.algorithm(ColorOptions),
-        )  # fmt: skip
-    log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(colored.faces))
+        mesh = color_mesh(crop_mesh(mesh, config, box), scene, trusted, config, reporter)
+    log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(mesh.faces))
     with times.part("reduction"):
-        return finish_mesh(simplify_mesh(colored, trusted.views, config, reporter), field, config)
+        return finish_mesh(simplify_mesh(mesh, trusted.views, config, reporter), field, config)
+
+
+def move_onto_evidence(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, config: Config) -> Mesh:
+    """The level set of the opacity moved onto what the matched depth maps show; of a fused surface as it is."""
+    if not (config.match_photos and isinstance(field, OpacityField) and field.evidence is not None):
+        return mesh
+    options = RefinementOptions(reach=config.algorithm(ExtractionOptions).opacity_reach)
+    return onto_surface(mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, trusted.views), options)
+
+
+def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, config: Config, reporter: Reporter) -> Mesh:
+    """The mesh with the colours that the photos show at its vertices."""
+    return color_from_photos(
+        mesh, trusted.views, lambda i: scene.photo(trusted.indices[i]), [building(label) for label in trusted.labels],
+        lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share), config.algorithm(ColorOptions),
+    )  # fmt: skip
 
 
 def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSet, options: ExtractionOptions) -> None:

@@ -18,9 +18,10 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
+from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.photometric import Surface
 from mgf_engine.mesh.prior import visible_surface
-from mgf_engine.mesh.tsdf import FusionOptions, Photos, TsdfField
+from mgf_engine.mesh.tsdf import Photos, TsdfField
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 

@@ -10,37 +10,29 @@ the minimum over views decides, and asking costs a look-up per view instead of a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.mesh.depth_smoothing import SmoothingOptions, smooth_depth
+from mgf_engine.mesh.depth_maps import CPU, DepthMap, Known, Progress, make_depth_maps, render_surface
+from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
-from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface, without_match
-from mgf_engine.mesh.prior import Prior, PriorOptions, choose_depths, combine_surfaces
+from mgf_engine.mesh.photometric import Surface
+from mgf_engine.mesh.prior import Prior
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import parallel
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.camera import pose_and_intrinsics
-from mgf_engine.raster.device import each_view
-from mgf_engine.raster.points import INSIDE, NEAR
+from mgf_engine.raster.points import NEAR
 
-CPU = torch.device("cpu")
-FAR = 1e6  # depth of what lies behind everything
-BYTES_PER_PIXEL = 150  # of a depth map while it is matched and smoothed (measured)
 CHUNK = 1 << 16  # points that are asked at a time, which bounds the memory
 
 T = TypeVar("T")
-Progress = Callable[[float], None]
 _SAMPLE = [
     ("weight", "<f4"),
     ("sum", "<f4"),
@@ -52,45 +44,6 @@ _VIEW = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
     for names, kind in (("labels map rows height width", "<i8"), ("band least_slope", "<f8"))
     for name in names.split()
 ]
-
-
-@dataclass(frozen=True)
-class TsdfOptions:
-    """Options of the fusion of depth maps."""
-
-    band: float = parameter(
-        2.0, "Half width of the band in which distances are known, at the depth of the surface", "px"
-    )
-    jump: float = parameter(0.01, "Difference of neighbouring depths of one surface, as a share of the depth", low=1e-6)
-    mixed: float = parameter(
-        0.01, "Difference of mean and median depth beyond which a pixel shows several surfaces, as a share of the depth"
-    )
-    min_alpha: float = parameter(0.5, "Minimum opacity of a pixel that shows a surface", high=1)
-    through: float = parameter(0.2, "Opacity below which a view looks past the field", high=1)
-    through_weight: float = parameter(0.25, "Weight of such a pixel, as a share of the median weight")
-    unmatched: float = parameter(0.2, "Weight of a depth without a match; a matched depth weighs 1")
-    least_slope: float = parameter(
-        0.1, "Minimum distance along the normal per unit of depth, for surfaces seen from the side", low=1e-6
-    )
-    confirmed: float = parameter(
-        0.5, "Distance from the views' surface beyond which the mesh is unconfirmed, as a share of the band", high=1
-    )
-    full_views: int = parameter(3, "Number of photos that must show a place for full confidence", low=1)
-    outvoted: int = parameter(
-        3,
-        "Views with a surface just before a point that outvote those that see it free, per square of their number",
-    )
-    calibration_points: int = parameter(50, "Minimum number of sparse points that calibrate the level", low=1)
-
-
-@dataclass(frozen=True)
-class FusionOptions:
-    """All options of depth maps and their fusion; ``smoothing`` None leaves depths as matched."""
-
-    tsdf: TsdfOptions = TsdfOptions()
-    match: MatchOptions = MatchOptions()
-    prior: PriorOptions = PriorOptions()
-    smoothing: SmoothingOptions | None = None
 
 
 @dataclass(frozen=True)
@@ -106,32 +59,11 @@ class Photos:
     neighbours: Sequence[Sequence[int]]
 
 
-@dataclass(frozen=True)
-class DepthMap:
-    """A view's surface where its mask says INSIDE, and one pixel around: a building fills less than half of its photos.
-
-    Attributes:
-        mask: uint8 [H, W].
-        rows: int64 [H]; pixel (x, y) is ``pixels[rows[y] + x]``.
-        pixels: [P, 4] depth, slope (distance along the normal per unit of depth), weight, likeness.
-    """
-
-    view: View
-    mask: NDArray[np.uint8]
-    rows: NDArray[np.int64]
-    pixels: NDArray[np.float32]
-
-
 class TsdfField:
     """Signed distance of a surface, fused from the depth maps of all views.
 
     Args:
-        show: number of a view -> the surface it shows; asked once for each while it is needed.
-        masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
-        neighbours: per view the numbers of those to move its depths with to where their photos look most alike.
-        options: of the matching, the smoothing and the fusion.
-        device: where ``show`` draws.
-        prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
+        show, masks, neighbours, options, progress, device, prior: as :func:`make_depth_maps` takes them.
         hull: whether what several masks call background is free, whatever the depths say.
     """
 
@@ -143,50 +75,12 @@ class TsdfField:
         options: FusionOptions = FusionOptions(),
         progress: Progress = lambda share: None,
         device: torch.device = CPU,
-        prior: Callable[[int], tuple[Surface, NDArray[np.float32]]] | None = None,
+        prior: Known | None = None,
         hull: bool = True,
     ) -> None:
         self.offset, self.options, self.hull = 0.0, options.tsdf, hull
         self.band = self.options.band
-        near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
-        left = np.bincount([k for number in range(len(masks)) for k in (number, *near[number])], minlength=len(masks))
-        surfaces: dict[int, Surface] = {}  # only those that a view still to come is matched with
-        before: dict[int, tuple[Surface, NDArray[np.float32]]] = {}  # and what they show of the prior
-        first_needed = list(dict.fromkeys(k for number in range(len(masks)) for k in (number, *near[number])))
-        shown = each_view(show, first_needed, device)
-
-        def needed() -> Iterator[_Asked]:
-            for number, mask in enumerate(masks):
-                wanted = number, *near[number]
-                for k in wanted:
-                    if k not in surfaces:
-                        surfaces[k] = next(shown)
-                        if prior is not None:
-                            before[k] = prior(k)
-                            surfaces[k] = combine_surfaces(surfaces[k], *before[k], options.prior)
-                yield _Asked(mask, [surfaces[k] for k in wanted], [before[k] for k in wanted if k in before])
-                for k in wanted:
-                    left[k] -= 1
-                    if left[k] == 0:
-                        del surfaces[k]
-                        before.pop(k, None)
-
-        def matched(asked: _Asked) -> DepthMap:
-            surface, *others = asked.surfaces
-            found = match_surface(surface, others, options.match) if others else without_match(surface)
-            if asked.prior:
-                (known, sure), *rest = asked.prior
-                surface, found = choose_depths(
-                    surface, known, sure, found, [other for other, _ in rest], options.match, options=options.prior
-                )
-            if options.smoothing is not None:
-                found = replace(found, depth=smooth_depth(surface.depth, found, options.smoothing))
-            return depth_map(surface, asked.mask, found, options.tsdf)
-
-        self.maps: list[DepthMap] = []
-        for m in parallel_map(matched, needed(), bytes_each=BYTES_PER_PIXEL * max((m.size for m in masks), default=0)):
-            progress(len(self.maps) / len(masks))
-            self.maps.append(m)
+        self.maps = make_depth_maps(show, masks, neighbours, options, progress, device, prior)
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
         """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
@@ -284,15 +178,6 @@ class TsdfField:
         return (*pose_and_intrinsics(m.view), *arrays, *numbers)
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """A view's mask, what it and its neighbours show, and what they show of the prior with how sure that is."""
-
-    mask: NDArray[np.uint8]
-    surfaces: list[Surface]
-    prior: list[tuple[Surface, NDArray[np.float32]]]
-
-
 def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[Any]:
     return np.concatenate([np.zeros(0, kind), *chunks])
 
@@ -333,72 +218,3 @@ def fuse_gaussians(
         show, masks, photos.neighbours if photos else (), options, progress, gaussians.positions.device,
         known if prior is not None and photos is not None else None, hull,
     )  # fmt: skip
-
-
-def render_surface(
-    gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None, options: TsdfOptions = TsdfOptions()
-) -> Surface:
-    """What the field shows in a view, where it covers the pixel at all, with the photo's brightness beside it."""
-    with torch.no_grad():
-        seen = render(gaussians, Camera.from_view(view), sh_degree=0).cpu()
-    assert seen.median is not None and seen.normal is not None
-    alpha = seen.alpha.numpy()
-    depth = _surface_depth(seen.median.numpy(), seen.depth.numpy() / np.maximum(alpha, 1e-6), options.mixed)
-    normal = seen.normal.numpy() / np.maximum(np.linalg.norm(seen.normal.numpy(), axis=0), 1e-6)
-    depth = np.where((alpha >= options.min_alpha) & (depth > NEAR), depth, 0.0).astype(np.float32)
-    grey = np.zeros(depth.shape, np.uint8) if grey is None else grey
-    return Surface(view, grey, depth, np.ascontiguousarray(normal.transpose(1, 2, 0)), alpha < options.through)
-
-
-def depth_map(
-    surface: Surface, mask: NDArray[np.uint8], matched: Matched, options: TsdfOptions = TsdfOptions()
-) -> DepthMap:
-    """A rendered surface as the fusion asks for it, with its matched depth and how far each pixel may be trusted."""
-    view, normal, depth = surface.view, surface.normal, matched.depth
-    trust = options.unmatched if matched.trust is None else matched.trust
-    u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
-    v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
-    slope = np.clip(
-        -(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), options.least_slope, None
-    )
-    weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth, options.jump), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, trust)
-    shown = depth > 0
-    weight = np.where(shown, weight, 0.0)
-    if shown.any():  # where the view looks past everything, all along the ray is free
-        weight[surface.through] = options.through_weight * np.median(weight[shown])
-    depth, slope = np.where(surface.through, FAR, depth), np.where(surface.through, 1.0, slope)
-    rows, kept = _spans(mask == INSIDE)
-    return DepthMap(
-        view, mask, rows, np.stack([a[kept] for a in (depth, slope, weight, matched.likeness)], -1, dtype=np.float32)
-    )
-
-
-def _spans(inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """In each row the pixels from the first to the last that is inside or beside one that is.
-
-    Returns:
-        Where pixel 0 of each row would lie in a list of those pixels, int64 [H]; and which they are, bool [H, W].
-    """
-    width = inside.shape[1]
-    full = inside.any(1)
-    first = np.where(full, inside.argmax(1) - 1, width)
-    last = np.where(full, width - inside[:, ::-1].argmax(1), -1)
-    first = np.maximum(minimum_filter1d(first, 3, mode="nearest"), 0)
-    last = np.minimum(maximum_filter1d(last, 3, mode="nearest"), width - 1)
-    length = np.maximum(last - first + 1, 0)
-    columns = np.arange(width)
-    kept = (columns >= first[:, None]) & (columns <= last[:, None])
-    return (np.cumsum(length) - length - first).astype(np.int64), kept
-
-
-def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32], mixed: float) -> NDArray[np.float32]:
-    """The mean depth, which is smooth, where it tells of the same surface as the median, which never mixes two."""
-    return np.where(np.abs(mean - median) < mixed * median, mean, median)
-
-
-def _rim(depth: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
-    """Pixels next to a jump in depth, where the surface seen is uncertain."""
-    kernel = np.ones((3, 3), np.uint8)
-    spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * jump * depth
-    return spread

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mgf_engine.mesh.depth_maps import depth_map
+from mgf_engine.mesh.fusion_options import TsdfOptions
 from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface
 from mgf_engine.mesh.prior import Prior, PriorOptions, choose_depths, combine_surfaces
-from mgf_engine.mesh.tsdf import TsdfOptions, depth_map
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.raster.points import INSIDE
 from tests.mesh.test_photometric import SIZE, view

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from support.analytic import HEIGHT, WIDTH, camera, ring
 
-from mgf_engine.mesh import tsdf
+from mgf_engine.mesh import depth_maps
+from mgf_engine.mesh.depth_maps import DepthMap
+from mgf_engine.mesh.fusion_options import TsdfOptions
 from mgf_engine.mesh.isosurface import FREE, SOLID
 from mgf_engine.mesh.photometric import Surface
-from mgf_engine.mesh.tsdf import DepthMap, TsdfField, TsdfOptions
+from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.scene import View
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
 
@@ -82,7 +84,7 @@ def test_maps_cut_to_their_masks_answer_as_whole_ones(monkeypatch: pytest.Monkey
     cut = wall_field(5, masks)
     with monkeypatch.context() as patch:
         whole_rows = np.arange(HEIGHT) * WIDTH
-        patch.setattr(tsdf, "_spans", lambda inside: (whole_rows, np.ones_like(inside)))
+        patch.setattr(depth_maps, "_spans", lambda inside: (whole_rows, np.ones_like(inside)))
         whole = wall_field(5, masks)
     assert sum(m.pixels.nbytes for m in cut.maps) < 0.8 * sum(m.pixels.nbytes for m in whole.maps)
     np.testing.assert_array_equal(cut.distance(points), whole.distance(points))
@@ -95,14 +97,14 @@ def test_maps_cut_to_their_masks_answer_as_whole_ones(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("seed", range(5))
 def test_spans_hold_what_is_inside_and_its_neighbours(seed: int) -> None:
     inside = blobs(seed) == INSIDE
-    rows, kept = tsdf._spans(inside)
+    rows, kept = depth_maps._spans(inside)
     assert (kept | ~cv2.dilate(inside.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)).all()
     y, x = np.nonzero(kept)
     assert (rows[y] + x == np.arange(len(y))).all()
 
 
 def test_a_mask_without_an_inside_needs_no_map() -> None:
-    assert not tsdf._spans(np.zeros((4, 5), bool))[1].any()
+    assert not depth_maps._spans(np.zeros((4, 5), bool))[1].any()
 
 
 def plain_samples(

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Depth maps of all views: rendered from the field, matched between photos, smoothed, with a weight for each pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from mgf_engine.mesh.depth_smoothing import smooth_depth
+from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
+from mgf_engine.mesh.photometric import Matched, Surface, match_surface, without_match
+from mgf_engine.mesh.prior import PriorOptions, choose_depths, combine_surfaces
+from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.model.scene import View
+from mgf_engine.native.parallel import parallel_map
+from mgf_engine.raster.api import Camera, render
+from mgf_engine.raster.device import each_view
+from mgf_engine.raster.points import INSIDE, NEAR
+
+CPU = torch.device("cpu")
+FAR = 1e6  # depth of what lies behind everything
+BYTES_PER_PIXEL = 150  # of a depth map while it is matched and smoothed (measured)
+
+Progress = Callable[[float], None]
+#: Number of a view -> what it shows of a surface known before, and how sure that is [H, W].
+Known = Callable[[int], tuple[Surface, NDArray[np.float32]]]
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """A view's surface where its mask says INSIDE, and one pixel around: a building fills less than half of its photos.
+
+    Attributes:
+        mask: uint8 [H, W].
+        rows: int64 [H]; pixel (x, y) is ``pixels[rows[y] + x]``.
+        pixels: [P, 4] depth, slope (distance along the normal per unit of depth), weight, likeness.
+    """
+
+    view: View
+    mask: NDArray[np.uint8]
+    rows: NDArray[np.int64]
+    pixels: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A view's mask, what it and its neighbours show, and what they show of the prior with how sure that is."""
+
+    mask: NDArray[np.uint8]
+    surfaces: list[Surface]
+    prior: list[tuple[Surface, NDArray[np.float32]]]
+
+
+def make_depth_maps(
+    show: Callable[[int], Surface],
+    masks: Sequence[NDArray[np.uint8]],
+    neighbours: Sequence[Sequence[int]] = (),
+    options: FusionOptions = FusionOptions(),
+    progress: Progress = lambda share: None,
+    device: torch.device = CPU,
+    prior: Known | None = None,
+) -> list[DepthMap]:
+    """Depth maps of all views: each as shown, moved to where its photo and its neighbours' look most alike, smoothed.
+
+    Args:
+        show: number of a view -> the surface it shows; asked once for each while it is needed.
+        masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
+        neighbours: per view the numbers of those to match with; empty for no matching.
+        options: of the matching, the smoothing and the fusion.
+        device: where ``show`` draws.
+        prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
+    """
+    near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
+    asked = _views_with_neighbours(show, masks, near, options.prior, device, prior)
+    each = BYTES_PER_PIXEL * max((mask.size for mask in masks), default=0)
+    maps: list[DepthMap] = []
+    for found in parallel_map(lambda view: _match(view, options), asked, bytes_each=each):
+        progress(len(maps) / len(masks))
+        maps.append(found)
+    return maps
+
+
+def _views_with_neighbours(
+    show: Callable[[int], Surface],
+    masks: Sequence[NDArray[np.uint8]],
+    near: Sequence[list[int]],
+    options: PriorOptions,
+    device: torch.device,
+    prior: Known | None,
+) -> Iterator[_Asked]:
+    """Each view with its neighbours; a surface is kept only as long as a view still to come is matched with it."""
+    wanted = [(number, *near[number]) for number in range(len(masks))]
+    in_order = [k for numbers in wanted for k in numbers]
+    left = np.bincount(in_order, minlength=len(masks))
+    shown = each_view(show, list(dict.fromkeys(in_order)), device)
+    surfaces: dict[int, Surface] = {}
+    before: dict[int, tuple[Surface, NDArray[np.float32]]] = {}  # and what they show of the prior
+    for numbers, mask in zip(wanted, masks, strict=True):
+        for k in numbers:
+            if k not in surfaces:
+                surfaces[k] = next(shown)
+                if prior is not None:
+                    before[k] = prior(k)
+                    surfaces[k] = combine_surfaces(surfaces[k], *before[k], options)
+        yield _Asked(mask, [surfaces[k] for k in numbers], [before[k] for k in numbers if k in before])
+        for k in numbers:
+            left[k] -= 1
+            if left[k] == 0:
+                del surfaces[k]
+                before.pop(k, None)
+
+
+def _match(asked: _Asked, options: FusionOptions) -> DepthMap:
+    """The depth map of one view."""
+    surface, *others = asked.surfaces
+    found = match_surface(surface, others, options.match) if others else without_match(surface)
+    if asked.prior:
+        (known, sure), *rest = asked.prior
+        surface, found = choose_depths(
+            surface, known, sure, found, [other for other, _ in rest], options.match, options=options.prior
+        )
+    if options.smoothing is not None:
+        found = replace(found, depth=smooth_depth(surface.depth, found, options.smoothing))
+    return depth_map(surface, asked.mask, found, options.tsdf)
+
+
+def render_surface(
+    gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None, options: TsdfOptions = TsdfOptions()
+) -> Surface:
+    """What the field shows in a view, where it covers the pixel at all, with the photo's brightness beside it."""
+    with torch.no_grad():
+        seen = render(gaussians, Camera.from_view(view), sh_degree=0).cpu()
+    assert seen.median is not None and seen.normal is not None
+    alpha = seen.alpha.numpy()
+    depth = _surface_depth(seen.median.numpy(), seen.depth.numpy() / np.maximum(alpha, 1e-6), options.mixed)
+    normal = seen.normal.numpy() / np.maximum(np.linalg.norm(seen.normal.numpy(), axis=0), 1e-6)
+    depth = np.where((alpha >= options.min_alpha) & (depth > NEAR), depth, 0.0).astype(np.float32)
+    grey = np.zeros(depth.shape, np.uint8) if grey is None else grey
+    return Surface(view, grey, depth, np.ascontiguousarray(normal.transpose(1, 2, 0)), alpha < options.through)
+
+
+def depth_map(
+    surface: Surface, mask: NDArray[np.uint8], matched: Matched, options: TsdfOptions = TsdfOptions()
+) -> DepthMap:
+    """A rendered surface as the fusion asks for it, with its matched depth and how far each pixel may be trusted."""
+    view, normal, depth = surface.view, surface.normal, matched.depth
+    trust = options.unmatched if matched.trust is None else matched.trust
+    u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
+    v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    slope = np.clip(
+        -(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), options.least_slope, None
+    )
+    weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
+    weight *= np.where(_rim(depth, options.jump), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, trust)
+    shown = depth > 0
+    weight = np.where(shown, weight, 0.0)
+    if shown.any():  # where the view looks past everything, all along the ray is free
+        weight[surface.through] = options.through_weight * np.median(weight[shown])
+    depth, slope = np.where(surface.through, FAR, depth), np.where(surface.through, 1.0, slope)
+    rows, kept = _spans(mask == INSIDE)
+    return DepthMap(
+        view, mask, rows, np.stack([a[kept] for a in (depth, slope, weight, matched.likeness)], -1, dtype=np.float32)
+    )
+
+
+def _spans(inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """In each row the pixels from the first to the last that is inside or beside one that is.
+
+    Returns:
+        Where pixel 0 of each row would lie in a list of those pixels, int64 [H]; and which they are, bool [H, W].
+    """
+    width = inside.shape[1]
+    full = inside.any(1)
+    first = np.where(full, inside.argmax(1) - 1, width)
+    last = np.where(full, width - inside[:, ::-1].argmax(1), -1)
+    first = np.maximum(minimum_filter1d(first, 3, mode="nearest"), 0)
+    last = np.minimum(maximum_filter1d(last, 3, mode="nearest"), width - 1)
+    length = np.maximum(last - first + 1, 0)
+    columns = np.arange(width)
+    kept = (columns >= first[:, None]) & (columns <= last[:, None])
+    return (np.cumsum(length) - length - first).astype(np.int64), kept
+
+
+def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32], mixed: float) -> NDArray[np.float32]:
+    """The mean depth, which is smooth, where it tells of the same surface as the median, which never mixes two."""
+    return np.where(np.abs(mean - median) < mixed * median, mean, median)
+
+
+def _rim(depth: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
+    """Pixels next to a jump in depth, where the surface seen is uncertain."""
+    kernel = np.ones((3, 3), np.uint8)
+    spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * jump * depth
+    return spread
