@@ -24,6 +24,7 @@ from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
+from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.propagate import PropagationOptions, make_hints
 from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
@@ -158,14 +159,14 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
 
 def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Config) -> Segment:
     regions, options = cut_regions(photo, config.algorithm(SuperpixelOptions)), config.algorithm(PropagationOptions)
-    walker = LabelPropagation(
+    graph = LabelGraph(
         scene,
         [regions],
         measure_point_features(scene, options=config.algorithm(PointFeatureOptions)),
         options=config.algorithm(RandomWalkerOptions),
         sky=config.algorithm(SkyOptions),
-        extent=config.algorithm(ExtentOptions),
     )
+    walker = LabelPropagation(graph, config.algorithm(ExtentOptions))
     segmenter = choose_segmenter(config, default_folder().parent)
 
     def answer(given: Clicks) -> tuple[Segment, Hints]:

@@ -18,6 +18,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
+from mgf_engine.mesh.depth_maps import make_depth_maps
 from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.photometric import Surface
 from mgf_engine.mesh.prior import visible_surface
@@ -98,7 +99,7 @@ def _matched(
     def show(number: int) -> Surface:
         return render_surface(mesh, normals, views[number], photos.grey(number))
 
-    return TsdfField(show, masks, photos.neighbours, options, progress)
+    return TsdfField(make_depth_maps(show, masks, photos.neighbours, options, progress), options.tsdf)
 
 
 def onto_surface(

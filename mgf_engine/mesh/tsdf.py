@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.depth_maps import CPU, DepthMap, Known, Progress, make_depth_maps, render_surface
-from mgf_engine.mesh.fusion_options import FusionOptions
+from mgf_engine.mesh.depth_maps import DepthMap, Progress, make_depth_maps, render_surface
+from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.photometric import Surface
@@ -63,24 +62,13 @@ class TsdfField:
     """Signed distance of a surface, fused from the depth maps of all views.
 
     Args:
-        show, masks, neighbours, options, progress, device, prior: as :func:`make_depth_maps` takes them.
+        maps: as :func:`mgf_engine.mesh.depth_maps.make_depth_maps` makes them.
         hull: whether what several masks call background is free, whatever the depths say.
     """
 
-    def __init__(
-        self,
-        show: Callable[[int], Surface],
-        masks: Sequence[NDArray[np.uint8]],
-        neighbours: Sequence[Sequence[int]] = (),
-        options: FusionOptions = FusionOptions(),
-        progress: Progress = lambda share: None,
-        device: torch.device = CPU,
-        prior: Known | None = None,
-        hull: bool = True,
-    ) -> None:
-        self.offset, self.options, self.hull = 0.0, options.tsdf, hull
-        self.band = self.options.band
-        self.maps = make_depth_maps(show, masks, neighbours, options, progress, device, prior)
+    def __init__(self, maps: list[DepthMap], options: TsdfOptions = TsdfOptions(), hull: bool = True) -> None:
+        self.maps, self.options, self.hull = maps, options, hull
+        self.offset, self.band = 0.0, options.band
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
         """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
@@ -214,7 +202,8 @@ def fuse_gaussians(
         assert prior is not None and photos is not None
         return prior.seen_from(views[number], photos.grey(number))
 
-    return TsdfField(
+    maps = make_depth_maps(
         show, masks, photos.neighbours if photos else (), options, progress, gaussians.positions.device,
-        known if prior is not None and photos is not None else None, hull,
+        known if prior is not None and photos is not None else None,
     )  # fmt: skip
+    return TsdfField(maps, options.tsdf, hull)

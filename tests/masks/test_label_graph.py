@@ -12,6 +12,7 @@ import pytest
 from mgf_engine.masks.geometry.building_extent import ViewRegions
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.prompts import Clicks
+from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.masks.propagation.superpixels import Regions
@@ -69,7 +70,7 @@ def graph_of(
         np.array([0.0, -1.0, 0.0]), np.ones(count), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros(count),
         np.zeros(count), np.array(pairs, np.int64).reshape(-1, 2), np.ones(len(pairs)), np.zeros(count, bool),
     )  # fmt: skip
-    return LabelPropagation(scene, photos, shape)
+    return LabelPropagation(LabelGraph(scene, photos, shape))
 
 
 def joined(walker: LabelPropagation, values: dict[int, float]) -> np.ndarray:

@@ -7,6 +7,7 @@ import pytest
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.masks.geometry.point_features import measure_point_features
 from mgf_engine.masks.prompts import Clicks
+from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.superpixels import cut_regions
 from mgf_engine.model.scene import Scene
@@ -16,9 +17,8 @@ VIEW = 3
 
 @pytest.fixture(scope="module")
 def walker(scene: Scene) -> LabelPropagation:
-    return LabelPropagation(
-        scene, [cut_regions(scene.photo(i)) for i in range(len(scene.views))], measure_point_features(scene)
-    )
+    regions = [cut_regions(scene.photo(i)) for i in range(len(scene.views))]
+    return LabelPropagation(LabelGraph(scene, regions, measure_point_features(scene)))
 
 
 @pytest.mark.parametrize(

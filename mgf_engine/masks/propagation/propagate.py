@@ -23,6 +23,7 @@ from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measur
 from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of, vegetation_probability
+from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.prompt_agreement import PromptAgreementOptions, drop_confirmed
 from mgf_engine.masks.propagation.prompt_messages import PromptMessages
 from mgf_engine.masks.propagation.prompt_outliers import (
@@ -119,11 +120,11 @@ class _Work:
         self.reporter.progress(0.4)
         up = find_up(self.scene, (), self.threads).vector
         self.shape = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
-        self.walker = LabelPropagation(
+        self.graph = LabelGraph(
             self.scene, self.regions, self.shape, self.threads, self.full, self.config.algorithm(RandomWalkerOptions),
-            self.config.algorithm(SkyOptions), self.config.algorithm(ExtentOptions),
+            self.config.algorithm(SkyOptions),
         )  # fmt: skip
-        self.graph = self.walker.graph
+        self.walker = LabelPropagation(self.graph, self.config.algorithm(ExtentOptions))
         doubts = self._drop_doubtful()
         self.probability = self.walker.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)

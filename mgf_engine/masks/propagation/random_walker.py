@@ -21,15 +21,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.ground_plane import Ground
-from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, Mixture, fit_mixture, log_ratio
 from mgf_engine.masks.propagation.geometric_odds import GeometricOdds
 from mgf_engine.masks.propagation.label_graph import LabelGraph
-from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
-from mgf_engine.masks.propagation.sky_regions import SkyOptions
-from mgf_engine.masks.propagation.superpixels import Regions
-from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
@@ -51,31 +46,16 @@ class BuildingProbability:
 class LabelPropagation:
     """The graph of a scene and the random walk on it; built once, asked with different clicks.
 
-    Args:
-        full: the scene with points added behind its own. Those observed in superpixels that are probably the building
-            tell where it is.
-
     Attributes:
         graph: nodes and edges.
         geometry: evidence of where the building is.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        regions: Sequence[Regions],
-        shape: PointFeatures,
-        threads: int = 1,
-        full: Scene | None = None,
-        options: RandomWalkerOptions = RandomWalkerOptions(),
-        sky: SkyOptions = SkyOptions(),
-        extent: ExtentOptions = ExtentOptions(),
-    ) -> None:
-        self.options = options
-        self.graph = LabelGraph(scene, regions, shape, threads, full, options, sky)
-        self.geometry = GeometricOdds(self.graph, extent)
-        counts = [self.graph.region_count, self.graph.point_count]
-        self.evidence_weight = np.repeat([options.evidence_weight, options.point_evidence_weight], counts)
+    def __init__(self, graph: LabelGraph, extent: ExtentOptions = ExtentOptions()) -> None:
+        self.graph, self.options = graph, graph.options
+        self.geometry = GeometricOdds(graph, extent)
+        counts = [graph.region_count, graph.point_count]
+        self.evidence_weight = np.repeat([self.options.evidence_weight, self.options.point_evidence_weight], counts)
 
     def solve(
         self, prompts: Prompts, seed: int = 0, rounds: int | None = None, views: Sequence[int] | None = None
