@@ -101,6 +101,8 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("low_confidence_fill", "mesh", "Membrane over dents that no photo confirms", "mesh.low_confidence_fill:LowConfidenceFillOptions"),
     Algorithm("unobserved_volumes", "mesh", "Removal of volumes that no photo shows", "mesh.unobserved_volumes:UnobservedVolumeOptions"),
     Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mesh.extract:ExtractionOptions"),
+    Algorithm("tetrahedra", "mesh", "Points that the tetrahedra join", "mesh.tetrahedra:TetrahedraOptions"),
+    Algorithm("component_filter", "mesh", "Parts of the mesh that no click belongs to", "mesh.component_filter:ComponentFilterOptions"),
     # deliver
     Algorithm("texture_visibility", "deliver", "Photos that show a face", "texture.visibility:VisibilityOptions", also=("drawings", "models")),
     Algorithm("texture_views", "deliver", "Choice of the photo that paints a face", "texture.view_selection:ViewSelectionOptions", also=("drawings", "models")),

@@ -7,11 +7,13 @@ Sparse points on plain walls lie too far from each other to tell where a buildin
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import parts
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.masks.points import pixel_at
@@ -19,11 +21,22 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
 
-#: Share of the diagonal of what was clicked: what is nearer to it belongs to it; a tree may hide what joins them.
-NEAR = 0.1
+
+@dataclass(frozen=True)
+class ComponentFilterOptions:
+    """Options of the parts that are kept."""
+
+    near: float = parameter(
+        0.1, "Distance between parts that belong together, as a share of the diagonal of the clicked part", high=1
+    )
 
 
-def faces_near_clicks(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArray[np.floating]]) -> NDArray[np.bool_]:
+def faces_near_clicks(
+    mesh: Mesh,
+    views: Sequence[View],
+    clicks: Sequence[NDArray[np.floating]],
+    options: ComponentFilterOptions = ComponentFilterOptions(),
+) -> NDArray[np.bool_]:
     """Faces of the parts that were clicked, and of those near to them, or near to such, bool [F].
 
     Args:
@@ -43,7 +56,7 @@ def faces_near_clicks(mesh: Mesh, views: Sequence[View], clicks: Sequence[NDArra
     if not len(hit) or kept.all():
         return np.ones(len(mesh.faces), bool)
     first = mesh.vertices[mesh.faces[kept[part]].ravel()]
-    near = NEAR * float(np.linalg.norm(first.max(0) - first.min(0)))
+    near = options.near * float(np.linalg.norm(first.max(0) - first.min(0)))
     corners = {p: mesh.vertices[np.unique(mesh.faces[part == p])] for p in np.flatnonzero(~kept).tolist()}
     new = first
     while len(new):

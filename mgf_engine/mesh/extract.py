@@ -20,7 +20,7 @@ from mgf_engine.geometry.delaunay import begun
 from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
-from mgf_engine.mesh.component_filter import faces_near_clicks
+from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.face_visibility import count_pixels
@@ -38,7 +38,7 @@ from mgf_engine.mesh.plane_detection import PlanarOptions
 from mgf_engine.mesh.prior import Prior, PriorOptions
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
-from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
+from mgf_engine.mesh.tetrahedra import TetrahedraOptions, TetraPoints, beside_surface, tetra_points
 from mgf_engine.mesh.tsdf import Photos, TsdfField, fuse_gaussians
 from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_unobserved
 from mgf_engine.messages import Reporter
@@ -118,11 +118,11 @@ def extract_mesh(
     box = crop_of(config.crop_box, scene)
     with times.part("points"):
         kept = screen(gaussians, scene, masks, config)
-        spanned = tetra_points(kept if box is None else select_near_box(kept, box))
+        spanned = tetra_points(kept if box is None else select_near_box(kept, box), config.algorithm(TetrahedraOptions))
         prior = None
         if start is not None and trusted.photos is not None:
             prior = Prior(start.mesh, start.sure)
-            spanned = beside_surface(spanned, start.mesh, start.pixel, box)
+            spanned = beside_surface(spanned, start.mesh, start.pixel, box, config.algorithm(TetrahedraOptions))
     with begun(spanned.points) as made:
         with times.part("depth maps"):
             field = surface_field(kept, trusted, config, reporter, prior)
@@ -139,7 +139,7 @@ def extract_mesh(
         voting = trusted.labels if config.use_masks and config.face_votes else None
         mesh = clean_level_set(mesh, field, trusted.views, config, voting)
         if config.drop_unseen:
-            mesh = keep_clicked_parts(mesh, scene, masks, reporter)
+            mesh = keep_clicked_parts(mesh, scene, masks, reporter, config.algorithm(ComponentFilterOptions))
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with times.part("refinement"):
         mesh = refine_mesh(move_onto_evidence(mesh, field, trusted, config), trusted, config, reporter)
@@ -342,11 +342,17 @@ def clean_level_set(
     return clean.smooth(mesh, config.smoothing)
 
 
-def keep_clicked_parts(mesh: Mesh, scene: Scene, masks: MaskSet, reporter: Reporter) -> Mesh:
+def keep_clicked_parts(
+    mesh: Mesh,
+    scene: Scene,
+    masks: MaskSet,
+    reporter: Reporter,
+    options: ComponentFilterOptions = ComponentFilterOptions(),
+) -> Mesh:
     """The mesh less what stands apart from all that was clicked; all of it where the masks are not from clicks."""
     if not masks.clicks:
         return mesh
-    kept = faces_near_clicks(mesh, scene.views, masks.clicks)
+    kept = faces_near_clicks(mesh, scene.views, masks.clicks, options)
     if kept.all():
         return mesh
     areas = clean.face_areas(mesh)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.model.gaussians import Gaussians
@@ -23,12 +24,22 @@ from mgf_engine.raster.points import deviations
 from mgf_engine.scene.crop import CropBox
 from mgf_engine.start.samples import sample_poisson_disk
 
-MAX_SIGMA = 3.0
 MERGE = 1e-6  # of the points' bounding box: nearer points become one
 
-BESIDE_SPACING, BESIDE_OFF, BESIDE_NEAR = 3.0, 1.5, 2.0  # px: between points beside a surface, off it, to Gaussians
 
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # [8, 3]
+
+
+@dataclass(frozen=True)
+class TetrahedraOptions:
+    """Options of the points that the tetrahedra join."""
+
+    reach: float = parameter(3.0, "Largest half side of a Gaussian's box, in standard deviations", low=0.1)
+    spacing: float = parameter(3.0, "Distance between points beside the starting surface", "ground px", low=0.1)
+    off: float = parameter(1.5, "Distance of those points from the surface", "ground px", low=0.01)
+    near: float = parameter(
+        2.0, "Distance to a point of a Gaussian within which the surface needs no points of its own", "ground px"
+    )
 
 
 @dataclass(frozen=True)
@@ -44,7 +55,7 @@ class TetraPoints:
     extent: NDArray[np.float64]
 
 
-def tetra_points(gaussians: Gaussians) -> TetraPoints:
+def tetra_points(gaussians: Gaussians, options: TetrahedraOptions = TetrahedraOptions()) -> TetraPoints:
     """Centres and box corners of the visible Gaussians, nearly equal ones merged.
 
     Raises:
@@ -55,7 +66,7 @@ def tetra_points(gaussians: Gaussians) -> TetraPoints:
     if not visible.any():
         raise BadInput("No Gaussian is opaque enough to make a surface; train longer or check the masks.")
     centres = gaussians.positions.detach().double().numpy()[visible]
-    reach = np.minimum(MAX_SIGMA, np.sqrt(2 * np.log(255 * opacity[visible])))
+    reach = np.minimum(options.reach, np.sqrt(2 * np.log(255 * opacity[visible])))
     half_axes = deviations(gaussians)[visible] * reach[:, None, None]
     offsets = np.einsum("nij,cj->nci", half_axes, _CORNERS)
     points = np.concatenate([centres[:, None], centres[:, None] + offsets], 1).reshape(-1, 3)
@@ -63,20 +74,26 @@ def tetra_points(gaussians: Gaussians) -> TetraPoints:
     return _merge(points, extent)
 
 
-def beside_surface(spanned: TetraPoints, mesh: Mesh, pixel: float, box: CropBox | None = None) -> TetraPoints:
+def beside_surface(
+    spanned: TetraPoints,
+    mesh: Mesh,
+    pixel: float,
+    box: CropBox | None = None,
+    options: TetrahedraOptions = TetrahedraOptions(),
+) -> TetraPoints:
     """The points, and others on both sides of a surface where no Gaussian spans any: it can be taken there, too.
 
     Args:
         pixel: size of a pixel at the building.
         box: where given, only in and beside it.
     """
-    spacing = BESIDE_SPACING * pixel
+    spacing = options.spacing * pixel
     face, points = sample_poisson_disk(mesh, spacing, np.random.default_rng(0))
     normals = face_normals(mesh)[face]
-    kept = cKDTree(spanned.points).query(points, distance_upper_bound=BESIDE_NEAR * pixel)[0] == np.inf
+    kept = cKDTree(spanned.points).query(points, distance_upper_bound=options.near * pixel)[0] == np.inf
     if box is not None:
         kept &= box.contains(points, 0.1)
-    both = [points[kept] + side * BESIDE_OFF * pixel * normals[kept] for side in (-1, 1)]
+    both = [points[kept] + side * options.off * pixel * normals[kept] for side in (-1, 1)]
     extent = np.concatenate([spanned.extent, np.full(2 * int(kept.sum()), 2 * spacing)])
     return _merge(np.concatenate([spanned.points, *both]), extent)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from support.analytic import camera, cuboid
 
-from mgf_engine.mesh.component_filter import NEAR, faces_near_clicks
+from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.model.mesh import Mesh
 
 SIDE = 1.0
@@ -28,7 +28,7 @@ def clicked(*places: float) -> list[np.ndarray]:
     return [VIEWS[0].project(np.array([(x, 0.0, 0.0) for x in places]).reshape(-1, 3))[0], np.zeros((0, 2))]
 
 
-GAP = 0.9 * NEAR * SIDE * 3**0.5  # just near to a cube
+GAP = 0.9 * ComponentFilterOptions().near * SIDE * 3**0.5  # just near to a cube
 
 
 @pytest.mark.parametrize(
