@@ -14,7 +14,13 @@ from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.ground_homography import GroundPixels
-from mgf_engine.masks.refinement.sky_silhouette import SilhouetteHull, SkySilhouette, find_silhouette, over_horizon
+from mgf_engine.masks.refinement.sky_silhouette import (
+    SilhouetteHull,
+    SkySilhouette,
+    carve,
+    find_silhouette,
+    over_horizon,
+)
 from mgf_engine.masks.refinement.thin_structures import ThinStructures, find_thin_structures
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
 from mgf_engine.model.scene import Scene, View
@@ -183,3 +189,16 @@ def test_far_too_few_points_tell_no_place(scene: Scene, tmp_path: Path) -> None:
     leafy = lambda i: np.zeros((1, 1))  # noqa: E731
     assert find_thin_structures(scene, prompts, labels, lambda i: sky_of(scene.views[i]), leafy, nothing,
                          UP, None) is None  # fmt: skip
+
+
+@pytest.mark.parametrize(("sky", "kept"), [(0, True), (1, True), (2, False)])
+def test_two_photos_that_see_sky_empty_a_cell(sky: int, kept: bool) -> None:
+    """Six of eight photos see something there; one photo's sky may be wrong, two photos' is not."""
+    view = VIEWS[0]
+    centre = view.rotation.T @ (np.array([0.0, 0.0, 5.0]) - view.translation)
+    full = np.ones((HEIGHT, WIDTH), bool)
+    outlines = [SkySilhouette(full, ~full)] * sky + [SkySilhouette(~full, full)] * (8 - sky)
+    for outline in outlines[:sky]:
+        outline.solid[0, 0] = True  # photos without anything solid have no say
+    hull = carve([view] * 8, outlines, centre - 0.05, 0.1, 0.2)
+    assert bool(len(hull.places)) is kept

@@ -89,3 +89,22 @@ def test_a_view_shows_the_prior_from_the_front_only() -> None:
 
 def test_matching_without_neighbours_leaves_the_prior_alone() -> None:
     assert match_surface(surface(AT), [], MatchOptions()).likeness.max() == 0
+
+
+def test_where_nothing_is_confirmed_the_nearer_surface_is_taken() -> None:
+    """A field shows what is behind where its Gaussians leave gaps; an unsure prior behind it proves nothing."""
+    np.testing.assert_allclose(decide(BESIDE, AT, 0.0, 9.0)[1].depth, AT)
+    np.testing.assert_allclose(decide(AT, BESIDE, 0.0, 9.0)[1].depth, AT)
+
+
+def test_pixels_beside_a_step_in_depth_weigh_a_tenth() -> None:
+    flat, ones = surface(AT), np.ones((SIZE, SIZE), np.float32)
+    stepped = flat.depth.copy()
+    stepped[:, SIZE // 2 :] *= 2
+
+    def weights(depth: np.ndarray) -> np.ndarray:
+        matched = Matched(depth, ones, ones, ones)
+        return depth_map(flat, np.full((SIZE, SIZE), INSIDE, np.uint8), matched).pixels[:, 2].reshape(SIZE, SIZE)
+
+    left = (weights(stepped) / weights(flat.depth))[:, : SIZE // 2]
+    assert left[:, :-1] == pytest.approx(1) and left[:, -1] == pytest.approx(0.1)
