@@ -7,6 +7,7 @@ A table stands between two marks and takes the place of what stood there before;
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import mean
@@ -38,7 +39,7 @@ def write_table(document: Path, suite: str, title: str, rows: Sequence[Row], fur
     if not done:
         raise BadInput(f"No run of suite '{suite}' has a result yet, so '{document}' was left as it is.")
     begin, end = f"<!-- mgf bench {suite}: begin -->", f"<!-- mgf bench {suite}: end -->"
-    block = "\n".join([begin, *_lines(suite, title, rows, done, further), end])
+    block = "\n".join([begin, "", *_lines(suite, title, rows, done, further), end])
     try:
         text = document.read_text(encoding="utf-8")
         found = re.search(re.escape(begin) + r".*?" + re.escape(end), text, re.DOTALL)
@@ -78,7 +79,8 @@ def _origin(suite: str, done: list[Row], further: Sequence[str]) -> str:
     repeated = f"--seeds {seeds}" if seeds > 1 else ""
     sampled = " ".join(f"--samples {n}" for n in sorted({row.get("samples", SAMPLES) for row in done} - {SAMPLES}))
     command = " ".join(f"mgf bench {suite} --scenes {scenes} {repeated} {' '.join(further)} {given} {sampled}".split())
-    return f"`{command} --write docs/results.md`: {measured}. Means over the seeds, ± half their spread."
+    text = f"`{command} --write docs/results.md`: {measured}. Means over the seeds, ± half their spread."
+    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def _cells(name: str, rows: list[Row]) -> list[str]:
