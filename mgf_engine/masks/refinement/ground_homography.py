@@ -43,6 +43,9 @@ class GroundHomographyOptions:
     )
     aside: int = parameter(5, "Number of photos, those farthest aside, that are compared through these planes", low=1)
     better: float = parameter(0.05, "Correlation by which these planes may fit better")
+    distinct: float = parameter(
+        0.1, "Correlation by which the highest of these planes must fit worse: boards along the ground fit all of them"
+    )
     spread: float = parameter(
         2.5, "Standard deviation of the window in which pixels of the ground are counted", "px", low=0.1
     )
@@ -144,7 +147,9 @@ class GroundFinder:
         if not sure.any():
             return result
         middle = float(np.median(depth[box.part][sure]))
-        sure &= self._raised(index, others[-self.options.aside :], box, patches, middle) <= level + self.options.better
+        raised = self._raised(index, others[-self.options.aside :], box, patches, middle)
+        sure &= raised.max(0) <= level + self.options.better
+        sure &= raised[-1] <= level - self.options.distinct
         dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), self.options.spread) > self.options.dense
         result[box.part] = mask[box.part] & dense & (colours > -self.options.colour)
         return _without_specks(result, self.options)
@@ -173,17 +178,17 @@ class GroundFinder:
         return [int(i) for i in np.argsort(angle, kind="stable") if good[i]][: self.options.photos]
 
     def _raised(self, index: int, others: list[int], box: _Box, patches: Patches, depth: float) -> NDArray[np.float32]:
-        """Compute the best correlation of planes a little over the ground, -1..1, [h, w]: feet of walls lie on one."""
+        """Compute the correlations of planes a little over the ground, -1..1, [n, h, w]: feet of walls lie on one."""
         view = self.scene.views[index]
         aside = np.median([np.linalg.norm(self.scene.views[i].centre - view.centre) for i in others])
         over = float(self.ground.height(view.centre[None])[0])
-        result = np.full((box.height, box.width), -1, np.float32)
-        for pixels in self.options.raised:
+        result = np.empty((len(self.options.raised), box.height, box.width), np.float32)
+        for row, pixels in enumerate(self.options.raised):
             # Raised by h, the plane comes nearer by h / over of the depth; seen from aside that is a parallax.
             raised = pixels * over * depth / (view.fx * float(aside))
             plane = Ground(self.ground.normal, self.ground.level + raised, self.ground.thickness)
             lights, seen = self._through(index, others, self._light, box, plane)
-            np.maximum(result, patches.correlate(lights, seen, _counting(len(others), self.options)), out=result)
+            result[row] = patches.correlate(lights, seen, _counting(len(others), self.options))
         return result
 
     def _through(
