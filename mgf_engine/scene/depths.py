@@ -52,6 +52,13 @@ class Depths:
         """Tell whether a view's depth confirms points [N, 3], bool [N]."""
         if index not in self.maps:
             return np.zeros(len(points), bool)
+        view = self.photos[index].view
+        z = points @ view.rotation[2] + view.translation[2]
+        seen = self.depth_at(index, points)
+        return (seen > 0) & (np.abs(seen - z) < TOLERANCE * z)
+
+    def depth_at(self, index: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Depth of a view that has a map where points [N, 3] project, 0 where it is unknown, [N]."""
         photo, depth = self.photos[index], self.maps[index]
         local = points @ photo.view.rotation.T + photo.view.translation
         z = local[:, 2]
@@ -61,7 +68,7 @@ class Depths:
         inside = (z > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
         seen = np.zeros(len(points), np.float64)
         seen[inside] = depth[row[inside].astype(int), column[inside].astype(int)]
-        return (seen > 0) & (np.abs(seen - z) < TOLERANCE * z)
+        return seen
 
 
 def match_photos(

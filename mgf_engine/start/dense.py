@@ -15,6 +15,7 @@ from mgf_engine.masks.geometry.visual_hull import with_hull_points
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.depths import Depths, match_photos
+from mgf_engine.start.confirmation import confirmed_share
 from mgf_engine.start.options import DenseOptions
 from mgf_engine.start.views import StartViews
 
@@ -23,8 +24,8 @@ _BATCH = 8  # photos whose points are added up together
 
 def dense_points(
     views: StartViews, masks: MaskSet, o: DenseOptions, threads: int, check: Callable[[], None]
-) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Points [N, 3], one per voxel of ``o.size`` px, and positions of the views that saw each."""
+) -> DensePoints:
+    """Match the photos: one point per voxel of ``o.size`` px that enough of the photos confirm."""
     scene, kept = with_hull_points(views.scene, masks, views.indices)
     inside = lambda i: building(masks.labels[i])  # noqa: E731
     depths = match_photos(scene, views.indices, kept, inside, o.neighbours, o.longest_side, threads, check)
@@ -37,7 +38,11 @@ def dense_points(
         parts.append(found)
         if len(parts) > _BATCH:
             parts = [VoxelSums.joined(parts)]
-    return VoxelSums.joined(parts).means(o.least_points, o.seen_share)
+    points, seen = VoxelSums.joined(parts).means(o.least_points, o.seen_share)
+    share = confirmed_share(views, depths, points, seen, o)
+    enough = np.flatnonzero(share >= o.least_share)
+    weight = o.weight * np.minimum(share[enough] / o.full_share, 1) ** 2
+    return DensePoints(points[enough], [seen[n] for n in enough], weight)
 
 
 def _confirmed(
@@ -67,6 +72,21 @@ def _texture(light: NDArray[Any]) -> NDArray[np.float32]:
     # OpenCV's tensor is of Sobel differences over a length of two pixels.
     least = np.maximum(cv2.cornerMinEigenVal(light, 7, ksize=3), 0)
     return np.asarray(np.sqrt(least) / 2, np.float32)
+
+
+@dataclass(frozen=True)
+class DensePoints:
+    """Points by stereo.
+
+    Attributes:
+        points: [N, 3], normalised frame.
+        seen: of each, positions of the views that see it.
+        weight: of each one's rays, [N].
+    """
+
+    points: NDArray[np.float64]
+    seen: list[NDArray[np.int64]]
+    weight: NDArray[np.float64]
 
 
 @dataclass(frozen=True)

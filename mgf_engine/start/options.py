@@ -85,6 +85,12 @@ class DenseOptions:
     size: float = parameter(3.0, "Side of the voxels in which points are averaged", "px", low=0.1)
     least_points: int = parameter(2, "Minimum number of points in a voxel", low=1)
     seen_share: float = parameter(0.4, "Share of a voxel's points that a photo must have seen to count for it", high=1)
+    normal_neighbours: int = parameter(40, "Number of neighbours that tell a point's normal", low=3)
+    grazing_angle: float = parameter(
+        70.0, "Angle to the normal from which a photo need not confirm a point", "degrees", high=90
+    )
+    least_share: float = parameter(0.5, "Minimum share of the photos that ought to see a point and do", high=1)
+    full_share: float = parameter(0.9, "Such share from which a point counts in full", low=0.01, high=1)
     weight: float = parameter(0.3, "Weight of a ray to a point; one to a point on a line weighs 1")
 
 
@@ -100,7 +106,7 @@ class CutOptions:
     depth: float = parameter(2.0, "Depth behind a point that counts as inside", "px")
     behind: float = parameter(0.3, "Weight of that inside, as a share of the weight of the ray")
     well_inside: float = parameter(4.0, "Distance from the mask's rim from which points count as inside behind", "px")
-    cover: float = parameter(0.2, "Weight of the ray of a mask pixel that the surface leaves uncovered")
+    cover: float = parameter(0.5, "Weight of the ray of a mask pixel that the surface leaves uncovered")
     short: float = parameter(12.0, "Length of such a ray in the hull beyond which it weighs less", "px", low=0.1)
     outside_views: int = parameter(2, "Number of masks that must call a point outside", low=1)
     margin: float = parameter(1.5, "Distance from the mask from which a point is outside", "px")

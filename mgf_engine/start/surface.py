@@ -17,7 +17,7 @@ from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.start.cut import Evidence, cut_surface
-from mgf_engine.start.dense import dense_points
+from mgf_engine.start.dense import DensePoints, dense_points
 from mgf_engine.start.lines import Line, find_lines, line_points
 from mgf_engine.start.options import StartOptions
 from mgf_engine.start.planes import LinePlanes, crease_points, find_planes, plane_points, snap
@@ -75,24 +75,19 @@ def start_surface(
         lines = find_lines(find_segments(views, options.segments, threads))
     reporter.check()
     with times.part("dense"):
-        dense, seen = dense_points(views, masks, options.dense, threads, reporter.check)
+        dense = dense_points(views, masks, options.dense, threads, reporter.check)
     with times.part("planes"):
-        evidence = gather(views, lines, (dense, seen), options)
+        evidence = gather(views, lines, dense, options)
     reporter.check()
     with times.part("cut"):
         mesh, bits = cut_surface(views, evidence, options.cut, reporter.check)
     if not len(mesh.faces):
         raise BadInput("Masks and photos give no starting surface; check the masks and the cameras.")
-    first = np.array([views.indices[s[0]] for s in seen], np.int64)
-    return StartSurface(mesh, _sure(bits, evidence.strength), dense, first, views.pixel)
+    first = np.array([views.indices[s[0]] for s in dense.seen], np.int64)
+    return StartSurface(mesh, _sure(bits, evidence.strength), dense.points, first, views.pixel)
 
 
-def gather(
-    views: StartViews,
-    lines: Sequence[Line],
-    dense: tuple[NDArray[np.float64], list[NDArray[np.int64]]],
-    options: StartOptions,
-) -> Evidence:
+def gather(views: StartViews, lines: Sequence[Line], dense: DensePoints, options: StartOptions) -> Evidence:
     """All points the surface may pass: on lines, sparse, dense; on planes and creases those that only shape it.
 
     Raises:
@@ -101,19 +96,20 @@ def gather(
     o, pixel = options.planes, views.pixel
     planes = find_planes(lines, pixel, o)
     on_lines, lines_seen = line_points(list(lines), 4 * pixel, pixel)
-    groups = [(on_lines, lines_seen, 1.0, o.near), (views.points, views.seen, 1.0, 2 * o.near),
-              (dense[0], dense[1], options.dense.weight, 1.5 * o.near)]  # fmt: skip
+    one = np.ones(len(on_lines)), np.ones(len(views.points))
+    groups = [(on_lines, lines_seen, one[0], o.near), (views.points, views.seen, one[1], 2 * o.near),
+              (dense.points, dense.seen, dense.weight, 1.5 * o.near)]  # fmt: skip
     if sum(len(points) for points, *_ in groups) < _LEAST:
         raise BadInput(
             "The photos show too few edges and points on the building for a surface; add photos that overlap more."
         )
-    shaping = _shaping(views, planes, lines, dense[0], options)
-    groups += [(points, [np.zeros(0, np.int64)] * len(points), 0.0, o.near) for points in shaping]
+    shaping = _shaping(views, planes, lines, dense.points, options)
+    groups += [(points, [np.zeros(0, np.int64)] * len(points), np.zeros(len(points)), o.near) for points in shaping]
     log.info("start: %d planes; points on lines, sparse, dense, creases, planes: %s", len(planes.planes),
              [len(points) for points, *_ in groups])  # fmt: skip
     points = np.concatenate([g[0] for g in groups])
     near = np.concatenate([np.full(len(g[0]), g[3] * pixel) for g in groups])
-    weight = np.concatenate([np.full(len(g[0]), g[2]) for g in groups])
+    weight = np.concatenate([g[2] for g in groups])
     seen = [s for g in groups for s in g[1]]
     points, on = snap(points, planes, near)
     bits = (on.astype(np.uint64) << np.arange(on.shape[1], dtype=np.uint64)).sum(1, dtype=np.uint64)

@@ -51,8 +51,8 @@ def texture(number: int, place: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.clip(100 + 60 * number + (grey - 128), 0, 255).astype(np.uint8)[..., None].repeat(3, 2)
 
 
-def photograph(view: View, lattice: bool) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """The photo, and the pixels of the wall or of its bars."""
+def photograph(view: View, lattice: bool, boards: bool = False) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """The photo, and the pixels of the wall or of its bars; of boards, nothing changes along the ground."""
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5 - view.cx, np.arange(HEIGHT) + 0.5 - view.cy)
     rays = np.stack([x / view.fx, y / view.fy, np.ones_like(x)], -1) @ view.rotation
     wall = view.centre + rays * (-view.centre[0] / rays[..., 0])[..., None]
@@ -60,13 +60,14 @@ def photograph(view: View, lattice: bool) -> tuple[NDArray[np.uint8], NDArray[np
     if lattice:
         solid &= (np.mod(wall[..., 1:] + BAR / 2, STEP) < BAR).any(-1)
     ground = view.centre + rays * ground_depth(view, GROUND, HEIGHT, WIDTH)[..., None]
-    return np.where(solid[..., None], texture(1, wall[..., 1:]), texture(0, ground[..., :2])), solid
+    front = texture(1, wall[..., 1:] * (0 if boards else 1, 1))
+    return np.where(solid[..., None], front, texture(0, ground[..., :2])), solid
 
 
-def seen_in(folder: Path, lattice: bool) -> GroundFinder:
-    scene = make_scene(folder, VIEWS)
-    for view in VIEWS:
-        cv2.imwrite(str(folder / view.file), photograph(view, lattice)[0])
+def seen_in(folder: Path, lattice: bool, views: list[View] = VIEWS, boards: bool = False) -> GroundFinder:
+    scene = make_scene(folder, views)
+    for view in views:
+        cv2.imwrite(str(folder / view.file), photograph(view, lattice, boards)[0])
     return GroundFinder(replace(scene, folder=folder), GROUND)
 
 
@@ -146,6 +147,16 @@ def test_only_what_is_open_is_cut(frame: GroundFinder, wall: GroundFinder) -> No
     assert frame.shows_through(range(len(VIEWS)), mask_of)
     assert not wall.shows_through(range(len(VIEWS)), mask_of)
     assert not frame.shows_through([], mask_of)
+
+
+def test_boards_along_the_ground_are_none(tmp_path: Path) -> None:
+    """From the street, the ground and planes over it fit the foot of a wall of boards alike."""
+    street = [look_down(angle, 0.9) for angle in np.linspace(-0.7, 0.7, 13)]
+    boards = seen_in(tmp_path, False, street, boards=True)
+    mask = photograph(street[MIDDLE], False)[1]
+    assert boards.within(MIDDLE, mask).sum() < 0.015 * mask.sum()
+    blind = replace(boards.options, distinct=-2.0)
+    assert GroundFinder(boards.scene, GROUND, blind).within(MIDDLE, mask).sum() > 0.1 * mask.sum()
 
 
 def test_too_few_photos_tell_nothing(frame: GroundFinder) -> None:

@@ -44,7 +44,7 @@ class GroundHomographyOptions:
     aside: int = parameter(5, "Number of photos, those farthest aside, that are compared through these planes", low=1)
     better: float = parameter(0.05, "Correlation by which these planes may fit better")
     distinct: float = parameter(
-        0.1, "Correlation by which the highest of these planes must fit worse: boards along the ground fit all of them"
+        0.2, "Correlation by which the highest of these planes must fit worse: boards along the ground fit all of them"
     )
     spread: float = parameter(
         2.5, "Standard deviation of the window in which pixels of the ground are counted", "px", low=0.1

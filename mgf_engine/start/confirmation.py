@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How many of the photos that ought to see a stereo point do: what mirrors show, single pairs agree on alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.model.masks import building
+from mgf_engine.scene.depths import TOLERANCE, Depths
+from mgf_engine.start.options import DenseOptions
+from mgf_engine.start.views import StartViews
+
+_BLOCK = 1 << 15  # points whose neighbours are looked at together, which bounds the memory
+
+
+def confirmed_share(
+    views: StartViews, depths: Depths, points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], o: DenseOptions
+) -> NDArray[np.float64]:
+    """Compute the share of the photos that ought to see each point and do.
+
+    A photo ought to see a point that its mask holds, unless it looks from far aside of those that see it, at a grazing
+    angle, or its own depth lies before the point.
+
+    Args:
+        points: [N, 3], normalised frame.
+        seen: of each point, positions of the views that see it.
+
+    Returns:
+        [N], above 0, at most 1.
+    """
+    if not len(points):
+        return np.zeros(0)
+    count = np.array([len(s) for s in seen])
+    towards = _mean_directions(points, np.concatenate(seen), count, views.centres)
+    normals = surface_normals(points, o.normal_neighbours)
+    expected = np.zeros(len(points), np.int64)
+    for number, centre in enumerate(views.centres):
+        direction = _unit(centre - points)
+        aside = (direction * towards).sum(1) < np.cos(np.radians(o.largest_angle))
+        grazing = np.abs((direction * normals).sum(1)) < np.cos(np.radians(o.grazing_angle))
+        expected += _unhidden(views, depths, number, points) & ~aside & ~grazing
+    return count / np.maximum(expected, count)
+
+
+def surface_normals(points: NDArray[np.float64], neighbours: int) -> NDArray[np.float64]:
+    """Unit normals of points [N, 3] by principal components of their neighbours, of either sign; [N, 3]."""
+    tree, parts = cKDTree(points), []
+    for begin in range(0, len(points), _BLOCK):
+        near = tree.query(points[begin : begin + _BLOCK], min(neighbours, len(points)))[1]
+        around = points[near.reshape(len(near), -1)]
+        offsets = around - around.mean(1, keepdims=True)
+        parts.append(np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0])
+    return np.concatenate(parts)
+
+
+def _mean_directions(
+    points: NDArray[np.float64], view: NDArray[np.int64], count: NDArray[np.int64], centres: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """From each point to the views that see it, on average; ``count`` of the views ``view`` belong to each."""
+    owner = np.repeat(np.arange(len(points)), count)
+    total = np.zeros_like(points)
+    np.add.at(total, owner, _unit(centres[view] - points[owner]))
+    return _unit(total)
+
+
+def _unhidden(views: StartViews, depths: Depths, number: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether a view's mask holds each point, and its depth does not lie before it, bool [N]."""
+    view, index = views.views[number], views.indices[number]
+    uv, z = view.project(points)
+    column, row = np.floor(uv).astype(np.int64).T
+    result = (z > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
+    result[result] = building(views.labels[number])[row[result], column[result]]
+    if index in depths.maps:
+        here = np.flatnonzero(result)
+        known = depths.depth_at(index, points[here])
+        result[here] = (known <= 0) | (z[here] - known <= 2 * TOLERANCE * z[here])
+    return result
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))
