@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,9 +22,9 @@ from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
 from mgf_engine.morton import along_curve
 from mgf_engine.start.options import start_options
-from mgf_engine.start.samples import SampleOptions, Samples, sample_surface
+from mgf_engine.start.samples import SampleOptions, sample_surface
 from mgf_engine.start.store import FILE, write_start
-from mgf_engine.start.surface import StartSurface, start_surface
+from mgf_engine.start.surface import start_surface
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,6 @@ class StartPointOptions:
 
     share: float = parameter(0.5, "Share of max_gaussians that may be starting points", high=1)
     spacing: float = parameter(2.0, "Minimum distance of samples on the starting surface", "px", low=0.1)
-    confirmation_radius: float = parameter(6.0, "Radius in which a point by stereo confirms a sample", "px")
     offset: float = parameter(
         4.0, "Distance from the starting surface beyond which a point by stereo is a starting point of its own", "px"
     )
@@ -97,7 +96,6 @@ def _on_surface(
     samples = sample_surface(
         surface.mesh, scene, views, limit, options.spacing * surface.pixel, config.seed, config.algorithm(SampleOptions)
     )
-    samples = _confirmed(samples, surface, options.confirmation_radius)
     reporter.check()
     if len(samples.points) < 4:
         raise BadInput("No photo shows the surface that edges and planes make.")
@@ -117,18 +115,6 @@ def _on_surface(
             colors[rows] = scene.photo(i)[row, column]
         found.append(_Points(points, colors, centres[seen], np.full(points.shape, np.nan)))
     return found
-
-
-def _confirmed(samples: Samples, surface: StartSurface, radius: float) -> Samples:
-    """Those on planes that carry lines, and those that points by stereo confirm; the rest only spans gaps."""
-    kept = surface.sure[samples.faces] > 0
-    if len(surface.dense):
-        near = cKDTree(surface.dense).query(samples.points, distance_upper_bound=radius * surface.pixel)[0]
-        kept |= np.isfinite(near)
-    return replace(
-        samples, points=samples.points[kept], faces=samples.faces[kept], normals=samples.normals[kept],
-        colors=samples.colors[kept],
-    )  # fmt: skip
 
 
 def _sparse(scene: Scene, masks: MaskSet, config: Config) -> _Points:
