@@ -48,7 +48,7 @@ def texture(number: int, place: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Mottled grey at places [..., 2] of a surface, [..., 3]; coarse (0) or fine (1)."""
     uv = (place / (0.03, 0.012)[number] + 256).astype(np.float32)
     grey = cv2.remap(TEXTURES[number], uv[..., 0], uv[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    return np.clip(100 + 60 * number + (grey - 128), 0, 255).astype(np.uint8)[..., None].repeat(3, 2)
+    return np.clip(100 + 60 * number + (np.nan_to_num(grey) - 128), 0, 255).astype(np.uint8)[..., None].repeat(3, 2)
 
 
 def photograph(view: View, lattice: bool, boards: bool = False) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
