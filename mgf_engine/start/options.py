@@ -106,7 +106,7 @@ class CutOptions:
     depth: float = parameter(2.0, "Depth behind a point that counts as inside", "px")
     behind: float = parameter(0.3, "Weight of that inside, as a share of the weight of the ray")
     well_inside: float = parameter(4.0, "Distance from the mask's rim from which points count as inside behind", "px")
-    cover: float = parameter(0.5, "Weight of the ray of a mask pixel that the surface leaves uncovered")
+    cover: float = parameter(0.2, "Weight of the ray of a mask pixel that the surface leaves uncovered")
     short: float = parameter(12.0, "Length of such a ray in the hull beyond which it weighs less", "px", low=0.1)
     outside_views: int = parameter(2, "Number of masks that must call a point outside", low=1)
     margin: float = parameter(1.5, "Distance from the mask from which a point is outside", "px")
