@@ -145,9 +145,9 @@ def _side_colours(
     lab: NDArray[np.float32], ends: NDArray[np.float64], along: NDArray[np.float64], across: NDArray[np.float64]
 ) -> NDArray[np.float32]:
     """Median colours [N, 3] beside edges."""
+    if not len(ends):
+        return np.zeros((0, 3), np.float32)
     at = ends[:, None, None, :2] + _ALONG[None, :, None, None] * along[:, None, None]
     places = (at + _SIDE[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32)
-    if not len(places):
-        return np.zeros((0, 3), np.float32)
     read = cv2.remap(lab, places[..., 0] - 0.5, places[..., 1] - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(np.median(read, 1), np.float32)
