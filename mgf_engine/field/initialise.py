@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
+from mgf_engine.geometry.normals import principal_normals
 from mgf_engine.model.gaussians import Gaussians
 
 SH_CONSTANT = 0.28209479177387814  # Y_0^0
@@ -77,9 +78,7 @@ def _normals(
     points: NDArray[np.float64], index: NDArray[np.int64], towards: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Direction of least spread among each point's neighbours, facing ``towards``; [N, 3] unit vectors."""
-    local = points[index] - points[index].mean(1, keepdims=True)
-    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", local, local))
-    normals = vectors[:, :, 0]
+    normals = principal_normals(points, index)
     flip = np.einsum("ni,ni->n", normals, towards - points) < 0
     normals[flip] *= -1
     return normals

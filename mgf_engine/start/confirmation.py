@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.geometry.normals import principal_normals
 from mgf_engine.model.masks import building
 from mgf_engine.scene.depths import TOLERANCE, Depths
 from mgf_engine.start.options import DenseOptions
@@ -51,9 +52,7 @@ def surface_normals(points: NDArray[np.float64], neighbours: int) -> NDArray[np.
     tree, parts = cKDTree(points), []
     for begin in range(0, len(points), _BLOCK):
         near = tree.query(points[begin : begin + _BLOCK], min(neighbours, len(points)))[1]
-        around = points[near.reshape(len(near), -1)]
-        offsets = around - around.mean(1, keepdims=True)
-        parts.append(np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0])
+        parts.append(principal_normals(points, near.reshape(len(near), -1)))
     return np.concatenate(parts)
 
 

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Normals of points without a mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def principal_normals(points: NDArray[np.float64], neighbours: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Direction of least spread among the neighbours of each point, by principal components; of either sign.
+
+    Args:
+        points: [P, 3].
+        neighbours: rows of ``points``, [N, K].
+
+    Returns:
+        unit vectors [N, 3].
+    """
+    around = points[neighbours]
+    offsets = around - around.mean(1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))
+    return np.asarray(vectors[:, :, 0], np.float64)
