@@ -12,7 +12,7 @@ _MODULES = (
     "reconstruct.operators", "prompts.operators", "prompts.suggest", "prompts.preview", "prompts.drawing",
     "prompts.panel", "reconstruct.panel", "results.async_import", "results.operators", "results.panel",
     "drawings.operators", "drawings.panel", "models.operators", "models.panel", "georef.operators", "georef.tool",
-    "georef.overlay", "georef.panel", "town.operators", "town.panel", "cli",
+    "georef.overlay", "georef.magnifier", "georef.panel", "town.operators", "town.panel", "cli",
 )  # fmt: skip
 
 

@@ -7,8 +7,25 @@ import bpy
 
 from ..common.errors import UserError
 from ..prompts.tool import DragOnPhoto, OnPhoto, redraw
+from . import magnifier
 from .properties import active_point, mark_of, set_mark
 from .start import predict_again
+
+FINE = 0.1  # what a mark moves of the pointer's way while Shift is held, as Blender's sliders do
+
+
+def dragged(
+    at: tuple[float, ...], before: tuple[float, ...], now: tuple[float, ...], fine: bool, size: tuple[int, int]
+) -> tuple[float, ...]:
+    """Where a mark at pixel ``at`` goes when the pointer moves over the photo from ``before`` to ``now``.
+
+    Args:
+        fine: the mark goes a tenth of the pointer's way.
+        size: width and height of the photo, which the mark does not leave.
+    """
+    share = FINE if fine else 1.0
+    moved = (a + share * (n - b) for a, b, n in zip(at, before, now, strict=True))
+    return tuple(min(max(v, 0.0), float(most)) for v, most in zip(moved, size, strict=True))
 
 
 class _OnMark(OnPhoto):
@@ -27,7 +44,7 @@ class _OnMark(OnPhoto):
 
 
 class MGF_OT_mark(_OnMark, DragOnPhoto):
-    """Mark where the chosen control point appears in this photo; drag to place it. Alt removes the mark"""
+    """Mark where the chosen control point appears; drag to place it, with Shift a tenth as far. Alt removes the mark"""
 
     bl_idname = "mgf.mark"
     bl_label = "Mark Control Point"
@@ -49,18 +66,32 @@ class MGF_OT_mark(_OnMark, DragOnPhoto):
             return {"PASS_THROUGH"}
         at = mark_of(context.scene, *self._names(context))
         self._before = tuple(context.scene.mgf.georef.marks[at].uv) if at >= 0 else None
-        self.move(context)
+        self._pointer = tuple(self.uv)
+        if event.shift and self._before is not None:
+            self.uv = self._before
+        self._put(context)
         redraw(context)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def move(self, context: bpy.types.Context) -> None:
+    def move(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
+        pointer = tuple(self.uv)
+        self.uv = dragged(self._at, self._pointer, pointer, event.shift, context.space_data.image.size)
+        self._pointer = pointer
+        self._put(context)
+
+    def _put(self, context: bpy.types.Context) -> None:
         set_mark(context.scene, *self._names(context), self.uv)
+        self._at = tuple(self.uv)
+        magnifier.hold(self._at)
 
     def drop(self, context: bpy.types.Context) -> None:
+        self.uv = self._at
+        magnifier.hold(None)
         predict_again(context.scene)
 
     def put_back(self, context: bpy.types.Context) -> None:
+        magnifier.hold(None)
         at = mark_of(context.scene, *self._names(context))
         if self._before is not None:
             set_mark(context.scene, *self._names(context), self._before)

@@ -61,7 +61,7 @@ class DragOnPhoto(OnPhoto):
             return {"CANCELLED"}
         if event.type == "MOUSEMOVE":
             self._locate(context, event)
-            self.move(context)
+            self.move(context, event)
             redraw(context)
         elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
             self.drop(context)
@@ -76,7 +76,7 @@ class DragOnPhoto(OnPhoto):
         """Whether what is dragged is there no more."""
         return False
 
-    def move(self, context: bpy.types.Context) -> None:
+    def move(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """Put the point where the pointer is."""
         raise NotImplementedError
 
@@ -137,7 +137,7 @@ class MGF_OT_click(_OnClicks, DragOnPhoto):
     def gone(self, context: bpy.types.Context) -> bool:
         return self._at >= len(self._photo(context).clicks)
 
-    def move(self, context: bpy.types.Context) -> None:
+    def move(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         self._photo(context).clicks[self._at].uv = self.uv
 
     def drop(self, context: bpy.types.Context) -> None:
@@ -211,6 +211,7 @@ class MGF_PointTool(bpy.types.WorkSpaceTool):
         ("mgf.remove_click", {"type": "LEFTMOUSE", "value": "PRESS", "alt": True}, None),
         ("mgf.remove_click", {"type": "X", "value": "PRESS"}, None),
         ("mgf.mark", {"type": "LEFTMOUSE", "value": "PRESS"}, None),
+        ("mgf.mark", {"type": "LEFTMOUSE", "value": "PRESS", "shift": True}, None),
         ("mgf.remove_mark", {"type": "LEFTMOUSE", "value": "PRESS", "alt": True}, None),
         ("mgf.remove_mark", {"type": "X", "value": "PRESS"}, None),
     )

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from layouts import draw
 
-from mgf_blender.georef import files, place
+from mgf_blender.georef import files, magnifier, place
 from mgf_blender.georef.panel import MGF_PT_control_points, MGF_PT_georef
 from mgf_blender.georef.properties import mark_of, set_mark
+from mgf_blender.georef.tool import dragged
 from mgf_blender.prompts.tool import MGF_PointTool
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct, in_panel_words
 from mgf_blender.scene_import.cameras import PHOTO_KEY
@@ -241,3 +242,67 @@ def test_sentences_of_the_engine_speak_of_the_panel():
     assert in_panel_words("Drawn as one metre; run 'mgf georef' first for true lengths.") == (
         "Drawn as one metre; press Georeference Job first for true lengths."
     )
+
+
+@pytest.mark.parametrize(
+    ("pointer", "area", "where"),
+    [
+        ((100, 100), (1000, 700), (128, 128)),  # above and to the right
+        ((900, 100), (1000, 700), (900 - 28 - 176, 128)),  # left of it near the right edge
+        ((100, 650), (1000, 700), (128, 650 - 28 - 176)),  # below it near the upper edge
+        ((990, 690), (1000, 700), (990 - 28 - 176, 690 - 28 - 176)),
+    ],
+)
+def test_the_magnifier_stands_beside_the_pointer_and_within_the_editor(pointer, area, where):
+    x, y, side = magnifier.lens(pointer, area, 1.0)
+    assert (x, y) == where and side == magnifier.SIDE
+    assert not (x <= pointer[0] <= x + side and y <= pointer[1] <= y + side)
+    doubled = magnifier.lens(tuple(2 * v for v in pointer), tuple(2 * v for v in area), 2.0)
+    assert doubled == (2 * x, 2 * y, 2 * side)
+
+
+def test_a_small_editor_keeps_the_magnifier_inside():
+    x, y, _ = magnifier.lens((60, 60), (150, 120), 1.0)
+    assert x > 0 and y > 0
+
+
+@pytest.mark.parametrize("zoom", [0.1, 1.0, 7.0])
+def test_the_magnifier_shows_half_a_pixel_around_the_exact_place(zoom):
+    more = magnifier.magnification(zoom, 1.0)
+    assert more >= 8.0 and more >= 4 * zoom  # half a pixel of the photo is four of the screen
+    left, top, right, bottom = magnifier.shown((20.25, 30.75), magnifier.SIDE, more)
+    assert ((left + right) / 2, (top + bottom) / 2) == (20.25, 30.75)
+    assert (right - left, bottom - top) == pytest.approx((magnifier.SIDE / more,) * 2)
+
+
+def test_shift_moves_a_mark_a_tenth_of_the_pointers_way_and_never_out_of_the_photo():
+    size = (100, 80)
+    assert dragged((50.0, 40.0), (50.0, 40.0), (54.0, 38.0), False, size) == (54.0, 38.0)
+    assert dragged((50.0, 40.0), (50.0, 40.0), (54.0, 38.0), True, size) == pytest.approx((50.4, 39.8))
+    at, pointer = (50.0, 40.0), (50.0, 40.0)
+    for step in range(1, 5):  # one screen pixel each in an editor where it is four of the photo's
+        at, pointer = dragged(at, pointer, (50.0 + 4 * step, 40.0), True, size), (50.0 + 4 * step, 40.0)
+    assert at == pytest.approx((51.6, 40.0))
+    assert dragged((99.0, 1.0), (50.0, 40.0), (60.0, 30.0), False, size) == (100.0, 0.0)
+
+
+def test_the_magnifier_is_there_where_a_click_marks_and_nowhere_else(finished):
+    from types import SimpleNamespace
+
+    bpy.ops.mgf.predict_places()
+    image = bpy.data.images.load(bpy.path.abspath(finished.photos[0].file), check_existing=True)
+    space = SimpleNamespace(type="IMAGE_EDITOR", image=image, ui_mode="VIEW")
+
+    def wanted(tool: str) -> bool:
+        tools = SimpleNamespace(from_space_image_mode=lambda mode: SimpleNamespace(idname=tool))
+        workspace = SimpleNamespace(tools=tools)
+        return magnifier.wanted(SimpleNamespace(space_data=space, scene=bpy.context.scene, workspace=workspace))
+
+    assert wanted("mgf.point_tool") and not wanted("builtin.annotate")
+    finished.georef.marking = False
+    assert not wanted("mgf.point_tool")
+    finished.georef.marking = True
+    space.image = bpy.data.images.new("of their own", 4, 4)
+    assert not wanted("mgf.point_tool")
+    space.image = None
+    assert not wanted("mgf.point_tool")

@@ -82,7 +82,7 @@ def state():
         "windows": len(bpy.context.window_manager.windows),
     }
     found["regions"] = {r.type: [r.x, r.y, r.width, r.height] for r in area.regions}
-    found["tick"] = len(gaps)
+    found["tick"], found["ui_scale"] = len(gaps), bpy.context.preferences.system.ui_scale
     found["tab"], found["browser"] = None, any(a.type == "FILE_BROWSER" for a in window.screen.areas)
     found["longest_gap"] = max(gaps, default=0.0)
     found["addons"] = [a.module for a in bpy.context.preferences.addons]
@@ -95,6 +95,7 @@ def state():
             {"name": p.name, "size": [p.width, p.height], "clicks": [[*c.uv, c.negative, c.part] for c in p.clicks]}
             for p in mgf.photos
         ]
+        found["marks"] = [list(m.uv) for m in mgf.georef.marks]
         found["photo_index"], found["job_folder"], found["source"] = mgf.photo_index, mgf.job_folder, mgf.source
         found["crop"] = sum(o.get("mgf_role") == "crop" for o in bpy.data.objects)
         found["auto"], found["options"] = mgf.auto_preview, {"preset": mgf.options.preset}
