@@ -4,6 +4,7 @@
     blender -b --python mgf_blender/batch.py -- --scene SCENE --job JOB --out demo.blend
     python mgf_blender/batch.py --scene SCENE --job JOB --out demo.blend        (an environment with bpy)
     … --reconstruct --engine PYTHON --prompts FILE --set preset=draft            (runs the engine first)
+    … --engine PYTHON --drawings --models solid ifc                              (drawings and models of the job, too)
 
 Exit codes are the engine's: 0 done, 2 bad input, 3 cancelled, 1 fault.
 """
@@ -21,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
+DRAWINGS = ("orthophotos", "elevations", "sections", "sheets", "quantities")
+MODELS = ("lod", "tiles", "solid", "ifc", "usd", "points")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -36,6 +39,10 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--prompts", type=Path, help="clicks on the building, for --reconstruct")
     p.add_argument("--masks", type=Path, help="folder of your own masks, for --reconstruct")
     p.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the engine")
+    p.add_argument("--drawings", nargs="*", choices=DRAWINGS, metavar="KIND",
+                   help=f"also make the job's drawings: all, or some of {', '.join(DRAWINGS)}")  # fmt: skip
+    p.add_argument("--models", nargs="*", choices=MODELS, metavar="KIND",
+                   help=f"also make the job's models: all, or some of {', '.join(MODELS)}")  # fmt: skip
     p.add_argument("--progress", choices=("plain", "json"), default="plain", help="how the engine's progress is shown")
     p.add_argument("--picture", type=Path, help="also render the mesh to this PNG")
     p.add_argument("--picture-engine", choices=("cycles", "workbench", "eevee"), default="cycles",
@@ -58,11 +65,14 @@ def main(argv: list[str]) -> int:
     try:
         if args.scene is None and args.job is None:
             raise UserError("Nothing to import; give --scene, --job or both.")
+        if args.job is None and (args.drawings is not None or args.models is not None):
+            raise UserError("Drawings and models are made of a job; give --job.")
         if args.reconstruct:
             code = _reconstruct(package, args)
             if code != EXIT_DONE:
                 return code
         _import(package, args)
+        return _deliver(package, args)
     except UserError as error:
         print(f"Error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
@@ -72,20 +82,13 @@ def main(argv: list[str]) -> int:
     except Exception:
         traceback.print_exc()
         return EXIT_FAULT
-    return EXIT_DONE
 
 
 def _reconstruct(package: str, args: argparse.Namespace) -> int:
     """Run the engine as the panel does, but wait for it; returns its exit code."""
-    job_module = importlib.import_module(f"{package}.common.job")
-    environment = importlib.import_module(f"{package}.engine.environment")
-    errors = importlib.import_module(f"{package}.common.errors")
     if args.scene is None or args.job is None:
-        raise errors.UserError("A reconstruction needs --scene and --job.")
-    if args.engine is not None:
-        os.environ[environment.VARIABLE] = str(args.engine)
-    command = ["reconstruct", str(args.scene.absolute()), "--out", str(args.job.absolute()), "--progress", "json"]
-    command.append("--cancel-on-eof")
+        raise importlib.import_module(f"{package}.common.errors").UserError("A reconstruction needs --scene and --job.")
+    command = ["reconstruct", str(args.scene.absolute()), "--out", str(args.job.absolute())]
     for flag, path in (("--prompts", args.prompts), ("--masks", args.masks)):
         if path is not None:
             command += [flag, str(path.absolute())]
@@ -93,8 +96,33 @@ def _reconstruct(package: str, args: argparse.Namespace) -> int:
         command += ["--set", text]
     if (args.job / "job.json").is_file():
         command.append("--resume")
+    return _run(package, args, command)
+
+
+def _deliver(package: str, args: argparse.Namespace) -> int:
+    """Make the drawings and models that were asked for; returns the first exit code that is not 0."""
+    wanted = []
+    if args.drawings is not None:
+        wanted.append(["drawings", *(word for kind in args.drawings for word in ("--draw", kind))])
+    if args.models is not None:
+        wanted.append(["models", *(["--only", ",".join(args.models)] if args.models else [])])
+    for command, *options in wanted:
+        code = _run(package, args, [command, str(args.job.absolute()), *options])
+        if code != EXIT_DONE:
+            return code
+        print(f"{command.capitalize()} in {args.job / command}", flush=True)
+    return EXIT_DONE
+
+
+def _run(package: str, args: argparse.Namespace, command: list[str]) -> int:
+    """Run a command of the engine, show what it says and wait for it; returns its exit code."""
+    job_module = importlib.import_module(f"{package}.common.job")
+    environment = importlib.import_module(f"{package}.engine.environment")
+    if args.engine is not None:
+        os.environ[environment.VARIABLE] = str(args.engine)
+    line = environment.engine_command(*command, "--progress", "json", "--cancel-on-eof")
     show = _show_json if args.progress == "json" else _Plain()
-    job = job_module.Job(environment.engine_command(*command), args.job.absolute(), "job", on_message=show)
+    job = job_module.Job(line, args.job.absolute(), "job", command[0], on_message=show)
     code = job.run()
     if code != EXIT_DONE:
         if args.progress == "plain":

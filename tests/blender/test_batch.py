@@ -108,3 +108,45 @@ def test_ctrl_c_cancels_the_engine(house, engine, tmp_path):
 def test_unwritable_place(house):
     done = run("--scene", house.folder, "--out", Path("/proc/nowhere/a.blend"))
     assert done.returncode == 2 and "Cannot write" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_drawings_and_models_of_the_job_are_made_too(house, engine, tmp_path):
+    engine("ok", FAKE_MODELS=house.folder / "sparse")
+    out = tmp_path / "a.blend"
+    arguments = ["--job", house.job, "--out", out]
+    done = run(*arguments, "--drawings")
+    assert done.returncode == 0, done.stderr
+    given = json.loads((house.job / "arguments.json").read_text())
+    assert given[:2] == ["drawings", str(house.job)] and "--draw" not in given and "--cancel-on-eof" in given
+    assert (house.job / "drawings" / "orthophoto-A.png").is_file() and "Drawings in" in done.stdout
+    assert out.is_file() and not (house.job / "models").exists()
+    assert run(*arguments, "--drawings", "orthophotos", "sections", "--models", "solid", "ifc").returncode == 0
+    given = json.loads((house.job / "arguments.json").read_text())
+    assert given[0] == "models" and given[given.index("--only") + 1] == "solid,ifc"
+    assert run(*arguments, "--drawings", "sections").returncode == 0
+    given = json.loads((house.job / "arguments.json").read_text())
+    assert [given[i + 1] for i, word in enumerate(given) if word == "--draw"] == ["sections"]
+
+
+@pytest.mark.parametrize(("mode", "code", "words"), [("bad", 2, "no photos"), ("silent", 1, "ended with code 77")])
+def test_drawings_that_fail_leave_the_blend_and_pass_the_code_on(house, engine, tmp_path, mode, code, words):
+    engine(mode)
+    done = run("--job", house.job, "--out", tmp_path / "a.blend", "--drawings", "--models")
+    assert done.returncode == code and words in done.stderr and "Traceback" not in done.stderr
+    assert (tmp_path / "a.blend").is_file() and not (house.job / "models").exists()
+
+
+def test_drawings_without_a_job_or_of_an_unknown_kind_are_refused(house, tmp_path):
+    done = run("--scene", house.folder, "--out", tmp_path / "a.blend", "--drawings")
+    assert done.returncode == 2 and "give --job" in done.stderr and not (tmp_path / "a.blend").exists()
+    done = run("--job", house.job, "--out", tmp_path / "a.blend", "--drawings", "plans")
+    assert done.returncode == 2 and "plans" in done.stderr
+
+
+def test_kinds_are_those_of_the_panels():
+    from mgf_blender import batch
+    from mgf_blender.drawings.properties import KINDS
+    from mgf_blender.models import properties as models
+
+    assert tuple(kind for kind, *_ in KINDS) == batch.DRAWINGS
+    assert tuple(kind for kind, *_ in models.KINDS) == batch.MODELS
