@@ -91,6 +91,14 @@ def _read(path: Path) -> bpy.types.Object:
     try:
         bpy.ops.import_scene.gltf(filepath=str(path))
     except RuntimeError as error:
+        bpy.data.batch_remove(
+            [b for store, names in zip(stores, before, strict=True) for b in store if b.name_full not in names]
+        )
+        if _is_compressed(path):  # for a build without Draco's library, as Debian's
+            raise UserError(
+                "'{path}' is compressed, which this Blender cannot read; switch Compress off and make the models again.",
+                path=path,
+            ) from error
         raise UserError("'{path}' cannot be read; make the models again.", path=path) from error
     objects, materials, images, _, collections = (
         [block for block in store if block.name_full not in names] for store, names in zip(stores, before, strict=True)
@@ -106,9 +114,17 @@ def _read(path: Path) -> bpy.types.Object:
         if obj in found:
             obj.parent, obj.matrix_world = None, world
     bpy.data.batch_remove([*(o for o in objects if o not in found[:1]), *collections])
-    if not found:
+    if not found or not found[0].data.polygons:  # the importer passes over compressed data that is damaged
+        _remove(found[:1])
         raise UserError("'{path}' cannot be read; make the models again.", path=path)
     return found[0]
+
+
+def _is_compressed(path: Path) -> bool:
+    """Whether the head of a GLB asks for Draco."""
+    with path.open("rb") as file:
+        head = file.read(20)
+        return b"KHR_draco_mesh_compression" in file.read(int.from_bytes(head[12:16], "little"))
 
 
 def _remove(objects: list[bpy.types.Object]) -> None:

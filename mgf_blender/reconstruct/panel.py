@@ -203,9 +203,13 @@ def in_panel_words(text: str) -> str:
         text,
     )
     text = re.sub(
-        r"install with: pip install 'mgf-engine\[models\]', in the engine's environment, or leave them out with --only",
-        "tick Models in the preferences and press Install Engine, or leave them out; in an environment of your own: "
-        "pip install 'mgf-engine[models]'",
+        r"install with: pip install 'mgf-engine\[models\]', in the engine's environment, or leave (?:them )?out(?: with)? "
+        r"--(only|draco)",
+        lambda found: (
+            "tick Models in the preferences and press Install Engine, or "
+            + ("leave them out" if found[1] == "only" else "switch Compress off")
+            + "; in an environment of your own: pip install 'mgf-engine[models]'"
+        ),
         text,
     )
     text = re.sub(r"--prompts(?: FILE)?", "points", re.sub(r"--masks(?: FOLDER)?", "Own Masks", text))

@@ -132,11 +132,18 @@ def require_packages(kinds: tuple[str, ...], draco: bool = False) -> None:
         BadInput: one is, and how to install it.
     """
     needed = {module: name for kind in kinds for module, name in NEEDED[kind].items()}
-    if draco and {"lod", "tiles"} & set(kinds):
-        needed["DracoPy"] = "DracoPy"
-    missing = [name for module, name in needed.items() if importlib.util.find_spec(module) is None]
-    if missing:
+    if missing := _missing(needed):
         raise BadInput(
             f"These models need {', '.join(missing)}; install with: pip install 'mgf-engine[models]', in the engine's "
             "environment, or leave them out with --only."
         )
+    if draco and {"lod", "tiles"} & set(kinds) and _missing({"DracoPy": "DracoPy"}):
+        raise BadInput(
+            "Compressed levels of detail need DracoPy; install with: pip install 'mgf-engine[models]', in the engine's "
+            "environment, or leave out --draco."
+        )
+
+
+def _missing(needed: dict[str, str]) -> list[str]:
+    """Names of the packages whose module is not there."""
+    return [name for module, name in needed.items() if importlib.util.find_spec(module) is None]

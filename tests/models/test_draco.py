@@ -88,11 +88,20 @@ def test_the_command_writes_levels_and_tiles_of_them(job: FinishedJob, models: P
         assert (out / f"mesh_lod{level}.glb").stat().st_size < (models / f"mesh_lod{level}.glb").stat().st_size
 
 
-def test_the_package_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mgf_engine.errors import BadInput
+def test_without_the_package_one_sentence_says_so_before_anything_is_made(
+    models: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from mgf_engine.cli import main
     from mgf_engine.models import command
 
     monkeypatch.setattr(command.importlib.util, "find_spec", lambda name: None if name == "DracoPy" else object())
     command.require_packages(("lod",))
-    with pytest.raises(BadInput, match="need DracoPy"):
-        command.require_packages(("lod",), draco=True)
+    command.require_packages(("solid",), draco=True)  # which nothing compresses
+    out = tmp_path / "out"
+    assert main(["models", str(models.parent), "--out", str(out), "--only", "lod", "--draco"]) == 2
+    said = capsys.readouterr().err.strip()
+    assert said == (
+        "Error: Compressed levels of detail need DracoPy; install with: pip install 'mgf-engine[models]', in the "
+        "engine's environment, or leave out --draco."
+    )
+    assert not out.exists()

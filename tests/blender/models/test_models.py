@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
+import struct
 from pathlib import Path
 
 import addon_utils
@@ -99,6 +101,51 @@ def test_button_to_levels(finished, house):
     finished.models.kinds = set()
     with pytest.raises(RuntimeError, match="Nothing is chosen to be made"):
         bpy.ops.mgf.make_models()
+
+
+def compress(path: Path) -> None:
+    """Say in a GLB that its mesh is compressed, as the engine does; its first bytes stand for Draco's."""
+    data = path.read_bytes()
+    (length,) = struct.unpack_from("<I", data, 12)
+    tree = json.loads(data[20 : 20 + length])
+    primitive = tree["meshes"][0]["primitives"][0]
+    primitive["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
+    for accessor in tree["accessors"]:
+        del accessor["bufferView"]  # what they describe comes out of the extension
+    tree["extensionsUsed"] = tree["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
+    path.write_bytes(head + text + rest)
+
+
+def test_a_blender_without_draco_says_what_to_do(finished, house, monkeypatch):
+    def missing(self, name):
+        raise OSError(f"{name}: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(ctypes.LibraryLoader, "LoadLibrary", missing)
+    bpy.ops.mgf.make_models()
+    folder = house.job / "models"
+    compress(folder / "mesh_lod1.glb")
+    before = {block.name_full for block in (*bpy.data.objects, *bpy.data.meshes, *bpy.data.images)}
+    with pytest.raises(RuntimeError, match=r"mesh_lod1.glb' is compressed, which this Blender cannot read; switch Com"):
+        bpy.ops.mgf.import_lods()
+    assert {block.name_full for block in (*bpy.data.objects, *bpy.data.meshes, *bpy.data.images)} == before
+
+
+def test_a_damaged_level_is_refused_and_nothing_changes(finished, house):
+    """Of compressed data that is none, Blender's importer makes a mesh without faces."""
+    bpy.ops.mgf.make_models()
+    bpy.ops.mgf.import_lods()
+    path = house.job / "models" / "mesh_lod1.glb"
+    before = {block.name_full for block in (*bpy.data.objects, *bpy.data.meshes, *bpy.data.images)}
+    compress(path)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match=r"mesh_lod1.glb' (cannot be read; make the models again|is compressed)"):
+            bpy.ops.mgf.import_lods()
+        assert {block.name_full for block in (*bpy.data.objects, *bpy.data.meshes, *bpy.data.images)} == before
+        path.write_bytes(b"draco")
 
 
 def test_levels_stand_where_the_building_stands(finished, house):
