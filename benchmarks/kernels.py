@@ -21,9 +21,8 @@ import numpy as np
 import torch
 
 from benchmarks import torch_tiles
-from mgf_engine.config import Config
 from mgf_engine.field import reference_losses
-from mgf_engine.field.losses import LossTerms, total_loss
+from mgf_engine.field.losses import LossOptions, LossTerms, total_loss
 from mgf_engine.field.optimiser import TRAINED
 from mgf_engine.field.synthetic import building, corner_view, noise_target
 from mgf_engine.field.targets import Target
@@ -151,7 +150,7 @@ def losses_and_gradients(loss: Callable[..., LossTerms], planes: torch.Tensor, t
     median, normal, distortion = (planes[5], planes[6:9], planes[9]) if geometry else (None, None, None)
     color, visible = planes[0:3].detach().requires_grad_(), torch.ones(1, dtype=torch.bool)
     shown = Rendering(color, planes[3], planes[4], median, normal, distortion, visible)
-    loss(shown, target, Config(), torch.zeros(3), geometry).total.backward()
+    loss(shown, target, LossOptions(), torch.zeros(3), geometry).total.backward()
 
 
 def losses_ratio_to_twin(width: int, height: int) -> float:

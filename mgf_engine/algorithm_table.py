@@ -85,7 +85,11 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("start_cut", "field", "Minimum cut that makes the starting surface", "start.options:CutOptions"),
     Algorithm("start_samples", "field", "Samples on the starting surface", "start.samples:SampleOptions"),
     Algorithm("start_points", "field", "Points that Gaussians start from", "field.start:StartPointOptions"),
+    Algorithm("dense_points", "field", "Dense points by stereo without a starting surface", "field.dense:DensePointOptions"),
     Algorithm("initialisation", "field", "Shape and opacity of the first Gaussians", "field.initialise:InitialisationOptions"),
+    Algorithm("targets", "field", "Margin and band around the mask, weights of masks", "field.targets:TargetOptions"),
+    Algorithm("schedule", "field", "Schedule of the training", "field.schedule:ScheduleOptions"),
+    Algorithm("filter_3d", "field", "Low-pass filter of the Gaussians (Mip-Splatting)", "field.filter3d:FilterOptions"),
     Algorithm("densification", "field", "Splitting and pruning of Gaussians", "field.density:DensificationOptions"),
     Algorithm("learning_rates", "field", "Step sizes of Adam", "field.schedule:LearningRates"),
     # mesh

@@ -92,12 +92,19 @@ def make_options(kind: type[T], values: dict[str, Any]) -> T:
 
     A field whose default is another dataclass of options is made in the same way, so that a dataclass can hold the
     options of the algorithms that its own one runs. One of such fields alone needs no section.
+
+    Args:
+        kind: the dataclass.
+        values: ``section.name`` -> value, and the name of an option of the job -> value for the fields that
+            :func:`mgf_engine.config.job_option` defines.
     """
     algorithm = _BY_CLASS.get(_place_of(kind))
     start = "" if algorithm is None else algorithm.section + "."
     own = {k.removeprefix(start): v for k, v in values.items() if algorithm is not None and k.startswith(start)}
     inner = {f.name: make_options(type(f.default), values) for f in fields(kind) if is_dataclass(f.default)}  # type: ignore[arg-type]
-    return kind(**inner, **own)
+    shared = {f.name: f.metadata["job_option"] for f in fields(kind) if "job_option" in f.metadata}  # type: ignore[arg-type]
+    from_job = {name: values[option] for name, option in shared.items() if option in values}
+    return kind(**inner, **own, **from_job)
 
 
 def check_used(command: str, names: Iterable[str]) -> None:

@@ -164,7 +164,7 @@ class Config:
         Args:
             kind: a dataclass of :data:`mgf_engine.algorithms.ALGORITHMS`.
         """
-        return make_options(kind, self.algorithms)
+        return make_options(kind, {f.name: getattr(self, f.name) for f in option_fields()} | self.algorithms)
 
     def algorithms_of(self, stage: str) -> dict[str, Any]:
         """The set options of all algorithms of a stage, ``section.name`` -> value."""
@@ -178,6 +178,11 @@ class Config:
     def run_length(self, photos: int) -> int:
         """Iterations of a training on so many photos."""
         return self.iterations or self.passes * min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], photos))
+
+
+def job_option(name: str) -> Any:
+    """Define a field of an algorithm's options that takes the value of an option of the job (:class:`Config`)."""
+    return field(default=getattr(Config, name), metadata={"job_option": name})
 
 
 #: What each preset changes from the defaults; options the user gives win over both.

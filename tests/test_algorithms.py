@@ -13,8 +13,9 @@ import pytest
 from mgf_engine.algorithm_table import ALGORITHMS, COMMANDS, Algorithm
 from mgf_engine.algorithms import algorithms_schema, parameter
 from mgf_engine.cli import main
-from mgf_engine.config import SECTIONS, as_dict, make_config, option_pairs
+from mgf_engine.config import SECTIONS, Config, as_dict, make_config, option_pairs
 from mgf_engine.errors import BadInput
+from mgf_engine.field.targets import TargetOptions
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.stages import STAGE_NAMES
 
@@ -74,6 +75,13 @@ def test_a_set_option_reaches_its_dataclass_and_the_job_file() -> None:
     assert config.algorithms_of("masks") == {"random_walker.rounds": 6, "random_walker.sky_odds": -3.0}
     assert config.algorithms_of("mesh") == {}
     assert make_config(json.loads(json.dumps(as_dict(config)))) == config
+
+
+def test_an_option_of_the_job_reaches_the_algorithms_that_use_it() -> None:
+    options = make_config({"mask_margin": 0.02, "targets.least_gap": 4}).algorithm(TargetOptions)
+    assert (options.margin, options.least_gap) == (0.02, 4.0)
+    assert TargetOptions().margin == Config.mask_margin
+    assert "targets.margin" not in {entry["name"] for entry in OPTIONS}  # one name for one option
 
 
 def test_an_option_at_its_default_changes_no_job() -> None:

@@ -16,7 +16,7 @@ import torch
 from mgf_engine.config import make_config
 from mgf_engine.field.export import write_splats
 from mgf_engine.field.initialise import initial_field
-from mgf_engine.field.losses import total_loss
+from mgf_engine.field.losses import LossOptions, total_loss
 from mgf_engine.field.targets import make_target
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_ply, write_texture
@@ -82,10 +82,10 @@ def use_field(field: Gaussians, scene: Scene, masks: MaskSet, folder: Path) -> N
             for name, value in vars(field).items()
         })  # fmt: skip
         drawn = render(leaves, Camera.from_view(view), sh_degree=1)
-        target = make_target(scene.photo(index), labels, view, 1, _CONFIG)
+        target = make_target(scene.photo(index), labels, view, 1)
         if target is not None and view.width >= 16 and view.height >= 16:
             error = torch.zeros(view.height, view.width)
-            total_loss(drawn, target, _CONFIG, torch.zeros(3), True, error).total.backward()
+            total_loss(drawn, target, LossOptions(), torch.zeros(3), True, error).total.backward()
         points = scene.points[:100].astype(np.float32)
         where = np.full((view.height, view.width), INSIDE, np.uint8)
         PointOpacity(field).lower(np.full((len(points), 2), 2.0, np.float32), points, view, where)

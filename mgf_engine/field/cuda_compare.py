@@ -8,8 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mgf_engine.config import Config
-from mgf_engine.field.losses import total_loss
+from mgf_engine.field.losses import LossOptions, total_loss
 from mgf_engine.field.optimiser import TRAINED, Optimiser
 from mgf_engine.field.schedule import rates_at
 from mgf_engine.field.synthetic import building, corner_view, noise_target
@@ -39,7 +38,7 @@ class Training:
             self.optimiser.leaves(), self.camera, sh_degree=3, tile_mask=self.target.tile_mask, stats=self.stats,
             error_map=error, wait=wait,
         )  # fmt: skip
-        return seen, total_loss(seen, self.target, Config(), torch.tensor([0.2, 0.5, 0.8]), True, error)
+        return seen, total_loss(seen, self.target, LossOptions(), torch.tensor([0.2, 0.5, 0.8]), True, error)
 
     def iterate(self, wait: bool = False) -> None:
         seen, terms = self.forward(wait)

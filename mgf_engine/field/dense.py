@@ -8,11 +8,13 @@ between neighbours gives depth in seconds, and only what several pairs say alike
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet, building
@@ -21,18 +23,36 @@ from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.depths import Depths, match_photos
 from mgf_engine.system import cores
 
-_NEIGHBOURS = 3
-_LONGEST_SIDE = 500  # px; more costs time and adds points that are thinned out anyway
+
+@dataclass(frozen=True)
+class DensePointOptions:
+    """Options of the dense starting points (``start=dense``)."""
+
+    neighbours: int = parameter(3, "Number of photos that each photo is matched with", low=1)
+    longest_side: int = parameter(
+        500, "Longest side of the matched photos; more adds points that are averaged anyway", "px", low=16
+    )
 
 
 def dense_points(
-    scene: Scene, masks: MaskSet, views: Sequence[int], limit: int, reporter: Reporter, threads: int = 0
+    scene: Scene,
+    masks: MaskSet,
+    views: Sequence[int],
+    limit: int,
+    reporter: Reporter,
+    threads: int = 0,
+    options: DensePointOptions = DensePointOptions(),
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
-    """Points on the building that several views agree on.
+    """Find points on the building that several views confirm.
 
     Args:
+        scene: photos and cameras.
+        masks: the building in each photo.
         views: indices of the views to use.
-        limit: at most about this many points (thinned by averaging in cubes of one size).
+        limit: approximate maximum number of points, which are averaged in voxels of one size.
+        reporter: asked whether to stop.
+        threads: number of worker threads; 0 uses all cores.
+        options: of the matching.
 
     Returns:
         points [N, 3] (normalised frame), colors uint8 [N, 3], and a camera centre that sees each, [N, 3].
@@ -40,7 +60,7 @@ def dense_points(
     threads = threads or cores()
     inside = lambda i: building(masks.labels[i])  # noqa: E731
     told, kept = points_to_match(scene, masks, views)
-    depths = match_photos(told, views, kept, inside, _NEIGHBOURS, _LONGEST_SIDE, threads, reporter.check)
+    depths = match_photos(told, views, kept, inside, options.neighbours, options.longest_side, threads, reporter.check)
     agreed = parallel_map(lambda i: _agreed(i, depths, scene), depths.maps, threads)
     found = [f for f in agreed if len(f[0])]
     if not found:

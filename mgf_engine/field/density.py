@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many Gaussians: grow where the picture is still wrong, drop what no view needs.
+"""Densification and pruning: split Gaussians where the render is still wrong, prune what no view needs.
 
 A Gaussian answers for the error of the pixels it paints, in proportion to its blending weight. Every round the
 ones that answer for most are split along their longest axis, within the budget of the moment; the faint, the
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.config import Config
+from mgf_engine.config import job_option
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.morton import along_curve
@@ -33,6 +33,12 @@ class DensificationOptions:
         0.62, "Length of the children along that axis, as a share of the parent's", low=0.01
     )
     vote_every: int = parameter(5, "Number of rounds between two votes of the masks on the Gaussians", low=1)
+    max_gaussians: int = job_option("max_gaussians")
+    densify_from: float = job_option("densify_from")
+    densify_until: float = job_option("densify_until")
+    densify_every: int = job_option("densify_every")
+    prune_opacity: float = job_option("prune_opacity")
+    use_votes: bool = job_option("training_votes")
 
 
 @dataclass(frozen=True)
@@ -48,22 +54,22 @@ def refine(
     stats: RenderStats,
     keep: Tensor,
     budget: int,
-    prune_opacity: float,
     grow: bool,
     options: DensificationOptions = DensificationOptions(),
 ) -> RefineResult:
-    """One round of pruning and, if ``grow``, of splitting; rows may change places.
+    """Prune Gaussians and, if ``grow``, split others; rows may change places.
 
     Args:
         stats: gathered since the last round, rows as in the optimiser's field.
         keep: bool [N]; false for Gaussians the masks vote against.
         budget: maximum number of Gaussians after the round.
-        prune_opacity: opacity at and below which a Gaussian is pruned.
+        grow: split Gaussians; otherwise only prune.
+        options: of growth and pruning.
     """
     field = optimiser.field
     seen = stats.count > 0
     with torch.no_grad():
-        alive = keep & (field.opacities > prune_opacity) & (field.scales.amax(1) < options.largest)
+        alive = keep & (field.opacities > options.prune_opacity) & (field.scales.amax(1) < options.largest)
         if bool(seen.any()):
             alive &= seen
         score = stats.error / stats.count.clamp_min(1)
@@ -88,7 +94,7 @@ def refine(
 
 
 def split(parents: Gaussians, options: DensificationOptions = DensificationOptions()) -> Gaussians:
-    """Two children per parent, apart along its longest axis and narrower along it; [2N]."""
+    """Split each parent into two children, apart along its longest axis and narrower along it; [2N]."""
     scales = torch.exp(parents.log_scales)
     longest = scales.argmax(1)
     rows = torch.arange(len(parents), device=scales.device)
@@ -110,9 +116,9 @@ def split(parents: Gaussians, options: DensificationOptions = DensificationOptio
     )
 
 
-def budget_at(share: float, start: int, config: Config) -> int:
+def budget_at(share: float, start: int, options: DensificationOptions = DensificationOptions()) -> int:
     """Return the maximum number of Gaussians at a share of the run: from ``start`` up to the maximum."""
-    span = max(config.densify_until - config.densify_from, 1e-6)
-    grown = min(max((share - config.densify_from) / span, 0.0), 1.0)
-    first = min(start, config.max_gaussians)
-    return int(first * (config.max_gaussians / first) ** grown)
+    span = max(options.densify_until - options.densify_from, 1e-6)
+    grown = min(max((share - options.densify_from) / span, 0.0), 1.0)
+    first = min(start, options.max_gaussians)
+    return int(first * (options.max_gaussians / first) ** grown)

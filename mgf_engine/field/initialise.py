@@ -34,13 +34,14 @@ def initial_field(
     given: NDArray[np.float64] | None = None,
     options: InitialisationOptions = InitialisationOptions(),
 ) -> Gaussians:
-    """One Gaussian per point.
+    """Make one Gaussian per point.
 
     Args:
         points: [N, 3] in the normalised frame.
         colors: uint8 [N, 3].
         towards: [N, 3] a place that sees each point (a camera centre); orients the discs.
-        given: [N, 3] unit normals where they are known, NaN elsewhere: there they are those of the points around.
+        given: [N, 3] unit normals where they are known, NaN elsewhere: there they are fitted to neighbouring points.
+        options: of shape and opacity.
 
     Raises:
         BadInput: fewer than four points, too few to know distances from.

@@ -14,10 +14,25 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from mgf_engine.config import Config
+from mgf_engine.config import job_option
 from mgf_engine.field.targets import Target
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.loss import LossWeights, image_loss
+
+
+@dataclass(frozen=True)
+class LossOptions:
+    """Terms of the loss and their weights, eq. 16-20: options of the job."""
+
+    multilevel_loss: bool = job_option("multilevel_loss")
+    boundary_loss: bool = job_option("boundary_loss")
+    l1_weight: float = job_option("l1_weight")
+    ssim_weight: float = job_option("ssim_weight")
+    multilevel_lambda: float = job_option("multilevel_lambda")
+    boundary_lambda: float = job_option("boundary_lambda")
+    distortion_lambda: float = job_option("distortion_lambda")
+    normal_lambda: float = job_option("normal_lambda")
+    background_lambda: float = job_option("background_lambda")
 
 
 @dataclass
@@ -34,16 +49,18 @@ class LossTerms:
 def total_loss(
     rendering: Rendering,
     target: Target,
-    config: Config,
+    options: LossOptions,
     backdrop: Tensor,
     geometry: float,
     error_map: Tensor | None = None,
     backend: str | None = None,
 ) -> LossTerms:
-    """Eq. 20, plus the term that keeps certain background empty.
+    """Compute eq. 20 plus the term that keeps certain background empty.
 
     Args:
         rendering: maps of the whole frame.
+        target: what it is compared with.
+        options: terms and their weights.
         backdrop: [3] colour behind the field for this iteration.
         geometry: factor on the distortion and normal terms; 0 where they do not act.
         error_map: float32 [H, W]; its box receives the error, which is a view of it then.
@@ -51,25 +68,25 @@ def total_loss(
     """
     y0, y1, x0, x1 = target.box
     error = rendering.color.new_empty(y1 - y0, x1 - x0) if error_map is None else target.crop(error_map)
-    weights = loss_weights(target, config, geometry)
+    weights = loss_weights(target, options, geometry)
     terms = image_loss(rendering, target.photo_side, weights, backdrop, target.camera, error, backend)
     color, geometric, background = (torch.as_tensor(v) for v in (terms.color, terms.geometry, terms.background))
     return LossTerms(terms.total, color, geometric, background, error)
 
 
-def loss_weights(target: Target, config: Config, geometry: float) -> LossWeights:
-    """Factors of the terms; a colour term that is switched off hands its weight to the plain eq. 16."""
-    multilevel = config.multilevel_lambda if config.multilevel_loss else 0.0
-    boundary = config.boundary_lambda if config.boundary_loss else 0.0
+def loss_weights(target: Target, options: LossOptions, geometry: float) -> LossWeights:
+    """Return the factors of the terms; a colour term that is switched off leaves its weight to the plain eq. 16."""
+    multilevel = options.multilevel_lambda if options.multilevel_loss else 0.0
+    boundary = options.boundary_lambda if options.boundary_loss else 0.0
     return LossWeights(
-        plain=config.multilevel_lambda + config.boundary_lambda - multilevel - boundary,
+        plain=options.multilevel_lambda + options.boundary_lambda - multilevel - boundary,
         multilevel=multilevel,
         labels=target.label_weight.double().numpy() if multilevel > 0 else np.zeros(target.count + 1),
         boundary=boundary,
         edge=target.w_edge,
-        l1=config.l1_weight,
-        ssim=config.ssim_weight,
-        background=config.background_lambda,
-        distortion=config.distortion_lambda * geometry,
-        normals=config.normal_lambda * geometry,
+        l1=options.l1_weight,
+        ssim=options.ssim_weight,
+        background=options.background_lambda,
+        distortion=options.distortion_lambda * geometry,
+        normals=options.normal_lambda * geometry,
     )

@@ -11,15 +11,16 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from mgf_engine.config import Config
-from mgf_engine.field.losses import LossTerms
+from mgf_engine.field.losses import LossOptions, LossTerms
 from mgf_engine.field.targets import Pixels, Target
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.loss import FLOOR, MS_SSIM_WEIGHTS, WINDOW
 from mgf_engine.raster.reference_losses import normal_consistency, ssim_maps
 
 
-def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: Tensor, geometry: float) -> LossTerms:
+def total_loss(
+    rendering: Rendering, target: Target, options: LossOptions, backdrop: Tensor, geometry: float
+) -> LossTerms:
     """Twin of :func:`mgf_engine.field.losses.total_loss`, in the type of ``rendering.color``."""
     pixels = target.pixels(rendering.color.dtype)
     alpha = target.crop(rendering.alpha)
@@ -27,34 +28,34 @@ def total_loss(rendering: Rendering, target: Target, config: Config, backdrop: T
     # Outside the mask the photo stands in for the render, so that no window reaches over the edge.
     color = torch.where(pixels.inside > 0, color, pixels.photo)
     l1 = (color - pixels.photo).abs().mean(0)
-    color_loss = _color_loss(color, l1, pixels, target.label_weight, target.elements, config)
+    color_loss = _color_loss(color, l1, pixels, target.label_weight, target.elements, options)
     geometry_loss = alpha.new_zeros(())
     if geometry:
-        geometry_loss = geometry * _geometry_loss(rendering, target, pixels, alpha, config)
+        geometry_loss = geometry * _geometry_loss(rendering, target, pixels, alpha, options)
     band = pixels.background_band
-    background = config.background_lambda * (alpha * band).sum() / band.sum().clamp_min(1.0)
+    background = options.background_lambda * (alpha * band).sum() / band.sum().clamp_min(1.0)
     error = l1.detach() + alpha.detach() * band
     total = color_loss + geometry_loss + background
     return LossTerms(total, color_loss.detach(), geometry_loss.detach(), background.detach(), error)
 
 
 def _color_loss(
-    color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor, elements: int, config: Config
+    color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor, elements: int, options: LossOptions
 ) -> Tensor:
     """lambda_1 Loss_mlpm + lambda_2 Loss_boundary; a term switched off hands its weight to the plain eq. 16."""
-    multilevel = config.multilevel_lambda if config.multilevel_loss else 0.0
-    boundary = config.boundary_lambda if config.boundary_loss else 0.0
-    plain = config.multilevel_lambda + config.boundary_lambda - multilevel - boundary
+    multilevel = options.multilevel_lambda if options.multilevel_loss else 0.0
+    boundary = options.boundary_lambda if options.boundary_loss else 0.0
+    plain = options.multilevel_lambda + options.boundary_lambda - multilevel - boundary
     per_pixel = plain * pixels.inside / pixels.inside.sum() + boundary * pixels.edge_weight / pixels.edge_weight.sum()
     ssim, contrast = ssim_maps(color, pixels.photo)
     l1_weight = per_pixel
-    loss = config.ssim_weight * (per_pixel * (1.0 - ssim)).sum()
+    loss = options.ssim_weight * (per_pixel * (1.0 - ssim)).sum()
     if multilevel > 0:
         for share, mask in _masks(pixels.labels, label_weight, elements):
             l1_weight = l1_weight + multilevel * share * mask / mask.sum()
             similarity = ms_ssim(color, pixels, mask, ssim, contrast)
-            loss = loss + multilevel * config.ssim_weight * share * (1.0 - similarity)
-    return loss + config.l1_weight * (l1_weight * l1).sum()
+            loss = loss + multilevel * options.ssim_weight * share * (1.0 - similarity)
+    return loss + options.l1_weight * (l1_weight * l1).sum()
 
 
 def _masks(labels: Tensor, label_weight: Tensor, elements: int) -> Iterator[tuple[float, Tensor]]:
@@ -95,17 +96,17 @@ class _Intrinsics:
     cy: float
 
 
-def _geometry_loss(rendering: Rendering, target: Target, pixels: Pixels, alpha: Tensor, config: Config) -> Tensor:
+def _geometry_loss(rendering: Rendering, target: Target, pixels: Pixels, alpha: Tensor, options: LossOptions) -> Tensor:
     """lambda_3 Loss_depth + lambda_4 Loss_normal (both from 2DGS), means over the mask."""
     assert rendering.distortion is not None and rendering.normal is not None
     distortion = (target.crop(rendering.distortion) * pixels.inside).sum() / pixels.inside.sum()
-    loss = config.distortion_lambda * distortion
-    if config.normal_lambda > 0:
+    loss = options.distortion_lambda * distortion
+    if options.normal_lambda > 0:
         depth = target.crop(rendering.depth) / alpha.clamp_min(1e-4)
         weight = pixels.inside * (alpha.detach() > 0.5)
         camera, (y0, _, x0, _) = target.camera, target.box
         cut = _Intrinsics(camera.fx, camera.fy, camera.cx - x0, camera.cy - y0)
-        loss = loss + config.normal_lambda * normal_consistency(
+        loss = loss + options.normal_lambda * normal_consistency(
             depth, target.crop(rendering.normal), weight, cut, alpha
         )
     return loss

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When things happen during training, always as a share of the run, and how learning rates fall."""
+"""The schedule of the training: resolution, terms of the loss and learning rates by the share of the run."""
 
 from __future__ import annotations
 
@@ -8,14 +8,29 @@ from dataclasses import dataclass
 import torch
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.config import Config
+from mgf_engine.config import job_option
 
-#: Reduction of resolution and the share of the run until which it holds.
-_LEVELS = ((4, 0.15), (2, 0.45), (1, 1.0))
-#: Time of an iteration at each reduction, beside one at full resolution; a part of the work does not depend on pixels.
+#: Time of an iteration at each reduction of the resolution, relative to full resolution (measured): part of the work
+#: does not depend on pixels. For the time left only.
 _COST = {4: 0.25, 2: 0.4, 1: 1.0}
-_MAX_LR_SCALE = 2.0  # more was not tried
-_SMALLEST_SIDE = 160  # px; no level makes the longest side shorter than this
+
+
+@dataclass(frozen=True)
+class ScheduleOptions:
+    """When the terms of the training act and at which resolution, as shares of the run."""
+
+    quarter_until: float = parameter(0.15, "Share of the training on photos reduced four times", high=1)
+    half_until: float = parameter(0.45, "Share of the training after which photos are no longer reduced", high=1)
+    smallest_side: int = parameter(160, "Longest side below which photos are not reduced", "px")
+    sh_degree_steps: int = parameter(
+        10,
+        "Number of equal parts of the training, each of which adds a degree of the spherical harmonics",
+        low=1,
+    )
+    coarse_to_fine: bool = job_option("coarse_to_fine")
+    sh_degree: int = job_option("sh_degree")
+    geometry_from: float = job_option("geometry_from")
+    geometry_every: int = job_option("geometry_every")
 
 
 @dataclass(frozen=True)
@@ -29,21 +44,26 @@ class LearningRates:
     opacity_logits: float = parameter(5.0e-2, "Learning rate of the logits of the opacities")
     sh_constant: float = parameter(4.0e-3, "Learning rate of the colour", low=1e-12)
     sh_rest: float = parameter(2.0e-4, "Learning rate of the view-dependent colour (spherical harmonics)")
+    decay_from: float = parameter(
+        0.6, "Share of the training after which all learning rates but that of the positions fall linearly", high=0.999
+    )
+    decay_to: float = parameter(0.2, "Factor on these learning rates at the end", high=1)
+    largest_scale: float = parameter(2.0, "Maximum factor on the learning rates of a run shorter than usual", low=1)
 
 
-def lr_scale_of(iterations: int, usual: int) -> float:
-    """Factor on the learning rates of a run of so many iterations, where so many are usual.
+def lr_scale_of(iterations: int, usual: int, rates: LearningRates = LearningRates()) -> float:
+    """Return the factor on the learning rates of a run of ``iterations`` where ``usual`` iterations are the default.
 
-    A run cut short must go as far in fewer steps, which go to and fro with the photos: a walk of n random steps goes
-    as far as the root of n of them. Longer runs keep the usual rates.
+    A shorter run must move parameters as far in fewer steps. The steps alternate with the photos like a random walk,
+    whose distance grows with the square root of their number. Longer runs keep the usual rates.
     """
-    return min(max(usual / max(iterations, 1), 1.0) ** 0.5, _MAX_LR_SCALE)
+    return min(max(usual / max(iterations, 1), 1.0) ** 0.5, rates.largest_scale)
 
 
 def rates_at(share: float, lr_scale: float = 1.0, rates: LearningRates = LearningRates()) -> dict[str, float]:
-    """Learning rate per parameter name at a share of the run (0..1), all times ``lr_scale``."""
+    """Return the learning rate per parameter name at a share of the run (0..1), all times ``lr_scale``."""
     positions = rates.positions * (rates.positions_final / rates.positions) ** share
-    decay = 1.0 if share < 0.6 else 1.0 - 0.8 * (share - 0.6) / 0.4
+    decay = 1.0 - (1.0 - rates.decay_to) * max(share - rates.decay_from, 0.0) / (1.0 - rates.decay_from)
     result = {
         "positions": positions,
         "log_scales": rates.log_scales * decay,
@@ -54,47 +74,57 @@ def rates_at(share: float, lr_scale: float = 1.0, rates: LearningRates = Learnin
     return {name: lr_scale * rate for name, rate in result.items()}
 
 
-def reduction_at(share: float, longest_side: int, config: Config) -> int:
-    """By how much photos are reduced at a share of the run: 4, 2 or 1."""
-    if not config.coarse_to_fine:
+def reduction_at(share: float, longest_side: int, options: ScheduleOptions = ScheduleOptions()) -> int:
+    """Return the factor that photos are reduced by at a share of the run: 4, 2 or 1.
+
+    Args:
+        share: of the iterations, 0..1.
+        longest_side: of the working photos, px.
+        options: of the schedule.
+    """
+    if not options.coarse_to_fine:
         return 1
-    for factor, until in _LEVELS:
-        if share < until and longest_side / factor >= _SMALLEST_SIDE:
+    for factor, until in ((4, options.quarter_until), (2, options.half_until)):
+        if share < until and longest_side / factor >= options.smallest_side:
             return factor
     return 1
 
 
-def work_at(share: float, longest_side: int, config: Config) -> float:
-    """Share of the run's time that has gone at a share of its iterations, 0..1: small pictures are quick."""
+def work_at(share: float, longest_side: int, options: ScheduleOptions = ScheduleOptions()) -> float:
+    """Return the share of the run's time that has passed at a share of its iterations, 0..1.
+
+    Args:
+        share, longest_side, options: see :func:`reduction_at`.
+    """
 
     def work(until: float) -> float:
         total, start = 0.0, 0.0
-        for _, end in _LEVELS:
+        for end in sorted((options.quarter_until, options.half_until, 1.0)):
             stop = min(end, until)
             if stop > start:
-                total += (stop - start) * _COST[reduction_at(start, longest_side, config)]
+                total += (stop - start) * _COST[reduction_at(start, longest_side, options)]
                 start = stop
         return total
 
     return work(share) / work(1.0)
 
 
-def geometry_at(iteration: int, share: float, config: Config) -> float:
-    """Factor on the distortion and normal terms, at an iteration and its share of the run.
+def geometry_at(iteration: int, share: float, options: ScheduleOptions = ScheduleOptions()) -> float:
+    """Return the factor on the distortion and normal terms at an iteration and its share of the run.
 
-    Their maps and gradients are a quarter of an iteration's time. In every third one with three times the weight they
-    say the same on average, and the mesh is as good (docs/decisions/021-draft-preset.md).
+    Their maps and gradients are a quarter of an iteration's time. Applied in every third iteration with three times
+    the weight they have the same mean, and the mesh is as good (docs/decisions/021-draft-preset.md).
     """
-    acts = share >= config.geometry_from and iteration % config.geometry_every == 0
-    return float(config.geometry_every) if acts else 0.0
+    acts = share >= options.geometry_from and iteration % options.geometry_every == 0
+    return float(options.geometry_every) if acts else 0.0
 
 
-def sh_degree_at(share: float, config: Config) -> int:
-    """Degree of the spherical harmonics: constant colour first, one more every tenth of the run."""
-    return min(config.sh_degree, int(share * 10))
+def sh_degree_at(share: float, options: ScheduleOptions = ScheduleOptions()) -> int:
+    """Return the degree of the spherical harmonics at a share of the run: constant colour first."""
+    return min(options.sh_degree, int(share * options.sh_degree_steps))
 
 
 def view_order(count: int, epoch: int, seed: int) -> list[int]:
-    """A fixed shuffle of the training views for one pass over them."""
+    """Return a fixed shuffle of the training views for one pass over them."""
     generator = torch.Generator().manual_seed(seed * 1_000_003 + epoch)
     return torch.randperm(count, generator=generator).tolist()

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.field.dense import dense_points
+from mgf_engine.field.dense import DensePointOptions, dense_points
 from mgf_engine.field.initialise import InitialisationOptions, initial_field
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
@@ -50,7 +50,7 @@ class _Points(NamedTuple):
 def start_field(
     scene: Scene, masks: MaskSet, views: list[int], config: Config, folder: Path, reporter: Reporter
 ) -> Gaussians:
-    """The first Gaussians, as ``config.start`` wants them.
+    """Make the first Gaussians, as the option ``start`` says.
 
     Args:
         folder: where the starting surface is left for the mesh stage.
@@ -71,7 +71,8 @@ def start_field(
     if not parts:
         parts = [_sparse(scene, masks, config)]
         if config.start != "sparse":
-            points, colors, towards = dense_points(scene, masks, views, limit, reporter, config.threads)
+            dense = config.algorithm(DensePointOptions)
+            points, colors, towards = dense_points(scene, masks, views, limit, reporter, config.threads, dense)
             parts.append(_Points(points, colors, towards, np.full(points.shape, np.nan)))
     points, colors, towards, normals = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = along_curve(points)  # what one tile shows lies close together in memory

@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from mgf_engine.config import Config
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
@@ -67,6 +66,6 @@ def noise_target(camera: Camera, share: float = 1.0) -> Target:
         cx=camera.cx, cy=camera.cy, rotation=camera.rotation, translation=camera.translation,
         original_width=camera.width, original_height=camera.height,
     )  # fmt: skip
-    target = make_target(photo, labels, view, 1, Config())
+    target = make_target(photo, labels, view, 1)
     assert target is not None
     return target

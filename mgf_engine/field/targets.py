@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What one training view is compared with: photo, labels and pixel weights, cut to the box that matters."""
+"""The target of one training view: photo, labels and pixel weights, cut to the building's box."""
 
 from __future__ import annotations
 
@@ -12,16 +12,26 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mgf_engine.config import Config
+from mgf_engine.algorithms import parameter
+from mgf_engine.config import job_option
 from mgf_engine.masks.boundaries import boundaries
 from mgf_engine.model.masks import BACKGROUND, BUILDING, building
 from mgf_engine.model.scene import View
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.loss import PhotoSide, photo_side
 
-_OPEN = 8  # rims that a gap in the mask must be wide to have a rim inside it
-_RING = 24  # px of certain background around the building that is kept empty
-_GRADIENT_LIMITS = (0.25, 4.0)
+
+@dataclass(frozen=True)
+class TargetOptions:
+    """What of a photo is trained, beside the building itself."""
+
+    least_gap: float = parameter(8.0, "Width from which a gap in the mask has a margin inside, in margins")
+    background_band: int = parameter(24, "Width of the band around the building that is kept empty", "px", low=2)
+    gradient_limits: tuple[float, float] = parameter(
+        (0.25, 4.0), "Smallest and largest weight of a mask by its gradient, relative to the mean, eq. 19", low=1e-6
+    )
+    margin: float = job_option("mask_margin")
+    boundary_weight: float = job_option("boundary_weight")
 
 
 @dataclass(frozen=True)
@@ -31,10 +41,10 @@ class Pixels:
     Attributes:
         photo: float [3, h, w] in 0..1.
         labels: int64 [h, w]; 0 where nothing is compared, 1 on the building where it is no element, 2..elements on its
-            elements (ids made consecutive), then one more on the rim of background.
-        inside: float [h, w]; 1 on the building and its rim.
-        edge_weight: float [h, w]; w of eq. 12, zero outside; 1 on the rim, which is no part of the building.
-        ring: float [h, w]; 1 on certain background near the building.
+            elements (ids made consecutive), then one more on the margin of background.
+        inside: float [h, w]; 1 on the building and its margin.
+        edge_weight: float [h, w]; w of eq. 12, zero outside; 1 on the margin, which is no part of the building.
+        background_band: float [h, w]; 1 on certain background near the building.
     """
 
     photo: Tensor
@@ -55,9 +65,11 @@ class Target:
         image: uint8 [3, h, w].
         labels: uint8 [h, w], see :class:`Pixels`.
         elements: labels 1..elements are the building.
-        count: highest of the labels; one more than ``elements`` where there is a rim.
-        edges, ring: bool [h, w].
+        count: highest of the labels; one more than ``elements`` where there is a margin.
+        edges: bool [h, w]; boundaries of the masks, w_edge of eq. 12 weighs them.
+        background_band: bool [h, w], see :class:`Pixels`.
         w_edge: eq. 12.
+        gradient_limits: smallest and largest delta of eq. 19.
     """
 
     camera: Camera
@@ -70,13 +82,14 @@ class Target:
     edges: Tensor
     background_band: Tensor
     w_edge: float
+    gradient_limits: tuple[float, float]
 
     def to(self, device: torch.device) -> Target:
-        """The same for renderings on a device: what each rendering reads lies there; the photo follows on first use."""
+        """Move what every rendering reads to a device; the photo follows on first use."""
         return replace(self, tile_mask=self.tile_mask.to(device))
 
     def crop(self, plane: Tensor) -> Tensor:
-        """A rendered map [..., H, W] cut to the box."""
+        """Cut a rendered map [..., H, W] to the box, [..., h, w]."""
         y0, y1, x0, x1 = self.box
         return plane[..., y0:y1, x0:x1]
 
@@ -91,14 +104,15 @@ class Target:
     def label_weight(self) -> Tensor:
         """Area times delta of eq. 19 per mask, summing to one: float32 [count + 1].
 
-        Entry 0 is the whole building (level one), the others are its elements (level two); zero for the rim and for
+        Entry 0 is the whole building (level one), the others are its elements (level two); zero for the margin and for
         label 1, which is no mask but what the elements leave of the building.
         """
         photo = np.ascontiguousarray(self.image.numpy().transpose(1, 2, 0))
-        return torch.from_numpy(_label_weights(photo, self.labels.numpy(), self.elements, self.count))
+        found = _label_weights(photo, self.labels.numpy(), self.elements, self.count, self.gradient_limits)
+        return torch.from_numpy(found)
 
     def pixels(self, dtype: torch.dtype = torch.float32) -> Pixels:
-        """The maps as floats."""
+        """Convert the maps to floats."""
         inside = (self.labels > 0).to(dtype)
         return Pixels(
             photo=self.image.to(dtype) / 255.0,
@@ -110,13 +124,20 @@ class Target:
 
 
 def make_target(
-    photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, factor: int, config: Config
+    photo: NDArray[np.uint8],
+    labels: NDArray[np.uint8],
+    view: View,
+    factor: int,
+    options: TargetOptions = TargetOptions(),
 ) -> Target | None:
-    """The target of one view reduced by ``factor``; None when no building pixel is left.
+    """Make the target of one view; None when no building pixel is left.
 
     Args:
         photo: RGB uint8 [H, W, 3] at working resolution.
         labels: uint8 [H, W], see :mod:`mgf_engine.model.masks`.
+        view: camera of the photo.
+        factor: by which photo and labels are reduced.
+        options: of margin, band and weights.
     """
     camera = Camera.from_view(view, 1.0 / factor)
     size = (camera.width, camera.height)
@@ -126,39 +147,45 @@ def make_target(
     if not building(labels).any():
         return None
     own = building(labels)
-    rim = rim_of(labels, config.mask_margin * max(size))
-    inside = own | rim
-    background_band = _ring(inside, labels, max(2, _RING // factor))
+    margin = margin_around(labels, options.margin * max(size), options.least_gap)
+    inside = own | margin
+    background_band = _band(inside, labels, max(2, options.background_band // factor))
     box = _tile_box(inside | background_band)
     cut = (slice(*box[:2]), slice(*box[2:]))
-    photo, labels, own, rim, background_band = photo[cut], labels[cut], own[cut], rim[cut], background_band[cut]
+    photo, labels, own, margin, background_band = photo[cut], labels[cut], own[cut], margin[cut], background_band[cut]
     compact, elements = _consecutive(labels, own)
-    compact[rim] = elements + 1
+    compact[margin] = elements + 1
     return Target(
         camera=camera,
-        tile_mask=_tile_mask(own | rim | background_band, box, camera),
+        tile_mask=_tile_mask(own | margin | background_band, box, camera),
         box=box,
         image=torch.from_numpy(np.ascontiguousarray(photo.transpose(2, 0, 1))),
         labels=torch.from_numpy(compact),
         elements=elements,
-        count=elements + int(rim.any()),
+        count=elements + int(margin.any()),
         edges=torch.from_numpy(boundaries(labels) & own),
         background_band=torch.from_numpy(np.ascontiguousarray(background_band)),
-        w_edge=config.boundary_weight,
+        w_edge=options.boundary_weight,
+        gradient_limits=options.gradient_limits,
     )
 
 
-def rim_of(labels: NDArray[np.uint8], width: float) -> NDArray[np.bool_]:
-    """Certain background up to ``width`` px from the building, which is trained along with it, bool [H, W].
+def margin_around(labels: NDArray[np.uint8], width: float, least_gap: float = 8.0) -> NDArray[np.bool_]:
+    """Find the certain background that is trained along with the building, bool [H, W].
 
     Masks of neighbouring photos disagree by some pixels at their outlines. A field that is emptied right outside one
-    of them misses there in the next; with a rim the outline is trained on both of its sides, and the mesh is cut by
-    the votes of all masks in the end. Bars thinner than two rims have none, and neither have gaps narrower than
-    :data:`_OPEN` rims: there more would be trained of what is behind than of the building, and stay as fog.
+    of them has holes there in the next; with a margin the outline is trained on both of its sides, and the votes of
+    all masks cut the mesh in the end. Bars thinner than two margins have none, and neither have narrow gaps: there,
+    more of what is behind would be trained than of the building, and stay as fog.
+
+    Args:
+        labels: uint8 [H, W].
+        width: of the margin, px.
+        least_gap: width from which a gap in the mask has a margin inside, in margins.
     """
     inside = building(labels)
     near = _distance(_thick(inside, width)) <= width
-    return (labels == BACKGROUND) & near & _thick(~inside, _OPEN / 2 * width)
+    return (labels == BACKGROUND) & near & _thick(~inside, least_gap / 2 * width)
 
 
 def _thick(mask: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
@@ -171,7 +198,7 @@ def _distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
 
 
-def _ring(inside: NDArray[np.bool_], labels: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:
+def _band(inside: NDArray[np.bool_], labels: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:
     """Certain background at most ``width`` px from the building, and two px clear of its edge."""
     outside = (~inside).astype(np.uint8)
     distance = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
@@ -203,7 +230,7 @@ def _consecutive(labels: NDArray[np.uint8], own: NDArray[np.bool_]) -> tuple[NDA
 
 
 def _label_weights(
-    photo: NDArray[np.uint8], labels: NDArray[np.uint8], elements: int, count: int
+    photo: NDArray[np.uint8], labels: NDArray[np.uint8], elements: int, count: int, limits: tuple[float, float]
 ) -> NDArray[np.float32]:
     """Per mask, its area times delta_k (eq. 19); see :attr:`Target.label_weight`.
 
@@ -220,7 +247,7 @@ def _label_weights(
     area[1] = core_area[1] = 0.0
     area[elements + 1 :] = core_area[elements + 1 :] = 0.0
     typical = (gradient * core_area).sum() / max(core_area.sum(), 1)
-    delta = np.clip((typical + 1e-6) / (gradient + 1e-6), *_GRADIENT_LIMITS)
+    delta = np.clip((typical + 1e-6) / (gradient + 1e-6), *limits)
     delta[core_area == 0] = 1.0
     weight = delta * area
     return np.asarray(weight / weight.sum(), np.float32)

@@ -20,11 +20,12 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
 from mgf_engine.field.density import DensificationOptions, budget_at, refine
-from mgf_engine.field.filter3d import update_filter
-from mgf_engine.field.losses import LossTerms, total_loss
+from mgf_engine.field.filter3d import FilterOptions, update_filter
+from mgf_engine.field.losses import LossOptions, LossTerms, total_loss
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.field.schedule import (
     LearningRates,
+    ScheduleOptions,
     geometry_at,
     lr_scale_of,
     rates_at,
@@ -34,7 +35,7 @@ from mgf_engine.field.schedule import (
     work_at,
 )
 from mgf_engine.field.start import start_field
-from mgf_engine.field.targets import Target, make_target
+from mgf_engine.field.targets import Target, TargetOptions, make_target
 from mgf_engine.masks.points import chosen_voters, vote
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
@@ -75,11 +76,13 @@ class _Trainer:
         self.views = training_views(scene, masks)
         self.voters = chosen_voters(scene, self.views, config)
         self.total = config.run_length(len(self.views))
-        self.lr_scale = lr_scale_of(self.total, Config().run_length(len(self.views)))
+        self.rates, self.schedule = config.algorithm(LearningRates), config.algorithm(ScheduleOptions)
+        self.densification, self.losses = config.algorithm(DensificationOptions), config.algorithm(LossOptions)
+        self.target_options = config.algorithm(TargetOptions)
+        self.lr_scale = lr_scale_of(self.total, Config().run_length(len(self.views)), self.rates)
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
         self.factor = 0
-        self.rates, self.densification = config.algorithm(LearningRates), config.algorithm(DensificationOptions)
         self.device = choose_device(config.device).device
         self.seconds: dict[str, float] = defaultdict(float)
         self.checkpoint_path = folder / CHECKPOINT
@@ -102,7 +105,7 @@ class _Trainer:
         order: list[int] = []
         while self.iteration < self.total:
             share = self.iteration / self.total
-            self._set_level(reduction_at(share, self.longest_side, config))
+            self._set_level(reduction_at(share, self.longest_side, self.schedule))
             epoch, place = divmod(self.iteration, len(self.views))
             if place == 0 or not order:
                 order = view_order(len(self.views), epoch, config.seed)
@@ -111,7 +114,7 @@ class _Trainer:
                 rendering, terms = self._step(target, share)
                 self._record(target, rendering, terms)
             self.iteration += 1
-            if self.iteration % config.densify_every == 0:
+            if self.iteration % self.densification.densify_every == 0:
                 self._refine(share)
             now = time.monotonic()
             if now - saved > config.checkpoint_seconds or self.reporter.cancelled:
@@ -140,24 +143,24 @@ class _Trainer:
         if view not in self.targets:
             with self._timed("targets"):
                 photo, labels = self.scene.photo(view), self.masks.labels[view]
-                target = make_target(photo, labels, self.scene.views[view], self.factor, self.config)
+                target = make_target(photo, labels, self.scene.views[view], self.factor, self.target_options)
                 self.targets[view] = None if target is None else target.to(self.device)
         return self.targets[view]
 
     def _step(self, target: Target, share: float) -> tuple[Rendering, LossTerms]:
         config = self.config
-        geometry = geometry_at(self.iteration, share, config)
+        geometry = geometry_at(self.iteration, share, self.schedule)
         generator = torch.Generator().manual_seed(config.seed * 7_919 + self.iteration)
         backdrop = torch.rand(3, generator=generator) if config.random_background else torch.zeros(3)
         error_map = torch.zeros(target.camera.height, target.camera.width, device=self.device)
         with self._timed("render"):
             rendering = render(
-                self.optimiser.leaves(), target.camera, sh_degree=sh_degree_at(share, config),
+                self.optimiser.leaves(), target.camera, sh_degree=sh_degree_at(share, self.schedule),
                 tile_mask=target.tile_mask, stats=self.stats, error_map=error_map,
                 outputs="all" if geometry else "basic", wait=False,
             )  # fmt: skip
         with self._timed("losses"):
-            terms = total_loss(rendering, target, config, backdrop, geometry, error_map)
+            terms = total_loss(rendering, target, self.losses, backdrop, geometry, error_map)
         with self._timed("backward"):
             terms.total.backward()
         with self._timed("optimiser"):
@@ -166,18 +169,15 @@ class _Trainer:
         return rendering, terms
 
     def _refine(self, share: float) -> None:
-        config, field = self.config, self.optimiser.field
+        options, field = self.densification, self.optimiser.field
         with self._timed("density"):
             keep = torch.ones(len(field), dtype=torch.bool, device=self.device)
-            if (
-                config.use_masks
-                and config.training_votes
-                and self.iteration // config.densify_every % self.densification.vote_every == 0
-            ):
+            voting = self.config.use_masks and options.use_votes
+            if voting and self.iteration // options.densify_every % options.vote_every == 0:
                 keep = self._mask_vote(field)
-            budget = budget_at(share, self.figures["start_gaussians"], config)
-            grow = config.densify_from <= share < config.densify_until
-            refine(self.optimiser, self.stats, keep, budget, config.prune_opacity, grow, self.densification)
+            budget = budget_at(share, self.figures["start_gaussians"], options)
+            grow = options.densify_from <= share < options.densify_until
+            refine(self.optimiser, self.stats, keep, budget, grow, options)
             if len(self.optimiser.field) == 0:
                 raise BadInput("All Gaussians were pruned: none explains the masks; check the masks and the cameras.")
             self._update_filter(self.optimiser.field)
@@ -187,7 +187,8 @@ class _Trainer:
         if not self.config.filter_3d:
             field.filter_3d = torch.zeros_like(field.filter_3d)
             return
-        update_filter(field, [self.scene.views[i] for i in self.views], self.config.threads or cores())
+        views = [self.scene.views[i] for i in self.views]
+        update_filter(field, views, self.config.threads or cores(), self.config.algorithm(FilterOptions))
 
     def _mask_vote(self, field: Gaussians) -> torch.Tensor:
         points = field.positions.detach().double().cpu().numpy()
@@ -213,7 +214,7 @@ class _Trainer:
         curve = self.figures["curve"][-5:]
         psnr = float(np.mean([p["psnr"] for p in curve])) if curve else 0.0
         elapsed = sum(self.seconds.values())
-        work = work_at(self.iteration / self.total, self.longest_side, self.config)
+        work = work_at(self.iteration / self.total, self.longest_side, self.schedule)
         left = elapsed * (1 / work - 1) if share > 0.01 else None
         self.reporter.progress(
             self.iteration / self.total, left, iteration=self.iteration,

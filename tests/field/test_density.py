@@ -4,8 +4,7 @@ import math
 import pytest
 import torch
 
-from mgf_engine.config import make_config
-from mgf_engine.field.density import budget_at, refine, split
+from mgf_engine.field.density import DensificationOptions, budget_at, refine, split
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.morton import along_curve
@@ -49,7 +48,7 @@ def test_children_lie_along_the_longest_axis_and_are_narrower_there() -> None:
 def test_those_that_answer_for_most_error_are_split_within_the_budget() -> None:
     optimiser = Optimiser(gaussians())
     marked = optimiser.field.positions[-3:].clone()
-    result = refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 23, 0.02, grow=True)
+    result = refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 23, grow=True)
     assert (result.added, result.pruned, len(optimiser.field)) == (3, 0, 23)
     assert not any(bool((optimiser.field.positions == m).all(1).any()) for m in marked)
     for first, second in optimiser.moments.values():
@@ -64,7 +63,7 @@ def test_what_belongs_to_a_gaussian_moves_with_it() -> None:
     for first, _ in optimiser.moments.values():
         first.view(20, -1)[:] = tags[:, None]
     before = optimiser.field.positions.clone()
-    refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 22, 0.02, grow=True)
+    refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 22, grow=True)
     kept = [int((optimiser.field.positions == place).all(1).nonzero()) for place in before[:18]]
     assert kept != sorted(kept)  # they did change places
     torch.testing.assert_close(optimiser.field.opacity_logits[kept], tags[:18] / 100)
@@ -80,7 +79,7 @@ def test_the_unseen_the_faint_and_the_outvoted_are_dropped() -> None:
     keep = torch.ones(20, dtype=torch.bool)
     keep[2] = False
     optimiser = Optimiser(field)
-    result = refine(optimiser, stats, keep, 100, 0.02, grow=False)
+    result = refine(optimiser, stats, keep, 100, grow=False)
     assert (result.added, result.pruned) == (0, 3)
 
 
@@ -88,12 +87,12 @@ def test_nothing_grows_where_the_picture_is_right() -> None:
     stats = seen_stats(20)
     stats.error.zero_()
     optimiser = Optimiser(gaussians())
-    assert refine(optimiser, stats, torch.ones(20, dtype=torch.bool), 100, 0.02, grow=True).added == 0
+    assert refine(optimiser, stats, torch.ones(20, dtype=torch.bool), 100, grow=True).added == 0
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 1000), (0.9, 100_000)])
 def test_budget_grows_from_the_start_to_the_maximum(share: float, expected: int) -> None:
-    config = make_config({"max_gaussians": 100_000})
-    assert math.isclose(budget_at(share, 1000, config), expected, rel_tol=1e-3)
-    assert budget_at(0.2, 1000, config) <= budget_at(0.4, 1000, config)
-    assert budget_at(0.5, 10**7, config) == 100_000
+    options = DensificationOptions(max_gaussians=100_000)
+    assert math.isclose(budget_at(share, 1000, options), expected, rel_tol=1e-3)
+    assert budget_at(0.2, 1000, options) <= budget_at(0.4, 1000, options)
+    assert budget_at(0.5, 10**7, options) == 100_000

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field import reference_losses
-from mgf_engine.field.losses import total_loss
+from mgf_engine.field.losses import LossOptions, total_loss
 from mgf_engine.field.targets import Target, make_target
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.scene import View
@@ -26,7 +25,7 @@ MAPS = ("color", "alpha", "depth", "normal", "distortion")
 VALUE_TOLERANCE = 2e-6  # sums of float32 terms near 1
 # Moments in float32 carry errors of about 1e-7 that C2 = 9e-4 divides; differences of neighbouring depths cancel.
 GRADIENT_TOLERANCE = {"color": 5e-5, "alpha": 5e-5, "depth": 2e-4, "normal": 5e-5, "distortion": 1e-6}
-CONFIG = replace(Config(), multilevel_loss=True, boundary_loss=True)  # every term there is
+OPTIONS = replace(LossOptions(), multilevel_loss=True, boundary_loss=True)  # every term there is
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -61,9 +60,7 @@ def make(height: int, width: int, mask: str = "ellipse", seed: int = 0) -> Targe
         labels[inside & (abs(x - 0.4 * width) < 4) & (abs(y - 0.5 * height) < 4)] = 3
     else:
         labels[height // 2, width // 3] = 1
-    target = make_target(
-        np.clip(photo, 0, 255).astype(np.uint8).transpose(1, 2, 0), labels, view(height, width), 1, CONFIG
-    )
+    target = make_target(np.clip(photo, 0, 255).astype(np.uint8).transpose(1, 2, 0), labels, view(height, width), 1)
     assert target is not None
     return target
 
@@ -83,13 +80,13 @@ def rendering(target: Target, seed: int = 1, far: float = 0.3) -> Rendering:
     return Rendering(seen[0:3], seen[3], seen[4], seen[5], seen[6:9], seen[9], torch.ones(1, dtype=torch.bool))
 
 
-def differentiate(loss, target, config, geometry, dtype, render, factor=1.0):
+def differentiate(loss, target, options, geometry, dtype, render, factor=1.0):
     """Terms and gradients by name for one implementation."""
     leaves = {name: getattr(render, name).to(dtype).detach().requires_grad_() for name in MAPS}
     if dtype == torch.float32:  # keep the padded rows
         leaves = {name: getattr(render, name).detach().requires_grad_() for name in MAPS}
     backdrop = torch.tensor([0.2, 0.9, 0.5], dtype=dtype)
-    terms = loss(replace(render, **leaves), target, config, backdrop, geometry)
+    terms = loss(replace(render, **leaves), target, options, backdrop, geometry)
     (factor * terms.total).backward()
     return terms, {name: leaf.grad for name, leaf in leaves.items()}
 
@@ -105,14 +102,14 @@ def compare(request):
     return partial(compare_backends, ("cuda",) if request.param == "cuda" else ("cpu", "cuda-source-on-cpu"))
 
 
-def compare_backends(backends, target, config=CONFIG, geometry=1.0, render=None, factor=1.0):
+def compare_backends(backends, target, options=OPTIONS, geometry=1.0, render=None, factor=1.0):
     """The kernels of the backends agree with the twin."""
     render = render or rendering(target)
-    twin = differentiate(reference_losses.total_loss, target, config, geometry, torch.float64, render, factor)
+    twin = differentiate(reference_losses.total_loss, target, options, geometry, torch.float64, render, factor)
     for backend in backends:
         loss = partial(total_loss, backend=backend)
         seen = on_card(render) if backend == "cuda" else render
-        assert_agree(differentiate(loss, target, config, geometry, torch.float32, seen, factor), twin)
+        assert_agree(differentiate(loss, target, options, geometry, torch.float32, seen, factor), twin)
 
 
 def on_card(render, device="cuda"):
@@ -169,7 +166,7 @@ SWITCHES = [
 
 @pytest.mark.parametrize("switches", SWITCHES, ids=lambda s: ",".join(s))
 def test_every_switch_matches_the_twin(switches, compare):
-    compare(make(70, 150), replace(CONFIG, **switches))
+    compare(make(70, 150), replace(OPTIONS, **switches))
 
 
 def test_without_geometry_and_with_an_outer_factor(compare):
@@ -200,10 +197,10 @@ def test_threads_change_nothing_and_padding_is_no_matter():
     found = []
     for threads in (1, 3, 2):
         library.set_threads(threads)
-        found.append(differentiate(total_loss, target, CONFIG, True, torch.float32, render))
+        found.append(differentiate(total_loss, target, OPTIONS, True, torch.float32, render))
     library.set_threads(0)
     plain = replace(render, **{name: getattr(render, name).contiguous() for name in MAPS})
-    found.append(differentiate(total_loss, target, CONFIG, True, torch.float32, plain))
+    found.append(differentiate(total_loss, target, OPTIONS, True, torch.float32, plain))
     for terms, gradients in found[1:]:
         assert terms.total == found[0][0].total and torch.equal(terms.error, found[0][0].error)
         assert all(torch.equal(gradients[name], found[0][1][name]) for name in MAPS)
@@ -212,13 +209,13 @@ def test_threads_change_nothing_and_padding_is_no_matter():
 def test_gradients_outlive_their_graph_and_memory_is_used_again(monkeypatch):
     target = make(40, 60)
     render = rendering(target)
-    _, first = differentiate(total_loss, target, CONFIG, True, torch.float32, render)
+    _, first = differentiate(total_loss, target, OPTIONS, True, torch.float32, render)
     leaf = render.color.detach().requires_grad_()
-    terms = total_loss(replace(render, color=leaf), target, CONFIG, torch.tensor([0.2, 0.9, 0.5]), True)
+    terms = total_loss(replace(render, color=leaf), target, OPTIONS, torch.tensor([0.2, 0.9, 0.5]), True)
     (kept,) = torch.autograd.grad(terms.total, [leaf])
     del terms
     for _ in range(3):
-        differentiate(total_loss, target, CONFIG, True, torch.float32, rendering(target, seed=5), factor=2.0)
+        differentiate(total_loss, target, OPTIONS, True, torch.float32, rendering(target, seed=5), factor=2.0)
     assert torch.equal(kept, first["color"])
     monkeypatch.setattr(buffers, "_free", [])  # blocks of other tests would do as well
     block = lasting_array(torch.float32, 3, 1000)
@@ -233,7 +230,7 @@ def test_gradients_outlive_their_graph_and_memory_is_used_again(monkeypatch):
 def test_error_map_receives_the_error_in_its_box():
     target = make(100, 300)
     frame = torch.zeros(100, 300)
-    terms = total_loss(rendering(target), target, CONFIG, torch.zeros(3), False, frame)
+    terms = total_loss(rendering(target), target, OPTIONS, torch.zeros(3), False, frame)
     assert terms.error.data_ptr() == target.crop(frame).data_ptr() and terms.error.max() > 0
     outside = frame.clone()
     target.crop(outside).zero_()
@@ -242,7 +239,7 @@ def test_error_map_receives_the_error_in_its_box():
 
 def test_outside_of_mask_and_ring_has_no_gradient():
     target = make(100, 300)
-    _, gradients = differentiate(total_loss, target, CONFIG, True, torch.float32, rendering(target))
+    _, gradients = differentiate(total_loss, target, OPTIONS, True, torch.float32, rendering(target))
     counts = torch.zeros(100, 300, dtype=torch.bool)
     target.crop(counts).copy_((target.labels > 0) | target.background_band)
     assert all(gradients[name][..., ~counts].abs().max() == 0 for name in MAPS)
@@ -260,4 +257,4 @@ def test_geometry_needs_all_outputs():
     target = make(40, 40)
     basic = replace(rendering(target), normal=None, distortion=None, median=None)
     with pytest.raises(ValueError, match="all outputs"):
-        total_loss(basic, target, CONFIG, torch.zeros(3), True)
+        total_loss(basic, target, OPTIONS, torch.zeros(3), True)

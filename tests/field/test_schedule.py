@@ -7,19 +7,27 @@ import numpy as np
 import pytest
 
 from mgf_engine.config import make_config
-from mgf_engine.field.schedule import geometry_at, lr_scale_of, rates_at, reduction_at, work_at
+from mgf_engine.field.schedule import (
+    ScheduleOptions,
+    geometry_at,
+    lr_scale_of,
+    rates_at,
+    reduction_at,
+    sh_degree_at,
+    work_at,
+)
 
 
 @pytest.mark.parametrize(("side", "levels"), [(750, [4, 2, 1]), (400, [2, 1]), (200, [1])])
 def test_pictures_grow_and_never_start_too_small(side: int, levels: list[int]) -> None:
-    seen = [reduction_at(share, side, make_config({})) for share in np.linspace(0, 1, 101)]
+    seen = [reduction_at(share, side) for share in np.linspace(0, 1, 101)]
     assert list(dict.fromkeys(seen)) == levels
 
 
 @pytest.mark.parametrize("side", [200, 400, 750])
 def test_work_goes_from_nothing_to_all_and_slower_while_pictures_are_small(side: int) -> None:
     shares = np.linspace(0, 1, 101)
-    work = np.array([work_at(share, side, make_config({})) for share in shares])
+    work = np.array([work_at(share, side) for share in shares])
     assert work[0] == 0 and work[-1] == pytest.approx(1) and (np.diff(work) > 0).all()
     assert (work <= shares + 1e-9).all()
     if side == 200:
@@ -29,8 +37,8 @@ def test_work_goes_from_nothing_to_all_and_slower_while_pictures_are_small(side:
 
 
 def test_work_is_even_at_one_resolution() -> None:
-    config = make_config({"coarse_to_fine": False})
-    assert work_at(0.3, 750, config) == pytest.approx(0.3)
+    options = make_config({"coarse_to_fine": False}).algorithm(ScheduleOptions)
+    assert work_at(0.3, 750, options) == pytest.approx(0.3)
 
 
 def test_rates_only_fall() -> None:
@@ -47,7 +55,19 @@ def test_a_run_cut_short_takes_larger_steps() -> None:
 
 
 def test_geometry_terms_have_their_weight_on_average() -> None:
-    config = make_config({"geometry_from": 0.4})
-    assert not any(geometry_at(i, 0.39, config) for i in range(30))
-    factors = [geometry_at(i, 0.4, config) for i in range(30)]
+    options = ScheduleOptions(geometry_from=0.4)
+    assert not any(geometry_at(i, 0.39, options) for i in range(30))
+    factors = [geometry_at(i, 0.4, options) for i in range(30)]
     assert np.mean(factors) == pytest.approx(1.0) and 0.0 in factors
+
+
+def test_harmonics_come_one_degree_after_the_other() -> None:
+    assert [sh_degree_at(share, ScheduleOptions(sh_degree=2)) for share in (0.0, 0.09, 0.1, 0.25, 1.0)] == [
+        0,
+        0,
+        1,
+        2,
+        2,
+    ]
+    slow = make_config({"sh_degree": 3, "schedule.sh_degree_steps": 2}).algorithm(ScheduleOptions)
+    assert [sh_degree_at(share, slow) for share in (0.0, 0.5, 1.0)] == [0, 1, 2]

@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rim of background that is trained along with the building, and what it is kept out of."""
+"""The margin of background that is trained along with the building, and what it is kept out of."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mgf_engine.config import Config
-from mgf_engine.field.targets import Target, make_target, rim_of
+from mgf_engine.field.targets import Target, TargetOptions, make_target, margin_around
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
 from mgf_engine.model.scene import View
 
@@ -31,7 +28,7 @@ def target(labels: np.ndarray, photo: np.ndarray | None = None, margin: float = 
     )  # fmt: skip
     if photo is None:
         photo = np.full((height, width, 3), 128, np.uint8)
-    made = make_target(photo, labels, view, 1, replace(Config(), mask_margin=margin))
+    made = make_target(photo, labels, view, 1, TargetOptions(margin=margin))
     assert made is not None and made.box[0] == made.box[2] == 0
     return made
 
@@ -41,18 +38,18 @@ def whole(made: Target, labels: np.ndarray) -> np.ndarray:
 
 
 def test_the_rim_lies_around_the_building() -> None:
-    rim = rim_of(labels(), 3.0)
-    assert rim[10:30, 17:20].all() and not rim[10:30, :17].any()
-    assert (labels()[rim] == BACKGROUND).all()  # what hides the building stays unknown
+    margin = margin_around(labels(), 3.0)
+    assert margin[10:30, 17:20].all() and not margin[10:30, :17].any()
+    assert (labels()[margin] == BACKGROUND).all()  # what hides the building stays unknown
 
 
 def test_no_highlighted_pixel_lies_on_background() -> None:
-    """Eq. 12 is of the masks, which end at the building; outside of them it is 1 where a rim is trained."""
+    """Eq. 12 is of the masks, which end at the building; outside of them it is 1 where a margin is trained."""
     made = target(labels())
     own = building(whole(made, labels()))
-    rim = (made.labels.numpy() > made.elements) & ~own
+    margin = (made.labels.numpy() > made.elements) & ~own
     weight = made.pixels().edge_weight.numpy()
-    assert rim.sum() > 50 and (weight[rim] == 1).all()
+    assert margin.sum() > 50 and (weight[margin] == 1).all()
     assert np.count_nonzero((weight > 1) & ~own) == 0
     assert np.count_nonzero(made.edges.numpy() & ~own) == 0
     outline = own.copy()
@@ -63,16 +60,16 @@ def test_no_highlighted_pixel_lies_on_background() -> None:
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 def test_the_masks_of_equation_19_are_the_building_and_its_elements(margin) -> None:
     made = target(labels(), margin=margin)
-    rim = 1 if margin else 0
-    assert (made.elements, made.count) == (2, 2 + rim)
+    margin = 1 if margin else 0
+    assert (made.elements, made.count) == (2, 2 + margin)
     share = made.label_weight.numpy()
-    assert share[1] == 0 and (share[3:] == 0).all()  # the rest of the building is no mask, and neither is the rim
+    assert share[1] == 0 and (share[3:] == 0).all()  # the rest of the building is no mask, and neither is the margin
     # A photo of one colour has one delta, so areas alone weigh: 400 px of the building, 9 of its element.
     np.testing.assert_allclose(share[[0, 2]], np.array([400, 9]) / 409, rtol=1e-6)
 
 
 def test_delta_is_of_the_masks_alone() -> None:
-    """A plain building before a patterned background weighs as it does without a rim."""
+    """A plain building before a patterned background weighs as it does without a margin."""
     photo = np.full((40, 60, 3), 128, np.uint8)
     photo[:, ::2] = 255
     photo[10:30, 20:40] = 128
@@ -91,19 +88,19 @@ def test_an_element_over_the_whole_building_leaves_no_rest() -> None:
 
 
 def test_bars_and_gaps_have_no_rim() -> None:
-    """Between the bars of a frame everything would be rim, and be trained on what is behind."""
+    """Between the bars of a frame everything would be margin, and be trained on what is behind."""
     frame = np.full((120, 200), BACKGROUND, np.uint8)
     frame[20:100, 20:80] = BUILDING
     frame[40:50, 40:50] = BACKGROUND  # a gap in a wall
     frame[20:100, 120:124] = frame[20:100, 150:154] = frame[60:64, 120:154] = BUILDING
-    rim = rim_of(frame, 3.0)
-    assert rim[30:90, 80:83].all()  # beside the wall
-    assert not rim[40:50, 40:50].any() and not rim[:, 110:].any()
+    margin = margin_around(frame, 3.0)
+    assert margin[30:90, 80:83].all()  # beside the wall
+    assert not margin[40:50, 40:50].any() and not margin[:, 110:].any()
 
 
 @pytest.mark.parametrize("width", [0.0, 0.5])
 def test_no_width_no_rim(width) -> None:
-    assert not rim_of(labels(), width).any()
+    assert not margin_around(labels(), width).any()
 
 
 def test_every_id_taken() -> None:

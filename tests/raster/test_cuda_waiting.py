@@ -10,8 +10,7 @@ import torch
 from rendered import camera, gaussians
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from mgf_engine.config import Config
-from mgf_engine.field.losses import loss_weights
+from mgf_engine.field.losses import LossOptions, loss_weights
 from mgf_engine.field.synthetic import noise_target
 from mgf_engine.raster.api import RenderStats
 from mgf_engine.raster.cpu import OutputGradients, Parameters
@@ -78,7 +77,7 @@ def test_rendering_and_gradients_read_nothing_back() -> None:
 def test_loss_and_gradients_read_nothing_back(geometry: bool) -> None:
     view = camera(70, 50)
     target = noise_target(view)
-    weights = loss_weights(target, Config(), geometry)
+    weights = loss_weights(target, LossOptions(), geometry)
     maps = list(torch.rand(9, 64, 80)[:, :50, :70].split((3, 1, 1, 1, 3)))
     maps = [maps[0], maps[1][0], *([maps[2][0], maps[3][0], maps[4]] if geometry else [])]
     error = target.crop(torch.zeros(50, 70))
