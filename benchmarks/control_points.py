@@ -27,6 +27,7 @@ from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.crs import Projection
 from mgf_engine.georef.find import find_georeference
+from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import place_points
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.load import load_scene
@@ -142,7 +143,7 @@ def errors_of(inputs: Path, method: str, targets: Sequence[Target], resolution: 
     with tempfile.TemporaryDirectory() as folder:
         adjust = fit_to_control if reading.control and reading.control_adjust else None
         scene = load_scene(inputs, Path(folder) / "scene", reading, reporter, adjust=adjust)
-        found = find_georeference(scene, reading, lambda text: None)
+        found = find_georeference(scene, reading.algorithm(GeoreferenceOptions), lambda text: None)
         from mgf_engine.georef.control import read_marks
 
         marks, _ = read_marks(inputs / "marks.csv", [view.name for view in scene.views])

@@ -68,6 +68,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("mask_flags", "masks", "Masks that are left out", "masks.validation.mask_flags:FlagOptions"),
     Algorithm("densify_points", "masks", "Points by stereo where structure from motion found none", "masks.geometry.densify_points:DensifyOptions"),
     Algorithm("ground_plane", "masks", "Plane of the ground", "masks.geometry.ground_plane:GroundPlaneOptions", also=("preview",)),
+    Algorithm("gravity", "masks", "Direction up by vertical edges, gravity tags or level cameras", "scene.gravity:GravityOptions", also=("drawings", "models")),
     Algorithm("point_features", "masks", "Neighbours, normals and groups of points", "masks.geometry.point_features:PointFeatureOptions", also=("preview",)),
     Algorithm("overhangs", "masks", "Eaves and cornices, which no column reaches the ground from", "masks.geometry.overhangs:OverhangOptions", also=("preview",)),
     Algorithm("point_surface", "masks", "Surface around the points of the building", "masks.geometry.point_surface:SurfaceOptions", also=("preview",)),
@@ -127,6 +128,12 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("solid_evidence", "models", "Walls, roofs and footprint that a solid is made from", "models.solid.evidence:EvidenceOptions"),
     Algorithm("solid_labels", "models", "Choice of a roof plane for each cell of the ground plan", "models.solid.labels:LabelOptions"),
     Algorithm("solid_openings", "models", "Windows and doors of the solid", "models.solid.openings:OpeningOptions"),
+    # georef
+    Algorithm("control_points", "georef", "Fit of the scene to control points", "georef.options:ControlPointOptions"),
+    Algorithm("mark_triangulation", "georef", "Triangulation of marked points", "georef.options:MarkOptions"),
+    Algorithm("gps_fit", "georef", "Fit of the cameras to the GPS of their photos", "georef.options:GpsFitOptions"),
+    Algorithm("scale_bar_fit", "georef", "Scale from known distances", "georef.options:ScaleBarOptions"),
+    Algorithm("control_adjustment", "georef", "Bundle adjustment with control points", "georef.options:ControlAdjustmentOptions"),
     # town
     Algorithm("building_hulls", "town", "Ground and height of each building", "town.hulls:HullOptions", also=("suggest-clicks",)),
     Algorithm("building_search", "town", "Buildings in the sparse points alone", "town.find:OutlineOptions", also=("suggest-clicks",)),

@@ -167,7 +167,7 @@ class Config:
         return make_options(kind, {f.name: getattr(self, f.name) for f in option_fields()} | self.algorithms)
 
     def algorithms_of(self, stage: str) -> dict[str, Any]:
-        """The set options of all algorithms of a stage, ``section.name`` -> value."""
+        """Return the set options of all algorithms of a stage or command, ``section.name`` -> value."""
         return {k: v for k, v in self.algorithms.items() if algorithm_named(k.partition(".")[0]).stage == stage}
 
     def wants_elements(self, parts_clicked: bool) -> bool:

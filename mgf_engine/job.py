@@ -238,7 +238,10 @@ class Job:
     def _options_of(self, stage: Stage) -> dict[str, Any]:
         names = [f.name for f in option_fields() if f.metadata["section"] in stage.sections]
         options = {n: getattr(self.config, n) for n in (*names, *stage.options) if n not in _BY_CONTENT}
-        options.update(self.config.algorithms_of(stage.name))
+        for section in stage.sections:
+            options.update(self.config.algorithms_of(section))
+        if stage.inputs == "photos" and self.adjusts_to_control:
+            options.update(self.config.algorithms_of("georef"))
         if stage.inputs == "photos" and not self._leaves_photos_out():
             options["max_photos"] = 0
         return options

@@ -102,6 +102,19 @@ def test_a_limit_that_leaves_no_photo_out_changes_nothing(tmp_path: Path, source
         assert [stage for stage in STAGE_NAMES if job.keys[stage] == keys[stage]] == ["scene", "masks"]
 
 
+@pytest.mark.parametrize(("adjust", "first"), [(False, "deliver"), (True, "scene")])
+def test_numbers_of_georeferencing_redo_the_scene_only_where_control_points_move_cameras(
+    tmp_path: Path, source: Path, adjust: bool, first: str
+) -> None:
+    (tmp_path / "points.csv").write_text("P1,1,2,3")
+    given = {"control": str(tmp_path / "points.csv"), "control_adjust": adjust}
+    with Job.start(tmp_path / "job", source, given=given) as job:
+        finish_all(job)
+    with Job.start(tmp_path / "job", given={"control_points.accuracy": 0.02}, resume=True) as job:
+        undone = [stage for stage in STAGE_NAMES if not job.done(stage)]
+    assert undone == list(STAGE_NAMES[STAGE_NAMES.index(first) :])
+
+
 @pytest.mark.parametrize("name", [*(f"images/b{kind}" for kind in sorted(PHOTO_KINDS)), "images/a.jpg"])
 def test_changed_photos_redo_everything(tmp_path: Path, source: Path, name: str) -> None:
     assert redone(tmp_path / "job", lambda: (source / name).write_bytes(b"zz"), source) == list(STAGE_NAMES)

@@ -54,9 +54,9 @@ The numbers of the algorithms, for experiments and ablations. They are in no pan
 [results](results.md) were made with. Set them by name: `mgf reconstruct … --set random_walker.rounds=6`, in a JSON
 file after `--config` (`{"random_walker.rounds": 6}`), or from Python
 (`mgf.reconstruct(…, **{"random_walker.rounds": 6})`). A number with several parts is given with commas (`5,14`). A
-changed option redoes its stage and the later ones, like any other. `mgf drawings`, `mgf models` and `mgf preview` take
-`--set` and `--config` for the algorithms that they run, and otherwise what the job was made with. `mgf options
---algorithms` prints this list, with `--json` as data that has the limits, too.
+changed option redoes its stage and the later ones, like any other. `mgf georef`, `mgf drawings`, `mgf models` and
+`mgf preview` take `--set` and `--config` for the algorithms that they run, and otherwise what the job was made with.
+`mgf options --algorithms` prints this list, with `--json` as data that has the limits, too.
 
 px is a pixel of a working photo; a ground pixel is its size on the surface in the nearest photo.
 """

@@ -24,7 +24,7 @@ from mgf_engine.mesh.screening import voting_views
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.gravity import find_up
+from mgf_engine.scene.gravity import GravityOptions, find_up
 from mgf_engine.scene.store import read_scene
 
 
@@ -35,6 +35,7 @@ class UpOptions:
     camera_weight: float = parameter(0.003, "Weight of the cameras' direction up against that of all walls")
     axis_angle: float = parameter(1.0, "Angle to an axis of the scene below which up is that axis", "degrees", high=45)
     rounds: int = parameter(5, "Number of iterations", low=1)
+    gravity: GravityOptions = GravityOptions()
 
 
 def read_survey(folder: Path, georeference: Georeference | None = None, options: UpOptions = UpOptions()) -> Survey:
@@ -57,7 +58,7 @@ def read_survey(folder: Path, georeference: Georeference | None = None, options:
     in_georeference = replace(mesh, vertices=georeference.local(mesh.vertices))
     turn = np.eye(3)
     if not georeference.up_known:
-        guess = scene.to_normalised.rotation.T @ find_up(scene).vector
+        guess = scene.to_normalised.rotation.T @ find_up(scene, options=options.gravity).vector
         turn = turn_up(up_from_walls(in_georeference, georeference.rotation @ guess, options))
     local = replace(mesh, vertices=in_georeference.vertices @ turn.T)
     scale = georeference.scale / scene.to_normalised.scale

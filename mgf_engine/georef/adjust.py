@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mgf_engine.config import Config
@@ -11,20 +12,18 @@ from mgf_engine.georef.bundle import adjusted_to_control
 from mgf_engine.georef.control import read_control
 from mgf_engine.georef.doubts import check_points
 from mgf_engine.georef.fit_control import fit_control
+from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import place_points
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.gravity import up_from_cameras
 from mgf_engine.scene.sparse import SparseModel
 
-#: Share of the control points' extent by which a scene that was not adjusted yet may be bent.
-BENT = 0.05
-
 
 def fit_to_control(
     model: SparseModel, scene: Scene, rebuilt: Callable[[SparseModel], Scene], config: Config, reporter: Reporter
 ) -> SparseModel:
-    """The model adjusted to the user's control points, in its own frame.
+    """Adjust a model to the user's control points; it stays in its own frame.
 
     A bent scene fits even points that are right badly, so all that are not far off take part at first, and points that
     are wrong count less; those that do not fit the straightened scene are left out the second time. What is wrong with
@@ -38,14 +37,16 @@ def fit_to_control(
     Raises:
         BadInput: the points cannot be used, or do not fit at all.
     """
-    marks = Path(config.marks) if config.marks else None
-    control = read_control(Path(config.control), marks, [view.name for view in scene.views])
+    options = config.algorithm(GeoreferenceOptions)
+    marks = Path(options.marks) if options.marks else None
+    names = [view.name for view in scene.views]
+    control = read_control(Path(options.control), marks, names, options.point.accuracy)
     check_points(control.points, None, None)
-    for share, robust in ((BENT, True), (None, False)):
-        placed, failed = place_points(scene, control.marks)
-        how = {} if share is None else {"share": share}
-        fit = fit_control(scene, control.points, placed, failed, up_from_cameras(scene), **how)
-        found = adjusted_to_control(model, scene, control, placed, fit, config.resolution, reporter, robust)
+    bent = replace(options.point, tolerated=options.point.tolerated_bent)
+    for limits, robust in ((bent, True), (options.point, False)):
+        placed, failed = place_points(scene, control.marks, options.mark)
+        fit = fit_control(scene, control.points, placed, failed, up_from_cameras(scene), limits)
+        found = adjusted_to_control(model, scene, control, placed, fit, config.resolution, reporter, robust, options)
         if found is model:
             break
         model, scene = found, rebuilt(found)

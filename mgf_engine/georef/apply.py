@@ -11,6 +11,7 @@ from mgf_engine.geometry.mesh_files import IMAGE, read_texture
 from mgf_engine.georef.export import write_georeferenced
 from mgf_engine.georef.find import GeoreferenceFit, find_georeference
 from mgf_engine.georef.model import write_georeference
+from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.report import replace_section, survey_figures, survey_html
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
@@ -24,7 +25,7 @@ from mgf_engine.system import write_json
 
 def survey_job(job: Job, scene: Scene, reporter: Reporter) -> GeoreferenceFit:
     """Find a job's georeference and write its ``georef.json``."""
-    survey = find_georeference(scene, job.config, reporter.warning)
+    survey = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), reporter.warning)
     write_georeference(survey.georeference, job.folder)
     return survey
 
@@ -49,7 +50,7 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
         )
     scene, mesh = load_scene_of(job), load_mesh(job)
     warnings: list[str] = []
-    survey = find_georeference(scene, job.config, warnings.append)
+    survey = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), warnings.append)
     texture = read_texture(job.folder) if (job.folder / IMAGE).exists() else None
     write_georeference(survey.georeference, job.folder)
     write_models(job, mesh, survey, texture)

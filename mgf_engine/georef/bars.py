@@ -11,6 +11,7 @@ import numpy as np
 
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CHECK, CHECK_WORDS, CONTROL
+from mgf_engine.georef.options import ScaleBarOptions
 from mgf_engine.georef.tables import number_in, read_table
 from mgf_engine.georef.triangulate import Placed
 
@@ -21,9 +22,6 @@ _COLUMNS = {
     "accuracy": ("accuracy", "sd", "sigma"),
     "role": ("role", "type", "use"),
 }
-#: Accuracy of a distance whose file does not tell it, metres.
-USUAL = 0.002
-_FAR = 3.0  # times the median deviation of the others: a wrong distance
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,7 @@ class Bar:
     first: str
     second: str
     length: float
-    sd: float = USUAL
+    sd: float = ScaleBarOptions.accuracy
     role: str = CONTROL
 
     @property
@@ -56,8 +54,8 @@ class BarRow:
         return self.found - self.bar.length
 
 
-def read_bars(path: Path) -> tuple[Bar, ...]:
-    """The distances of a file: from, to, length in metres, and where given accuracy and role.
+def read_bars(path: Path, options: ScaleBarOptions = ScaleBarOptions()) -> tuple[Bar, ...]:
+    """Read the distances of a file: from, to, length in metres, and where given accuracy and role.
 
     Raises:
         BadInput: the file cannot be used.
@@ -73,17 +71,25 @@ def read_bars(path: Path) -> tuple[Bar, ...]:
         length = table.number(row, at["length"])
         if length <= 0:
             raise BadInput(f"Line {table.lines[row]} of '{path}' has a length of {length:g}; give metres above zero.")
-        sd = number_in(table.text(row, at.get("accuracy"))) or USUAL
+        sd = number_in(table.text(row, at.get("accuracy"))) or options.accuracy
         role = CHECK if table.text(row, at.get("role")).lower() in CHECK_WORDS else CONTROL
         bars.append(Bar(table.text(row, at["first"]), table.text(row, at["second"]), length, abs(sd), role))
     return tuple(bars)
 
 
-def measure(bars: Sequence[Bar], placed: Mapping[str, Placed], scale: float | None) -> tuple[float, list[BarRow]]:
-    """Metres per unit of the normalised frame, and each bar measured with it.
+def measure_bars(
+    bars: Sequence[Bar],
+    placed: Mapping[str, Placed],
+    scale: float | None,
+    options: ScaleBarOptions = ScaleBarOptions(),
+) -> tuple[float, list[BarRow]]:
+    """Find the scale in metres per unit of the normalised frame, and measure each bar with it.
 
     Args:
-        scale: where it is known from better; None takes it from the bars, the outliers among them left out.
+        bars: known distances.
+        placed: marked points in the normalised frame, by name.
+        scale: where control points give it; None takes it from the bars, the outliers among them left out.
+        options: limit of outliers.
 
     Raises:
         BadInput: none of them can be measured.
@@ -98,20 +104,20 @@ def measure(bars: Sequence[Bar], placed: Mapping[str, Placed], scale: float | No
     used = np.array([bar.role == CONTROL for bar in known])
     if scale is None:
         used = used if used.any() else np.ones(len(known), bool)
-        scale, used = _scale(known, spans, used)
+        scale, used = _scale(known, spans, used, options.outlier)
     else:
         used = np.zeros(len(known), bool)
     rows = [BarRow(b, float(s * scale), bool(u)) for b, s, u in zip(known, spans, used, strict=True)]
     return scale, rows
 
 
-def _scale(bars: Sequence[Bar], spans: np.ndarray, used: np.ndarray) -> tuple[float, np.ndarray]:
+def _scale(bars: Sequence[Bar], spans: np.ndarray, used: np.ndarray, outlier: float) -> tuple[float, np.ndarray]:
     """The weighted mean of the ratios, without those far from their median (where there are three or more)."""
     ratios = np.array([bar.length for bar in bars]) / spans
     if used.sum() >= 3:
         middle = float(np.median(ratios[used]))
         away = np.abs(ratios / middle - 1)
         usual = max(float(np.median(away[used])), 0.002)
-        used = used & (away <= _FAR * usual)
+        used = used & (away <= outlier * usual)
     weights = np.array([(bar.length / bar.sd) ** 2 for bar in bars]) * used
     return float(np.average(ratios, weights=weights)), used

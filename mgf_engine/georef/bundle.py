@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.bundle_worker import KNOWN
-from mgf_engine.georef.control import CONTROL, USUAL_MARK, Control
+from mgf_engine.georef.control import CONTROL, Control
 from mgf_engine.georef.crs import SURVEY
 from mgf_engine.georef.fit_control import ControlFit, mark_error
+from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import Placed
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
@@ -37,8 +38,6 @@ from mgf_engine.subprocesses import run_worker
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")
-_LEAST_SIGMA = 0.1  # working pixels
-_ROBUST = 3.0  # standard deviations of a coordinate, where Cauchy's loss begins to bend at least
 _MEDIAN_OF_RAYLEIGH = 1.1774  # of lengths of errors, whose x and y have standard deviation 1
 COMMAND = (sys.executable, "-m", "mgf_engine.georef.bundle_worker")
 
@@ -69,8 +68,9 @@ def adjusted_to_control(
     resolution: int,
     reporter: Reporter,
     robust: bool = False,
+    options: GeoreferenceOptions = GeoreferenceOptions(),
 ) -> SparseModel:
-    """The model with its shape changed by the control points that fit, in its own frame.
+    """Adjust the shape of a model to the control points that fit; it stays in its own frame.
 
     Where the adjustment fails the model stays as it is, and a warning says so.
 
@@ -79,7 +79,8 @@ def adjusted_to_control(
         placed, fit: its points and the similarity, from before.
         resolution: longest side of the working photos, in whose pixels errors are counted.
         reporter: for the warning and the request to cancel.
-        robust: points far from their places count less, in the measure of how far all of them are.
+        robust: points far from their places count less, relative to the median distance of all.
+        options: accuracies and losses.
 
     Raises:
         BadInput: the package for it is missing.
@@ -95,16 +96,21 @@ def adjusted_to_control(
         errors = projection_errors(here, resolution)
     sound = np.isfinite(errors) & (errors < STRAY)
     chosen = take_part(here, sound)
-    sigma = max(_LEAST_SIGMA, float(np.median(errors[chosen])) / _MEDIAN_OF_RAYLEIGH) if len(chosen) else 0.0
-    known = _known(model, scene, control, placed, fit, sigma)
+    sigma = (
+        max(options.adjustment.least_sigma, float(np.median(errors[chosen])) / _MEDIAN_OF_RAYLEIGH)
+        if len(chosen)
+        else 0.0
+    )
+    known = _known(model, scene, control, placed, fit, sigma, options.point.mark_accuracy)
     if not len(chosen) or len(known) < 3:
         return model
     larger, first = _with_points(here, known)
     observations = np.concatenate([chosen, np.arange(first, len(larger.points.image_ids))])
     task = Task(larger, resolution, observations, np.arange(len(larger.points.ids)), sigma)
     off = np.array([np.abs((k.position - k.target) / k.sd).max() for k in known])
-    loss = max(_ROBUST, float(np.median(off))) if robust else np.inf
-    found = _in_a_process(task, known, loss, reporter)
+    control_loss = max(options.adjustment.control_loss, float(np.median(off))) if robust else np.inf
+    loss = max(options.adjustment.least_loss, options.adjustment.loss * sigma)
+    found = _in_a_process(task, known, loss, control_loss, reporter)
     if found is None:
         return model
     result = moved(_without_points(found, here), to_world.inverse())
@@ -116,13 +122,15 @@ def adjusted_to_control(
     return result
 
 
-def _in_a_process(task: Task, known: Sequence[Known], loss: float, reporter: Reporter) -> SparseModel | None:
+def _in_a_process(
+    task: Task, known: Sequence[Known], loss: float, control_loss: float, reporter: Reporter
+) -> SparseModel | None:
     """The adjusted model from :mod:`bundle_worker`; None where that failed, after a warning."""
     with tempfile.TemporaryDirectory(prefix="mgf-") as name:
         folder = Path(name)
         write_task(task, folder / TASK)
         targets, sd = np.array([k.target for k in known]), np.array([k.sd for k in known])
-        np.savez(folder / KNOWN, targets=targets, sd=sd, loss=np.array(loss))
+        np.savez(folder / KNOWN, targets=targets, sd=sd, loss=np.array([loss, control_loss]))
         code = run_worker([*COMMAND, name], reporter.check)
         if code != 0:
             reporter.warning(
@@ -142,7 +150,13 @@ def _similarity(fit: ControlFit, scene: Scene) -> pycolmap.Sim3d:
 
 
 def _known(
-    model: SparseModel, scene: Scene, control: Control, placed: dict[str, Placed], fit: ControlFit, sigma: float
+    model: SparseModel,
+    scene: Scene,
+    control: Control,
+    placed: dict[str, Placed],
+    fit: ControlFit,
+    sigma: float,
+    mark_accuracy: float,
 ) -> list[Known]:
     """The control points that took part in the fit.
 
@@ -162,7 +176,7 @@ def _known(
         position = fit.matrix[:3, :3] @ own.position + fit.matrix[:3, 3]
         target = np.array(point.position) - fit.offset
         view = scene.views[own.marks[0].view]
-        worse = np.sqrt(max(0.0, USUAL_MARK**2 - (sigma * view.original_width / view.width) ** 2))
+        worse = np.sqrt(max(0.0, mark_accuracy**2 - (sigma * view.original_width / view.width) ** 2))
         sd = np.hypot(point.accuracy, scale * mark_error(scene, own, worse))
         found.append(Known(target, sd, position, tuple(marks)))
     return found

@@ -24,8 +24,6 @@ from mgf_engine.subprocesses import end_with_the_job
 Array = NDArray[np.float64]
 #: Known coordinates of the model's last points, and their standard deviations.
 KNOWN = "known.npz"
-_LOSS = 2.0  # standard deviations of an observation, where Cauchy's loss begins to bend
-_LEAST_LOSS = 0.5  # working pixels
 
 
 def main(folder: Path) -> int:
@@ -34,19 +32,21 @@ def main(folder: Path) -> int:
     pycolmap.set_random_seed(0)
     task = read_task(folder / TASK)
     with np.load(folder / KNOWN, allow_pickle=False) as file:
-        model = adjust(task, file["targets"], file["sd"], float(file["loss"]))
+        model = adjust(task, file["targets"], file["sd"], *file["loss"].tolist())
     write_result(replaced_points(model, task.resolution), folder / RESULT)
     return 0
 
 
-def adjust(task: Task, targets: Array, sd: Array, loss: float = np.inf) -> SparseModel:
-    """All images, focal lengths and points, the last points held near their known places.
+def adjust(task: Task, targets: Array, sd: Array, loss: float, control_loss: float) -> SparseModel:
+    """Adjust all images, focal lengths and points, the last points held near their known places.
 
     Residuals are working pixels whose standard deviation is ``task.before``; those of coordinates are brought to that.
 
     Args:
-        targets, sd: of the last points, [N, 3] each.
-        loss: standard deviations where Cauchy's loss of the coordinates begins to bend; infinite for least squares.
+        task: model and chosen observations.
+        targets, sd: known coordinates of the last points and their standard deviations, [N, 3] each.
+        loss: scale of Cauchy's loss of observations, working pixels.
+        control_loss: scale of Cauchy's loss of the coordinates, standard deviations; infinite for least squares.
     """
     import pyceres
 
@@ -54,11 +54,11 @@ def adjust(task: Task, targets: Array, sd: Array, loss: float = np.inf) -> Spars
     config = pycolmap.BundleAdjustmentConfig()
     for number in bundle.reconstruction.images:
         config.add_image(number)
-    adjuster = bundle.adjuster(config, max(_LEAST_LOSS, _LOSS * task.before))
+    adjuster = bundle.adjuster(config, loss)
     problem, kept = adjuster.problem, []  # what is added is not Ceres' to keep
     for number, target, own in zip(bundle.numbers[-len(targets) :].tolist(), targets, sd, strict=True):
         cost = pyceres.factors.NormalPrior(target, np.diag((own / task.before) ** 2))
-        bent = pyceres.CauchyLoss(loss * task.before) if np.isfinite(loss) else pyceres.TrivialLoss()
+        bent = pyceres.CauchyLoss(control_loss * task.before) if np.isfinite(control_loss) else pyceres.TrivialLoss()
         place = bundle.reconstruction.point3D(number).xyz
         problem.add_residual_block(cost, bent, [place])
         kept.append((cost, bent, place))

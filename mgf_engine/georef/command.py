@@ -7,7 +7,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.config import option_fields
+from mgf_engine.algorithms import check_used
+from mgf_engine.config import make_config, option_fields, option_pairs, read_config
 from mgf_engine.georef.apply import apply_to_finished
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
@@ -16,18 +17,19 @@ from mgf_engine.georef.model import FILE
 from mgf_engine.georef.report import facts
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import add_reporting_arguments, run_reported
+from mgf_engine.reported import add_algorithm_arguments, add_reporting_arguments, run_reported
 from mgf_engine.system import atomic_path
 
 STAGE = "georef"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of ``mgf georef`` beside the options of its section."""
+    """Add the arguments of ``mgf georef`` beside the options of its section."""
     parser.add_argument(
         "--predict", type=Path, default=None, metavar="FILE",
         help="only write where the control points should appear in the photos (JSON); the job stays as it is",
     )  # fmt: skip
+    add_algorithm_arguments(parser)
     add_reporting_arguments(parser)
 
 
@@ -42,8 +44,7 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
     Raises:
         BadInput: the job is not finished, or what the user gave cannot be used; the job is then as it was.
     """
-    names = [f.name for f in option_fields() if f.metadata["section"] == "georef"]
-    given = {name: value for name, value in vars(args).items() if name in names}
+    given = read_options(args)
     reporter.stages = (STAGE,)
     reporter.stage(STAGE)
     if args.predict is not None:
@@ -71,6 +72,20 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
         print("The cameras stayed as they are; 'mgf reconstruct --resume' with these points adjusts them as well.")
     models = f" and {args.job / FOLDER}" if survey.georeference.metric else ""
     print(f"Written to {args.job / FILE}{models}")
+
+
+def read_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Collect the options of ``--config``, ``--set`` and the flags, later ones first.
+
+    Raises:
+        BadInput: an option that the command does not use, or a value that the option does not take.
+    """
+    names = [f.name for f in option_fields() if f.metadata["section"] == STAGE]
+    flags = {name: value for name, value in vars(args).items() if name in names}
+    given = {**(read_config(args.config) if args.config else {}), **option_pairs(args.set)}
+    check_used(STAGE, (name for name in given if name not in names))
+    make_config(given)
+    return {**given, **flags}
 
 
 def _figures(survey: GeoreferenceFit) -> dict[str, str]:

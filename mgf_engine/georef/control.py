@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.georef.options import ControlPointOptions
 from mgf_engine.georef.tables import Table, number_in, read_table, read_text
 from mgf_engine.scene.names import named_like
 
 Array = NDArray[np.float64]
 CONTROL, CHECK = "control", "check"
-#: Accuracy of a point whose file does not tell it, metres, and of a mark, pixels of the photo as taken.
-USUAL_POINT, USUAL_MARK = 0.01, 0.5
 _POINT_COLUMNS = {
     "name": ("name", "label", "id", "point", "nr", "no", "marker", "gcp", "punkt"),
     "east": ("east", "easting", "x", "e", "rechtswert", "ost"),
@@ -49,7 +48,7 @@ class Point:
     name: str
     position: tuple[float, float, float]
     role: str = CONTROL
-    sd: tuple[float, float] = (USUAL_POINT, USUAL_POINT)
+    sd: tuple[float, float] = (ControlPointOptions.accuracy, ControlPointOptions.accuracy)
 
     @property
     def accuracy(self) -> Array:
@@ -80,18 +79,21 @@ class Control:
         return np.array([p.position for p in self.points], np.float64).reshape(-1, 3)
 
 
-def read_control(points: Path, marks: Path | None, photos: Sequence[str]) -> Control:
-    """Points and marks from one or two files.
+def read_control(
+    points: Path, marks: Path | None, photos: Sequence[str], accuracy: float = ControlPointOptions.accuracy
+) -> Control:
+    """Read points and marks from one or two files.
 
     Args:
         points: CSV of points, or ``gcp_list.txt``.
         marks: CSV of marks; None where the first file holds them.
         photos: names of the views.
+        accuracy: of points whose file gives none, metres.
 
     Raises:
         BadInput: a file cannot be used; the sentence names the line.
     """
-    control = read_points(points, photos)
+    control = read_points(points, photos, accuracy)
     if marks is not None:
         found, strangers = read_marks(marks, photos)
         known = {p.name for p in control.points}
@@ -106,23 +108,23 @@ def read_control(points: Path, marks: Path | None, photos: Sequence[str]) -> Con
     return control
 
 
-def read_points(path: Path, photos: Sequence[str]) -> Control:
-    """The points of a file, with the marks where it holds those as well.
+def read_points(path: Path, photos: Sequence[str], accuracy: float = ControlPointOptions.accuracy) -> Control:
+    """Read the points of a file, with the marks where it holds those as well.
 
     Raises:
         BadInput: the file cannot be used.
     """
-    odm = _odm(path, photos)
-    return odm if odm is not None else _points(path)
+    odm = _odm(path, photos, accuracy)
+    return odm if odm is not None else _points(path, accuracy)
 
 
-def _points(path: Path) -> Control:
+def _points(path: Path, accuracy: float) -> Control:
     table = read_table(path, _POINT_COLUMNS)
     at = table.columns or dict(zip(("name", "east", "north", "height", "accuracy", "role"), range(6), strict=True))
     missing = [name for name in ("name", "east", "north", "height") if name not in at]
     if missing:
         raise BadInput(f"'{path}' has no column '{missing[0]}'; name the columns name, east, north, height.")
-    found = [_point(table, row, at) for row in range(len(table.rows))]
+    found = [_point(table, row, at, accuracy) for row in range(len(table.rows))]
     names = [point.name for point in found]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -130,7 +132,7 @@ def _points(path: Path) -> Control:
     return Control(tuple(found), crs=_crs_in(table.notes))
 
 
-def _point(table: Table, row: int, at: dict[str, int]) -> Point:
+def _point(table: Table, row: int, at: dict[str, int], accuracy: float) -> Point:
     name = table.text(row, at["name"])
     if not name:
         raise BadInput(f"Line {table.lines[row]} of '{table.path}' names no point; correct it.")
@@ -142,9 +144,7 @@ def _point(table: Table, row: int, at: dict[str, int]) -> Point:
         role = table.text(row, 4)  # no accuracy between height and role
     enabled = table.text(row, at.get("enabled")).lower() not in ("0", "false", "no")
     check = role.lower() in CHECK_WORDS or not enabled
-    return Point(
-        name, (east, north, height), CHECK if check else CONTROL, (across or USUAL_POINT, along or USUAL_POINT)
-    )
+    return Point(name, (east, north, height), CHECK if check else CONTROL, (across or accuracy, along or accuracy))
 
 
 def _accuracy(table: Table, row: int, column: int | None) -> float | None:
@@ -159,7 +159,7 @@ def _crs_in(notes: list[str]) -> str:
 
 
 def read_marks(path: Path, photos: Sequence[str]) -> tuple[tuple[Mark, ...], tuple[str, ...]]:
-    """The marks of a file, and names of photos in it that are no views.
+    """Read the marks of a file, and the names of photos in it that are no views.
 
     Raises:
         BadInput: the file cannot be used, or none of its photos is a view.
@@ -184,7 +184,7 @@ def read_marks(path: Path, photos: Sequence[str]) -> tuple[tuple[Mark, ...], tup
     return tuple(marks), tuple(dict.fromkeys(strangers))
 
 
-def _odm(path: Path, photos: Sequence[str]) -> Control | None:
+def _odm(path: Path, photos: Sequence[str], accuracy: float) -> Control | None:
     """OpenDroneMap's list; None where the file is none: first the CRS, then east, north, height, x, y, photo, name."""
     lines = [line.strip() for line in read_text(path).splitlines()]
     lines = [line for line in lines if line and not line.startswith("#")]
@@ -196,7 +196,7 @@ def _odm(path: Path, photos: Sequence[str]) -> Control | None:
     for row in rows:
         place = tuple(float(number_in(field) or 0.0) for field in row[:3])
         name = row[6] if len(row) > 6 else " ".join(row[:3])
-        points.setdefault(name, Point(name, (place[0], place[1], place[2])))
+        points.setdefault(name, Point(name, (place[0], place[1], place[2]), sd=(accuracy, accuracy)))
         views = named_like(row[5], photos)
         if len(views) == 1:
             marks.append(Mark(name, views[0], (float(number_in(row[3]) or 0.0), float(number_in(row[4]) or 0.0))))

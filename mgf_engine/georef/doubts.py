@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import Control, Mark, Point
 from mgf_engine.georef.crs import Projection, enu
-from mgf_engine.georef.triangulate import Placed, limits, project_point
+from mgf_engine.georef.options import MarkOptions
+from mgf_engine.georef.triangulate import Placed, outlier_limits, project_point
 from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
-_FAR = 2000.0  # metres between control points and photos
-_DEGREES = 0.05  # extent of a site in degrees, at most
+_FAR = 2000.0  # m between control points and photos: only a wrong CRS puts them there
+_DEGREES = 0.05  # extent of the largest site, degrees: what tells degrees from metres
 
 
 def check_points(points: Sequence[Point], projection: Projection | None, photos: Array | None) -> None:
@@ -89,19 +90,23 @@ def _distance(at: Array, projection: Projection, photos: Array) -> float:
     return float(np.linalg.norm(enu((middle * (1, 1, 0))[None], seen)[0]))
 
 
-def wrong_marks(scene: Scene, control: Control, placed: dict[str, Placed]) -> list[str]:
-    """A sentence for each mark that the other marks of its point contradict, with the guess where there is one."""
+def wrong_marks(
+    scene: Scene, control: Control, placed: dict[str, Placed], options: MarkOptions = MarkOptions()
+) -> list[str]:
+    """Describe each mark that the other marks of its point contradict, with a guess of the mistake."""
     texts = []
     for name, found in placed.items():
         for mark, residual, good in zip(found.marks, found.residuals, found.good, strict=True):
             if not good:
-                texts.append(_wrong_mark_text(scene, name, mark, float(np.linalg.norm(residual)), placed))
+                texts.append(_wrong_mark_text(scene, name, mark, float(np.linalg.norm(residual)), placed, options))
     return texts
 
 
-def _wrong_mark_text(scene: Scene, name: str, mark: Mark, away: float, placed: dict[str, Placed]) -> str:
+def _wrong_mark_text(
+    scene: Scene, name: str, mark: Mark, away: float, placed: dict[str, Placed], options: MarkOptions
+) -> str:
     view = scene.views[mark.view]
-    other = _point_at(scene, mark, placed)
+    other = _point_at(scene, mark, placed, options)
     guess = f"; it fits '{other}'" if other is not None else ""
     off = f"{away:,.0f} pixels" if away < 1e6 else "far"
     return (
@@ -110,10 +115,10 @@ def _wrong_mark_text(scene: Scene, name: str, mark: Mark, away: float, placed: d
     )
 
 
-def _point_at(scene: Scene, mark: Mark, placed: dict[str, Placed]) -> str | None:
+def _point_at(scene: Scene, mark: Mark, placed: dict[str, Placed], options: MarkOptions) -> str | None:
     """The point that appears where a mark is."""
     view = scene.views[mark.view]
-    best, nearest = None, float(limits([view])[0])
+    best, nearest = None, float(outlier_limits([view], options)[0])
     for name, found in placed.items():
         at = project_point(view, found.position)
         if at is not None and (away := float(np.hypot(at[0] - mark.pixel[0], at[1] - mark.pixel[1]))) < nearest:

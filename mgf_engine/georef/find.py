@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.bars import BarRow, measure, read_bars
+from mgf_engine.georef.bars import BarRow, measure_bars, read_bars
 from mgf_engine.georef.control import CHECK, CONTROL, Control, read_control, read_marks
 from mgf_engine.georef.crs import AUTO, Projection, enu
 from mgf_engine.georef.doubts import check_points, wrong_marks
@@ -22,6 +21,7 @@ from mgf_engine.georef.fit_control import ControlFit, fit_control
 from mgf_engine.georef.fit_gps import FEWEST, GpsFit, fit_gps
 from mgf_engine.georef.gps import Place, read_place
 from mgf_engine.georef.model import METRE, SCENE_UNITS, Georeference
+from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.similarity import Direction, matrix_of
 from mgf_engine.georef.triangulate import Placed, place_points
 from mgf_engine.model.scene import Scene, Similarity
@@ -29,7 +29,7 @@ from mgf_engine.scene.gravity import UpDirection, find_up
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")
-#: A scene whose z is up to so many radians keeps its axes: it was upright before.
+#: Angle between z and up below which a scene keeps its axes: it was made upright before.
 _UPRIGHT = np.radians(0.5)
 
 
@@ -56,43 +56,44 @@ class GeoreferenceFit:
     notes: tuple[str, ...] = ()
 
 
-def find_georeference(scene: Scene, config: Config, warn: Callable[[str], None]) -> GeoreferenceFit:
-    """Find out where a scene is.
+def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable[[str], None]) -> GeoreferenceFit:
+    """Find the georeference of a scene by control points, GPS, scale bars, or up alone.
 
     Args:
-        config: the options of the section ``georef``.
+        scene: cameras and photos.
+        options: files and CRS that the user gave, and numbers of the algorithms.
         warn: takes a sentence that the user should read.
 
     Raises:
         BadInput: what the user gave cannot be used; photos without GPS, or with one that does not fit, are no reason.
     """
-    places = [read_place(Path(v.photo)) if v.photo else None for v in scene.views]
-    up = find_up(scene, [None if p is None else p.up for p in places])
-    if config.gps == "off":
+    places = [read_place(Path(v.photo), options.position.accuracy) if v.photo else None for v in scene.views]
+    up = find_up(scene, [None if p is None else p.up for p in places], options=options.gravity)
+    if options.gps == "off":
         places = [None] * len(places)
     known = np.array([[p.latitude, p.longitude, p.height] for p in places if p is not None]).reshape(-1, 3)
-    control, placed, failed = _marked(scene, config, warn)
-    projection = _projection(config, control, known)
+    control, placed, failed = _marked(scene, options, warn)
+    projection = _projection(options, control, known)
     if control.points:
         check_points(control.points, projection, known if len(known) >= FEWEST else None)
-        survey = _by_control(scene, control, placed, failed, projection, up)
+        survey = _by_control(scene, control, placed, failed, projection, up, options)
     else:
-        survey = _without_control(scene, places, known, projection, up, warn)
-    if config.scale_bars:
-        survey = _with_bars(scene, survey, Path(config.scale_bars), placed)
+        survey = _without_control(scene, places, known, projection, up, options, warn)
+    if options.scale_bars:
+        survey = _with_bars(scene, survey, placed, options)
     for text in survey.notes:
         log.info("georeference: %s", text)
     return survey
 
 
 def _marked(
-    scene: Scene, config: Config, warn: Callable[[str], None]
+    scene: Scene, options: GeoreferenceOptions, warn: Callable[[str], None]
 ) -> tuple[Control, dict[str, Placed], dict[str, str]]:
     """The user's points, and marked points in the normalised frame."""
     names = [view.name for view in scene.views]
-    marks = Path(config.marks) if config.marks else None
-    if config.control:
-        control = read_control(Path(config.control), marks, names)
+    marks = Path(options.marks) if options.marks else None
+    if options.control:
+        control = read_control(Path(options.control), marks, names, options.point.accuracy)
     elif marks is not None:
         found, strangers = read_marks(marks, names)
         control = Control(marks=found, strangers=strangers)
@@ -103,14 +104,14 @@ def _marked(
             f"Marks in {len(control.strangers)} photos that are not among the job's were passed over (such as "
             f"'{control.strangers[0]}'); check their names."
         )
-    placed, failed = place_points(scene, control.marks)
-    for text in wrong_marks(scene, control, placed):
+    placed, failed = place_points(scene, control.marks, options.mark)
+    for text in wrong_marks(scene, control, placed, options.mark):
         warn(text)
     return control, placed, failed
 
 
-def _projection(config: Config, control: Control, known: Array) -> Projection | None:
-    text = config.crs or control.crs
+def _projection(options: GeoreferenceOptions, control: Control, known: Array) -> Projection | None:
+    text = options.crs or control.crs
     near = np.median(known, axis=0) if len(known) else None
     if text == AUTO and near is None and control.crs:
         text = control.crs
@@ -124,8 +125,9 @@ def _by_control(
     failed: dict[str, str],
     projection: Projection | None,
     up: UpDirection,
+    options: GeoreferenceOptions,
 ) -> GeoreferenceFit:
-    fit = fit_control(scene, control.points, placed, failed, up.vector)
+    fit = fit_control(scene, control.points, placed, failed, up.vector, options.point)
     accuracy = {}
     for role in (CONTROL, CHECK):
         rms = fit.rms(role)
@@ -145,11 +147,12 @@ def _without_control(
     known: Array,
     projection: Projection | None,
     up: UpDirection,
+    options: GeoreferenceOptions,
     warn: Callable[[str], None],
 ) -> GeoreferenceFit:
     reason = ""
     if len(known):
-        fit, offset = _by_gps(scene, places, known, projection, up)
+        fit, offset = _by_gps(scene, places, known, projection, up, options)
         if isinstance(fit, GpsFit):
             return _gps_fit(scene, places, fit, offset, projection, up)
         reason = fit
@@ -165,7 +168,12 @@ def _without_control(
 
 
 def _by_gps(
-    scene: Scene, places: list[Place | None], known: Array, projection: Projection | None, up: UpDirection
+    scene: Scene,
+    places: list[Place | None],
+    known: Array,
+    projection: Projection | None,
+    up: UpDirection,
+    options: GeoreferenceOptions,
 ) -> tuple[GpsFit | str, Array]:
     """Cameras on their GPS, and what was taken off easting and northing (with a CRS) or latitude and longitude."""
     centres = np.array([v.centre for v, p in zip(scene.views, places, strict=True) if p is not None])
@@ -182,7 +190,8 @@ def _by_gps(
             )
         offset = np.round(np.median(targets, axis=0)) * (1, 1, 0)
         targets = targets - offset
-    return fit_gps(centres, targets, [p for p in places if p is not None], Direction(up.vector, up.sd)), offset
+    direction = Direction(up.vector, up.sd)
+    return fit_gps(centres, targets, [p for p in places if p is not None], direction, options.position), offset
 
 
 def _gps_fit(
@@ -222,12 +231,14 @@ def _upright(scene: Scene, up: UpDirection, scale: float | None = None) -> Geore
     )
 
 
-def _with_bars(scene: Scene, survey: GeoreferenceFit, path: Path, placed: dict[str, Placed]) -> GeoreferenceFit:
-    """With scale bars: they give the scale where only GPS or nothing does, and check it where control points do."""
-    bars, now = read_bars(path), survey.georeference
+def _with_bars(
+    scene: Scene, survey: GeoreferenceFit, placed: dict[str, Placed], options: GeoreferenceOptions
+) -> GeoreferenceFit:
+    """Take the scale from scale bars where no control points give it; there, only measure the bars."""
+    bars, now = read_bars(Path(options.scale_bars), options.bar), survey.georeference
     if survey.control is not None:
-        return replace(survey, bars=tuple(measure(bars, placed, now.scale / scene.to_normalised.scale)[1]))
-    scale, rows = measure(bars, placed, None)
+        return replace(survey, bars=tuple(measure_bars(bars, placed, now.scale / scene.to_normalised.scale)[1]))
+    scale, rows = measure_bars(bars, placed, None, options.bar)
     rms = float(np.sqrt(np.mean([row.error**2 for row in rows])))
     if survey.gps is None:
         found = _upright(scene, survey.up, scale)

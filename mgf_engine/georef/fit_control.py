@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.control import CONTROL, USUAL_MARK, Point
+from mgf_engine.georef.control import CONTROL, Point
+from mgf_engine.georef.options import ControlPointOptions
 from mgf_engine.georef.similarity import LINE, adjusted, applied, consensus, straightness, umeyama
 from mgf_engine.georef.triangulate import Placed
 from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
-_TOLERANCE, _SHARE = 5.0, 0.01  # a control point may be off by so many times its accuracy, or so much of the extent
-_UPSIDE = 0.5  # cosine of the angle between up by the points and up by the cameras
+_UPSIDE = 0.5  # cosine between up by the points and by the cameras below which heights must be wrong
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,17 @@ def fit_control(
     placed: Mapping[str, Placed],
     failed: Mapping[str, str],
     up: Array | None,
-    share: float = _SHARE,
+    options: ControlPointOptions = ControlPointOptions(),
 ) -> ControlFit:
-    """Lay the scene onto its control points.
+    """Fit the similarity from the scene to its control points.
 
     Args:
-        placed, failed: marked points in the normalised frame, and why others could not be placed.
-        up: roughly, in the normalised frame; None where nobody knows.
-        share: of their extent by which points may be off; more where the scene itself may be bent.
+        scene: cameras of the photos.
+        points: control and check points.
+        placed: marked points in the normalised frame, by name.
+        failed: why others could not be placed, by name.
+        up: approximate direction up [3], normalised frame; None if unknown.
+        options: accuracies and limits.
 
     Raises:
         BadInput: too few points, points on a line, or points that do not fit; with the guess what is wrong.
@@ -93,11 +96,11 @@ def fit_control(
     if straightness(target) < LINE or straightness(source) < LINE:
         raise BadInput("The control points lie on a line; add one beside it, else the scene can turn about them.")
     sd = np.array([p.accuracy for p in own])
-    matrix, good = _fit(source, target, sd, share)
-    swapped = not good.all() and _fit(source, target[:, [1, 0, 2]], sd, share)[1].sum() > good.sum()
+    matrix, good = _fit(source, target, sd, options)
+    swapped = not good.all() and _fit(source, target[:, [1, 0, 2]], sd, options)[1].sum() > good.sum()
     if swapped or 2 * good.sum() <= len(own) or _upside_down(matrix, up):
-        raise BadInput(_misfit_text(source, target, sd, own, up))
-    marks = [mark_error(scene, placed[p.name], max(USUAL_MARK, placed[p.name].rms)) for p in own]
+        raise BadInput(_misfit_text(source, target, sd, own, up, options))
+    marks = [mark_error(scene, placed[p.name], max(options.mark_accuracy, placed[p.name].rms)) for p in own]
     pixel = np.array(marks)[:, None] * np.cbrt(np.linalg.det(matrix[:3, :3]))
     matrix = adjusted(matrix, source[good], target[good], np.hypot(sd, pixel)[good])
     used = {p.name for p, ok in zip(own, good, strict=True) if ok}
@@ -127,10 +130,10 @@ def control_rows(
     return tuple(rows)
 
 
-def _fit(source: Array, target: Array, sd: Array, share: float = _SHARE) -> tuple[Array, NDArray[np.bool_]]:
+def _fit(source: Array, target: Array, sd: Array, options: ControlPointOptions) -> tuple[Array, NDArray[np.bool_]]:
     """The similarity, and which points it explains, bool [N]; all False where it explains fewer than three."""
     extent = float(np.linalg.norm(np.ptp(target, axis=0)))
-    tolerance = np.maximum(_TOLERANCE * np.sqrt((sd**2).sum(1)), share * extent)
+    tolerance = np.maximum(options.outlier * np.sqrt((sd**2).sum(1)), options.tolerated * extent)
     good = consensus(source, target, tolerance)
     if good.sum() < 3 or straightness(target[good]) < LINE:
         return umeyama(source, target), np.zeros(len(source), bool)
@@ -142,12 +145,14 @@ def _upside_down(matrix: Array, up: Array | None) -> bool:
     return bool(turned[2] < _UPSIDE * np.linalg.norm(turned))
 
 
-def _misfit_text(source: Array, target: Array, sd: Array, points: Sequence[Point], up: Array | None) -> str:
+def _misfit_text(
+    source: Array, target: Array, sd: Array, points: Sequence[Point], up: Array | None, options: ControlPointOptions
+) -> str:
     """What is wrong with points that do not fit: swapped axes, heights, or marks and names."""
-    matrix, fits = _fit(source, target[:, [1, 0, 2]], sd)
+    matrix, fits = _fit(source, target[:, [1, 0, 2]], sd, options)
     if 2 * fits.sum() > len(points) and not _upside_down(matrix, up):
         return "East and north of the control points seem swapped; exchange the two columns."
-    matrix, fits = _fit(source, target, sd)
+    matrix, fits = _fit(source, target, sd, options)
     if 2 * fits.sum() > len(points) and _upside_down(matrix, up):
         return (
             "By the control points the building would lie on its side or stand on its head; check the signs of their "

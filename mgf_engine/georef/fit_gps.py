@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.georef.gps import Place
+from mgf_engine.georef.options import GpsFitOptions
 from mgf_engine.georef.similarity import LINE, Direction, adjusted, applied, consensus, straightness, umeyama
 
 Array = NDArray[np.float64]
-FEWEST = 4  # places
-_TOLERANCE = 4.0  # times the accuracy that a place may be off
-_WIDER = (1.0, 2.0, 4.0)  # what photos tell of their accuracy is often too good
-_AGREE = 0.6  # share of the places that must agree
-_LEAST_SPREAD = 2.0  # of the places across, in units of their error
+FEWEST = 4  # positions: three give a similarity, the fourth checks it
 
 
 @dataclass(frozen=True)
@@ -39,13 +36,17 @@ class GpsFit:
         return np.asarray(np.sqrt((self.residuals[self.used] ** 2).mean(0)))
 
 
-def fit_gps(centres: Array, targets: Array, places: list[Place], up: Direction) -> GpsFit | str:
-    """Lay camera centres [N, 3] onto their GPS.
+def fit_gps(
+    centres: Array, targets: Array, places: list[Place], up: Direction, options: GpsFitOptions = GpsFitOptions()
+) -> GpsFit | str:
+    """Fit the similarity from camera centres to the GPS of their photos.
 
     Args:
-        targets: the places in metres, [N, 3].
-        places: the same as the photos say them, for their accuracy.
+        centres: of the cameras [N, 3], normalised frame.
+        targets: their GPS positions [N, 3], metres.
+        places: the same as the photos give them, for their accuracy.
         up: a direction of the cameras' frame that is up.
+        options: limits of the fit.
 
     Returns:
         The fit, or why there is none, as the end of a sentence.
@@ -58,18 +59,20 @@ def fit_gps(centres: Array, targets: Array, places: list[Place], up: Direction) 
         return "they have no heights"
     if straightness(targets[known] * (1, 1, 0)) < LINE:
         return "they lie on a line"
-    tolerance = _TOLERANCE * np.sqrt((sd**2).sum(1))
-    for wider in _WIDER:
+    tolerance = options.outlier * np.sqrt((sd**2).sum(1))
+    for wider in options.widening:
         good = np.zeros(len(places), bool)
         good[known] = consensus(centres[known], targets[known], wider * tolerance[known])
-        if good.sum() >= max(FEWEST, _AGREE * known.sum()):
+        if good.sum() >= max(FEWEST, options.agreeing * known.sum()):
             break
     else:
         return "they contradict the cameras"
-    return _checked(centres, targets, sd, good, up)
+    return _checked(centres, targets, sd, good, up, options.least_spread)
 
 
-def _checked(centres: Array, targets: Array, sd: Array, good: NDArray[np.bool_], up: Direction) -> GpsFit | str:
+def _checked(
+    centres: Array, targets: Array, sd: Array, good: NDArray[np.bool_], up: Direction, least_spread: float
+) -> GpsFit | str:
     matrix = umeyama(centres[good], targets[good])
     for _ in range(2):  # once with what photos say of their accuracy, once with what it turned out to be
         matrix = adjusted(matrix, centres[good], targets[good], sd[good], up)
@@ -79,7 +82,7 @@ def _checked(centres: Array, targets: Array, sd: Array, good: NDArray[np.bool_],
     level = (targets[good] - targets[good].mean(0))[:, :2]
     across = float(np.linalg.svd(level, compute_uv=False)[1]) / np.sqrt(good.sum())
     off = float(np.sqrt((residuals[good][:, :2] ** 2).sum(1).mean() / good.sum()))
-    if across < _LEAST_SPREAD * off:
+    if across < least_spread * off:
         return "they lie too near to each other, or on a line, for how far they are off"
     turned = matrix[:3, :3] @ up.source
     if turned[2] < 0:

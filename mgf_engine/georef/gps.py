@@ -15,10 +15,10 @@ from typing import Any
 
 from PIL import Image
 
+from mgf_engine.georef.options import GpsFitOptions
+
 _GPS_IFD = 0x8825
 _ALTITUDE_REF, _ALTITUDE, _ERROR = 5, 6, 31
-#: Accuracy of a place whose photo does not tell it, metres: of phones and drones without RTK.
-USUAL = (3.0, 6.0)
 _FIXED = "50"  # DJI's RtkFlag: the ambiguities are solved
 
 
@@ -44,8 +44,13 @@ class Place:
     up: tuple[float, float, float] | None = None
 
 
-def read_place(path: Path) -> Place | None:
-    """Where a photo was taken; None where it does not tell, or the file cannot be read."""
+def read_place(path: Path, accuracy: tuple[float, float] = GpsFitOptions.accuracy) -> Place | None:
+    """Read where a photo was taken; None without GPS, or where the file cannot be read.
+
+    Args:
+        path: of the photo.
+        accuracy: horizontal and vertical, of a photo that gives none, metres.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -55,11 +60,11 @@ def read_place(path: Path) -> Place | None:
     except Exception:  # whatever a damaged header makes the reader raise
         return None
     xmp = read_xmp(packet)
-    place = _place(gps, xmp)
+    place = _place(gps, xmp, accuracy)
     return place if place is not None and _possible(place) else None
 
 
-def _place(gps: dict[int, Any], xmp: dict[str, str]) -> Place | None:
+def _place(gps: dict[int, Any], xmp: dict[str, str], accuracy: tuple[float, float]) -> Place | None:
     latitude = _first(_number(xmp.get("GpsLatitude")), _degrees(gps.get(2), gps.get(1), "S"))
     longitude = _first(
         _number(xmp.get("GpsLongitude")), _number(xmp.get("GpsLongtitude")), _degrees(gps.get(4), gps.get(3), "W")
@@ -69,7 +74,7 @@ def _place(gps: dict[int, Any], xmp: dict[str, str]) -> Place | None:
     height = _first(_number(xmp.get("AbsoluteAltitude")), _altitude(gps))
     rtk = xmp.get("RtkFlag") == _FIXED
     error = _number(gps.get(_ERROR))
-    sd = (error, 2 * error) if error else USUAL
+    sd = (error, 2 * error) if error else accuracy
     across = [_number(xmp.get(name)) for name in ("RtkStdLat", "RtkStdLon")]
     along = _number(xmp.get("RtkStdHgt"))
     if across[0] and across[1] and along:

@@ -21,6 +21,7 @@ from mgf_engine.georef.control import CONTROL, Control, Point, read_marks, read_
 from mgf_engine.georef.crs import Projection, enu
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.model import Georeference, read_georeference
+from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.similarity import applied
 from mgf_engine.georef.triangulate import Placed, place_points, project_point
 from mgf_engine.messages import Reporter
@@ -31,7 +32,7 @@ from mgf_engine.system import write_json
 Array = NDArray[np.float64]
 FORMAT = 1
 MARKS, OTHERS, GEOREFERENCE = "marks", "other points", "georeference"  # what a place is known by
-_LEAST_RADIUS = 4.0  # pixels
+_LEAST_RADIUS = 4.0  # px of the photo as taken: as well as people click
 
 
 def write_places(job: Path, given: Mapping[str, Any], out: Path, reporter: Reporter) -> int:
@@ -44,19 +45,19 @@ def write_places(job: Path, given: Mapping[str, Any], out: Path, reporter: Repor
     Raises:
         BadInput: the job has no scene yet, or a file cannot be used.
     """
-    config = make_config(dict(given))
-    if not config.control:
+    options = make_config(dict(given)).algorithm(GeoreferenceOptions)
+    if not options.control:
         raise BadInput("--predict needs control points; give them with --control FILE.")
     scene, georeference = read_scene(job / "scene"), read_georeference(job)
     names = [view.name for view in scene.views]
-    control = read_points(Path(config.control), names)
+    control = read_points(Path(options.control), names, options.point.accuracy)
     marks = control.marks
-    if config.marks:
+    if options.marks:
         with contextlib.suppress(FileNotFoundError):
-            marks = (*marks, *read_marks(Path(config.marks), names)[0])
-    placed, failed = place_points(scene, marks)
+            marks = (*marks, *read_marks(Path(options.marks), names)[0])
+    placed, failed = place_points(scene, marks, options.mark)
     reporter.progress(0.5)
-    known = known_places(scene, control, placed, failed, georeference, config.crs)
+    known = known_places(scene, control, placed, failed, georeference, options)
     points = [_entry(scene, point, placed.get(point.name), known.get(point.name)) for point in control.points]
     write_json(out, {"format": FORMAT, "crs": control.crs, "points": points})
     reporter.progress(1.0)
@@ -69,9 +70,12 @@ def known_places(
     placed: Mapping[str, Placed],
     failed: Mapping[str, str],
     georeference: Georeference,
-    crs: str,
+    options: GeoreferenceOptions,
 ) -> dict[str, tuple[Array, str, float]]:
-    """Point -> its place in the normalised frame [3], what it is known by, and how far it may be off there.
+    """Find where each point is by the best evidence.
+
+    Returns:
+        Point -> its position [3], normalised frame, what it is known by, and its error in the same units.
 
     Raises:
         BadInput: the CRS cannot be used.
@@ -79,7 +83,7 @@ def known_places(
     normalised = scene.to_normalised
     found: dict[str, tuple[Array, str, float]] = {}
     at = control.positions()
-    world = _by_georeference(at, georeference, crs or control.crs)
+    world = _by_georeference(at, georeference, options.crs or control.crs)
     if world is not None:
         off = float(np.sqrt(sum(v**2 for k, v in georeference.accuracy.items() if k.startswith(georeference.method))))
         off *= normalised.scale / georeference.scale
@@ -88,7 +92,7 @@ def known_places(
     own = [p for p in control.points if p.role == CONTROL and p.name in placed]
     if len(own) >= 3:
         with contextlib.suppress(BadInput):  # what is wrong with them is said where they are used
-            fit = fit_control(scene, control.points, placed, failed, None)
+            fit = fit_control(scene, control.points, placed, failed, None, options.point)
             back = np.asarray(np.linalg.inv(fit.matrix), np.float64)
             away = [row.distance for row in fit.rows if row.used]
             off = max(away) / float(np.cbrt(np.linalg.det(fit.matrix[:3, :3])))

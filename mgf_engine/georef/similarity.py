@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_MOST_SAMPLES = 600
-#: Points are on a line when the second of their three spreads is below this share of the first.
+_MOST_SAMPLES = 600  # of triples, for a bounded time
+#: Second singular value of points as a share of the first below which they are on a line: the turn about it is unknown.
 LINE = 0.02
 
 

@@ -11,15 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.georef.control import Mark
+from mgf_engine.georef.options import MarkOptions
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.cameras import from_original, to_original
 
 Array = NDArray[np.float64]
-#: A mark is wrong when it lies farther than this from where the others put it, pixels of the photo as taken per 1000
-#: pixels of its longest side: clicks are off by a pixel or two, cameras by another, a wrong photo by hundreds.
-WRONG = 12.0
-_LEAST_ANGLE = np.radians(1.0)  # between two rays, below which depth is guesswork
-_MOST_PAIRS = 200
+_MOST_PAIRS = 200  # of marks that are tried, for a bounded time
 
 
 @dataclass(frozen=True)
@@ -46,12 +43,18 @@ class Placed:
         return float(np.sqrt((self.residuals[self.good] ** 2).sum(1).mean()))
 
 
-def place_points(scene: Scene, marks: Sequence[Mark]) -> tuple[dict[str, Placed], dict[str, str]]:
-    """Every marked point that can be placed, by name; and why the others cannot."""
+def place_points(
+    scene: Scene, marks: Sequence[Mark], options: MarkOptions = MarkOptions()
+) -> tuple[dict[str, Placed], dict[str, str]]:
+    """Triangulate every marked point.
+
+    Returns:
+        The placed points by name, and for the others why they cannot be placed.
+    """
     placed, failed = dict[str, Placed](), dict[str, str]()
     for name in dict.fromkeys(mark.point for mark in marks):
         own = tuple(mark for mark in marks if mark.point == name)
-        found = place(scene, own)
+        found = triangulate(scene, own, options)
         if isinstance(found, str):
             failed[name] = found
         else:
@@ -59,8 +62,8 @@ def place_points(scene: Scene, marks: Sequence[Mark]) -> tuple[dict[str, Placed]
     return placed, failed
 
 
-def place(scene: Scene, marks: tuple[Mark, ...]) -> Placed | str:
-    """One point from its marks, or why not."""
+def triangulate(scene: Scene, marks: tuple[Mark, ...], options: MarkOptions = MarkOptions()) -> Placed | str:
+    """Triangulate one point from its marks, or return why that cannot be done."""
     if len({mark.view for mark in marks}) < 2:
         return "marked in one photo only"
     views = [scene.views[mark.view] for mark in marks]
@@ -68,49 +71,50 @@ def place(scene: Scene, marks: tuple[Mark, ...]) -> Placed | str:
     centres = np.array([view.centre for view in views])
     if not np.isfinite(rays).all():
         return "marked outside of what the lens shows"
+    limit, least_angle = outlier_limits(views, options), np.radians(options.least_angle)
     best, cost = None, np.inf
     pairs = list(combinations(range(len(marks)), 2))
     step = max(1, len(pairs) // _MOST_PAIRS)
     for pair in pairs[::step]:
         angle = np.arccos(np.clip(rays[pair[0]] @ rays[pair[1]], -1, 1))
-        if not _LEAST_ANGLE < angle < np.pi - _LEAST_ANGLE:
+        if not least_angle < angle < np.pi - least_angle:
             continue
         position = meeting(centres[list(pair)], rays[list(pair)])
-        away = np.linalg.norm(residuals_of(views, marks, position), axis=1) / limits(views)
+        away = np.linalg.norm(residuals_of(views, marks, position), axis=1) / limit
         now = float(np.minimum(away, 1.0) @ np.minimum(away, 1.0))
         if now < cost:
             best, cost = position, now
     if best is None:
         return "marked in photos from nearly the same place only"
-    good = np.linalg.norm(residuals_of(views, marks, best), axis=1) < limits(views)
+    good = np.linalg.norm(residuals_of(views, marks, best), axis=1) < limit
     for _ in range(3):
         if good.sum() < 2:
             return "its marks contradict each other"
-        best = refined(best, views, marks, good)
-        good = np.linalg.norm(residuals_of(views, marks, best), axis=1) < limits(views)
+        best = refine(best, views, marks, good)
+        good = np.linalg.norm(residuals_of(views, marks, best), axis=1) < limit
     return Placed(marks[0].point, best, marks, residuals_of(views, marks, best), good)
 
 
-def limits(views: Sequence[View]) -> Array:
-    """Pixels beyond which a mark of each view is wrong, [V]."""
-    return np.array([WRONG * max(view.original_width, view.original_height) / 1000 for view in views])
+def outlier_limits(views: Sequence[View], options: MarkOptions = MarkOptions()) -> Array:
+    """Return the reprojection error from which a mark is an outlier, pixels of each photo as taken, [V]."""
+    return np.array([options.outlier * max(view.original_width, view.original_height) / 1000 for view in views])
 
 
 def ray_of(view: View, pixel: tuple[float, float]) -> Array:
-    """Unit direction [3] in the normalised frame of a pixel of the photo as taken; NaN beyond the lens."""
+    """Return the unit direction [3] in the normalised frame of a pixel of the photo as taken; NaN beyond the lens."""
     u, v = from_original(view, np.array([pixel]))[0]
     local = np.array([(u - view.cx) / view.fx, (v - view.cy) / view.fy, 1.0])
     return np.asarray(view.rotation.T @ local / np.linalg.norm(local))
 
 
 def meeting(centres: Array, rays: Array) -> Array:
-    """The place [3] nearest to all rays [N, 3] from ``centres`` [N, 3]."""
+    """Return the point [3] nearest to all rays [N, 3] from ``centres`` [N, 3]."""
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
     return np.asarray(np.linalg.solve(across.sum(0), (across @ centres[:, :, None]).sum(0)[:, 0]))
 
 
 def residuals_of(views: Sequence[View], marks: Sequence[Mark], position: Array) -> Array:
-    """Projection less mark, pixels of the photos as taken, [M, 2]; far off where the point is behind a camera."""
+    """Compute projection less mark, pixels of the photos as taken, [M, 2]; 1e9 for a point behind the camera."""
     rows = []
     for view, mark in zip(views, marks, strict=True):
         uv, depth = view.project(position[None])
@@ -119,8 +123,8 @@ def residuals_of(views: Sequence[View], marks: Sequence[Mark], position: Array) 
     return np.nan_to_num(np.array(rows), nan=1e9)
 
 
-def refined(position: Array, views: Sequence[View], marks: Sequence[Mark], good: NDArray[np.bool_]) -> Array:
-    """The place with the least squares of the good marks' residuals (two steps of Gauss-Newton's)."""
+def refine(position: Array, views: Sequence[View], marks: Sequence[Mark], good: NDArray[np.bool_]) -> Array:
+    """Minimise the squared residuals of the good marks by up to four Gauss-Newton steps; returns the point [3]."""
     chosen = [(view, mark) for view, mark, ok in zip(views, marks, good, strict=True) if ok]
     own, theirs = [view for view, _ in chosen], [mark for _, mark in chosen]
     size = 1e-6 * float(np.mean([np.linalg.norm(position - view.centre) for view in own]))
@@ -137,7 +141,7 @@ def refined(position: Array, views: Sequence[View], marks: Sequence[Mark], good:
 
 
 def project_point(view: View, position: Array) -> tuple[float, float] | None:
-    """Where a point (normalised frame) appears in the photo as taken; None where it does not."""
+    """Project a point [3] (normalised frame) into the photo as taken, px; None outside of the photo."""
     uv, depth = view.project(position[None])
     if depth[0] <= 0:
         return None

@@ -15,20 +15,31 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
-#: Accuracy of rough directions: of gimbals' tags, and of cameras that people hold level.
-_TAG_SD, _LEVEL_SD = np.radians(1.0), np.radians(2.0)
-_NEAR = np.radians(10.0)  # from the rough direction: edges of walls
-_INLIER, _LEAST_SD = np.radians(0.4), np.radians(0.05)
-_LEAST_EDGES, _LEAST_VIEWS, _LEAST_SHARE = 24, 3, 0.25
-_MOST_VIEWS, _SAMPLES = 40, 1500
-_LEAST_LENGTH = 0.04  # of the photo's longest side
-#: A grid of photos straight down: number of photos, length of their mean viewing direction, width of the grid as a
-#: share of its length.
-_FEWEST_IN_GRID, _ALIKE, _GRID = 8, 0.97, 0.3
+#: What makes photos an aerial grid looking straight down, no number to tune: how many, the length of their mean
+#: viewing direction (1: all look the same way), and the width of the grid as a share of its length.
+_GRID_PHOTOS, _GRID_ALIGNMENT, _GRID_WIDTH = 8, 0.97, 0.3
+
+
+@dataclass(frozen=True)
+class GravityOptions:
+    """Options of the direction up."""
+
+    tag_sd: float = parameter(1.0, "Standard deviation of gravity tags of photos", "degrees", low=1e-3)
+    level_sd: float = parameter(2.0, "Standard deviation of up by cameras that are held level", "degrees", low=1e-3)
+    near: float = parameter(10.0, "Maximum angle between a vertical edge and up by tags or cameras", "degrees", high=45)
+    inlier: float = parameter(0.4, "Maximum angle between a vertical edge and up", "degrees", low=1e-3, high=45)
+    least_sd: float = parameter(0.05, "Minimum standard deviation of up by vertical edges", "degrees", low=1e-6)
+    least_edges: int = parameter(24, "Minimum number of vertical edges", low=3)
+    least_photos: int = parameter(3, "Minimum number of photos with vertical edges", low=1)
+    least_share: float = parameter(0.25, "Minimum share of the edges near up, by length, that are vertical", high=1)
+    most_photos: int = parameter(40, "Maximum number of photos that edges are looked for in", low=1)
+    samples: int = parameter(1500, "Number of pairs of edges that are tried (RANSAC)", low=1)
+    least_length: float = parameter(0.04, "Minimum length of an edge, as a share of the photo's longest side", high=1)
 
 
 @dataclass(frozen=True)
@@ -53,18 +64,26 @@ class UpDirection:
         return float(np.degrees(self.sd))
 
 
-def find_up(scene: Scene, tags: Sequence[tuple[float, float, float] | None] = (), threads: int = 1) -> UpDirection:
+def find_up(
+    scene: Scene,
+    tags: Sequence[tuple[float, float, float] | None] = (),
+    threads: int = 1,
+    options: GravityOptions = GravityOptions(),
+) -> UpDirection:
     """Find up by the most accurate evidence that a scene has.
 
     Args:
-        tags: up in each view's camera frame, as its photo tells; None where it does not, () for no tags.
+        scene: cameras and photos.
+        tags: up in each view's camera frame by its gravity tag; None without a tag, () where no photo has one.
+        threads: number of worker threads.
+        options: accuracies and limits.
     """
     told = [view.rotation.T @ np.array(up) for view, up in zip(scene.views, tags, strict=False) if up is not None]
     if len(told) >= max(3, len(scene.views) // 4):
-        rough = UpDirection(_unit(np.median(told, axis=0)), _TAG_SD, "tags")
+        rough = UpDirection(_unit(np.median(told, axis=0)), np.radians(options.tag_sd), "tags")
     else:
-        rough = UpDirection(up_from_cameras(scene), _LEVEL_SD, "cameras")
-    return up_from_edges(scene, rough.vector, threads) or rough
+        rough = UpDirection(up_from_cameras(scene), np.radians(options.level_sd), "cameras")
+    return up_from_edges(scene, rough.vector, threads, options) or rough
 
 
 def up_from_cameras(scene: Scene) -> Array:
@@ -95,7 +114,7 @@ def looking_down(scene: Scene) -> NDArray[np.float64] | None:
     """
     axis = np.stack([v.rotation[2] for v in scene.views]).mean(0)
     length = np.linalg.norm(axis)
-    if len(scene.views) < _FEWEST_IN_GRID or length < _ALIKE:
+    if len(scene.views) < _GRID_PHOTOS or length < _GRID_ALIGNMENT:
         return None
     axis /= length
     centres = np.stack([v.centre for v in scene.views])
@@ -103,40 +122,52 @@ def looking_down(scene: Scene) -> NDArray[np.float64] | None:
     across = centres - np.outer(centres @ axis, axis)
     wide = np.linalg.svd(across, compute_uv=False)
     flat = np.linalg.norm(centres @ axis) < 0.5 * wide[1]
-    return axis if flat and wide[1] > _GRID * wide[0] else None
+    return axis if flat and wide[1] > _GRID_WIDTH * wide[0] else None
 
 
-def up_from_edges(scene: Scene, rough: Array, threads: int = 1) -> UpDirection | None:
-    """Estimate up from vertical edges near a rough direction; None where too few agree."""
-    step = max(1, -(-len(scene.views) // _MOST_VIEWS))
+def up_from_edges(
+    scene: Scene, rough: Array, threads: int = 1, options: GravityOptions = GravityOptions()
+) -> UpDirection | None:
+    """Estimate up from vertical edges near a rough direction [3]; None where too few agree."""
+    step = max(1, -(-len(scene.views) // options.most_photos))
     normals, lengths, owner = [], [], []
     indices = range(0, len(scene.views), step)
-    edges = parallel_map(lambda i: edge_planes(scene.views[i], scene.photo(i)), indices, threads)
+    edges = parallel_map(lambda i: edge_planes(scene.views[i], scene.photo(i), options.least_length), indices, threads)
     for index, (found, length) in zip(indices, edges, strict=True):
-        near = np.abs(found @ rough) < np.sin(_NEAR)
+        near = np.abs(found @ rough) < np.sin(np.radians(options.near))
         normals.append(found[near])
         lengths.append(length[near])
         owner += [index] * int(near.sum())
     planes, weights, views = np.concatenate(normals), np.concatenate(lengths), np.array(owner)
-    if len(planes) < _LEAST_EDGES:
+    if len(planes) < options.least_edges:
         return None
-    found = common_direction(planes, weights, rough)
-    good = np.abs(planes @ found) < _INLIER
+    found = common_direction(planes, weights, rough, options)
+    good = np.abs(planes @ found) < np.radians(options.inlier)
     share = float(weights[good].sum() / weights.sum())
-    if good.sum() < _LEAST_EDGES or len(set(views[good])) < _LEAST_VIEWS or share < _LEAST_SHARE:
+    photos = len(set(views[good]))
+    if good.sum() < options.least_edges or photos < options.least_photos or share < options.least_share:
         return None
     spread = float(np.sqrt(np.average((planes[good] @ found) ** 2, weights=weights[good])))
-    sd = max(_LEAST_SD, 2 * spread / np.sqrt(len(set(views[good]))))  # edges of one photo err together
+    sd = max(np.radians(options.least_sd), 2 * spread / np.sqrt(photos))  # edges of one photo err together
     return UpDirection(found, sd, "walls", int(good.sum()))
 
 
-def edge_planes(view: View, photo: NDArray[np.uint8]) -> tuple[Array, Array]:
-    """Straight edges of a photo as unit normals [S, 3] (normalised frame) of planes with the camera, and pixels [S]."""
+def edge_planes(view: View, photo: NDArray[np.uint8], least_length: float) -> tuple[Array, Array]:
+    """Find the straight edges of a photo, each with the plane through it and the camera.
+
+    Args:
+        view: camera of the photo.
+        photo: RGB uint8 [H, W, 3].
+        least_length: of an edge, as a share of the photo's longest side.
+
+    Returns:
+        Unit normals of the planes [S, 3], normalised frame, and lengths of the edges [S], px.
+    """
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
     found = cv2.createLineSegmentDetector().detect(grey)[0]
     ends = np.zeros((0, 4)) if found is None else np.asarray(found, np.float64).reshape(-1, 4) + 0.5
     length = np.hypot(*(ends[:, 2:] - ends[:, :2]).T)
-    kept = length > _LEAST_LENGTH * max(view.width, view.height)
+    kept = length > least_length * max(view.width, view.height)
     ends, length = ends[kept], length[kept]
     first, second = (
         np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones(len(x))], 1)
@@ -146,19 +177,20 @@ def edge_planes(view: View, photo: NDArray[np.uint8]) -> tuple[Array, Array]:
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12), length
 
 
-def common_direction(normals: Array, weights: Array, rough: Array) -> Array:
-    """The direction [3] near ``rough`` that lies in most planes [S, 3], by weight."""
+def common_direction(normals: Array, weights: Array, rough: Array, options: GravityOptions = GravityOptions()) -> Array:
+    """Find the vanishing direction [3] of vertical edges: near ``rough`` [3], in most planes [S, 3] by weight [S]."""
+    inlier = np.radians(options.inlier)
     rng = np.random.default_rng(0)
-    pairs = rng.choice(len(normals), (_SAMPLES, 2), p=weights / weights.sum())
+    pairs = rng.choice(len(normals), (options.samples, 2), p=weights / weights.sum())
     tried = np.cross(normals[pairs[:, 0]], normals[pairs[:, 1]])
     size = np.linalg.norm(tried, axis=1)
     tried = tried[size > 0.05] / size[size > 0.05, None]
     tried = tried * np.where(tried @ rough < 0, -1.0, 1.0)[:, None]
-    tried = np.concatenate([rough[None], tried[tried @ rough > np.cos(_NEAR)]])
-    away = np.minimum((normals @ tried.T / np.sin(_INLIER)) ** 2, 1.0)
+    tried = np.concatenate([rough[None], tried[tried @ rough > np.cos(np.radians(options.near))]])
+    away = np.minimum((normals @ tried.T / np.sin(inlier)) ** 2, 1.0)
     best = tried[int(np.argmin(weights @ away))]
     for _ in range(10):
-        share = weights / (1.0 + (normals @ best / (0.5 * _INLIER)) ** 2)  # Cauchy's weights
+        share = weights / (1.0 + (normals @ best / (0.5 * inlier)) ** 2)  # Cauchy's weights
         _, vectors = np.linalg.eigh((normals * share[:, None]).T @ normals)
         best = vectors[:, 0] * np.sign(vectors[:, 0] @ best)
     return np.asarray(best)

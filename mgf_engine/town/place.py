@@ -19,6 +19,7 @@ from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.fit_gps import FEWEST
 from mgf_engine.georef.gps import read_place
 from mgf_engine.georef.model import METRE, Georeference
+from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.similarity import LINE, straightness, umeyama
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.normalise import CAMERA_DISTANCE
@@ -102,7 +103,7 @@ def place_scene(
 ) -> tuple[Georeference, float]:
     """The georeference of a scene without footprints, and the length of a metre in its local frame."""
     wanted = config if config.crs or not _located(scene, config) else replace(config, crs=AUTO)
-    found = find_georeference(scene, wanted, warn).georeference
+    found = find_georeference(scene, wanted.algorithm(GeoreferenceOptions), warn).georeference
     return found, 1.0 if found.metric else usual_metre(scene, found.scale)
 
 
@@ -134,7 +135,7 @@ def _by_georeference(
 ) -> Placed:
     crs = named or (_WGS84 if _degrees(footprints.polygons) else None)
     target = config.crs or (crs if crs is not None and _in_metres(crs) else AUTO)
-    found = find_georeference(scene, replace(config, crs=target), warn).georeference
+    found = find_georeference(scene, replace(config.algorithm(GeoreferenceOptions), crs=target), warn).georeference
     polygons = footprints.polygons
     if crs is not None and crs != found.crs:
         polygons = transformed(polygons, crs, str(found.crs))
@@ -145,7 +146,7 @@ def _by_georeference(
 
 
 def _in_scene(footprints: Footprints, scene: Scene, config: Config, warn: Callable[[str], None]) -> Placed:
-    found = find_georeference(scene, replace(config, crs=""), warn).georeference
+    found = find_georeference(scene, replace(config.algorithm(GeoreferenceOptions), crs=""), warn).georeference
     typical = float(np.median([np.sqrt(p.area) for p in footprints.polygons]))
     metre = 1.0 if found.metric else typical / 11.0
     note = (

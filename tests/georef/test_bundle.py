@@ -12,6 +12,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef import bundle
 from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.find import find_georeference
+from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.load import load_scene
 
@@ -29,7 +30,7 @@ def _survey(strip, tmp_path, **options):
     reporter.stage("scene")
     adjust = fit_to_control if config.control_adjust else None
     scene = load_scene(folder, tmp_path / "scene", config, reporter, adjust=adjust)
-    return scene, find_georeference(scene, config, pytest.fail)
+    return scene, find_georeference(scene, config.algorithm(GeoreferenceOptions), pytest.fail)
 
 
 def test_check_points_come_nearer(strip, tmp_path):
@@ -60,7 +61,7 @@ def test_a_crash_is_one_sentence_and_no_end_of_the_job(strip, tmp_path, monkeypa
     scene = load_scene(folder, tmp_path / "scene", config, reporter, adjust=fit_to_control)
     (text,) = [text for text in reporter.warnings if text.startswith("The bundle adjustment with control points")]
     assert "ended with code -6; the cameras stay as they are" in text
-    assert find_georeference(scene, config, pytest.fail).georeference.method == "control"
+    assert find_georeference(scene, config.algorithm(GeoreferenceOptions), pytest.fail).georeference.method == "control"
 
 
 def test_one_wrong_point_is_left_out_and_bends_nothing(strip, tmp_path):

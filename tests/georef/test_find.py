@@ -12,6 +12,7 @@ from georef.site import CRS, ORIGIN, TARGETS, make_site, write_gps
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.find import find_georeference
+from mgf_engine.georef.options import GeoreferenceOptions
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def site(tmp_path_factory):
 def _find(site, **options):
     warnings: list[str] = []
     options = {name: str(value) for name, value in options.items()}
-    return find_georeference(site.scene, make_config(options), warnings.append), warnings
+    return find_georeference(site.scene, make_config(options).algorithm(GeoreferenceOptions), warnings.append), warnings
 
 
 def _error(site, survey):

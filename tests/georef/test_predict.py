@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 
 import numpy as np
@@ -11,9 +12,13 @@ import pytest
 from georef.site import CRS, ORIGIN, TARGETS, make_site, write_gps
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.georef.command import add_arguments, read_options
+from mgf_engine.georef.control import read_marks
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.model import write_georeference
+from mgf_engine.georef.options import GeoreferenceOptions, MarkOptions
 from mgf_engine.georef.predict import write_places
+from mgf_engine.georef.triangulate import place_points
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.store import save_scene
@@ -67,7 +72,8 @@ def test_three_marked_points_tell_where_the_others_are(site):
 
 @pytest.mark.parametrize("crs", [CRS, ""])
 def test_gps_tells_roughly_where_all_of_them_are(site, crs):
-    georeference = find_georeference(site.scene, make_config({"crs": crs}), pytest.fail).georeference
+    options = make_config({"crs": crs}).algorithm(GeoreferenceOptions)
+    georeference = find_georeference(site.scene, options, pytest.fail).georeference
     write_georeference(georeference, site.folder.parent)
     found = predict(site, control=site.write_control(), crs=CRS)
     assert all(p["by"] == "georeference" and errors(site, p).max() < 25 for p in found.values())
@@ -87,3 +93,28 @@ def test_without_points_or_scene_it_is_refused(site, tmp_path):
         predict(site)
     with pytest.raises(BadInput):
         write_places(tmp_path, {"control": str(site.write_control())}, tmp_path / "out.json", Reporter())
+
+
+def test_options_of_the_command_reach_the_algorithms(site, tmp_path):
+    """``--set`` and ``--config`` as in other commands; flags win, and options of other stages are refused."""
+    (tmp_path / "options.json").write_text('{"gps_fit.outlier": 6, "crs": "EPSG:1"}')
+    parser = argparse.ArgumentParser(argument_default=argparse.SUPPRESS)
+    add_arguments(parser)
+    parser.add_argument("--crs")
+    given = ["--config", str(tmp_path / "options.json"), "--set", "control_points.accuracy=0.02", "--crs", CRS]
+    options = make_config(read_options(parser.parse_args(given))).algorithm(GeoreferenceOptions)
+    assert (options.crs, options.point.accuracy, options.position.outlier) == (CRS, 0.02, 6.0)
+    for wrong in ("tsdf.band=3", "passes=3"):
+        with pytest.raises(BadInput, match=f"does not use the option .{wrong[:-2]}."):
+            read_options(parser.parse_args(["--set", wrong]))
+
+
+def test_a_mark_is_an_outlier_beyond_the_option(site):
+    """One of P1's marks is 30 px off in photos of about 1000 px: wrong by default, right at 40 px per 1000."""
+    marks = [m for m in site.marks() if m[0] == "P1"]
+    name, photo, x, y = marks[0]
+    path = site.write_marks([(name, photo, x + 30, y), *marks[1:]], "off.csv")
+    found, _ = read_marks(path, [v.name for v in site.scene.views])
+    for options, wrong in ((MarkOptions(), 1), (MarkOptions(outlier=60), 0)):
+        placed, _ = place_points(site.scene, found, options)
+        assert np.count_nonzero(~placed["P1"].good) == wrong

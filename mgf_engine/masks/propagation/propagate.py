@@ -50,7 +50,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.scene.gravity import find_up
+from mgf_engine.scene.gravity import GravityOptions, find_up
 from mgf_engine.system import cores
 
 T = TypeVar("T")
@@ -118,7 +118,7 @@ class _Work:
             self.scene, self._leafy, self.threads, self.reporter.check, self.config.algorithm(DensifyOptions)
         )
         self.reporter.progress(0.4)
-        up = find_up(self.scene, (), self.threads).vector
+        up = find_up(self.scene, (), self.threads, self.config.algorithm(GravityOptions)).vector
         self.shape = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
         self.graph = LabelGraph(
             self.scene, self.regions, self.shape, self.threads, self.full, self.config.algorithm(RandomWalkerOptions),
