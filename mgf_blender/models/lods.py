@@ -96,7 +96,8 @@ def _read(path: Path) -> bpy.types.Object:
         )
         if _is_compressed(path):  # for a build without Draco's library, as Debian's
             raise UserError(
-                "'{path}' is compressed, which this Blender cannot read; switch Compress off and make the models again.",
+                "'{path}' is compressed, which this Blender cannot read; switch Compress off and make the models "
+                "again.",
                 path=path,
             ) from error
         raise UserError("'{path}' cannot be read; make the models again.", path=path) from error

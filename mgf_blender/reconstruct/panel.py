@@ -203,8 +203,8 @@ def in_panel_words(text: str) -> str:
         text,
     )
     text = re.sub(
-        r"install with: pip install 'mgf-engine\[models\]', in the engine's environment, or leave (?:them )?out(?: with)? "
-        r"--(only|draco)",
+        r"install with: pip install 'mgf-engine\[models\]', in the engine's environment, or leave (?:them )?out"
+        r"(?: with)? --(only|draco)",
         lambda found: (
             "tick Models in the preferences and press Install Engine, or "
             + ("leave them out" if found[1] == "only" else "switch Compress off")

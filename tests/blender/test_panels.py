@@ -100,6 +100,10 @@ def test_running_waiting_and_cancelled(addon, engine, house):
          "There are no clicks on the building; give points, or Own Masks with your own masks."),
         ("Out of memory; lower --resolution or --max-gaussians and run again with --resume.",
          "Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),
+        ("Compressed levels of detail need DracoPy; install with: pip install 'mgf-engine[models]', in the engine's "
+         "environment, or leave out --draco.",
+         "Compressed levels of detail need DracoPy; tick Models in the preferences and press Install Engine, or switch "
+         "Compress off; in an environment of your own: pip install 'mgf-engine[models]'."),
         ("A plain - and a -- stay.", "A plain - and a -- stay."),
     ],
 )  # fmt: skip
