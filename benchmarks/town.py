@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A small synthetic town with truth: six houses along a street, two of them in a row, and a map of their footprints.
+"""A small synthetic town with truth: twelve houses along two streets, five of them in rows, and their footprints.
 
 ``python -m benchmarks.town FOLDER`` makes ``images/`` (with RTK-like GPS), ``sparse/0`` (structure from motion put onto
 the true frame), ``buildings/ID/truth.ply``, ``buildings/ID/masks/`` (255 building), ``footprints.geojson`` and
 ``town.json``. Footprints are half a metre off, one house is missing
-among them and one was torn down, as maps are.
+among them and one was torn down, as maps are. ``--houses 6`` makes the first street alone.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -86,22 +86,30 @@ def _box(x0: float, y0: float, x1: float, y1: float) -> Ring:
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
+_L_SHAPE = [(-6, -4.75), (6, -4.75), (6, -3.2), (12, -3.2), (12, 3.4), (6, 3.4), (6, 4.75), (-6, 4.75)]
 HOUSES = (
     House("villa", lambda: BUILDINGS["slate_villa"]("slate"),
           [(-6, -5), (-2, -5), (-1.3, -6.3), (1.3, -6.3), (2, -5), (6, -5), (6, 5), (-6, 5)], (-25.0, 13.0, 0.0)),
     House("timber", lambda: BUILDINGS["half_timber"]("clay"), _box(-5, -4, 5, 4), (-3.0, 12.0, 0.12)),
     House("row_west", lambda: row_house("brick", "tiles", 3, ("west",)), _box(-4, -5, 4, 5), (16.0, 12.5, 0.0)),
     House("row_east", lambda: row_house("sandstone", "slate", 2, ("east",)), _box(-4, -5, 4, 5), (24.0, 12.5, 0.0)),
-    House("white", lambda: BUILDINGS["plain_house"]("clean_white"),
-          [(-6, -4.75), (6, -4.75), (6, -3.2), (12, -3.2), (12, 3.4), (6, 3.4), (6, 4.75), (-6, 4.75)],
-          (-20.0, -13.0, 0.0)),
+    House("white", lambda: BUILDINGS["plain_house"]("clean_white"), _L_SHAPE, (-20.0, -13.0, 0.0)),
     House("bungalow", lambda: BUILDINGS["bungalow"]("cladding"),
           [(-8, -3.6), (1.5, -3.6), (1.5, -8.6), (7.5, -8.6), (7.5, -3.6), (8, -3.6), (8, 3.6), (-8, 3.6)],
           (8.0, -10.5, 0.0), mapped=False),
+    House("terrace_west", lambda: row_house("plaster", "tiles", 2, ("west",)), _box(-4, -5, 4, 5), (-24.0, 33.0, 0.0)),
+    House("terrace_middle", lambda: row_house("brick", "slate", 3, ()), _box(-4, -5, 4, 5), (-16.0, 33.0, 0.0)),
+    House("terrace_east", lambda: row_house("clay", "tiles", 2, ("east",)), _box(-4, -5, 4, 5), (-8.0, 33.0, 0.0)),
+    House("red", lambda: BUILDINGS["plain_house"]("clean_red"), _L_SHAPE, (14.0, 33.5, 0.0)),
+    House("chapel", lambda: BUILDINGS["chapel"]("sandstone"),
+          [(-7, -4.2), (7, -4.2), (9.6, -2.2), (10, 0), (9.6, 2.2), (7, 4.2), (-7, 4.2)], (-22.0, 59.0, 0.0)),
+    House("warehouse", lambda: BUILDINGS["warehouse"]("brick"), _box(-10, -5.5, 10, 5.5), (13.0, 59.5, 0.08)),
 )  # fmt: skip
+#: Houses -> how far their town reaches south and north, and the columns of the flight to its rows.
+TOWNS = {6: (-20.0, 20.0, 1.6), 12: (-20.0, 72.0, 0.75)}
 #: What the map still shows and nobody sees any more.
 TORN_DOWN = _box(26, -18, 35, -10)
-_STREET = 3.2
+_STREET, _SECOND = 3.2, 46.0  # half the width of a street; where the second one runs
 
 
 def moved(points: NDArray[np.float64], place: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -118,39 +126,53 @@ def parts_of(house: House) -> list[Part]:
     return [replace(p, name=f"{house.id}.{p.name}", vertices=moved(p.vertices, house.place)) for p in house.make()]
 
 
-def around(rng: np.random.Generator) -> list[Part]:
-    """Ground, street, paths, trees and cars."""
+def around(rng: np.random.Generator, streets: int) -> list[Part]:
+    """Ground, streets, paths, trees and cars."""
     b, big = Builder(building=False, prefix="ground."), 3000.0
-    b.polygon([(-big, -big, -0.02), (big, -big, -0.02), (big, big, -0.02), (-big, big, -0.02)], "grass")
-    b.polygon([(-big, -_STREET, 0), (big, -_STREET, 0), (big, _STREET, 0), (-big, _STREET, 0)], "asphalt")
-    for side in (-1, 1):
-        low, high = sorted((side * _STREET, side * (_STREET + 1.6)))
-        b.polygon([(-60, low, 0.03), (60, low, 0.03), (60, high, 0.03), (-60, high, 0.03)], "paving")
-    for x in np.arange(-60, 60, 6.0):
-        b.polygon([(x, -0.08, 0.01), (x + 3, -0.08, 0.01), (x + 3, 0.08, 0.01), (x, 0.08, 0.01)], "paint")
+    b.polygon(_level(-big, -big, big, big, -0.02), "grass")
+    for y in (0.0, _SECOND)[:streets]:
+        b.polygon(
+            [(-big, y - _STREET, 0), (big, y - _STREET, 0), (big, y + _STREET, 0), (-big, y + _STREET, 0)], "asphalt"
+        )
+        for side in (-1, 1):
+            low, high = sorted((y + side * _STREET, y + side * (_STREET + 1.6)))
+            b.polygon(_level(-60, low, 60, high, 0.03), "paving")
+        for x in np.arange(-60, 60, 6.0):
+            b.polygon(
+                [(x, y - 0.08, 0.01), (x + 3, y - 0.08, 0.01), (x + 3, y + 0.08, 0.01), (x, y + 0.08, 0.01)], "paint"
+            )
     x0, y0, x1, y1 = (*TORN_DOWN[0], *TORN_DOWN[2])
     b.polygon([(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)], "gravel")
     parts = b.parts()
     spots = [(-13.5, 12), (6.5, 16), (33, 14), (-3, -8.5), (-36, -10), (-34, 20), (22, -22), (8, 24), (-14, 25)]
+    cars = [(-30, -2.0), (-9, 2.0), (4, -2.0), (21, 2.1)]
+    if streets > 1:
+        spots += [(2, 36), (-34, 35), (32, 34), (-5, 58), (29, 58), (-36, 60), (-14, 69), (6, 70)]
+        cars += [(-25, 44.0), (-2, 48.0), (17, 44.0)]
     for i, spot in enumerate(spots):
         parts += tree(f"tree{i}.", np.array(spot, float), float(rng.uniform(4.5, 7.5)), rng)
-    for i, spot in enumerate([(-30, -2.0), (-9, 2.0), (4, -2.0), (21, 2.1)]):
+    for i, spot in enumerate(cars):
         parts += car(f"car{i}.", np.array(spot, float), rng)
     return parts
 
 
-def flight(photos: int, rng: np.random.Generator) -> list[Shot]:
+def _level(x0: float, y0: float, x1: float, y1: float, z: float) -> list[tuple[float, float, float]]:
+    return [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
+
+
+def flight(photos: int, houses: int, rng: np.random.Generator) -> list[Shot]:
     """A grid flown in four oblique directions and straight down, as surveys of quarters are."""
-    lines = 5
+    lines, (south, north, ratio) = 5, TOWNS[houses]
     each = [photos // lines + (k < photos % lines) for k in range(lines)]
     shots = list[Shot]()
     for k, count in enumerate(each):
-        columns = int(np.ceil(np.sqrt(count * 1.6)))
+        columns = int(np.ceil(np.sqrt(count * ratio)))
         rows = int(np.ceil(count / columns))
         for i in range(count):
             row, column = divmod(i, columns)
             across = column + (0.5 * (row % 2))
-            target = np.array([-34 + 68 * (across + 0.25) / columns, -20 + 40 * (row + 0.5) / rows, 3.0])
+            depth = south + (north - south) * (row + 0.5) / rows
+            target = np.array([-34 + 68 * (across + 0.25) / columns, depth, 3.0])
             angle = np.pi / 2 * k
             back = np.array([np.cos(angle), np.sin(angle), 0.0]) * (23.0 if k < 4 else 0.0)
             eye = target + back + [0, 0, 17.0 if k < 4 else 32.0] + rng.normal(0, 0.4, 3)
@@ -159,10 +181,19 @@ def flight(photos: int, rng: np.random.Generator) -> list[Shot]:
     return shots
 
 
-def make_town(folder: Path, photos: int, width: int, blender: Path | None, threads: int, painted: bool = False) -> None:
+def make_town(
+    folder: Path,
+    photos: int,
+    width: int,
+    blender: Path | None,
+    threads: int,
+    painted: bool = False,
+    count: int = len(HOUSES),
+) -> None:
     """Render the town into a folder; pictures that are there are kept.
 
     Args:
+        count: of houses, one of :data:`TOWNS`.
         painted: without Blender, see :mod:`benchmarks.town_painted`.
     """
 
@@ -172,9 +203,9 @@ def make_town(folder: Path, photos: int, width: int, blender: Path | None, threa
     (folder / "work").mkdir(parents=True, exist_ok=True)
     spec = SceneSpec(photos=photos, width=width, samples=6, denoiser="fast", rings=(), seed=51)
     rng = np.random.default_rng(spec.seed)
-    shots = flight(photos, rng)
-    houses = {house.id: parts_of(house) for house in HOUSES}
-    others = around(rng)
+    shots = flight(photos, count, rng)
+    houses = {house.id: parts_of(house) for house in HOUSES[:count]}
+    others = around(rng, 1 if count <= min(TOWNS) else 2)
     if painted:
         numbered = [(k, part) for k, parts in enumerate(houses.values(), 1) for part in parts]
         paint_views(folder, spec, [*numbered, *((0, part) for part in others)], shots)
@@ -193,7 +224,7 @@ def make_town(folder: Path, photos: int, width: int, blender: Path | None, threa
             cv2.imwrite(
                 str(folder / "buildings" / name / "masks" / stem), np.where(ids == number, 255, 0).astype(np.uint8)
             )
-    write_footprints(folder / "footprints.geojson", rng)
+    write_footprints(folder / "footprints.geojson", HOUSES[:count], rng)
     if not painted:
         model = sfm_model(folder, shots, photo_frame(spec))
         say(f"structure from motion: {model.num_reg_images()} photos, {model.num_points3D()} points")
@@ -238,9 +269,9 @@ def _sexagesimal(degrees: float) -> tuple[float, float, float]:
     return float(int(degrees)), float(int(minutes)), 60 * (minutes % 1)
 
 
-def write_footprints(path: Path, rng: np.random.Generator) -> None:
+def write_footprints(path: Path, houses: Sequence[House], rng: np.random.Generator) -> None:
     """The map: half a metre off, without the houses that it misses, with the one that was torn down."""
-    rings = {h.id: moved(np.array(h.outline, float), h.place) for h in HOUSES if h.mapped}
+    rings = {h.id: moved(np.array(h.outline, float), h.place) for h in houses if h.mapped}
     rings["torn_down"] = np.array(TORN_DOWN, float)
     features = []
     for name, ring in rings.items():
@@ -257,13 +288,15 @@ def main() -> int:
     """``python -m benchmarks.town FOLDER``."""
     parser = argparse.ArgumentParser(description="Render a small synthetic town with footprints and truth.")
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--photos", type=int, default=55)
+    parser.add_argument("--photos", type=int, help="default: 55 of six houses, 150 of twelve")
+    parser.add_argument("--houses", type=int, choices=sorted(TOWNS), default=max(TOWNS))
     parser.add_argument("--width", type=int, default=400, help="of the photos, pixels")
     parser.add_argument("--painted", action="store_true", help="without Blender, with exact cameras")
     parser.add_argument("--blender", type=Path, help="a Python that has bpy")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
-    make_town(args.folder, args.photos, args.width, args.blender, args.threads, args.painted)
+    photos = args.photos or {6: 55, 12: 150}[args.houses]
+    make_town(args.folder, photos, args.width, args.blender, args.threads, args.painted, args.houses)
     return 0
 
 

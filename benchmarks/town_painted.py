@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The town without Blender: painted by the engine's own z-buffer and a solid noise, with exact cameras, in a minute.
+"""The town without Blender: painted by the engine's own z-buffer and a solid noise, with exact cameras, in minutes.
 
 Light is a sun without shadows; glass does not mirror. It is for what depends on shapes, occlusion and neighbours (which
 photos, which clicks, which job), not for how well materials can be measured: that is what the rendered scenes are for.
@@ -35,14 +35,18 @@ _PAINT: dict[str, tuple[tuple[int, int, int], float]] = {
 }  # fmt: skip
 _OTHER = ((170, 165, 155), 0.2)
 _SKY, _SUN = (176, 205, 235), np.array([0.45, -0.55, 0.7])
-_SUPERSAMPLE, _POINTS, _SIGMA, _OFF = 2, 16_000, 0.3, 0.01  # samples; points; px; metres
+_SUPERSAMPLE, _DENSITY, _SIGMA, _OFF = 2, 2.0, 0.3, 0.01  # samples; points to a square metre; px; metres
 
 
-def lawn(half: int = 64, step: int = 4) -> Part:
-    """Grass in squares: the z-buffer leaves out faces that reach behind the camera."""
-    x, y = np.meshgrid(np.arange(-half, half + 1, step), np.arange(-half, half + 1, step))
-    side = x.shape[0]
-    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+def lawn(low: tuple[float, float], high: tuple[float, float], step: int = 4) -> Part:
+    """Grass in squares: the z-buffer leaves out faces that reach behind the camera.
+
+    Args:
+        low, high: corners of the buildings; grass reaches 30 m further.
+    """
+    x, y = np.meshgrid(*(np.arange(a - 30, b + 30 + step, step) for a, b in zip(low, high, strict=True)))
+    rows, side = x.shape
+    corner = (np.arange(rows - 1)[:, None] * side + np.arange(side - 1)).ravel()
     faces = np.stack([corner, corner + 1, corner + side + 1, corner + side], 1)
     vertices = np.stack([x.ravel(), y.ravel(), np.full(x.size, -0.02)], 1).astype(float)
     return Part("ground.lawn", "grass", vertices, tuple(map(tuple, faces.tolist())), "", False)
@@ -55,7 +59,9 @@ def paint_views(folder: Path, spec: SceneSpec, parts: list[tuple[int, Part]], sh
         parts: the number of the house (0: surroundings) and the part.
     """
     kept = [(number, part) for number, part in parts if not part.name.startswith("ground.:")]
-    kept = [(n, p) for n, p in kept if np.abs(p.vertices).max() < 200] + [(0, lawn())]
+    kept = [(n, p) for n, p in kept if np.abs(p.vertices).max() < 200]
+    stands = np.concatenate([p.vertices[:, :2] for n, p in kept if n])
+    kept.append((0, lawn(tuple(stands.min(0)), tuple(stands.max(0)))))
     vertices, faces, owner = labelled_mesh([part for _, part in kept])
     mesh = Mesh(vertices, faces, np.zeros(vertices.shape, np.uint8))
     house = np.array([number for number, _ in kept])[owner]
@@ -77,7 +83,8 @@ def paint_views(folder: Path, spec: SceneSpec, parts: list[tuple[int, Part]], sh
         photo = folder / "work/photos" / stem
         if not photo.exists():
             cv2.imwrite(str(photo), _photograph(mesh, view, base, mottle, normal)[..., ::-1])
-    _write_model(folder / "sparse/0", mesh, mottle, views, rendered, spec)
+    ground = (stands.min(0) - 12, stands.max(0) + 12)
+    _write_model(folder / "sparse/0", mesh, mottle, views, rendered, spec, ground)
 
 
 def _view(spec: SceneSpec, shot: Shot) -> View:
@@ -115,15 +122,17 @@ def _write_model(
     views: list[View],
     rendered: list[MeshBuffers],
     spec: SceneSpec,
+    ground: tuple[NDArray[np.float64], NDArray[np.float64]],
 ) -> None:
-    """The true cameras with tracks of points on what has texture, each a little off."""
+    """The true cameras with tracks of points on what has texture within ``ground``, each a little off."""
     rng = np.random.default_rng([spec.seed, 5])
     corners = mesh.vertices[mesh.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     weight = area * np.maximum(mottle - 0.02, 0.005)
-    weight[np.abs(corners[..., :2]).max((1, 2)) > 45] = 0
-    face = rng.choice(len(weight), _POINTS, p=weight / weight.sum())
-    a, b = rng.random((2, _POINTS, 1))
+    weight[((corners[..., :2] < ground[0]) | (corners[..., :2] > ground[1])).any((1, 2))] = 0
+    count = int(_DENSITY * np.prod(ground[1] - ground[0]))
+    face = rng.choice(len(weight), count, p=weight / weight.sum())
+    a, b = rng.random((2, count, 1))
     turn = a + b > 1
     a, b = np.where(turn, 1 - a, a), np.where(turn, 1 - b, b)
     true = corners[face, 0] + a * (corners[face, 1] - corners[face, 0]) + b * (corners[face, 2] - corners[face, 0])

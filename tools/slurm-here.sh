@@ -61,7 +61,10 @@ AccountingStorageType=accounting_storage/none
 SelectType=select/cons_tres
 SelectTypeParameters=CR_CPU_Memory
 ReturnToService=2
+# A node that is lost is noticed after 12 seconds, not 26.
 SlurmdTimeout=5
+MessageTimeout=3
+TCPTimeout=1
 SlurmctldTimeout=10
 InactiveLimit=0
 KillWait=10
@@ -86,11 +89,15 @@ wait_for() { # seconds, what, command: until the command succeeds
 
 idle() { sinfo -h -o %T | grep -qE '^(idle|mixed|allocated)$'; }
 
+ask() { # pid file, signal: tell the process that it names to stop
+    [ ! -s "$1" ] || kill "-${2:-TERM}" "$(<"$1")" 2>/dev/null || true
+}
+
 end() { # pid file, signal: stop the process that it names, and wait for its end
     local pid
     [ -s "$1" ] || return 0
     pid=$(<"$1")
-    kill "-${2:-TERM}" "$pid" 2>/dev/null || true
+    ask "$1" "${2:-TERM}"
     for _ in $(seq 100); do
         kill -0 "$pid" 2>/dev/null || break
         sleep 0.1
@@ -134,6 +141,7 @@ stop)
             sleep 0.5
         done
     fi
+    ask "$folder/slurmctld.pid" # both at once, for each takes its time
     end "$folder/slurmd.pid"
     end "$folder/slurmctld.pid"
     end "$folder/munge/pid"

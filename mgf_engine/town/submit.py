@@ -18,6 +18,7 @@ def main() -> None:
     """Run Snakemake's command line; ends with its exit code."""
     from snakemake.cli import main as snakemake
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a script's `mgf town … &` ignores it, and so would this
     threading.Thread(target=_stop_at_end_of_input, daemon=True).start()
     snakemake(sys.argv[1:])
 

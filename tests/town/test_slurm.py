@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.synthetic.street import PLACES, Street, build_street
+from benchmarks.synthetic.street import PLACES, Street
 from mgf_engine.cli import main
 from mgf_engine.errors import BadInput
 from mgf_engine.town.slurm import cancel_jobs, check_slurm, jobs_in
@@ -55,7 +55,7 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], 
 
 def command(street: Street, town: Path) -> list[str]:
     map_ = str(street.folder / "footprints.geojson")
-    options = ["--footprints-crs", "scene", "--preset", "quick", "--no-texture", "--photos-per-building", "12",
+    options = ["--footprints-crs", "scene", "--preset", "quick", "--no-texture", "--photos-per-building", "8",
                "--no-terrain"]  # fmt: skip
     return ["town", str(street.folder), "--footprints", map_, "--out", str(town), *options, "--threads", "1",
             "--executor", "slurm"]  # fmt: skip
@@ -76,11 +76,14 @@ def stages(town: Path) -> list[str]:
 
 @needs_slurm
 def test_a_lost_node_and_a_killed_town_cost_nothing_that_is_done(
-    slurm: Callable[[str], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    slurm: Callable[[str], None], short_street: Street, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    street, town = build_street(tmp_path / "street", 16), tmp_path / "town"
-    arguments = command(street, town)
-    run = subprocess.Popen([sys.executable, "-m", "mgf_engine", *arguments], stderr=subprocess.DEVNULL)
+    town = tmp_path / "town"
+    arguments = command(short_street, town)
+    run = subprocess.Popen(
+        [sys.executable, "-m", "mgf_engine", *arguments], stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),  # as scripts start what runs in the background
+    )  # fmt: skip
     wait_until(lambda: len(stages(town)) == 2 and "masks" in stages(town), 120, run)
     first = jobs_in(town)
     assert len(first) == 2  # both slots
@@ -91,18 +94,25 @@ def test_a_lost_node_and_a_killed_town_cost_nothing_that_is_done(
     run.kill()
     run.wait()
     wait_until(lambda: not jobs_in(town), 60)  # Snakemake has cancelled them
+    assert not list(town.glob("buildings/*/done.json"))  # they did not just run to their end
     assert main(arguments) == 0
     assert "2 of 2 buildings are done" in capsys.readouterr().out
     for name in PLACES:
         done = json.loads((town / "buildings" / name / "done.json").read_text())
         assert done["attempt"] == 1  # a node that is lost is no reason for smaller photos
-    assert (town / "town.glb").is_file() and not jobs_in(town)
+    assert (town / "town.glb").is_file()
+    wait_until(lambda: not jobs_in(town), 20)
 
 
 @needs_slurm
-def test_a_stopped_town_leaves_no_job_in_the_queue(slurm: Callable[[str], None], tmp_path: Path) -> None:
-    street, town = build_street(tmp_path / "street", 16), tmp_path / "town"
-    run = subprocess.Popen([sys.executable, "-m", "mgf_engine", *command(street, town)], stderr=subprocess.PIPE)
+def test_a_stopped_town_leaves_no_job_in_the_queue(
+    slurm: Callable[[str], None], short_street: Street, tmp_path: Path
+) -> None:
+    town = tmp_path / "town"
+    run = subprocess.Popen(
+        [sys.executable, "-m", "mgf_engine", *command(short_street, town)], stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore Ctrl-C
+    )  # fmt: skip
     wait_until(lambda: len(jobs_in(town)) == 2, 120, run)
     run.send_signal(signal.SIGINT)
     assert run.wait(100) == 3 and jobs_in(town) == []
