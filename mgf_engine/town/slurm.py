@@ -38,7 +38,7 @@ def slurm_arguments() -> list[str]:
     """Arguments of Snakemake: a job that lost its node goes back into the queue and is no failure of the building."""
     return [
         "--executor", SLURM, "--slurm-requeue", "--slurm-status-command", "sacct" if _accounts() else "squeue",
-        "--slurm-init-seconds-before-status-checks", "5",
+        "--slurm-init-seconds-before-status-checks", "2",
     ]  # fmt: skip
 
 
