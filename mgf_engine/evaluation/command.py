@@ -156,7 +156,8 @@ def _compare_with_scan(args: argparse.Namespace, mesh: Surface) -> dict[str, Any
     scores, found = compare_with_scan(local, scan - origin, args.align or "rigid", args.thresholds, args.reach)
     print(scan_table(scores))
     if args.picture:
-        write_scan_picture(args.picture, local, found, scores.reach)
+        metres = (args.mesh / "georeferenced" / "mesh.ply").is_file()
+        write_scan_picture(args.picture, local, found, scores.reach, " m" if metres else "")
     return {**scores.as_dict(), "origin": origin.tolist()}
 
 

@@ -19,10 +19,14 @@ from mgf_engine.model.mesh import Mesh
 
 NEIGHBOURS = 6  # scan points that a vertex takes its colour from
 BARE = np.array([170.0, 170, 170])  # where there are none
+COLUMNS, MARGIN, _SIDE = 2, 12, 24  # sides beside each other; pixels around the building, and beside the legend
 
 
-def write_scan_picture(path: Path, mesh: Surface, found: ScanDistances, reach: float) -> None:
+def write_scan_picture(path: Path, mesh: Surface, found: ScanDistances, reach: float, unit: str = "") -> None:
     """Write the picture; full colour at the 95th percentile of the distances.
+
+    Args:
+        unit: of the mesh's coordinates, where it is known.
 
     Raises:
         BadInput: it cannot be written.
@@ -31,8 +35,19 @@ def write_scan_picture(path: Path, mesh: Surface, found: ScanDistances, reach: f
     fine = subdivided(mesh, reach)
     painted = Mesh(fine.vertices, fine.faces.astype(np.int32), _colors(fine.vertices, found, limit, reach))
     views = circle_views(painted, np.array([0.0, 0.0, 1.0]), np.array([-0.6, -1.0, 0.0]), SIDES, SIZE)
-    row = np.hstack([shaded(painted, view, color=True) for view in views])
-    write_picture(path, np.vstack([row, _legend(limit, row.shape[1])]))
+    sides = cropped([shaded(painted, view, color=True) for view in views])
+    rows = [np.hstack(sides[k : k + COLUMNS]) for k in range(0, SIDES, COLUMNS)]
+    write_picture(path, np.vstack([*rows, _legend(limit, rows[0].shape[1], unit)]))
+
+
+def cropped(pictures: list[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
+    """The part of all pictures that is not white in one of them, with a margin: all keep one scale."""
+    drawn = np.any([picture.min(-1) < 250 for picture in pictures], axis=0)
+    if not drawn.any():
+        return pictures
+    v, u = np.flatnonzero(drawn.any(1)), np.flatnonzero(drawn.any(0))
+    top, left = max(0, v[0] - MARGIN), max(0, u[0] - MARGIN)
+    return [picture[top : v[-1] + MARGIN, left : u[-1] + MARGIN] for picture in pictures]
 
 
 def _colors(vertices: NDArray[np.float64], found: ScanDistances, limit: float, reach: float) -> NDArray[np.uint8]:
@@ -53,9 +68,20 @@ def ramp(share: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(share > 0, white + share * (red - white), white - share * (blue - white))
 
 
-def _legend(limit: float, width: int) -> NDArray[np.uint8]:
-    strip = np.full((48, width, 3), 255, np.uint8)
-    strip[12:36, 20:320] = ramp(np.linspace(-1, 1, 300)).round().astype(np.uint8)
-    text = f"{-limit:.3g} (mesh inside the scan) to {limit:.3g} (outside); grey: no scan point near"
-    cv2.putText(strip, text, (336, 31), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 40, 40), 1, cv2.LINE_AA)
+def _legend(limit: float, width: int, unit: str) -> NDArray[np.uint8]:
+    """The colours with their distances, and what they mean."""
+    strip = np.full((92, width, 3), 255, np.uint8)
+    long = width - 2 * _SIDE
+    strip[10:34, _SIDE : _SIDE + long] = ramp(np.linspace(-1, 1, long)).round().astype(np.uint8)
+    for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
+        _write(strip, f"{share * limit:+.3g}{unit}" if share else "0", _SIDE + round((share + 1) / 2 * (long - 1)), 52)
+    _write(strip, "blue: mesh inside the scan, red: outside, grey: no scan point near", width // 2, 80)
     return strip
+
+
+def _write(picture: NDArray[np.uint8], text: str, middle: int, line: int) -> None:
+    """Text about a column, within the picture where it fits, over the line of that row."""
+    size = min(0.55, 0.55 * picture.shape[1] / (10.0 * len(text)))
+    (wide, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    left = min(max(4, middle - wide // 2), max(4, picture.shape[1] - wide - 4))
+    cv2.putText(picture, text, (left, line), cv2.FONT_HERSHEY_SIMPLEX, size, (40, 40, 40), 1, cv2.LINE_AA)

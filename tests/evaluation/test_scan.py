@@ -111,6 +111,11 @@ def test_a_job_is_measured_in_its_true_coordinates(scan: np.ndarray, tmp_path: P
     image = cv2.imread(str(picture)).astype(int)
     blue = (image[..., 0] - image[..., 2] > 60).mean()  # the east wall lies inside of its scan
     assert 0.002 < blue < 0.2
+    drawn = image.min(-1) < 250
+    assert drawn.mean() > 0.3  # it is cut to the building
+    sides = drawn[:-92]
+    halves = [h for half in np.array_split(sides, 2) for h in np.array_split(half, 2, axis=1)]
+    assert min(half.mean() for half in halves) > 0.25  # four of them, two by two
 
 
 @pytest.mark.parametrize(
