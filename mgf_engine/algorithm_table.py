@@ -48,6 +48,7 @@ COMMANDS = ("drawings", "models", "georef", "town")
 # fmt: off
 ALGORITHMS: tuple[Algorithm, ...] = (
     # scene
+    Algorithm("structure_from_motion", "scene", "Cameras of photos without a COLMAP model", "scene.sfm:SfmOptions"),
     Algorithm("pose_adjustment", "scene", "Adjustment of cameras that disagree with the sparse points", "scene.adjust:AdjustOptions"),
     Algorithm("photo_quality", "scene", "Noise and sharpness of the photos", "scene.quality:QualityOptions"),
     Algorithm("exposure", "scene", "Exposure and white balance of the photos", "scene.exposure:ExposureOptions"),
@@ -111,6 +112,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     # deliver
     Algorithm("texture_visibility", "deliver", "Photos that show a face", "texture.visibility:VisibilityOptions", also=("drawings", "models")),
     Algorithm("texture_views", "deliver", "Choice of the photo that paints a face", "texture.view_selection:ViewSelectionOptions", also=("drawings", "models")),
+    Algorithm("texture_charts", "deliver", "Layout of the texture", "texture.charts:ChartOptions"),
     Algorithm("seams", "deliver", "Levelling of colours at seams", "texture.seams:SeamOptions", also=("drawings", "models")),
     # drawings
     Algorithm("facades", "drawings", "Facades of a building", "drawings.facades:FacadeOptions"),
@@ -135,6 +137,9 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("scale_bar_fit", "georef", "Scale from known distances", "georef.options:ScaleBarOptions"),
     Algorithm("control_adjustment", "georef", "Bundle adjustment with control points", "georef.options:ControlAdjustmentOptions"),
     # town
+    Algorithm("town_plan", "town", "Buildings of a scene and their points", "town.plan:PlanOptions"),
+    Algorithm("building_box", "town", "Crop box of each building", "town.crop:BuildingBoxOptions"),
+    Algorithm("terrain", "town", "Terrain between the buildings", "town.terrain:TerrainOptions"),
     Algorithm("building_hulls", "town", "Ground and height of each building", "town.hulls:HullOptions", also=("suggest-clicks",)),
     Algorithm("building_search", "town", "Buildings in the sparse points alone", "town.find:OutlineOptions", also=("suggest-clicks",)),
     Algorithm("building_views", "town", "Choice of photos for each building", "town.view_selection:BuildingViewOptions", also=("suggest-clicks",)),

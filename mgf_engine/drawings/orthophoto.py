@@ -22,7 +22,6 @@ from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.photos import Room
 from mgf_engine.texture.bake import barycentric, look_up
 from mgf_engine.texture.texture_pipeline import Painting
-from mgf_engine.texture.visibility import MARGIN, STEEP
 
 AROUND = np.ones((3, 3), np.uint8)
 RIM = 1e-3  # what a photo counts where the point lies within a pixel of an outline: its colour is mixed there
@@ -43,12 +42,14 @@ class Visibility:
         """
         camera = self._painting.views[view]
         at, depth = camera.project(points)
-        inside = (depth > 0) & (at > MARGIN).all(1) & (at < (camera.width - MARGIN, camera.height - MARGIN)).all(1)
+        border = self._painting.visibility.border
+        inside = (depth > 0) & (at > border).all(1) & (at < (camera.width - border, camera.height - border)).all(1)
         nearest, farthest, shown = self._looked(view)
         column, row = np.where(inside[:, None], at, 0).astype(np.int64).T
         ray = camera.centre - points
         facing = (ray * normals).sum(1) / np.maximum(np.linalg.norm(ray, axis=1), 1e-300)
-        inside &= (farthest[row, column] * (1 + SLACK) >= depth) & (shown[row, column] > 0) & (facing > STEEP)
+        inside &= (farthest[row, column] * (1 + SLACK) >= depth) & (shown[row, column] > 0)
+        inside &= facing > self._painting.visibility.least_cosine
         clear = (nearest[row, column] * (1 + SLACK) >= depth) & (shown[row, column] > 1)
         size = facing * (camera.fx / np.where(inside, depth, 1.0)) ** 2
         return np.where(inside, np.where(clear, size, RIM * size), 0.0), inside & clear

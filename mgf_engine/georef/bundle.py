@@ -30,7 +30,7 @@ from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import Placed
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.adjust import STRAY, take_part
+from mgf_engine.scene.adjust import OUTLIER, choose_observations
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
 from mgf_engine.scene.colmap_bundle import moved, projection_errors
 from mgf_engine.scene.sparse import SparseModel
@@ -94,8 +94,8 @@ def adjusted_to_control(
     with np.errstate(all="ignore"):
         here = moved(model, to_world)
         errors = projection_errors(here, resolution)
-    sound = np.isfinite(errors) & (errors < STRAY)
-    chosen = take_part(here, sound)
+    sound = np.isfinite(errors) & (errors < OUTLIER)
+    chosen = choose_observations(here, sound)
     sigma = (
         max(options.adjustment.least_sigma, float(np.median(errors[chosen])) / _MEDIAN_OF_RAYLEIGH)
         if len(chosen)

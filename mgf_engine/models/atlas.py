@@ -66,7 +66,7 @@ def transfer_texture(
         weight = barycentric(at[owner], np.stack([column, row], 1) + 0.5)
         points = (coarse.vertices[coarse.faces[owner]] * weight[..., None]).sum(1)
         image[row, column] = _colors(points, surface, texture)
-    image = fill_gutters(image, face >= 0)
+    image = fill_gutters(image, face >= 0, 2 * options.padding)
     return Texture(np.stack([uv[..., 0], 1 - uv[..., 1]], -1).astype(np.float32), image)
 
 

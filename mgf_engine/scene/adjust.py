@@ -28,11 +28,9 @@ from mgf_engine.scene.sparse import SparseModel, check_model
 from mgf_engine.subprocesses import run_worker
 
 Indices = NDArray[np.int64]
-#: A point is stray when its observations lie this far off, working pixels, beyond what is usual in the scene.
-STRAY, USUAL = 4.0, 3.0
-MOST_VIEWS = 600  # whose poses are solved for at once
-#: Points that take part, and how many of them each view should see.
-MOST_POINTS, FEWEST_PER_VIEW = 3000, 60
+#: An observation is an outlier beyond this reprojection error, working pixels, plus so many times the first decile of
+#: all errors. The checks of the scene use the same limit, so that what they report is what was left out here.
+OUTLIER, OUTLIER_FACTOR = 4.0, 3.0
 COMMAND = (sys.executable, "-m", "mgf_engine.scene.adjust_worker")
 
 
@@ -47,15 +45,15 @@ class AdjustOptions:
     better: float = parameter(
         0.6, "Maximum share of the error that may be left; a model adjusted before cannot lose as much", high=1
     )
-
-
-_DEFAULTS = AdjustOptions()
+    most_photos: int = parameter(600, "Number of photos beyond which the model is taken as it is", low=3)
+    most_points: int = parameter(3000, "Maximum number of points that settle the cameras, beside the next", low=8)
+    points_per_photo: int = parameter(60, "Number of points that each photo should see", low=1)
 
 
 def adjust_if_inconsistent(
-    model: SparseModel, resolution: int, reporter: Reporter, options: AdjustOptions = _DEFAULTS
+    model: SparseModel, resolution: int, reporter: Reporter, options: AdjustOptions = AdjustOptions()
 ) -> SparseModel:
-    """The model itself, or adjusted where its cameras and points disagree; a warning says so.
+    """Adjust a model where its cameras and points disagree, with a warning; return it as it is elsewhere.
 
     Args:
         resolution: longest side of the working photos; errors are measured in their pixels.
@@ -87,8 +85,8 @@ def _adjusted(
     errors = projection_errors(model, resolution)
     sound = ~far_points(errors, model.points.start)[owners(model)] & np.isfinite(errors)
     before = float(np.median(errors[sound])) if sound.any() else 0.0
-    chosen = take_part(model, sound)
-    if before <= options.from_error or not 3 <= len(model.images) <= MOST_VIEWS or not len(chosen):
+    chosen = choose_observations(model, sound, options)
+    if before <= options.from_error or not 3 <= len(model.images) <= options.most_photos or not len(chosen):
         return before, before, model
     frame = _frame(model)
     task = Task(moved(model, frame), resolution, chosen, np.unique(owners(model)[chosen]), before)
@@ -101,7 +99,7 @@ def _adjusted(
 
 
 def far_points(distances: NDArray[np.float64], start: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Points that most of their photos see elsewhere, bool [P]. Holds while a sixth of them are sound.
+    """Find the points that most of their photos see elsewhere, bool [P]. Holds while a sixth of them are sound.
 
     Args:
         distances: of each observation from its point's projection, working pixels, [T].
@@ -109,23 +107,34 @@ def far_points(distances: NDArray[np.float64], start: NDArray[np.int64]) -> NDAr
     """
     if not len(distances):
         return np.zeros(len(start) - 1, bool)
-    limit = STRAY + USUAL * float(np.percentile(distances, 10))
+    limit = OUTLIER + OUTLIER_FACTOR * float(np.percentile(distances, 10))
     far = np.concatenate([[0], np.cumsum(distances > limit)])
     return np.asarray(far[start[1:]] - far[start[:-1]] > 0.5 * np.diff(start))
 
 
-def take_part(model: SparseModel, sound: NDArray[np.bool_]) -> Indices:
-    """Observations of points enough to settle the cameras: those that most photos see, and some for every photo."""
+def choose_observations(
+    model: SparseModel, sound: NDArray[np.bool_], options: AdjustOptions = AdjustOptions()
+) -> Indices:
+    """Choose the observations that settle the cameras: points that most photos see, and some for every photo.
+
+    Args:
+        model: cameras and points.
+        sound: observations that are no outliers, bool [T].
+        options: numbers of points.
+
+    Returns:
+        Indices of observations, int64.
+    """
     owner = owners(model)
     seen = np.bincount(owner[sound], minlength=len(model.points.ids))
     rank = np.empty(len(seen), np.int64)
     rank[np.argsort(-seen, kind="stable")] = np.arange(len(seen))
-    taken = rank < MOST_POINTS
+    taken = rank < options.most_points
     order, bounds = by_image(model)
     for first, last in pairwise(bounds):
         mine = order[first:last]
         own = owner[mine[sound[mine]]]
-        taken[own[np.argsort(rank[own], kind="stable")[:FEWEST_PER_VIEW]]] = True
+        taken[own[np.argsort(rank[own], kind="stable")[: options.points_per_photo]]] = True
     return np.flatnonzero(sound & (taken & (seen >= 2))[owner])
 
 

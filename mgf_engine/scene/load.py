@@ -24,7 +24,7 @@ from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
 from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots, sample_views
-from mgf_engine.scene.sfm import reconstruct
+from mgf_engine.scene.sfm import SfmOptions, reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
 from mgf_engine.scene.validation import ValidationOptions, drop_views, filter_outliers
@@ -141,7 +141,8 @@ def _find(source: Path, folder: Path, config: Config, reporter: Reporter) -> _Fo
 def _reconstruct(source: Path, exclude: Path, folder: Path, config: Config, reporter: Reporter) -> _Found:
     """A model of a folder of photos, by structure from motion; warns of photos that it could not register."""
     root, names = list_photos(source, exclude)
-    model = read_model(reconstruct(root, names, folder, config, reporter, lambda f: f * _SFM_SHARE))
+    options = config.algorithm(SfmOptions)
+    model = read_model(reconstruct(root, names, folder, options, reporter, lambda f: f * _SFM_SHARE))
     unplaced = sorted(set(names) - {image.name for image in model.images})
     if unplaced:
         reporter.warning(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which pairs of photos are worth matching: all of them, or neighbours in the sequence plus those that look alike.
+"""Choice of the pairs of photos to match: all of them, or neighbours in the sequence and the most similar ones.
 
-Looking alike is judged by VLAD vectors over the photos' own SIFT descriptors (Jegou et al. 2010), so that a walk
+Similarity is that of VLAD vectors over the photos' own SIFT descriptors (Jegou et al. 2010), so that a walk
 around a building closes its loop, and photos in no order at all still find each other, without a vocabulary file.
 """
 
@@ -12,32 +12,43 @@ import pycolmap
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 
-_NEIGHBOURS = 10
-_ALIKE = 10
-_WORDS = 64
-_PER_PHOTO = 600  # descriptors of one photo that are looked at
-_TRAINING = 30_000
+#: Size of the VLAD vectors, descriptors of each photo, and those that the words are learnt from: enough to rank photos.
+_WORDS, _PER_PHOTO, _TRAINING = 64, 600, 30_000
 
 
-def choose_pairs(database: pycolmap.Database, ids: list[int], exhaustive: bool, seed: int) -> list[tuple[int, int]]:
-    """Pairs of positions in ``ids`` (image ids in the order of their names), each with the lower one first."""
+def choose_pairs(
+    database: pycolmap.Database, ids: list[int], exhaustive: bool, seed: int, neighbours: int = 10, similar: int = 10
+) -> list[tuple[int, int]]:
+    """Choose the pairs of photos to match.
+
+    Args:
+        database: with the features of the photos.
+        ids: image ids in the order of the photos' names.
+        exhaustive: match every pair.
+        seed: of the clustering.
+        neighbours: number of following photos that each photo is matched with.
+        similar: number of most similar photos that each photo is matched with.
+
+    Returns:
+        Sorted pairs of positions in ``ids``, the lower one first.
+    """
     count = len(ids)
     if exhaustive:
         return [(i, j) for i in range(count) for j in range(i + 1, count)]
-    pairs = {(i, j) for i in range(count) for j in range(i + 1, min(count, i + 1 + _NEIGHBOURS))}
-    step = 2 * _NEIGHBOURS
+    pairs = {(i, j) for i in range(count) for j in range(i + 1, min(count, i + 1 + neighbours))}
+    step = 2 * neighbours
     while step < count // 2:  # further and further neighbours tie the sequence together
         pairs |= {(i, i + step) for i in range(count - step)}
         step *= 2
     alike = similarities(vlad(database, ids, seed))
     np.fill_diagonal(alike, -np.inf)
     for i, row in enumerate(alike):
-        pairs |= {(min(i, int(j)), max(i, int(j))) for j in np.argsort(-row, kind="stable")[:_ALIKE]}
+        pairs |= {(min(i, int(j)), max(i, int(j))) for j in np.argsort(-row, kind="stable")[:similar]}
     return sorted(pairs)
 
 
 def vlad(database: pycolmap.Database, ids: list[int], seed: int) -> NDArray[np.float32]:
-    """One unit vector [64 * 128] per photo; photos without features get zeros."""
+    """Compute a unit vector [64 * 128] per photo; zeros for photos without features."""
     random = np.random.default_rng(seed)
     samples = [_descriptors(database, image_id) for image_id in ids]
     everything = np.concatenate(samples)
@@ -49,7 +60,7 @@ def vlad(database: pycolmap.Database, ids: list[int], seed: int) -> NDArray[np.f
 
 
 def similarities(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Cosine similarity of every pair, [N, N]."""
+    """Compute the cosine similarity of every pair, [N, N]."""
     return vectors @ vectors.T
 
 

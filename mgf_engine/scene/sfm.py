@@ -16,11 +16,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote
 
-from mgf_engine.config import Config
+from mgf_engine.algorithms import parameter
+from mgf_engine.config import job_option
 from mgf_engine.errors import BadInput
 from mgf_engine.images import read_info
 from mgf_engine.messages import Reporter, log
@@ -29,8 +31,6 @@ from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
 from mgf_engine.subprocesses import ended, worker
 from mgf_engine.system import write_json
 
-#: Up to this many photos every pair is matched; beyond it neighbours and photos that look alike.
-EXHAUSTIVE_LIMIT = 60
 _ADVICE = "take more photos with at least 60 % overlap, or give a COLMAP model"
 #: Share of the whole that is done when the features, the matches are there.
 _FEATURES_END, _MATCHES_END = 0.25, 0.6
@@ -38,14 +38,36 @@ _FEATURES_END, _MATCHES_END = 0.25, 0.6
 Share = Callable[[float], float]
 
 
-def reconstruct(root: Path, names: list[str], folder: Path, config: Config, reporter: Reporter, share: Share) -> Path:
+@dataclass(frozen=True)
+class SfmOptions:
+    """Options of structure from motion."""
+
+    exhaustive_photos: int = parameter(60, "Number of photos up to which matching 'auto' matches every pair")
+    longest_side: int = parameter(1600, "Longest side of the photos that features are found in", "px", low=64)
+    features: int = parameter(
+        4096, "Maximum number of SIFT features of a photo; COLMAP's 8192 take four times as long to match", low=64
+    )
+    neighbours: int = parameter(10, "Number of following photos that each photo is matched with, if not all", low=1)
+    similar: int = parameter(10, "Number of most similar photos that each photo is matched with, if not all")
+    matching: str = job_option("matching")
+    seed: int = job_option("seed")
+    threads: int = job_option("threads")
+
+    def exhaustive(self, photos: int) -> bool:
+        """Tell whether every pair of that many photos is matched."""
+        return self.matching == "exhaustive" or (self.matching == "auto" and photos <= self.exhaustive_photos)
+
+
+def reconstruct(
+    root: Path, names: list[str], folder: Path, options: SfmOptions, reporter: Reporter, share: Share
+) -> Path:
     """Run structure from motion on a folder of photos.
 
     Args:
         root: the folder the names are relative to.
         names: the photos, sorted.
         folder: where database and model are kept.
-        config: ``matching``, ``threads`` and ``seed`` are used.
+        options: of features and matching.
         reporter: for progress and cancelling.
         share: maps 0..1 of this part to 0..1 of the stage.
 
@@ -60,10 +82,11 @@ def reconstruct(root: Path, names: list[str], folder: Path, config: Config, repo
             f"'{root}' holds no COLMAP model and {len(names)} photos; give a COLMAP scene or at least {FEWEST} photos."
         )
     sizes = [_size_of(root / name) for name in names]
-    exhaustive = config.matching == "exhaustive" or (config.matching == "auto" and len(names) <= EXHAUSTIVE_LIMIT)
     task = {
         "root": str(root), "names": names, "sizes": sizes, "one_camera": len({(w, h) for w, h, *_ in sizes}) == 1,
-        "exhaustive": exhaustive, "seed": config.seed, "threads": config.threads or -1,
+        "exhaustive": options.exhaustive(len(names)), "seed": options.seed, "threads": options.threads or -1,
+        "longest_side": options.longest_side, "features": options.features, "neighbours": options.neighbours,
+        "similar": options.similar,
     }  # fmt: skip
     _take_up(folder, task)
     if not (folder / MODEL / "points3D.bin").exists():

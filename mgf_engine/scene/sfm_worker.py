@@ -26,8 +26,6 @@ from mgf_engine.system import put_in_place, write_json
 TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
 #: Exit code when the photos give no model.
 NO_MODEL = 3
-_MAX_SIDE = 1600
-_MAX_FEATURES = 4096  # half of COLMAP's default: matching on the CPU takes a quarter of the time
 
 
 def main(folder: Path) -> int:
@@ -59,8 +57,8 @@ def main(folder: Path) -> int:
 def _extract(folder: Path, task: dict[str, Any]) -> None:
     """SIFT features of every photo; the photos' names by image id are kept when all are done."""
     options = pycolmap.FeatureExtractionOptions()
-    options.max_image_size, options.use_gpu, options.num_threads = _MAX_SIDE, False, task["threads"]
-    options.sift.max_num_features = _MAX_FEATURES
+    options.max_image_size, options.use_gpu, options.num_threads = task["longest_side"], False, task["threads"]
+    options.sift.max_num_features = task["features"]
     mode = pycolmap.CameraMode.SINGLE if task["one_camera"] else pycolmap.CameraMode.AUTO
     pycolmap.extract_features(
         folder / DATABASE, task["root"], image_names=task["names"], camera_mode=mode, extraction_options=options,
@@ -74,7 +72,7 @@ def _match(folder: Path, task: dict[str, Any], names: dict[int, str]) -> None:
     """Matches of the chosen pairs, checked by epipolar geometry."""
     ids = sorted(names, key=lambda i: names[i])
     with pycolmap.Database.open(folder / DATABASE) as database:
-        pairs = choose_pairs(database, ids, task["exhaustive"], task["seed"])
+        pairs = choose_pairs(database, ids, task["exhaustive"], task["seed"], task["neighbours"], task["similar"])
         for image in database.read_all_images():
             image.name = _number(image.image_id)
             database.update_image(image)

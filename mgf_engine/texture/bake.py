@@ -17,7 +17,7 @@ from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.photos import Room
-from mgf_engine.texture.charts import GUTTER
+from mgf_engine.texture.charts import ChartOptions
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
 from mgf_engine.texture.seams import Corrections
 
@@ -32,8 +32,9 @@ def bake(
     corrections: Corrections,
     source: Callable[[int], Source],
     progress: Callable[[float], None] = lambda share: None,
+    options: ChartOptions = ChartOptions(),
 ) -> NDArray[np.uint8]:
-    """The picture, RGB uint8 [H, W, 3].
+    """Paint the picture, RGB uint8 [H, W, 3].
 
     Args:
         mesh: normalised frame.
@@ -78,7 +79,7 @@ def bake(
     for k, found in enumerate(parallel_map(colors, range(len(kinds)))):
         progress(k / len(kinds))
         image[parts[k]] = found
-    return fill_gutters(image.reshape(layout.height, layout.width, 3), face >= 0)
+    return fill_gutters(image.reshape(layout.height, layout.width, 3), face >= 0, 2 * options.gutter)
 
 
 def barycentric(triangle: NDArray[np.float64], at: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -120,8 +121,8 @@ def sample_photo(view: View, source: Source, points: NDArray[np.float64]) -> NDA
     return sample(source.image, at, cv2.INTER_CUBIC)
 
 
-def fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Pixels beside the patches take the nearest patch's colour: smaller copies of the picture mix them in."""
+def fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_], width: int) -> NDArray[np.uint8]:
+    """Give pixels up to ``width`` px beside the patches the nearest patch's colour, which mipmaps mix in."""
     if not painted.any():
         return image
     distance, nearest = cv2.distanceTransformWithLabels(
@@ -129,7 +130,7 @@ def fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_]) -> NDArra
     )
     source = np.zeros(int(nearest.max()) + 1, np.int64)
     source[nearest[painted]] = np.flatnonzero(painted)
-    near = ~painted & (distance <= 2 * GUTTER)
+    near = ~painted & (distance <= width)
     image[near] = image.reshape(-1, 3)[source[nearest[near]]]
     image[~painted & ~near] = image[painted].mean(0).astype(np.uint8)
     return image

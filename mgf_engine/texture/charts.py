@@ -7,22 +7,37 @@ Faces that no photo shows get a small triangle each, all of one size, in a recta
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.texture.model import NO_VIEW, Layout
 
-GUTTER = 3  # px around each patch, filled with its own colours
-CELL = 6  # px; side of the square that a face without photo gets
-LEAST_SIDE = 256
+CELL = 6  # px; side of the square that a face without photo gets: the least that keeps a colour when filtered
+LEAST_SIDE = 256  # px of the picture
 BLOCK = 16  # px; the picture's height is a multiple, as JPEG stores it
-_TRIES = 12
+_TRIES = 12  # of a bisection: the scale to 1/4096
 
 Array = NDArray[np.float64]
 
 
-def lay_out(uv: Array, label: NDArray[np.int32], patch: NDArray[np.int32], finest: float, largest_side: int) -> Layout:
+@dataclass(frozen=True)
+class ChartOptions:
+    """Options of the layout of the texture."""
+
+    gutter: int = parameter(3, "Width of the gutter around each patch, filled with its own colours", "px", low=1)
+
+
+def lay_out(
+    uv: Array,
+    label: NDArray[np.int32],
+    patch: NDArray[np.int32],
+    finest: float,
+    largest_side: int,
+    options: ChartOptions = ChartOptions(),
+) -> Layout:
     """Place all faces in a picture, as large as the photos allow and the picture has room for.
 
     Args:
@@ -30,6 +45,7 @@ def lay_out(uv: Array, label: NDArray[np.int32], patch: NDArray[np.int32], fines
         label, patch: [F], as ``choose`` gives them.
         finest: pixels of the user's photos per pixel of the working photos.
         largest_side: of the picture, pixels.
+        options: of the layout.
     """
     painted = np.flatnonzero(label != NO_VIEW)
     which, group = np.unique(patch[painted], return_inverse=True)
@@ -39,7 +55,7 @@ def lay_out(uv: Array, label: NDArray[np.int32], patch: NDArray[np.int32], fines
     bare = np.flatnonzero(label == NO_VIEW)
 
     def rectangles(scale: float) -> NDArray[np.int64]:
-        sizes = np.ceil((high - low) * scale).astype(np.int64) + 2 * GUTTER
+        sizes = np.ceil((high - low) * scale).astype(np.int64) + 2 * options.gutter
         block = CELL * int(np.ceil(np.sqrt(len(bare))))
         return np.concatenate([sizes, [[block, block]]]) if len(bare) else sizes
 
@@ -48,7 +64,7 @@ def lay_out(uv: Array, label: NDArray[np.int32], patch: NDArray[np.int32], fines
     corner = pack(sizes, side)
     assert corner is not None
     at = np.empty((len(label), 3, 2))
-    at[painted] = (uv[painted] - low[group][:, None]) * scale + corner[group][:, None] + GUTTER
+    at[painted] = (uv[painted] - low[group][:, None]) * scale + corner[group][:, None] + options.gutter
     if len(bare):
         at[bare] = _cells(len(bare)) + corner[-1]
     height = int((corner + sizes)[:, 1].max(initial=1))

@@ -20,7 +20,7 @@ from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.exposure import with_gain
 from mgf_engine.scene.photos import original_photo
 from mgf_engine.texture.bake import bake
-from mgf_engine.texture.charts import lay_out
+from mgf_engine.texture.charts import ChartOptions, lay_out
 from mgf_engine.texture.model import NO_VIEW, Source, painting_views
 from mgf_engine.texture.seams import Corrections, SeamOptions, level_seams
 from mgf_engine.texture.view_selection import ViewSelectionOptions, choose_views, face_neighbours, patches
@@ -39,6 +39,7 @@ class TextureOptions:
     visibility: VisibilityOptions = VisibilityOptions()
     views: ViewSelectionOptions = ViewSelectionOptions()
     seams: SeamOptions = SeamOptions()
+    charts: ChartOptions = ChartOptions()
 
 
 def make_texture(
@@ -50,7 +51,7 @@ def make_texture(
     progress: Callable[[float], None] = lambda share: None,
     options: TextureOptions = TextureOptions(),
 ) -> Texture:
-    """A texture from the photos whose masks may be trusted.
+    """Make a texture from the photos whose masks may be trusted.
 
     Args:
         mesh: normalised frame, with vertex colours.
@@ -61,10 +62,13 @@ def make_texture(
     views, label, neighbours = painting.views, painting.label, painting.neighbours
     corrections, originals = painting.corrections, painting.source
     finest = float(np.median([v.original_width / v.width for v in views]))
-    layout = lay_out(_in_views(mesh, label, views), label, patches(label, neighbours), max(1.0, finest), largest_side)
+    layout = lay_out(
+        _in_views(mesh, label, views), label, patches(label, neighbours), max(1.0, finest), largest_side,
+        options.charts,
+    )  # fmt: skip
     image = bake(
         mesh, layout, label, views, corrections, originals,
-        lambda share: progress(_LEVELLED + (1 - _LEVELLED) * share),
+        lambda share: progress(_LEVELLED + (1 - _LEVELLED) * share), options.charts,
     )  # fmt: skip
     if originals.gone:
         warn(
@@ -90,6 +94,7 @@ class Painting:
         neighbours: pairs of faces that share an edge, [E, 2].
         corrections: what makes seams vanish.
         source: place among ``views`` -> the photo to paint with.
+        visibility: options that the views were found by.
     """
 
     chosen: list[int]
@@ -98,6 +103,7 @@ class Painting:
     neighbours: NDArray[np.int64]
     corrections: Corrections
     source: Originals
+    visibility: VisibilityOptions
 
 
 def choose_painting(
@@ -128,7 +134,8 @@ def choose_painting(
     progress(seen)
     corrections = level_seams(mesh, label, neighbours, views, photo, options.seams)
     progress(1.0)
-    return Painting(chosen, views, label, neighbours, corrections, Originals(views, photo))
+    originals = Originals(views, photo)
+    return Painting(chosen, views, label, neighbours, corrections, originals, options.visibility)
 
 
 class Originals:

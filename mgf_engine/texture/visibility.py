@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which photos show which faces of the mesh, and how large."""
+"""Visibility of the faces in the photos: which photos show a face, and how large."""
 
 from __future__ import annotations
 
@@ -17,9 +17,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.parallel import parallel_map
 
-MARGIN = 1.5  # px to the edge of the photo
 _BYTES_PER_PIXEL, _BYTES_PER_FACE = 30, 60  # while a view is drawn
-STEEP = 0.15  # cosine between the face's normal and the ray below which a photo is no use
 
 
 @dataclass(frozen=True)
@@ -34,6 +32,10 @@ class VisibilityOptions:
         "grey levels",
     )
     odd_weight: float = parameter(0.01, "Weight of a face's size in a photo that shows it in such a colour")
+    border: float = parameter(1.5, "Width of the border of a photo that paints nothing", "px")
+    least_cosine: float = parameter(
+        0.15, "Cosine between a face's normal and the ray below which a photo does not paint it", high=1
+    )
     least_size: float = parameter(
         0.25, "Size of a face in a photo, as a share of the largest, from which the photo may paint it", high=1
     )
@@ -129,15 +131,15 @@ def _shown(
     at = corners(mesh.vertices, view)
     buffers = render_mesh(mesh, view, at)
     u, v, inverse = at.T
-    high, wide = view.height - MARGIN, view.width - MARGIN
-    framed = (inverse > 0) & (u > MARGIN) & (v > MARGIN) & (u < wide) & (v < high)
+    high, wide = view.height - o.border, view.width - o.border
+    framed = (inverse > 0) & (u > o.border) & (v > o.border) & (u < wide) & (v < high)
     visible, off = _at_vertices(mesh, np.flatnonzero(framed), at, buffers.depth, photo, inside)
     drawn = np.bincount(buffers.face[(buffers.face >= 0) & inside], minlength=len(mesh.faces))
     at_corners = np.asarray(visible[mesh.faces].all(1))
     face = np.flatnonzero(at_corners | ((drawn > 0) & framed[mesh.faces].all(1)))
     area = _area(at[mesh.faces[face], :2])
     kept = np.where(area < o.large, at_corners[face], drawn[face] >= o.shown * area)
-    kept &= (area > 0) & (_facing(mesh, normals, face, view) > STEEP)
+    kept &= (area > 0) & (_facing(mesh, normals, face, view) > o.least_cosine)
     face, area = face[kept], area[kept]
     odd = off[mesh.faces[face]].mean(1) > o.other_color
     return face.astype(np.int32), np.where(odd, o.odd_weight * area, area).astype(np.float32)

@@ -13,7 +13,8 @@ from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.memory import GB
 from mgf_engine.messages import Reporter
 from mgf_engine.terminal import duration, make_sink
-from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, ONE, Plan, read_plan
+from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, ONE, Plan
+from mgf_engine.town.plan_files import read_plan
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,7 +69,8 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
     from mgf_engine.town.footprints import read_footprints
     from mgf_engine.town.map import draw_map
     from mgf_engine.town.place import place_footprints
-    from mgf_engine.town.plan import SCENE, PlanOptions, make_plan, shared_scene, write_plan
+    from mgf_engine.town.plan import SCENE, PlanOptions, make_plan, shared_scene
+    from mgf_engine.town.plan_files import write_plan
     from mgf_engine.town.view_selection import FEWEST
 
     if args.photos_per_building < FEWEST:

@@ -20,7 +20,8 @@ from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.system import atomic_path, write_json
-from mgf_engine.town.plan import BUILDINGS, read_plan
+from mgf_engine.town.plan import BUILDINGS
+from mgf_engine.town.plan_files import read_plan
 from mgf_engine.town.solid import merge_cityjson, read_solids
 from mgf_engine.town.terrain import DONE as TERRAIN_DONE
 from mgf_engine.town.terrain import FOLDER as TERRAIN_FOLDER

@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.errors import EXIT_DONE, BadInput, explain
 from mgf_engine.geometry.mesh_files import write_ply, write_texture
 from mgf_engine.georef.model import read_georeference
+from mgf_engine.job_folder import with_algorithms_of_job
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.mesh import Mesh
@@ -32,20 +34,29 @@ from mgf_engine.system import cpu_seconds, write_json
 from mgf_engine.town.find import height_over_ground
 from mgf_engine.town.hulls import GONE, Hull
 from mgf_engine.town.place import local_points, to_normalised
-from mgf_engine.town.plan import SCENE, read_plan
+from mgf_engine.town.plan import SCENE
+from mgf_engine.town.plan_files import read_plan
 from mgf_engine.town.view_selection import draw_hulls
 
 Array = NDArray[np.float64]
 FOLDER, MESH, DONE, LOG = "terrain", "terrain.ply", "terrain.json", "log.txt"
-#: Metres: cells of the grid, how far a point may lie over the opened ground, how far buildings reach beyond their
-#: footprints; and cells along the longest side at most, points of the ground at least, side of the texture at most.
-_CELL, _LOW, _EAVES = 2.0, 0.8, 0.7
-_MOST_CELLS, _FEWEST, _TEXTURE = 250, 50, 4096
-_GAP = 3  # cells without a point that the surface bridges, beside what lies under buildings
+
+
+@dataclass(frozen=True)
+class TerrainOptions:
+    """Options of the terrain."""
+
+    cell: float = parameter(2.0, "Width of the cells of the grid", "m", low=0.01)
+    most_cells: int = parameter(250, "Maximum number of cells along the longest side", low=2)
+    above: float = parameter(0.8, "Height above the lowest points around up to which a point is ground", "m")
+    eaves: float = parameter(0.7, "Distance that buildings reach beyond their footprints", "m")
+    gap: int = parameter(3, "Number of cells without a point that the surface bridges, beside those under buildings")
+    least_points: int = parameter(50, "Minimum number of points of the ground", low=4)
+    texture_side: int = parameter(4096, "Maximum side of the texture", "px", low=16)
 
 
 def make_terrain(town: Path) -> dict[str, Any]:
-    """Make the terrain of a planned town; returns figures.
+    """Make the terrain of a planned town, by the options that the town was planned with; returns figures.
 
     Raises:
         BadInput: the plan or the scene is gone, or too few points show the ground.
@@ -59,14 +70,15 @@ def make_terrain(town: Path) -> dict[str, Any]:
     scene = read_scene(town / SCENE / "scene")
     hulls = read_hulls(town, plan)
     points = local_points(scene, georeference)
-    ground = ground_surface(points, [hull.polygon for hull in hulls], metre)
+    options = with_algorithms_of_job(town / SCENE, {}).algorithm(TerrainOptions)
+    ground = ground_surface(points, [hull.polygon for hull in hulls], metre, options)
     folder = town / FOLDER
     folder.mkdir(exist_ok=True)
     warnings: list[str] = []
-    masks = _ground_masks(scene, town, hulls, metre)
+    masks = _ground_masks(scene, town, hulls, options.eaves * metre, metre)
     seen = replace(ground, vertices=to_normalised(scene, georeference, ground.vertices))
     seen = color_from_photos(seen, scene.views, scene.photo, [building(labels) for labels in masks.labels])
-    texture = make_texture(seen, scene, masks, _TEXTURE, warnings.append)
+    texture = make_texture(seen, scene, masks, options.texture_side, warnings.append)
     write_ply(
         replace(ground, colors=seen.colors), folder / MESH, comments=("terrain in the local frame of the town, z up",)
     )
@@ -93,35 +105,39 @@ def read_hulls(town: Path, plan: dict[str, Any]) -> list[Hull]:
     return hulls
 
 
-def ground_surface(points: Array, footprints: list[Any], metre: float) -> Mesh:
-    """The bare earth as triangles of a regular grid, without colours.
+def ground_surface(
+    points: Array, footprints: list[Any], metre: float, options: TerrainOptions = TerrainOptions()
+) -> Mesh:
+    """Make the bare earth as triangles of a regular grid, without colours.
 
     Args:
         points: [P, 3] sparse points, local frame.
         footprints: shapely, local frame: points on them are no ground.
         metre: length of a metre there.
+        options: of the grid.
 
     Raises:
         BadInput: too few points show the ground.
     """
     import shapely
 
-    built = shapely.union_all([polygon.buffer(_EAVES * metre) for polygon in footprints])
+    built = shapely.union_all([polygon.buffer(options.eaves * metre) for polygon in footprints])
     shapely.prepare(built)
-    low = height_over_ground(points, metre) < _LOW * metre
+    low = height_over_ground(points, metre) < options.above * metre
     ground = points[low & ~shapely.contains_xy(built, points[:, :2])]
-    if len(ground) < _FEWEST:
+    if len(ground) < options.least_points:
         raise BadInput(
-            f"Only {len(ground)} points show the ground, and {_FEWEST} are needed; run again with --no-terrain."
+            f"Only {len(ground)} points show the ground, and {options.least_points} are needed; run again with "
+            "--no-terrain."
         )
     start = np.percentile(ground[:, :2], 0.5, axis=0)
     extent = np.percentile(ground[:, :2], 99.5, axis=0) - start
-    cell = max(_CELL * metre, float(extent.max()) / _MOST_CELLS)
+    cell = max(options.cell * metre, float(extent.max()) / options.most_cells)
     shape = tuple(np.ceil(extent / cell).astype(int) + 1)
     x, y = (start[k] + cell * np.arange(shape[k]) for k in range(2))
     place = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     height, known = _heights(ground, start, cell, shape)
-    kept = _extent(known, shapely.contains_xy(built, place).reshape(shape))
+    kept = _extent(known, shapely.contains_xy(built, place).reshape(shape), options.gap)
     vertices = np.column_stack([place, height.ravel()])
     mesh = Mesh(vertices, _triangles(kept), np.zeros(vertices.shape, np.uint8))
     used, faces = np.unique(mesh.faces, return_inverse=True)
@@ -149,9 +165,11 @@ def _heights(ground: Array, start: Array, cell: float, shape: tuple[int, ...]) -
     return np.asarray(smooth), known
 
 
-def _extent(known: NDArray[np.bool_], built: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _extent(known: NDArray[np.bool_], built: NDArray[np.bool_], gap: int) -> NDArray[np.bool_]:
     """Where there is terrain: at points and buildings, and in small gaps between them; the largest piece of it."""
-    near = ndimage.binary_closing(np.pad(known | built, _GAP), iterations=_GAP)[_GAP:-_GAP, _GAP:-_GAP]
+    near = np.pad(known | built, gap)
+    if gap:
+        near = ndimage.binary_closing(near, iterations=gap)[gap:-gap, gap:-gap]
     filled = ndimage.binary_opening(ndimage.binary_fill_holes(near), np.ones((3, 3)))  # no strips at the rim
     labels, count = ndimage.label(filled)
     if count > 1:
@@ -167,12 +185,12 @@ def _triangles(kept: NDArray[np.bool_]) -> NDArray[np.int32]:
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
 
 
-def _ground_masks(scene: Scene, town: Path, hulls: list[Hull], metre: float) -> MaskSet:
+def _ground_masks(scene: Scene, town: Path, hulls: list[Hull], eaves: float, metre: float) -> MaskSet:
     """Masks that show all but buildings, so that none is painted on the ground behind it."""
     count = len(scene.views)
     labels = [np.full((view.height, view.width), BUILDING, np.uint8) for view in scene.views]
     if hulls:
-        wide = [Hull(h.id, h.polygon.buffer(_EAVES * metre), h.low, h.high, h.points) for h in hulls]
+        wide = [Hull(h.id, h.polygon.buffer(eaves), h.low, h.high, h.points) for h in hulls]
         drawn = draw_hulls(scene, read_georeference(town), wide, metre)
         for k, view in enumerate(scene.views):
             hidden = (drawn.owner[k] >= 0).astype(np.uint8)

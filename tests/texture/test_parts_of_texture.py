@@ -13,7 +13,7 @@ from support.analytic import ball, camera, ring
 
 from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.texture.charts import CELL, GUTTER, lay_out, pack
+from mgf_engine.texture.charts import CELL, ChartOptions, lay_out, pack
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
 from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
@@ -100,7 +100,8 @@ def test_every_face_has_its_place(largest: int) -> None:
     assert np.abs(sides - layout.scale).max() < 1e-9
     apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(2)
     apart[np.diag_indices(count)] = np.inf
-    assert apart.min() >= 2 * GUTTER - 1e-9 or apart[:40, :40].min() >= 2 * GUTTER - 1e-9
+    gutters = 2 * ChartOptions().gutter
+    assert apart.min() >= gutters - 1e-9 or apart[:40, :40].min() >= gutters - 1e-9
     assert apart[40:, 40:].min() >= CELL - 4.5
 
 

@@ -15,7 +15,7 @@ import shapely
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.town.solid import merge_cityjson
-from mgf_engine.town.terrain import ground_surface
+from mgf_engine.town.terrain import TerrainOptions, ground_surface
 
 HOUSE = shapely.box(-6, -5, 6, 5)
 
@@ -44,6 +44,15 @@ def test_the_ground_goes_on_under_houses_and_trees() -> None:
     assert shapely.contains_xy(HOUSE, mesh.vertices).sum() > 15
     assert (face_normals(mesh)[:, 2] > 0.9).all()
     assert 2.0 * len(mesh.faces) == pytest.approx(60 * 60, rel=0.12)  # half of 2 m x 2 m each
+
+
+def test_options_of_the_grid() -> None:
+    coarse = ground_surface(hillside(), [HOUSE], 1.0, TerrainOptions(cell=4.0))
+    assert 8.0 * len(coarse.faces) == pytest.approx(60 * 60, rel=0.2)
+    few = ground_surface(hillside(), [HOUSE], 1.0, TerrainOptions(most_cells=10))
+    assert np.ptp(few.vertices[:, :2], axis=0).max() <= 70 and len(few.faces) <= 2 * 11 * 11
+    with pytest.raises(BadInput, match="and 9999 are needed"):
+        ground_surface(hillside(), [HOUSE], 1.0, TerrainOptions(least_points=9999))
 
 
 def test_the_unit_of_the_scene_does_not_matter() -> None:
