@@ -12,7 +12,7 @@ from mgf_engine.errors import BadInput
 
 
 def count(text: str) -> int:
-    """A whole number from 1, for argparse."""
+    """Return a whole number from 1, for argparse."""
     try:
         value = int(text)
     except ValueError:
@@ -23,7 +23,7 @@ def count(text: str) -> int:
 
 
 def engine_options(texts: Sequence[str]) -> dict[str, str]:
-    """The engine's options from NAME=VALUE texts, as text.
+    """Return the engine's options from NAME=VALUE texts, as text.
 
     Raises:
         BadInput: a text is no pair, or the engine would refuse the option.
@@ -34,7 +34,7 @@ def engine_options(texts: Sequence[str]) -> dict[str, str]:
 
 
 def results_folder(folder: Path) -> Path:
-    """The folder, made where it is missing.
+    """Return the folder, made where it is missing.
 
     Raises:
         BadInput: it cannot be made.

@@ -49,7 +49,7 @@ def plan(
     photos: int, extent: NDArray[np.float64], rings: tuple[Ring, ...], nadir: dict[str, Any] | None,
     exposure: float, exposure_spread: float, rng: Generator, arc: tuple[float, float] = (0.0, 360.0),
 ) -> list[Shot]:  # fmt: skip
-    """The shots of one flight.
+    """Return the shots of one flight.
 
     Args:
         photos: number of photos over all rings and the nadir rows.

@@ -193,7 +193,7 @@ FORMER = {f"{old}{n}": f"{new}{n}" for old, new in (("dortmund", "steel_frame_ha
 
 
 def with_present_names(arguments: Sequence[str]) -> list[str]:
-    """Arguments of a command with scenes called by their names of now; a sentence for each that had another."""
+    """Return arguments of a command with scenes called by their names of now; a sentence for each that had another."""
     for name in dict.fromkeys(arguments):
         if name in FORMER:
             print(f"The scene '{name}' is called '{FORMER[name]}' now; the old name works in this version only.",
@@ -202,7 +202,7 @@ def with_present_names(arguments: Sequence[str]) -> list[str]:
 
 
 def scene_spec(name: str, **changes: Any) -> SceneSpec:
-    """The spec of a named scene with some controls changed (None leaves a control as it is).
+    """Return the spec of a named scene with some controls changed (None leaves a control as it is).
 
     Raises:
         BadInput: the name is not in the table, or nothing can be rendered with such numbers.
@@ -216,5 +216,5 @@ def scene_spec(name: str, **changes: Any) -> SceneSpec:
 
 
 def spec_dict(spec: SceneSpec) -> dict[str, Any]:
-    """The spec as plain data for ``scene.json``."""
+    """Return the spec as plain data for ``scene.json``."""
     return asdict(spec)

@@ -53,7 +53,7 @@ def write_page(suite: str, rows: list[Row], out: Path, before: list[Row] | None 
 
 
 def summary_tables(rows: list[Row]) -> list[dict[str, Any]]:
-    """One table per scene: a line per variant, the mean over seeds with the spread of F1.
+    """Return one table per scene: a line per variant, the mean over seeds with the spread of F1.
 
     Returns:
         dicts with ``scene``, ``columns`` (names) and ``lines`` (texts).

@@ -40,7 +40,7 @@ def make_clicks(folder: Path, variant: str, path: Path) -> None:
 
 
 def read_truth(folder: Path) -> Truth:
-    """Names, poses and true masks of the photos in the model that the engine takes of a synthetic scene."""
+    """Read names, poses and true masks of the photos in the model that the engine takes of a synthetic scene."""
     model = pycolmap.Reconstruction(folder / "sparse_truth")
     loaded = find_model(folder) or folder / "sparse/0"
     placed = {str(i.name) for i in pycolmap.Reconstruction(loaded).images.values()}
@@ -56,7 +56,7 @@ def read_truth(folder: Path) -> Truth:
 
 
 def good(truth: Truth, count: int, positives: int = 3, negatives: int = 2) -> Clicks:
-    """Clicks well inside, on ``count`` spread photos."""
+    """Return clicks well inside, on ``count`` spread photos."""
     return {
         truth.names[i]: {
             "positive": inside_points(truth.masks[i] == BUILDING, positives),

@@ -58,7 +58,7 @@ class Target:
 
 
 def targets_of(folder: Path) -> list[Target]:
-    """Corners far from each other that several photos see: control points first, then check points.
+    """Return corners far from each other that several photos see: control points first, then check points.
 
     Raises:
         BadInput: the building has too few.
@@ -134,7 +134,7 @@ def _sexagesimal(degrees: float) -> tuple[float, float, float]:
 
 
 def errors_of(inputs: Path, method: str, targets: Sequence[Target], resolution: int) -> dict[str, Array]:
-    """Where the engine puts each target less where it truly is, metres."""
+    """Return where the engine puts each target less where it truly is, metres."""
     options = {"crs": CRS, "resolution": resolution, **METHODS[method]}
     reporter = Reporter()
     reporter.stage("scene")

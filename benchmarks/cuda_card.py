@@ -49,7 +49,7 @@ def same_bits(n: int, width: int, height: int) -> bool:
 
 
 def milliseconds(work: Any, rounds: int) -> float:
-    """Per call, from the first start to the end of the last, after a warm-up."""
+    """Return per call, from the first start to the end of the last, after a warm-up."""
     for _ in range(5):
         work()
     torch.cuda.synchronize()
@@ -128,7 +128,7 @@ def sanitize(tool: str) -> str:
 
 
 def found_nothing(line: str) -> bool:
-    """Whether a line of :func:`sanitize` tells of no error, or that there is nothing that could look for one."""
+    """Tell whether a line of :func:`sanitize` tells of no error, or that there is nothing that could look for one."""
     return "not installed" in line or re.search(r"SUMMARY: 0 (hazards|errors)\b", line) is not None
 
 

@@ -34,13 +34,13 @@ class Frame(NamedTuple):
 
 
 def photo_frame(spec: SceneSpec) -> Frame:
-    """The photo's camera less its lens; the principal point is a little off the middle, as in life."""
+    """Return the photo's camera less its lens; the principal point is a little off the middle, as in life."""
     fx = float(spec.width / 2 / np.tan(np.radians(spec.field_of_view) / 2))
     return Frame(spec.width, spec.height, fx, fx, spec.width / 2 + 1.25, spec.height / 2 - 0.75)
 
 
 def render_frame(spec: SceneSpec) -> Frame:
-    """The pinhole that is rendered: the photo's own without a lens, else as much wider as its corners need."""
+    """Make the pinhole camera that is rendered: the photo's own without a lens, else as much wider as its corners need."""
     frame = photo_frame(spec)
     if not any(spec.lens):
         return frame
@@ -65,7 +65,7 @@ def _straighten(spec: SceneSpec, pixels: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def distort(spec: SceneSpec, rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Normalised image points [N, 2] of a pinhole -> where the lens puts them (COLMAP's OPENCV)."""
+    """Convert normalised image points [N, 2] of a pinhole to where the lens puts them (COLMAP's OPENCV)."""
     k1, k2, p1, p2 = spec.lens
     x, y = rays.T
     r = x * x + y * y
@@ -85,7 +85,7 @@ def pixel_rays(spec: SceneSpec) -> NDArray[np.float64]:
 
 
 def bend(spec: SceneSpec, picture: Picture, labels: bool = False) -> Picture:
-    """A picture of :func:`render_frame` as the lens shows it in :func:`photo_frame`.
+    """Return a picture of :func:`render_frame` as the lens shows it in :func:`photo_frame`.
 
     Args:
         labels: take the nearest pixel's value instead of mixing neighbours.
@@ -102,7 +102,7 @@ def bend(spec: SceneSpec, picture: Picture, labels: bool = False) -> Picture:
 
 
 def develop(spec: SceneSpec, rendered: Picture, number: int) -> Picture:
-    """One photo from its rendered picture (BGR): what lens, light, sensor and compression do, in this order."""
+    """Return one photo from its rendered picture (BGR): what lens, light, sensor and compression do, in this order."""
     rng = np.random.default_rng([spec.seed, 1, number])
     picture = np.asarray(bend(spec, rendered), dtype=np.float64)
     gain = _gains(spec, picture.shape[:2], number)

@@ -53,7 +53,7 @@ def match_features(folder: Path, camera: Frame, lens: Lens = _NO_LENS) -> Path:
 def truth_model(
     folder: Path, shots: list[Shot], camera: Frame, shift: NDArray[np.float64], lens: Lens = _NO_LENS
 ) -> pycolmap.Reconstruction:
-    """``sparse_truth``: the true cameras with points triangulated from the real features.
+    """Return ``sparse_truth``: the true cameras with points triangulated from the real features.
 
     Args:
         shift: [N, 3] error put on the camera centres, metres.

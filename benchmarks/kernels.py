@@ -125,7 +125,7 @@ def ratio_to_twin(n: int, width: int, height: int) -> float:
 
 
 def ratio_to_torch_tiles(n: int, width: int, height: int) -> float:
-    """How many times longer blending takes in torch, tile by tile with autograd, forward and backward."""
+    """Return how many times longer blending takes in torch, tile by tile with autograd, forward and backward."""
     raw, camera = cpu.Parameters.of_field(building(n)), corner_view(width, height)
     lists, clock = cpu.list_tiles(raw, camera, 3, None), Clock()
     ones = torch.ones(height, width)
@@ -154,7 +154,7 @@ def losses_and_gradients(loss: Callable[..., LossTerms], planes: torch.Tensor, t
 
 
 def losses_ratio_to_twin(width: int, height: int) -> float:
-    """How many times longer the losses take in plain torch (float32, SSIM above all), forward and backward."""
+    """Return how many times longer the losses take in plain torch (float32, SSIM above all), forward and backward."""
     planes = torch.rand(10, height, width, generator=torch.Generator().manual_seed(0))
     target, clock = noise_target(corner_view(width, height)), Clock()
     for _ in range(5):

@@ -127,7 +127,7 @@ def measure_masks(folder: Path, scene: Scene, variant: str, out: Path, segmenter
 
 
 def score_view(folder: Path, name: str, labels: NDArray[np.uint8]) -> PhotoScore:
-    """One photo's label map against the truth in the scene's folder, at the label map's size."""
+    """Return one photo's label map against the truth in the scene's folder, at the label map's size."""
     h, w = labels.shape
     stem = Path(name).stem + ".png"
     true = [read_png(folder / kind / stem) for kind in ("masks", "elements")]
@@ -178,11 +178,11 @@ _COLUMNS = (
 
 
 def header() -> str:
-    """First line of the table."""
+    """Return first line of the table."""
     return "  ".join(name.ljust(width) for _, name, width in _COLUMNS)
 
 
 def line(row: Row) -> str:
-    """One row of the table, and what the engine said of it."""
+    """Return one row of the table, and what the engine said of it."""
     text = "  ".join(str("-" if row.get(key) is None else row[key]).ljust(width) for key, _, width in _COLUMNS)
     return text + "  " + (row.get("refused") or row.get("warnings") or "")[:100]

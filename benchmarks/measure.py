@@ -43,7 +43,7 @@ SCORED = {"geometry": "F1", "without_openwork": "F1 without steelwork"}
 
 
 def origin() -> dict[str, str]:
-    """What a figure was measured with and when: ``commit``, ``machine`` and ``date``."""
+    """Return what a figure was measured with and when: ``commit``, ``machine`` and ``date``."""
     git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]
     try:
         found = subprocess.run(git, capture_output=True, text=True, timeout=20, check=True).stdout.strip()
@@ -87,7 +87,7 @@ def prepare_scene(name: str, photos: int | None = None, width: int | None = None
 
 
 def prepare_folder(folder: Path) -> Prepared:
-    """What scoring needs of a rendered scene.
+    """Return what scoring needs of a rendered scene.
 
     Raises:
         BadInput: its record is damaged.
@@ -100,7 +100,7 @@ def prepare_folder(folder: Path) -> Prepared:
 
 
 def true_openwork(folder: Path) -> Surface | None:
-    """The open steelwork of a generated building; None where it has none."""
+    """Return the open steelwork of a generated building; None where it has none."""
     from benchmarks.buildings import BUILDINGS, OPENWORK
     from benchmarks.shapes import true_mesh
 
@@ -122,7 +122,7 @@ def _ground_pixel(path: Path) -> float:
 
 
 def true_cameras(folder: Path) -> list[SeeingCamera]:
-    """The scene's true cameras; each sees the building only where its true mask shows no occluder."""
+    """Return the scene's true cameras; each sees the building only where its true mask shows no occluder."""
 
     def nothing_in_front(name: str) -> NDArray[np.bool_]:
         labels = cv2.imread(str(folder / "masks" / (Path(name).stem + ".png")), cv2.IMREAD_UNCHANGED)
@@ -202,13 +202,13 @@ def _to_true_frame(path: Path, scene: Prepared) -> None:
 
 
 def above_ground(crop: Points) -> Points:
-    """The crop without its sides and top."""
+    """Return the crop without its sides and top."""
     low = np.array([-np.inf, -np.inf, crop[0, 2]])
     return np.stack([low, np.full(3, np.inf)])
 
 
 def job_figures(job: Path) -> dict[str, Any]:
-    """What the job itself recorded: seconds and peak memory per stage, number of Gaussians, warnings."""
+    """Return what the job itself recorded: seconds and peak memory per stage, number of Gaussians, warnings."""
     stages = stages_of(job)
     figures: dict[str, Any] = {"stages": {name: entry["seconds"] for name, entry in stages.items()}}
     merged = {k: v for entry in stages.values() for k, v in entry["figures"].items()}

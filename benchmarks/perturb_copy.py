@@ -66,12 +66,12 @@ class SceneCopy:
         self._model_changed = self._photos_dropped = True
 
     def pixels(self, level: float) -> float:
-        """A level given in pixels of the reference width, in pixels of this scene's photos."""
+        """Return a level given in pixels of the reference width, in pixels of this scene's photos."""
         width = next(iter(self.model.cameras.values())).width
         return level * width / REFERENCE_WIDTH
 
     def photo(self, name: str) -> Photo:
-        """The original photo, BGR uint8 [H, W, 3]."""
+        """Return the original photo, BGR uint8 [H, W, 3]."""
         return _read(self.source / "images" / name, cv2.IMREAD_COLOR)
 
     def write_photo(self, name: str, photo: NDArray[Any]) -> None:
@@ -84,7 +84,7 @@ class SceneCopy:
             raise OSError(f"cannot write '{path}'")
 
     def mask(self, name: str) -> Photo:
-        """The original true label map, uint8 [H, W]."""
+        """Return the original true label map, uint8 [H, W]."""
         return _read(self.source / "masks" / _mask_name(name), cv2.IMREAD_UNCHANGED)
 
     def write_mask(self, name: str, labels: NDArray[Any]) -> None:

@@ -56,7 +56,7 @@ def blur_some(copy: SceneCopy, count: float) -> None:
 
 
 def line_kernel(length: float, angle: float) -> NDArray[np.float32]:
-    """A line of the given length (pixels) and direction through the middle of a square kernel; its sum is 1."""
+    """Return a line of the given length (pixels) and direction through the middle of a square kernel; its sum is 1."""
     half = math.ceil(length / 2) + 1
     y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(float)
     along, across = x * math.cos(angle) + y * math.sin(angle), -x * math.sin(angle) + y * math.cos(angle)

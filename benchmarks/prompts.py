@@ -38,7 +38,7 @@ def spread_photos(poses: NDArray[np.float64], count: int) -> list[int]:
 
 
 def inside_points(region: NDArray[np.bool_], count: int) -> list[list[float]]:
-    """Points well inside a region, far from its edge and from each other; pixels (u, v), at most ``count``."""
+    """Return points well inside a region, far from its edge and from each other; pixels (u, v), at most ``count``."""
     padded = np.pad(region, 1).astype(np.uint8)
     depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
     if depth.max() < 2:

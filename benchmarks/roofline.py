@@ -62,7 +62,7 @@ class Roofline:
 
 
 def measure(gaussians: int, width: int, height: int, rounds: int = 5) -> Roofline:
-    """The roofline of the loaded kernel variant on a synthetic building seen by one camera."""
+    """Measure the roofline of the loaded kernel variant on a synthetic building seen by one camera."""
     peak, bandwidth = _peak(rounds), _bandwidth(rounds)
     field, camera = building(gaussians), corner_view(width, height)
     raw = cpu.Parameters.of_field(field)

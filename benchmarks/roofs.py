@@ -76,7 +76,7 @@ def lean_to(b: Builder, low: Corner, high: Corner, eaves: float, top: float, ove
 
 
 def ring_points(centre: Corner, radius: float, start: float, end: float, count: int) -> list[Corner]:
-    """Points on an arc, counter-clockwise from ``start`` to ``end`` in degrees, both included."""
+    """Return points on an arc, counter-clockwise from ``start`` to ``end`` in degrees, both included."""
     angles = np.radians(np.linspace(start, end, count + 1))
     return [(centre[0] + radius * float(np.cos(t)), centre[1] + radius * float(np.sin(t))) for t in angles]
 

@@ -45,12 +45,12 @@ Say = Callable[[str], None]
 
 
 def cache_root() -> Path:
-    """Where rendered scenes are kept: ``$MGF_SCENES``, or ``mgf/scenes`` in the user's cache folder."""
+    """Return where rendered scenes are kept: ``$MGF_SCENES``, or ``mgf/scenes`` in the user's cache folder."""
     return Path(os.environ["MGF_SCENES"]) if os.environ.get("MGF_SCENES") else user_cache() / "scenes"
 
 
 def scene_folder(name: str, spec: SceneSpec) -> Path:
-    """The cache folder of a spec; its name ends in a hash of every control that is not at its default."""
+    """Return the cache folder of a spec; its name ends in a hash of every control that is not at its default."""
     plain = spec_dict(SceneSpec())
     changed = {k: v for k, v in spec_dict(spec).items() if v != plain[k] and k != "held_out"}
     key = json.dumps([GENERATOR_VERSION, changed], sort_keys=True)
@@ -58,7 +58,7 @@ def scene_folder(name: str, spec: SceneSpec) -> Path:
 
 
 def make_scene(name: str, spec: SceneSpec, blender: Path | None = None, threads: int = 2, say: Say = print) -> Path:
-    """The folder of a scene, rendered now if the cache does not have it.
+    """Make the folder of a scene, rendered now if the cache does not have it.
 
     Args:
         name: used in the folder's name only.
@@ -99,7 +99,7 @@ def _make(folder: Path, name: str, spec: SceneSpec, blender: Path | None, thread
 def render_views(
     folder: Path, spec: SceneSpec, blender: Path | None, threads: int, say: Say
 ) -> tuple[list[Part], NDArray[np.float64], list[Shot], list[NDArray[np.uint8]]]:
-    """Photos and true masks of a scene; pictures that are there already are kept.
+    """Render photos and true masks of a scene; pictures that are there already are kept.
 
     Returns:
         the building's parts, its extent [2, 2] on the ground, the shots, and the true level-one masks.
@@ -120,7 +120,7 @@ def render_views(
 
 
 def building_parts(spec: SceneSpec) -> list[Part]:
-    """The building of a scene, its roof in the wanted material."""
+    """Return the building of a scene, its roof in the wanted material."""
     parts = BUILDINGS[spec.building](spec.wall)
     if not spec.roof:
         return parts
@@ -159,7 +159,7 @@ def _write_job(
 
 
 def find_blender_python() -> Path:
-    """A Python interpreter that has ``bpy``.
+    """Find a Python interpreter that has ``bpy``.
 
     Raises:
         BadInput: none is found.
@@ -242,7 +242,7 @@ def _poses(shots: list[Shot]) -> NDArray[np.float64]:
 
 
 def scenes_main(argv: Sequence[str] | None = None) -> int:
-    """``mgf bench scenes NAME``: make a scene and print its folder."""
+    """Return ``mgf bench scenes NAME``: make a scene and print its folder."""
     parser = argparse.ArgumentParser(
         prog="mgf bench scenes", description="Render a synthetic building scene with known truth."
     )

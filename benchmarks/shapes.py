@@ -186,7 +186,7 @@ class Builder:
             self.polygon([low[i], low[j], top[j], top[i]], edge, "")
 
     def parts(self) -> list[Part]:
-        """Everything added so far, one part per element and material."""
+        """Return everything added so far, one part per element and material."""
         result = []
         for (element, material), (blocks, faces) in self._soup.items():
             name = f"{self.prefix}{element or 'structure'}:{material}"
@@ -229,7 +229,7 @@ def wall_row(
 
 
 def true_mesh(parts: Iterable[Part]) -> tuple[Points, NDArray[np.int32]]:
-    """The building's triangles as one mesh with equal corners merged: vertices [N, 3], faces [F, 3]."""
+    """Return the building's triangles as one mesh with equal corners merged: vertices [N, 3], faces [F, 3]."""
     vertices, faces, _ = labelled_mesh([p for p in parts if p.building])
     return vertices, faces
 

@@ -85,6 +85,6 @@ def saved(lent: Stages, job: Path) -> dict[str, float]:
 
 
 def stages_of(job: Path) -> Stages:
-    """The record of a job's finished stages."""
+    """Return the record of a job's finished stages."""
     stages: Stages = json.loads((job / "job.json").read_text(encoding="utf-8"))["stages"]
     return stages

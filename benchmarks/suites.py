@@ -128,7 +128,7 @@ def suite_runs(
     poses: str = "sfm", commands: dict[str, str] | None = None, only: Sequence[str] = (),
     paper_iterations: int = PRINTED,
 ) -> list[Run]:  # fmt: skip
-    """The runs of a suite.
+    """Return the runs of a suite.
 
     Args:
         scenes: instead of the suite's own.
@@ -165,7 +165,7 @@ def suite_runs(
 
 
 def paper_setting(count: int = PRINTED) -> Options:
-    """The paper's setting, trained for so many iterations."""
+    """Return the paper's setting, trained for so many iterations."""
     return {"preset": "paper"} if count == PRINTED else {"preset": "paper", "iterations": count}
 
 
@@ -184,7 +184,7 @@ def peers(count: int = PRINTED) -> dict[str, Options]:
 
 
 def half_of(runs: list[Run], held_out: bool) -> list[Run]:
-    """The runs of the catalogue's scenes that may be tuned on, or of those that are held out.
+    """Return the runs of the catalogue's scenes that may be tuned on, or of those that are held out.
 
     Raises:
         BadInput: there is none.

@@ -33,7 +33,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
 
 
 def material_class(material: str) -> str:
-    """The class of a material of the generator."""
+    """Return the class of a material of the generator."""
     return next((name for name, members in CLASSES.items() if material in members), "other")
 
 
@@ -81,13 +81,13 @@ def variants_of(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 
 def common_scenes(rows: Iterable[Row]) -> set[str]:
-    """The scenes that every variant did: only over these are their means alike."""
+    """Return the scenes that every variant did: only over these are their means alike."""
     done = [{row["scene"] for row in mine} for mine in variants_of(rows).values()]
     return set.intersection(*done) if done else set()
 
 
 def surface_tables(rows: list[Row]) -> list[dict[str, Any]]:
-    """Two tables for the page: every scene, and every class of material; F1 at 5, 10 and 20 cm."""
+    """Return two tables for the page: every scene, and every class of material; F1 at 5, 10 and 20 cm."""
     variants = variants_of(rows)
     lines = [
         [scene, *(_cell(variants[name], lambda r, s=scene: r["scene"] == s) for name in variants)]  # type: ignore[misc]
@@ -123,7 +123,7 @@ def _class_cell(scores: dict[str, Any] | None) -> str:
 
 
 def surface_figures(rows: list[Row]) -> Iterable[tuple[str, str, Figure]]:
-    """Name, title and figure of the charts: F1 against CPU seconds, and by material where that was measured."""
+    """Return name, title and figure of the charts: F1 against CPU seconds, and by material where that was measured."""
     if not rows:
         return
     yield "surfaces-f1-cpu", "F1 against work, all scenes", _work_figure(rows)

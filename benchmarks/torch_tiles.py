@@ -27,7 +27,7 @@ OUTPUTS = 9  # colour, opacity, depth, normal, distortion
 
 
 def blend(lists: TileLists, records: Tensor, near: float, far: float) -> Tensor:
-    """The picture, float32 [9, tiles_y * 16, tiles_x * 16], differentiable in ``records`` [N, 32]."""
+    """Return the picture, float32 [9, tiles_y * 16, tiles_x * 16], differentiable in ``records`` [N, 32]."""
     steps = torch.arange(TILE) + 0.5
     v, u = (axis.reshape(-1) for axis in torch.meshgrid(steps, steps, indexing="ij"))
     tiles = []

@@ -63,7 +63,7 @@ class House:
 
 
 def row_house(wall: str, roof: str, windows: int, free: tuple[str, ...]) -> list[Part]:
-    """A terraced house (8 x 10 x 9.4 m) whose walls towards neighbours are left out, for nobody sees them.
+    """Return a terraced house (8 x 10 x 9.4 m) whose walls towards neighbours are left out, for nobody sees them.
 
     Args:
         free: which of ``east`` and ``west`` have no neighbour.
@@ -113,7 +113,7 @@ _STREET, _SECOND = 3.2, 46.0  # half the width of a street; where the second one
 
 
 def moved(points: NDArray[np.float64], place: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Points [N, 2 or 3] of a house's frame in the town's."""
+    """Return points [N, 2 or 3] of a house's frame in the town's."""
     x, y, angle = place
     c, s = np.cos(angle), np.sin(angle)
     turned = points.copy()
@@ -122,7 +122,7 @@ def moved(points: NDArray[np.float64], place: tuple[float, float, float]) -> NDA
 
 
 def parts_of(house: House) -> list[Part]:
-    """The parts of a house where it stands."""
+    """Return the parts of a house where it stands."""
     return [replace(p, name=f"{house.id}.{p.name}", vertices=moved(p.vertices, house.place)) for p in house.make()]
 
 
@@ -285,7 +285,7 @@ def write_footprints(path: Path, houses: Sequence[House], rng: np.random.Generat
 
 
 def main() -> int:
-    """``python -m benchmarks.town FOLDER``."""
+    """Return ``python -m benchmarks.town FOLDER``."""
     parser = argparse.ArgumentParser(description="Render a small synthetic town with footprints and truth.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--photos", type=int, help="default: 55 of six houses, 150 of twelve")

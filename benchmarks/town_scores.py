@@ -87,7 +87,7 @@ def scores(scene: Path, town: Path, thresholds: tuple[float, ...] = (0.1, 0.2)) 
 
 
 def main(argv: list[str]) -> int:
-    """The two commands above."""
+    """Return the two commands above."""
     scene, town = Path(argv[1]), Path(argv[2])
     if argv[0] == "clicks":
         make_clicks(scene, town, Path(argv[3]))

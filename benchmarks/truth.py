@@ -79,7 +79,7 @@ class TruePixels:
 
 
 def read_truth(folder: Path) -> Truth:
-    """The truth of a scene.
+    """Read the truth of a scene.
 
     Raises:
         BadInput: a file is missing or does not fit the others.
@@ -92,7 +92,7 @@ def read_truth(folder: Path) -> Truth:
 
 
 def true_pixels(truth: Truth, rotation: Points, translation: Points, rays: Points) -> TruePixels:
-    """Depth, normal and material per pixel by casting rays.
+    """Return depth, normal and material per pixel by casting rays.
 
     Args:
         rotation, translation: ``camera = rotation @ world + translation``.

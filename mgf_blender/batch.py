@@ -27,7 +27,7 @@ MODELS = ("lod", "tiles", "solid", "ifc", "usd", "points")
 
 
 def parser() -> argparse.ArgumentParser:
-    """The options of a headless run."""
+    """Return the options of a headless run."""
     p = argparse.ArgumentParser(prog="mgf batch", description="Import a scene and a job's results; save a .blend.")
     p.add_argument("--scene", type=Path, help="COLMAP model or project folder: cameras with photos, sparse points")
     p.add_argument("--photos", type=Path, help="folder of the photos; searched near the model when not given")

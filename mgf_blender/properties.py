@@ -88,7 +88,7 @@ _owners: dict[str, int] = {}
 
 
 def scene_key(scene: bpy.types.Scene) -> str:
-    """The scene's key, made on first use; a copied scene gets one of its own."""
+    """Return the scene's key, made on first use; a copied scene gets one of its own."""
     key = key_of(scene) or uuid.uuid4().hex
     if scene.mgf.key != key:
         scene.mgf.key = key
@@ -97,7 +97,7 @@ def scene_key(scene: bpy.types.Scene) -> str:
 
 
 def key_of(scene: bpy.types.Scene) -> str:
-    """The scene's key, or an empty text when it has none yet; changes nothing, so that drawing may ask."""
+    """Return the scene's key, or an empty text when it has none yet; changes nothing, so that drawing may ask."""
     key = scene.mgf.key
     if not key:
         return next((k for k, uid in _owners.items() if uid == scene.session_uid), "")
@@ -107,7 +107,7 @@ def key_of(scene: bpy.types.Scene) -> str:
 
 
 def scene_of(key: str) -> bpy.types.Scene | None:
-    """The scene with a key, if the open file has it."""
+    """Return the scene with a key, if the open file has it."""
     return next((s for s in bpy.data.scenes if key and key_of(s) == key), None)
 
 

@@ -159,7 +159,7 @@ class Config:
     algorithms: dict[str, Any] = field(default_factory=dict, hash=False)
 
     def algorithm(self, kind: type[T]) -> T:
-        """The options of an algorithm, as the user set them.
+        """Return the options of an algorithm, as the user set them.
 
         Args:
             kind: a dataclass of :data:`mgf_engine.algorithms.ALGORITHMS`.
@@ -171,7 +171,7 @@ class Config:
         return {k: v for k, v in self.algorithms.items() if algorithm_named(k.partition(".")[0]).stage == stage}
 
     def wants_elements(self, parts_clicked: bool) -> bool:
-        """Whether anything will use the second level of the masks."""
+        """Tell whether anything will use the second level of the masks."""
         used = parts_clicked or self.multilevel_loss or self.boundary_loss
         return self.second_level == "on" or (self.second_level == "auto" and used)
 
@@ -247,7 +247,7 @@ RENAMED: dict[str, dict[str, str]] = {"segmenter": {"grabcut": "random_walker"}}
 
 
 def make_config(given: dict[str, Any] | None = None) -> Config:
-    """A validated config: defaults, then the preset, then what the user gave.
+    """Make a validated config: defaults, then the preset, then what the user gave.
 
     Args:
         given: option name -> value; text is converted to the option's type. Options of algorithms are
@@ -279,7 +279,7 @@ def _of_algorithms(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def option_fields() -> list[Field[Any]]:
-    """The fields of :class:`Config` that are options of a job, each with its metadata."""
+    """Return the fields of :class:`Config` that are options of a job, each with its metadata."""
     return [f for f in fields(Config) if "section" in f.metadata]
 
 
@@ -307,7 +307,7 @@ def _without_section(name: str) -> str:
 
 
 def named_values(flag: str, texts: Sequence[str]) -> dict[str, str]:
-    """Texts NAME=VALUE given with a flag, as name -> value.
+    """Return texts NAME=VALUE given with a flag, as name -> value.
 
     Raises:
         BadInput: a text is no such pair.
@@ -322,7 +322,7 @@ def named_values(flag: str, texts: Sequence[str]) -> dict[str, str]:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """Options from a JSON file (an object of option names and values).
+    """Read options from a JSON file (an object of option names and values).
 
     Raises:
         BadInput: the file cannot be read or is not a JSON object.
@@ -352,7 +352,7 @@ def options_schema() -> dict[str, Any]:
 
 
 def renamed_values(given: dict[str, Any]) -> list[str]:
-    """A sentence for each value that :data:`RENAMED` still takes."""
+    """Return a sentence for each value that :data:`RENAMED` still takes."""
     return [
         f"{name}={value} has been renamed to {name}={RENAMED[name][value]}; the old value works in this version only."
         for name, value in given.items()
@@ -361,7 +361,7 @@ def renamed_values(given: dict[str, Any]) -> list[str]:
 
 
 def as_dict(config: Config) -> dict[str, Any]:
-    """The config as plain data for the job file and the report."""
+    """Return the config as plain data for the job file and the report."""
     data = asdict(config)
     algorithms = data.pop("algorithms")
     # An option at its default that the preset sets otherwise has to be written, or reading would set it again.

@@ -49,23 +49,23 @@ COSTS: dict[str, Any] = {
 
 
 def amount(terms: Terms, quantities: dict[str, float]) -> float:
-    """The sum of the terms with these quantities."""
+    """Return the sum of the terms with these quantities."""
     return sum(number * math.prod(quantities[q] for q in name.split()) for name, number in terms.items())
 
 
 def seconds_of(stage: str, quantities: dict[str, float]) -> float:
-    """Seconds that a stage takes on the machine that was measured, with so many threads."""
+    """Return seconds that a stage takes on the machine that was measured, with so many threads."""
     cost = COSTS["stages"][stage]
     threads = min(COSTS["threads"], quantities["threads"])
     return amount(cost["cpu"], quantities) * (cost["serial"] + (1 - cost["serial"]) / threads)
 
 
 def bytes_of(stage: str, quantities: dict[str, float]) -> float:
-    """The most memory that a stage takes with so many threads."""
+    """Return the most memory that a stage takes with so many threads."""
     threads = min(COSTS["threads"], quantities["threads"])
     return amount(COSTS["stages"][stage]["bytes"], {**quantities, "threads": threads})
 
 
 def least_bytes_of(stage: str, quantities: dict[str, float]) -> float:
-    """The memory that a stage cannot do without: one photo is worked on at a time."""
+    """Return the memory that a stage cannot do without: one photo is worked on at a time."""
     return amount(COSTS["stages"][stage]["bytes"], {**quantities, "threads": 1})

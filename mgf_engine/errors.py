@@ -40,7 +40,7 @@ class Cancelled(Exception):
 
 
 def is_full_disk(error: BaseException) -> bool:
-    """Whether something could not be written because the disk is full."""
+    """Tell whether something could not be written because the disk is full."""
     return isinstance(error, OSError) and error.errno in _FULL_DISK
 
 

@@ -103,13 +103,13 @@ def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
 
 
 def with_clicks(photos: Photos, clicks: PromptsFile | None) -> Photos:
-    """The same with the share of the building that the clicks speak of."""
+    """Return the same with the share of the building that the clicks speak of."""
     found = None if clicks is None else building_share(clicks, photos.size)
     return photos if found is None else replace(photos, building=found)
 
 
 def quantities(config: Config, photos: Photos) -> dict[str, float]:
-    """What the costs of a job depend on, see :mod:`mgf_engine.costs`."""
+    """Return what the costs of a job depend on, see :mod:`mgf_engine.costs`."""
     count = min(photos.count, config.max_photos or photos.count)
     long, short = photos.size
     pixels = min(config.resolution, long) ** 2 * short / long / 1e6
@@ -139,7 +139,7 @@ def estimate(
     speed: float | None = None,
     budget: float = math.inf,
 ) -> Estimate:
-    """What the stages of a job with these options take.
+    """Estimate time and memory of the stages of a job with these options.
 
     Args:
         speed: time of this machine over that of the measured one; what is known of it when None.
@@ -172,7 +172,7 @@ def _changes(config: Config, photos: Photos) -> Iterator[dict[str, Any]]:
 
 
 def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
-    """One sentence where a job needs more than a budget; empty where it fits."""
+    """Return one sentence where a job needs more than a budget; empty where it fits."""
     found = estimate(config, photos, stages, 1.0, 0.0)
     needed = found.memory[found.largest]
     if needed <= budget:
@@ -232,7 +232,7 @@ def _speed_file() -> Path:
 
 
 def as_data(found: Estimate, config: Config, photos: Photos, budget: float) -> dict[str, Any]:
-    """All of an estimate as plain data: seconds, bytes."""
+    """Return all of an estimate as plain data: seconds, bytes."""
     asked = quantities(config, photos)
     return {
         "photos": photos.count, "used": asked["photos"], "size": list(photos.size), "cameras_known": photos.placed,

@@ -47,7 +47,7 @@ class PhotoInfo:
 
 
 def read_info(path: Path) -> PhotoInfo:
-    """Size and orientation from the header, without decoding.
+    """Read size and orientation from the header, without decoding.
 
     Raises:
         BadInput: the file is missing or no picture.
@@ -127,12 +127,12 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 
 def is_png(data: bytes | memoryview) -> bool:
-    """Whether the bytes begin like a PNG."""
+    """Tell whether the bytes begin like a PNG."""
     return bytes(data[:8]) == _PNG_MAGIC
 
 
 def png_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Width and height from a PNG header; None where it is none, cut off, or a chunk promises more than is there
+    """Return width and height from a PNG header; None where it is none, cut off, or a chunk promises more than is there
     (OpenCV would reserve the memory first).
     """
     if not is_png(data) or len(data) < 33 or bytes(data[12:16]) != b"IHDR":

@@ -145,7 +145,7 @@ class Job:
         self._lock.release()
 
     def path(self, *parts: str) -> Path:
-        """A path inside the job folder."""
+        """Return a path inside the job folder."""
         return self.folder.joinpath(*parts)
 
     def _make_keys(self) -> dict[str, str]:
@@ -156,11 +156,11 @@ class Job:
         return result
 
     def done(self, stage: str) -> bool:
-        """Whether the stage ran with the job's inputs and options."""
+        """Tell whether the stage ran with the job's inputs and options."""
         return self.stages.get(stage, {}).get("key") == self.keys[stage]
 
     def lost(self, until: str) -> set[str]:
-        """Stages up to ``until`` that are done but whose results are gone and needed.
+        """Return stages up to ``until`` that are done but whose results are gone and needed.
 
         Needed is what was asked for, what people take from the folder, and what a stage that has to run reads; the
         rest may be deleted.

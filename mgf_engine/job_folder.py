@@ -21,7 +21,7 @@ FORMAT = 1  # of job.json
 
 
 def read_job(folder: Path) -> dict[str, Any]:
-    """The contents of a job's ``job.json``.
+    """Read the contents of a job's ``job.json``.
 
     Raises:
         BadInput: there is no job, it cannot be read, or it was written by a newer version.

@@ -27,7 +27,7 @@ _allowed = 0.0
 
 
 def free_memory() -> int:
-    """Bytes that this process may still take: what the system has, its control group and ``ulimit -v`` leave."""
+    """Return bytes that this process may still take: what the system has, its control group and ``ulimit -v`` leave."""
     left = [psutil.virtual_memory().available, *_left_in_groups()]
     with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
         import resource
@@ -55,7 +55,7 @@ def _left_in_groups(root: Path = _CGROUPS, own: Path = Path("/proc/self/cgroup")
 
 
 def budget_of(gigabytes: float, free: int | None = None) -> float:
-    """Bytes that a job may use: what the user says, else :data:`USUAL` of what is free."""
+    """Return bytes that a job may use: what the user says, else :data:`USUAL` of what is free."""
     return gigabytes * GB if gigabytes else USUAL * (free_memory() if free is None else free)
 
 
@@ -66,17 +66,17 @@ def allow(budget: float) -> None:
 
 
 def allowed() -> float:
-    """Bytes that this process may use."""
+    """Return bytes that this process may use."""
     return _allowed or budget_of(0.0)
 
 
 def share(part: float, most: int) -> int:
-    """Bytes for one purpose: a part (0..1) of what the process may use, and no more than ``most``."""
+    """Return bytes for one purpose: a part (0..1) of what the process may use, and no more than ``most``."""
     return int(min(most, part * allowed()))
 
 
 def at_once(bytes_each: float) -> int:
-    """How many pieces of work fit into half of what the process may still take (another thread may do the same).
+    """Return how many pieces of work fit into half of what the process may still take (another thread may do the same).
 
     One always does: what a single one takes is part of the estimate before the job.
     """

@@ -48,7 +48,7 @@ log = logging.getLogger("mgf")
 
 
 def encode(message: Message, encoding: str = "utf-8") -> str:
-    """One message as one line of JSON that an encoding can hold, without the line end."""
+    """Return one message as one line of JSON that an encoding can hold, without the line end."""
     return json_text(message, encoding, separators=(",", ":"))
 
 

@@ -27,14 +27,14 @@ def morton(cells: NDArray[np.integer]) -> NDArray[np.uint64]:
 
 
 def cells_of(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Cells of points [N, 3] in a grid of 2^21 cells along the longest side of their bounding box, [N, 3]."""
+    """Return cells of points [N, 3] in a grid of 2^21 cells along the longest side of their bounding box, [N, 3]."""
     low = points.min(0)
     cell = max(float((points.max(0) - low).max()) / (2**BITS - 1), 1e-300)
     return np.asarray((points - low) / cell).astype(np.int64)
 
 
 def along_curve(points: NDArray[np.floating]) -> NDArray[np.int64]:
-    """The order [N] of points [N, 3] along that curve; equal places and those that are not finite by index."""
+    """Return the order [N] of points [N, 3] along that curve; equal places and those that are not finite by index."""
     finite = np.nan_to_num(points.astype(np.float64), posinf=0.0, neginf=0.0)
     return np.argsort(morton(cells_of(finite)), kind="stable") if len(points) else np.zeros(0, np.int64)
 

@@ -47,7 +47,7 @@ def check_place(folder: Path, index: str, what: str) -> None:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise.
+    """Return a folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise.
 
     Raises:
         BadInput: nothing can be written there.

@@ -55,7 +55,7 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
 
 
 def result_files(job: Job) -> dict[str, str]:
-    """What a finished job offers, name -> path, for the files that exist."""
+    """Return what a finished job offers, name -> path, for the files that exist."""
     return {o.name: str(job.path(o.path)) for o in outputs() if o.name and job.path(o.path).exists()}
 
 
@@ -147,7 +147,7 @@ def _check_memory(job: Job, photos: Photos, stages: list[str], reporter: Reporte
 
 
 def learn_from(job: Job, photos: Photos) -> float | None:
-    """What a whole job on the CPU tells of this machine's speed; None where it was too short, or on a card."""
+    """Measure from a whole job on the CPU this machine's speed; None where it was too short, or on a card."""
     from mgf_engine.raster.device import choose_device
 
     took = {name: Took(float(entry["seconds"]), float(entry["cpu_seconds"])) for name, entry in job.stages.items()}

@@ -39,7 +39,7 @@ def add_algorithm_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def read_algorithm_options(args: argparse.Namespace, command: str) -> dict[str, Any]:
-    """Options of the algorithms that a command was given, ``section.name`` -> value; ``--set`` wins over the file.
+    """Read options of the algorithms that a command was given, ``section.name`` -> value; ``--set`` wins over the file.
 
     Raises:
         BadInput: an option that the command does not use, or a value that the option does not take.
@@ -51,7 +51,7 @@ def read_algorithm_options(args: argparse.Namespace, command: str) -> dict[str, 
 
 
 def read_number(flag: str, text: str | None, what: str) -> float | None:
-    """A number above 0; None where it was not given.
+    """Read a number above 0; None where it was not given.
 
     Raises:
         BadInput: it is none.

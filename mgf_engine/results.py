@@ -25,7 +25,7 @@ from mgf_engine.scene.store import read_scene
 
 
 def load_scene_of(job: Job) -> Scene:
-    """The scene of a job.
+    """Read the scene of a job.
 
     Which views are kept out of training is the field's matter: the scene may have been made under another choice.
     """
@@ -35,20 +35,20 @@ def load_scene_of(job: Job) -> Scene:
 
 
 def load_inputs(job: Job) -> tuple[Scene, MaskSet]:
-    """The scene and masks of a job whose first two stages are done."""
+    """Read the scene and masks of a job whose first two stages are done."""
     scene = load_scene_of(job)
     with _made_by(job, "masks"):
         return scene, read_masks(job.path("masks"), scene)
 
 
 def load_field(job: Job) -> Gaussians:
-    """The trained field, normalised frame."""
+    """Read the trained field, normalised frame."""
     with _made_by(job, "field"):
         return read_field(job.path("checkpoints", "field.npz"))
 
 
 def load_mesh(job: Job) -> Mesh:
-    """The mesh, scene frame."""
+    """Read the mesh, scene frame."""
     with _made_by(job, "mesh"):
         try:
             return read_ply(job.path("mesh.ply"))

@@ -86,7 +86,7 @@ def _new_folder(job: Path) -> Path:
 
 
 def list_runs(job: Path) -> list[Run]:
-    """The runs of a job that came to their end, oldest first; the last one is the job's present result."""
+    """List the runs of a job that came to their end, oldest first; the last one is the job's present result."""
     names = [path.name for path in (job / FOLDER).glob("*") if path.is_dir()]
     numbers = sorted(int(name) for name in names if name.isdecimal() and name == str(int(name)))
     runs = (_read(job / FOLDER / str(number)) for number in numbers)
@@ -94,13 +94,13 @@ def list_runs(job: Path) -> list[Run]:
 
 
 def current_run(job: Path) -> Path | None:
-    """The folder of a job's present result; None where it has none."""
+    """Return the folder of a job's present result; None where it has none."""
     runs = list_runs(job)
     return job / FOLDER / str(runs[-1].number) if runs else None
 
 
 def delivered(job: Path) -> bool:
-    """Whether every file is there that the job's ``deliver.json`` names."""
+    """Tell whether every file is there that the job's ``deliver.json`` names."""
     try:
         manifest = json.loads((job / MANIFEST).read_text(encoding="utf-8"))
         return all((job / manifest[key]).exists() for key in _FILES if manifest.get(key))

@@ -21,7 +21,7 @@ _KINDS = "biuf"  # plain numbers; objects would run code when they are read
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an archive that ``numpy.savez`` wrote (uncompressed plain numbers), by name.
+    """Read the arrays of an archive that ``numpy.savez`` wrote (uncompressed plain numbers), by name.
 
     Raises:
         OSError: the file cannot be read.
@@ -41,7 +41,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def read_array(path: Path) -> NDArray[Any]:
-    """The array of plain numbers in a file that ``numpy.save`` wrote.
+    """Read the array of plain numbers in a file that ``numpy.save`` wrote.
 
     Raises:
         OSError: the file cannot be read.

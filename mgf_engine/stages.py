@@ -217,7 +217,7 @@ _BY_NAME = {stage.name: stage for stage in STAGES}
 
 
 def stage_named(name: str) -> Stage:
-    """The stage of that name.
+    """Return the stage of that name.
 
     Raises:
         KeyError: there is none.
@@ -226,7 +226,7 @@ def stage_named(name: str) -> Stage:
 
 
 def stage_of_section(section: str) -> Stage:
-    """The first stage whose result the options of a section decide.
+    """Return the first stage whose result the options of a section decide.
 
     Raises:
         StopIteration: no stage's.
@@ -235,5 +235,5 @@ def stage_of_section(section: str) -> Stage:
 
 
 def outputs() -> list[Output]:
-    """What all stages write, in order."""
+    """Return what all stages write, in order."""
     return [output for stage in STAGES for output in stage.outputs]

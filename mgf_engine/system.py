@@ -50,7 +50,7 @@ def cpu_seconds() -> float:
 
 
 def peak_memory() -> int:
-    """Largest resident memory of this process so far, in bytes."""
+    """Return largest resident memory of this process so far, in bytes."""
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
     with contextlib.suppress(OSError, ValueError, IndexError):
@@ -77,7 +77,7 @@ def release_memory() -> None:
 
 
 def near_memory_limit(share: float = 0.7) -> bool:
-    """Whether this process came near the limit of its address space (``ulimit -v``); False without one.
+    """Tell whether this process came near the limit of its address space (``ulimit -v``); False without one.
 
     Libraries fail in strange ways when the system denies them memory; this tells what the matter was.
     """
@@ -95,12 +95,12 @@ def near_memory_limit(share: float = 0.7) -> bool:
 
 
 def total_memory() -> int:
-    """Bytes of memory in the machine."""
+    """Return bytes of memory in the machine."""
     return int(psutil.virtual_memory().total)
 
 
 def cpu_name() -> str:
-    """The processor's own name, as far as the system tells."""
+    """Return the processor's own name, as far as the system tells."""
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
@@ -111,7 +111,7 @@ def cpu_name() -> str:
 
 
 def user_cache() -> Path:
-    """The user's folder for what can be made again."""
+    """Return the user's folder for what can be made again."""
     if os.name == "nt":
         base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     else:

@@ -44,7 +44,7 @@ def make_sink(style: str) -> Sink:
 
 
 def duration(seconds: float | None) -> str:
-    """Seconds as people say them: ``42 s``, ``3 min 20 s``, ``1 h 5 min``; ``?`` for None."""
+    """Return seconds as people say them: ``42 s``, ``3 min 20 s``, ``1 h 5 min``; ``?`` for None."""
     if seconds is None:
         return "?"
     whole = round(seconds)

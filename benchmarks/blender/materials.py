@@ -31,7 +31,7 @@ class Layers:
         self.normal = None
 
     def contrast(self, *colors: Color) -> list[tuple[float, float, float, float]]:
-        """The colours pulled towards (or away from) their mean by the texture strength."""
+        """Return the colours pulled towards (or away from) their mean by the texture strength."""
         mean = [sum(c[i] for c in colors) / len(colors) for i in range(3)]
         pulled = [[max(0.0, mean[i] + self.strength * (c[i] - mean[i])) for i in range(3)] for c in colors]
         return [(r, g, b, 1.0) for r, g, b in pulled]
@@ -43,7 +43,7 @@ class Layers:
         return self
 
     def bricks(self, a: Color, b: Color, mortar: Color, width: float, height: float, gap: float, bump: float) -> Layers:
-        """A brick bond; each brick takes a random colour between a and b."""
+        """Return a brick bond; each brick takes a random colour between a and b."""
         node = self.nodes.new("ShaderNodeTexBrick")
         self.tree.links.new(self.uv, node.inputs["Vector"])
         colors = self.contrast(a, b, mortar)

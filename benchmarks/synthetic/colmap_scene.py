@@ -41,7 +41,7 @@ LENSES: dict[str, list[float]] = {
 
 
 def reconstruction(model: str = "PINHOLE", rigs: int = 1, sensors: int = 1, frames: int = 5, points: int = 60) -> Any:
-    """A COLMAP model whose keypoints are exact projections; ``rigs * sensors`` cameras."""
+    """Return a COLMAP model whose keypoints are exact projections; ``rigs * sensors`` cameras."""
     pycolmap.set_random_seed(7)
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = rigs, sensors, frames
@@ -52,14 +52,14 @@ def reconstruction(model: str = "PINHOLE", rigs: int = 1, sensors: int = 1, fram
 
 
 def write_model(model: Any, folder: Path, kind: str = ".bin") -> Path:
-    """The model's files in ``folder``."""
+    """Return the model's files in ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     (model.write_binary if kind == ".bin" else model.write_text)(folder)
     return folder
 
 
 def write_scene(model: Any, folder: Path, kind: str = ".bin") -> Path:
-    """``sparse/0`` and one photo per image in ``images``."""
+    """Return ``sparse/0`` and one photo per image in ``images``."""
     write_model(model, folder / "sparse" / "0", kind)
     for image in model.images.values():
         write_photo(folder / "images" / image.name, photo_of(image.camera))
@@ -112,7 +112,7 @@ def config(**options: Any) -> Config:
 
 
 def reprojection(scene: Scene) -> np.ndarray:
-    """Distance in working pixels between each observation and the projection of its point, [T]."""
+    """Return distance in working pixels between each observation and the projection of its point, [T]."""
     owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
     result = np.empty(len(owner))
     for index, view in enumerate(scene.views):

@@ -67,7 +67,7 @@ def build_house(folder: Path, photos: int = 14, painted: Paint | None = None) ->
 
 
 def house_mesh() -> Mesh:
-    """A box of 4 x 3 x 2 with a gable roof up to 3.2, z up, without a floor."""
+    """Return a box of 4 x 3 x 2 with a gable roof up to 3.2, z up, without a floor."""
     x, y, z, top = 2.0, 1.5, 2.0, 3.2
     v = np.array([
         [-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0], [-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z],
@@ -81,7 +81,7 @@ def house_mesh() -> Mesh:
 
 
 def lawn_mesh(half: int = 12) -> Mesh:
-    """A flat lawn in small squares: the z-buffer leaves out faces that reach behind the camera."""
+    """Return a flat lawn in small squares: the z-buffer leaves out faces that reach behind the camera."""
     x, y = np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1))
     v = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], 1) + OFFSET
     side = 2 * half + 1
@@ -91,7 +91,7 @@ def lawn_mesh(half: int = 12) -> Mesh:
 
 
 def ring_view(index: int, count: int) -> View:
-    """Camera ``index`` of two rings around the house, looking at its middle."""
+    """Return camera ``index`` of two rings around the house, looking at its middle."""
     angle, high = 2 * np.pi * index / count, index % 2
     centre = OFFSET + np.array([7 * np.cos(angle), 7 * np.sin(angle), 5.0 if high else 2.6])
     z = OFFSET + np.array([0, 0, 1.4]) - centre
@@ -109,7 +109,7 @@ def ring_view(index: int, count: int) -> View:
 def photograph(
     both: Mesh, house_faces: int, view: View, painted: Paint | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """The photo (RGB) and the true mask of the house, antialiased by supersampling."""
+    """Return the photo (RGB) and the true mask of the house, antialiased by supersampling."""
     s = _SUPERSAMPLE
     large = View(**{**view.__dict__, "width": WIDTH * s, "height": HEIGHT * s, "fx": FOCAL * s, "fy": FOCAL * s,
                     "cx": view.cx * s, "cy": view.cy * s})  # fmt: skip

@@ -22,7 +22,7 @@ _made: list[Path] = []
 
 
 def wall_and_window(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """A map of elements: all of the house is one wall, with a window in the middle."""
+    """Return a map of elements: all of the house is one wall, with a window in the middle."""
     elements = np.where(mask, WALL, 0).astype(np.uint8)
     y, x = (int(v.mean()) for v in np.nonzero(mask))
     elements[y - 12 : y + 12, x - 20 : x + 20][mask[y - 12 : y + 12, x - 20 : x + 20]] = WINDOW
@@ -30,7 +30,7 @@ def wall_and_window(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 def house_scene(factory: pytest.TempPathFactory) -> Path:
-    """The folder: images, masks, elements, sparse/0, prompts.json, scene.json."""
+    """Return the folder: images, masks, elements, sparse/0, prompts.json, scene.json."""
     if not _made:
         folder = factory.mktemp("house")
         house = build_house(folder, PHOTOS)

@@ -31,7 +31,7 @@ class PlainHouse:
 
 
 def make_plain_house(folder: Path, photos: int = PHOTOS) -> PlainHouse:
-    """Photos of the house of ``house.py`` in plain colours, a face of the walls each."""
+    """Make photos of the house of ``house.py`` in plain colours, a face of the walls each."""
     (folder / "images").mkdir(parents=True)
     house, lawn = house_mesh(), lawn_mesh()
     house = Mesh(house.vertices - OFFSET, house.faces, house.colors)

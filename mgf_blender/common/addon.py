@@ -12,13 +12,13 @@ NAME = __package__.rpartition(".")[0]
 
 
 def preferences() -> bpy.types.AddonPreferences | None:
-    """The add-on's preferences; None when it runs without being enabled (batch runs from a checkout)."""
+    """Return the add-on's preferences; None when it runs without being enabled (batch runs from a checkout)."""
     addon = bpy.context.preferences.addons.get(NAME)
     return addon.preferences if addon is not None else None
 
 
 def user_folder() -> Path:
-    """The folder for what the add-on keeps between versions: the engine's environment and its logs."""
+    """Return the folder for what the add-on keeps between versions: the engine's environment and its logs."""
     try:
         return Path(bpy.utils.extension_path_user(NAME, path="", create=True))
     except ValueError:  # not installed as an extension
@@ -26,5 +26,5 @@ def user_folder() -> Path:
 
 
 def carried_folder() -> Path:
-    """The folder with the engine's wheel and constraints that the extension carries."""
+    """Return the folder with the engine's wheel and constraints that the extension carries."""
     return Path(__file__).resolve().parents[1] / "wheelhouse"

@@ -36,7 +36,7 @@ def show_image(context: bpy.types.Context, image: bpy.types.Image) -> None:
 
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
-    """A 3D viewport of the window; the Image Editor under the pointer becomes one if there is none."""
+    """Return a 3D viewport of the window; the Image Editor under the pointer becomes one if there is none."""
     if context.screen is None:
         return None
     found = next((a for a in context.screen.areas if a.type == "VIEW_3D"), None)

@@ -19,7 +19,7 @@ class UserError(Exception):
 
 
 def sentence(error: Exception) -> str:
-    """What people read of an error: a ``UserError``'s own text; of a fault of ours the console has the rest."""
+    """Return what people read of an error: a ``UserError``'s own text; of a fault of ours the console has the rest."""
     if isinstance(error, UserError):
         return str(error)
     traceback.print_exception(error)

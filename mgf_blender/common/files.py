@@ -31,7 +31,7 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def cannot_write(path: Path, error: Exception) -> str:
-    """One sentence for a file that could not be written."""
+    """Return one sentence for a file that could not be written."""
     if getattr(error, "errno", None) in {errno.ENOSPC, errno.EDQUOT} or "No space left" in str(error):
         return tr("The disk is full, '{path}' was not written; free some space and try again.", path=path)
     reason = getattr(error, "strerror", None) or str(error).strip()

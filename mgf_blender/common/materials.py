@@ -12,17 +12,17 @@ MATTE = 0.85  # roughness of a building
 
 
 def vertex_color_material() -> bpy.types.Material:
-    """A matte surface in the colours of the mesh, made once."""
+    """Return a matte surface in the colours of the mesh, made once."""
     return _color_material(_MESH, MATTE)
 
 
 def part_material(name: str) -> bpy.types.Material:
-    """The same surface under a part's own name, so that windows can be made glass."""
+    """Return the same surface under a part's own name, so that windows can be made glass."""
     return _color_material(f"MGF {name.title()}", MATTE)
 
 
 def point_color_material() -> bpy.types.Material:
-    """The same for points."""
+    """Return the same for points."""
     return _color_material(_POINTS, roughness=1.0, attribute=COLOR_ATTRIBUTE)
 
 
@@ -42,7 +42,7 @@ def _color_material(name: str, roughness: float, attribute: str = "") -> bpy.typ
 
 
 def new_material(name: str, roughness: float) -> tuple[bpy.types.Material, bpy.types.ShaderNode]:
-    """A material with little shine, and its shader node."""
+    """Return a material with little shine, and its shader node."""
     material = bpy.data.materials.new(name)
     if not material.node_tree:
         material.use_nodes = True

@@ -68,7 +68,7 @@ def prepare_mesh(
 
 
 def make_mesh(name: str, data: MeshData, sharp_degrees: float | None = None) -> bpy.types.Mesh:
-    """A mesh block, see :func:`mesh_steps`."""
+    """Make a mesh block, see :func:`mesh_steps`."""
     mesh = bpy.data.meshes.new(name)
     for _ in mesh_steps(mesh.name, data, sharp_degrees):
         pass

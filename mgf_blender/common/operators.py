@@ -27,7 +27,7 @@ class Operator(bpy.types.Operator):
         return bool(condition)
 
     def run(self, context: bpy.types.Context) -> set[str] | None:
-        """The operator's work; None means finished."""
+        """Return the operator's work; None means finished."""
         raise NotImplementedError
 
 

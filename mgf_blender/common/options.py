@@ -31,7 +31,7 @@ _SMALL = {"of", "the", "to", "in", "on", "by", "and", "a"}
 
 
 def title(name: str) -> str:
-    """An option's name as interface text, for example ``max_faces`` -> ``Max Faces``."""
+    """Return an option's name as interface text, for example ``max_faces`` -> ``Max Faces``."""
     words = name.split("_")
     out = []
     for i, word in enumerate(words):
@@ -41,12 +41,12 @@ def title(name: str) -> str:
 
 
 def default_of(name: str, preset: str) -> Any:
-    """The value an option has under a preset."""
+    """Return the value an option has under a preset."""
     return type(OPTIONS[name]["default"])(PRESETS.get(preset, {}).get(name, OPTIONS[name]["default"]))
 
 
 def changed(options: bpy.types.PropertyGroup) -> dict[str, Any]:
-    """The options whose values differ from the chosen preset, name -> value."""
+    """Return the options whose values differ from the chosen preset, name -> value."""
     result = {}
     for name in OPTIONS:
         if name == "preset":
@@ -151,7 +151,7 @@ def _annotation(option: dict[str, Any]) -> Any:
 
 
 def make_group() -> type[bpy.types.PropertyGroup]:
-    """The property group with one property per option."""
+    """Make the property group with one property per option."""
     annotations = {name: _annotation(option) for name, option in OPTIONS.items()}
     body = {"__annotations__": annotations, "__doc__": "The engine's options.", "__module__": __name__}
     return type("MGF_PG_options", (bpy.types.PropertyGroup,), body)

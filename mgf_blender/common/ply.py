@@ -62,7 +62,7 @@ class Ply:
         return None
 
     def extras(self) -> dict[str, np.ndarray]:
-        """What a vertex carries beside place, normal and colour, for example ``confidence``; name -> [N]."""
+        """Return what a vertex carries beside place, normal and colour, for example ``confidence``; name -> [N]."""
         return {name: values for name, values in self.vertices.items() if name not in _KNOWN}
 
 

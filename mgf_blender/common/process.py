@@ -23,7 +23,7 @@ _PIECE = 1 << 16  # bytes read at a time
 
 
 def clean_environment() -> dict[str, str]:
-    """The environment for a foreign Python: without Blender's own Python settings, UTF-8, unbuffered."""
+    """Return the environment for a foreign Python: without Blender's own Python settings, UTF-8, unbuffered."""
     kept = {
         k: v
         for k, v in os.environ.items()
@@ -83,7 +83,7 @@ class Process:
         return found
 
     def returncode(self) -> int | None:
-        """The exit code once the child has ended and all its output was handed out, else None."""
+        """Return the exit code once the child has ended and all its output was handed out, else None."""
         code = self._popen.poll()
         if code is None or not all(output.handed_out() for output in self._outputs.values()):
             return None

@@ -23,12 +23,12 @@ _longest_tick = 0.0
 
 
 def jobs(scene_key: str | None = None) -> list[Job]:
-    """All jobs of this session, oldest first; those of one scene when a key is given."""
+    """Return all jobs of this session, oldest first; those of one scene when a key is given."""
     return [j for j in _jobs if scene_key is None or j.scene_key == scene_key]
 
 
 def live_job(scene_key: str, kinds: tuple[str, ...] | None = None) -> Job | None:
-    """The scene's job that waits or runs."""
+    """Return the scene's job that waits or runs."""
     return next((j for j in _jobs if j.live and j.scene_key == scene_key and (kinds is None or j.kind in kinds)), None)
 
 
@@ -67,7 +67,7 @@ def pump() -> bool:
 
 
 def longest_tick() -> float:
-    """The longest time in seconds the timer held Blender's main thread."""
+    """Return the longest time in seconds the timer held Blender's main thread."""
     return _longest_tick
 
 

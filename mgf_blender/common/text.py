@@ -12,7 +12,7 @@ _MARGINS = {"UI": 98.0, "WINDOW": 290.0}  # of a sidebar, of the preferences; pi
 
 
 def tr(text: str, **values: object) -> str:
-    """A text of the interface in the user's language, with values put in: ``tr("{count} cameras", count=3)``.
+    """Return a text of the interface in the user's language, with values put in: ``tr("{count} cameras", count=3)``.
 
     Texts without values that are handed to a layout need no call: Blender looks them up itself.
     """
@@ -21,7 +21,7 @@ def tr(text: str, **values: object) -> str:
 
 
 def look_up(text: str) -> str:
-    """What Blender's dictionaries have for a text, or the text itself."""
+    """Return what Blender's dictionaries have for a text, or the text itself."""
     return bpy.app.translations.pgettext_iface(text)
 
 

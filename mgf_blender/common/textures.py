@@ -18,7 +18,7 @@ _KEY = "mgf_texture"  # on our materials: the part they are for
 
 
 def texture_material(part: str, texture: bpy.types.Image) -> bpy.types.Material:
-    """A material that can show a texture, for one part of a mesh.
+    """Return a material that can show a texture, for one part of a mesh.
 
     One that an earlier import of the same job left is taken again, with what the user changed in it. One in use is
     not, because each mesh chooses for itself what it shows.
@@ -48,7 +48,7 @@ def _job_of(texture: bpy.types.Image) -> Path:
 
 
 def add_texture_node(tree: bpy.types.NodeTree, texture: bpy.types.Image) -> bpy.types.ShaderNodeTexImage:
-    """A node with a texture, made the active one because that is what the solid mode draws."""
+    """Return a node with a texture, made the active one because that is what the solid mode draws."""
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image, node.extension = texture, "EXTEND"
     tree.nodes.active = node
@@ -56,7 +56,7 @@ def add_texture_node(tree: bpy.types.NodeTree, texture: bpy.types.Image) -> bpy.
 
 
 def texture_of(material: bpy.types.Material | None) -> bpy.types.Image | None:
-    """The texture of one of our materials; None for others, and where the user took our nodes away."""
+    """Return the texture of one of our materials; None for others, and where the user took our nodes away."""
     if material is None or _KEY not in material or not material.node_tree:
         return None
     nodes = material.node_tree.nodes
@@ -64,7 +64,7 @@ def texture_of(material: bpy.types.Material | None) -> bpy.types.Image | None:
 
 
 def shows_texture(material: bpy.types.Material | None) -> bool:
-    """Whether a material shows its texture and not the vertex colours."""
+    """Tell whether a material shows its texture and not the vertex colours."""
     return texture_of(material) is not None and material.node_tree.nodes[_PICTURE].outputs["Color"].is_linked
 
 

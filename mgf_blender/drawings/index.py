@@ -46,7 +46,7 @@ _read: dict[str, tuple[int, Index | None]] = {}  # drawings.json -> (its time, w
 
 
 def read_index(job: Path) -> Index | None:
-    """The drawings in a job folder; None where there are none, or where another program's file lies there."""
+    """Read the drawings in a job folder; None where there are none, or where another program's file lies there."""
     path = job / FOLDER / "drawings.json"
     try:
         changed = path.stat().st_mtime_ns

@@ -21,7 +21,7 @@ from .sections import ROLE_KEY, THEIRS, add_section, find_sections, may_be_secti
 
 
 def drawings_job(scene: bpy.types.Scene) -> Job:
-    """The job that draws what the scene's options say; starts nothing.
+    """Return the job that draws what the scene's options say; starts nothing.
 
     Raises:
         UserError: nothing is to be drawn, or there is no engine.
@@ -150,7 +150,7 @@ class MGF_OT_show_drawing(Operator):
 
 
 def load_drawing(job: Path, name: str) -> bpy.types.Image:
-    """A picture of the job's drawings as an image block, as it is on disk now.
+    """Read a picture of the job's drawings as an image block, as it is on disk now.
 
     Raises:
         UserError: there is none of that name, or it cannot be read.

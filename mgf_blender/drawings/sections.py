@@ -25,18 +25,18 @@ AXES = {
 
 
 def find_sections(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The scene's section planes, by name."""
+    """Find the scene's section planes, by name."""
     found = [o for o in objects_below(scene.collection) if o.get(ROLE_KEY) in (OURS, THEIRS)]
     return sorted(found, key=lambda o: o.name)
 
 
 def may_be_section(obj: bpy.types.Object) -> bool:
-    """Whether an object of the user's can say where to cut."""
+    """Tell whether an object of the user's can say where to cut."""
     return obj.type in {"MESH", "EMPTY"} and ROLE_KEY not in obj and "mgf_kind" not in obj
 
 
 def add_section(tree: Tree, axis: str) -> bpy.types.Object:
-    """A square through the middle of the mesh, or of the points where there is none."""
+    """Return a square through the middle of the mesh, or of the points where there is none."""
     low, high = _bounds(tree)
     size = 0.6 * float((high - low).max()) or 1.0
     corners = [(-size, -size, 0), (size, -size, 0), (size, size, 0), (-size, size, 0)]
@@ -67,7 +67,7 @@ def remove_section(obj: bpy.types.Object) -> None:
 
 
 def section_texts(scene: bpy.types.Scene, tree: Tree) -> list[str]:
-    """The planes as the engine reads them: ``NAME=x,y,z,nx,ny,nz`` in coordinates of the job's mesh."""
+    """Return the planes as the engine reads them: ``NAME=x,y,z,nx,ny,nz`` in coordinates of the job's mesh."""
     root, texts, taken = np.array(tree.root.matrix_world, np.float64), list[str](), set[str]()
     for obj in find_sections(scene):
         point, normal = plane_of(obj)
@@ -80,7 +80,7 @@ def section_texts(scene: bpy.types.Scene, tree: Tree) -> list[str]:
 
 
 def plane_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """A point [3] and the normal [3] of an object in the world: of its one face, else its origin and z axis."""
+    """Return a point [3] and the normal [3] of an object in the world: of its one face, else its origin and z axis."""
     world = np.array(obj.matrix_world, np.float64)
     point, normal = np.zeros(3), np.array([0.0, 0.0, 1.0])
     if obj.type == "MESH" and len(obj.data.polygons) == 1:

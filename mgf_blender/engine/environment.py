@@ -17,14 +17,14 @@ VARIABLE = "MGF_ENGINE_PYTHON"
 
 
 def python_of(environment: Path) -> Path:
-    """The interpreter of a virtual environment; a path to an interpreter is returned as it is."""
+    """Return the interpreter of a virtual environment; a path to an interpreter is returned as it is."""
     if environment.is_file():
         return environment
     return environment / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 
 
 def managed_environment() -> Path:
-    """The virtual environment that *Install Engine* makes.
+    """Return the virtual environment that *Install Engine* makes.
 
     On Windows not below Blender's own folder: with that one's length, paths of torch pass what Windows allows.
     """
@@ -35,7 +35,7 @@ def managed_environment() -> Path:
 
 
 def engine_python() -> Path:
-    """The Python that has the engine.
+    """Return the Python that has the engine.
 
     Raises:
         UserError: none is installed or chosen, or it is gone.
@@ -62,7 +62,7 @@ def engine_python() -> Path:
 
 
 def engine_command(*arguments: str) -> list[str]:
-    """The command line that runs the engine with these arguments."""
+    """Return the command line that runs the engine with these arguments."""
     return [str(engine_python()), "-m", "mgf_engine", *arguments]
 
 

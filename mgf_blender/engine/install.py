@@ -70,7 +70,7 @@ class Plan:
 
 
 def carried_wheel() -> Path:
-    """The engine's wheel for this machine inside the extension.
+    """Return the engine's wheel for this machine inside the extension.
 
     Raises:
         UserError: this copy of the add-on carries none (a checkout that was not built), or none for this machine.
@@ -91,7 +91,7 @@ def carried_wheel() -> Path:
 
 
 def wheel_fits(name: str, system: str, machine: str) -> bool:
-    """Whether a wheel's file name is for ``platform.system()`` and ``platform.machine()`` in small letters."""
+    """Tell whether a wheel's file name is for ``platform.system()`` and ``platform.machine()`` in small letters."""
     tag = name.removesuffix(".whl").rsplit("-", 1)[-1]
     family = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}.get(machine, machine)
     wanted = {
@@ -104,12 +104,12 @@ def wheel_fits(name: str, system: str, machine: str) -> bool:
 
 @functools.cache
 def has_nvidia() -> bool:
-    """Whether an NVIDIA driver is on this machine."""
+    """Tell whether an NVIDIA driver is on this machine."""
     return shutil.which("nvidia-smi") is not None
 
 
 def make_task(plan: Plan, log: Path) -> Task:
-    """The steps of an installation; nothing runs before the task is drained.
+    """Make the steps of an installation; nothing runs before the task is drained.
 
     Raises:
         UserError: the disk has too little room, the folder's path is too long, or the wheel folder lacks the
@@ -176,7 +176,7 @@ def _clear_away(task: Task, target: Path) -> None:
 
 
 def explain(step: Step, lines: list[str]) -> str:
-    """One sentence for a failed step, from pip's last words."""
+    """Return one sentence for a failed step, from pip's last words."""
     output = "\n".join(lines)
     said = next((line for line in reversed(lines) if line.startswith("Error: ")), None)
     if said is not None and "mgf_engine" in step.command:
@@ -209,7 +209,7 @@ def explain(step: Step, lines: list[str]) -> str:
 
 
 def short(line: str) -> str:
-    """A line of another program as the reason in a sentence: at most 160 letters, cut between words."""
+    """Return a line of another program as the reason in a sentence: at most 160 letters, cut between words."""
     text = " ".join(line.split()).removeprefix("ERROR: ").removeprefix("error: ").rstrip(".")
     return text if len(text) <= 160 else text[:160].rsplit(" ", 1)[0] + " …"
 

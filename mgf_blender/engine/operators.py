@@ -23,7 +23,7 @@ _kind = ""
 
 
 def current() -> tuple[str, Task | None]:
-    """The running or last task and what kind it is: install, check or weights."""
+    """Return the running or last task and what kind it is: install, check or weights."""
     return _kind, _task
 
 
@@ -35,12 +35,12 @@ def forget() -> None:
 
 
 def installing() -> bool:
-    """Whether an installation runs."""
+    """Tell whether an installation runs."""
     return _kind == "install" and _task is not None and _task.status == RUNNING
 
 
 def log_path() -> Path:
-    """Where installations and checks write their output."""
+    """Return where installations and checks write their output."""
     return user_folder() / "engine-log.txt"
 
 

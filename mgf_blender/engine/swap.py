@@ -18,7 +18,7 @@ _removal: Process | None = None
 
 
 def unfinished(target: Path) -> Path:
-    """Where the environment for ``target`` is made."""
+    """Return where the environment for ``target`` is made."""
     return target.with_name(target.name + "-new")
 
 
@@ -80,7 +80,7 @@ def discard(*folders: Path) -> None:
 
 
 def discarding() -> bool:
-    """Whether an environment is being removed; nothing may be made in its place meanwhile."""
+    """Tell whether an environment is being removed; nothing may be made in its place meanwhile."""
     return _removal is not None and _removal.returncode() is None
 
 

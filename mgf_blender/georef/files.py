@@ -87,17 +87,17 @@ _cache = _Cache()
 
 
 def marks_path(job: Path) -> Path:
-    """Where the marks are written for a run; beside the job folder, as its clicks are."""
+    """Return where the marks are written for a run; beside the job folder, as its clicks are."""
     return job.with_name(job.name + ".marks.csv")
 
 
 def places_path(job: Path) -> Path:
-    """Where the engine writes where points should appear."""
+    """Return where the engine writes where points should appear."""
     return job.with_name(job.name + ".places.json")
 
 
 def marks_text(scene: bpy.types.Scene) -> str:
-    """The scene's marks as a CSV: name, photo, x, y."""
+    """Return the scene's marks as a CSV: name, photo, x, y."""
     text = io.StringIO()
     rows = [(m.point, m.photo, f"{m.uv[0]:.2f}", f"{m.uv[1]:.2f}") for m in scene.mgf.georef.marks]
     csv.writer(text, lineterminator="\n").writerows([("name", "photo", "x", "y"), *rows])
@@ -135,17 +135,17 @@ def read_marks(scene: bpy.types.Scene, path: Path) -> int:
 
 
 def read_places(job: Path) -> dict[str, Known]:
-    """The control points by name, as the engine read them from the user's file; empty before it did."""
+    """Read the control points by name, as the engine read them from the user's file; empty before it did."""
     return _cache.get(places_path(job), _places) or {}
 
 
 def read_rows(job: Path) -> list[Row]:
-    """Residuals of the last run's points, from ``report.json``."""
+    """Read residuals of the last run's points, from ``report.json``."""
     return _cache.get(job / "report.json", _rows) or []
 
 
 def read_placement(job: Path) -> Placement | None:
-    """The job's georeference."""
+    """Read the job's georeference."""
     return _cache.get(job / "georef.json", _placement)
 
 

@@ -35,12 +35,12 @@ def hold(uv: tuple[float, float] | None) -> None:
 
 
 def held() -> tuple[float, float] | None:
-    """The pixel of the mark that is dragged."""
+    """Return the pixel of the mark that is dragged."""
     return _held
 
 
 def lens(pointer: tuple[float, float], area: tuple[float, float], scale: float) -> tuple[float, float, float]:
-    """Where the magnifier stands: its left and lower edge, and its side, pixels of the region.
+    """Return where the magnifier stands: its left and lower edge, and its side, pixels of the region.
 
     It is above and right of the pointer, on the other side where there is no room, and never over the pointer unless
     the editor is smaller than two of it.
@@ -77,7 +77,7 @@ def shown(uv: tuple[float, float], side: float, zoom: float) -> tuple[float, flo
 
 
 def wanted(context: bpy.types.Context) -> bool:
-    """Whether a click here would mark a control point: a listed photo, the point tool, a point chosen."""
+    """Tell whether a click here would mark a control point: a listed photo, the point tool, a point chosen."""
     space, scene = context.space_data, context.scene
     if space is None or space.type != "IMAGE_EDITOR" or space.image is None or space.ui_mode != "VIEW":
         return False

@@ -52,14 +52,14 @@ def note_place(scene: bpy.types.Scene, found: Placement) -> None:
 
 
 def root_matrix(tree: Tree, found: Placement) -> np.ndarray:
-    """The empty's world matrix [4, 4] for objects that hold scene coordinates less the tree's offset."""
+    """Return the empty's world matrix [4, 4] for objects that hold scene coordinates less the tree's offset."""
     shift = np.eye(4)
     shift[:3, 3] = tree.offset
     return np.asarray(found.to_local @ shift)
 
 
 def is_placed(scene: bpy.types.Scene, tree: Tree, found: Placement) -> bool:
-    """Whether the scene still lies as :func:`place` put it for this georeference."""
+    """Tell whether the scene still lies as :func:`place` put it for this georeference."""
     if [scene.get(name) for name in (EAST, NORTH, HEIGHT)] != list(found.offset):
         return False
     wanted, now = root_matrix(tree, found), np.array(tree.root.matrix_world)

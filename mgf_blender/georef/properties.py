@@ -51,13 +51,13 @@ class MGF_PG_georef(bpy.types.PropertyGroup):
 
 
 def active_point(scene: bpy.types.Scene) -> MGF_PG_control_point | None:
-    """The control point chosen in the list."""
+    """Return the control point chosen in the list."""
     state = scene.mgf.georef
     return state.points[state.index] if 0 <= state.index < len(state.points) else None
 
 
 def mark_of(scene: bpy.types.Scene, point: str, photo: str) -> int:
-    """Index of a point's mark in a photo, or -1."""
+    """Return index of a point's mark in a photo, or -1."""
     marks = scene.mgf.georef.marks
     return next((i for i, mark in enumerate(marks) if mark.point == point and mark.photo == photo), -1)
 

@@ -16,7 +16,7 @@ from .files import marks_path, marks_text, places_path, read_placement, read_pla
 
 
 def georef_job(scene: bpy.types.Scene) -> Job:
-    """The job that finds the scene's true coordinates; writes the marks beside the job folder, starts nothing.
+    """Return the job that finds the scene's true coordinates; writes the marks beside the job folder, starts nothing.
 
     Raises:
         UserError: control points are given but none is marked, or there is no engine.
@@ -36,7 +36,7 @@ def georef_job(scene: bpy.types.Scene) -> Job:
 
 
 def places_job(scene: bpy.types.Scene) -> Job:
-    """The job that reads the control points and predicts where they appear.
+    """Return the job that reads the control points and predicts where they appear.
 
     Raises:
         UserError: there is no file of points, or no engine.

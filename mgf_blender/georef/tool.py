@@ -17,7 +17,7 @@ FINE = 0.1  # what a mark moves of the pointer's way while Shift is held, as Ble
 def dragged(
     at: tuple[float, ...], before: tuple[float, ...], now: tuple[float, ...], fine: bool, size: tuple[int, int]
 ) -> tuple[float, ...]:
-    """Where a mark at pixel ``at`` goes when the pointer moves over the photo from ``before`` to ``now``.
+    """Return where a mark at pixel ``at`` goes when the pointer moves over the photo from ``before`` to ``now``.
 
     Args:
         fine: the mark goes a tenth of the pointer's way.

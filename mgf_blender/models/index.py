@@ -28,7 +28,7 @@ class Levels:
 
 
 def read_levels(job: Path) -> Levels:
-    """The levels of detail in a job folder.
+    """Read the levels of detail in a job folder.
 
     Raises:
         UserError: there are none, or the file cannot be used.

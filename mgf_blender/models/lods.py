@@ -23,7 +23,7 @@ _ADDON = "io_scene_gltf2"
 
 
 def levels_of(tree: Tree) -> list[bpy.types.Object]:
-    """The imported levels, the finest first."""
+    """Return the imported levels, the finest first."""
     return sorted((o for o in tree.objects(KIND) if LEVEL_KEY in o), key=lambda o: o[LEVEL_KEY])
 
 
@@ -72,7 +72,7 @@ def show_level(tree: Tree, level: int) -> None:
 
 
 def shown_level(tree: Tree) -> int | None:
-    """The level that is shown; None when none is."""
+    """Return the level that is shown; None when none is."""
     return next((int(o[LEVEL_KEY]) for o in levels_of(tree) if not o.hide_render and not o.hide_get()), None)
 
 

@@ -20,7 +20,7 @@ from .lods import import_levels, levels_of, show_level
 
 
 def models_job(scene: bpy.types.Scene) -> Job:
-    """The job that makes what the scene's options say; starts nothing.
+    """Return the job that makes what the scene's options say; starts nothing.
 
     Raises:
         UserError: nothing is to be made, or there is no engine.

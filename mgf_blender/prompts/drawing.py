@@ -18,7 +18,7 @@ RADIUS = 6.0  # of a click, in interface pixels
 
 
 def part_color(part: str) -> tuple[float, float, float, float]:
-    """The colour of a part's clicks, the same in every photo."""
+    """Return the colour of a part's clicks, the same in every photo."""
     return _PARTS[sum(part.encode()) % len(_PARTS)]
 
 

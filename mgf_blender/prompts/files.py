@@ -15,7 +15,7 @@ from .properties import BUILDING
 
 
 def to_data(scene: bpy.types.Scene, only: str | None = None) -> dict[str, Any]:
-    """The scene's clicks, or one photo's, in the shape of ``prompts.json``; photos without clicks and
+    """Return the scene's clicks, or one photo's, in the shape of ``prompts.json``; photos without clicks and
     proposed clicks are left out."""
     data: dict[str, Any] = {}
     for photo in scene.mgf.photos:

@@ -35,7 +35,7 @@ def mask_entry(scene: bpy.types.Scene, name: str) -> dict[str, Any] | None:
 
 
 def mask_rgba(path: Path, binary: bool = False) -> np.ndarray:
-    """The overlay of a label PNG: float32 [H, W, 4], first row at the bottom, as Blender's textures are.
+    """Return the overlay of a label PNG: float32 [H, W, 4], first row at the bottom, as Blender's textures are.
 
     Args:
         binary: for a preview, which holds 255 on the building and 0 elsewhere.
@@ -53,7 +53,7 @@ def mask_rgba(path: Path, binary: bool = False) -> np.ndarray:
 
 
 def paint(labels: np.ndarray) -> np.ndarray:
-    """Colours for labels [H, W]: building, its outline and element borders, and doubtful pixels."""
+    """Return colours for labels [H, W]: building, its outline and element borders, and doubtful pixels."""
     rgba = np.zeros((*labels.shape, 4), np.float32)
     inside = (labels > 0) & (labels != _UNKNOWN)
     rgba[inside] = _BUILDING
@@ -90,7 +90,7 @@ def draw(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup, view: bpy.types
 
 
 def newest_mask(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> tuple[Path, bool] | None:
-    """The picture of a photo's newest mask and whether it is a preview.
+    """Return the picture of a photo's newest mask and whether it is a preview.
 
     A preview of other clicks than the present ones counts only until the next one is there, or where there is nothing
     else; what the job made of the present clicks of all photos is better than any preview.
@@ -110,7 +110,7 @@ def newest_mask(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> tuple
 
 
 def job_knows(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> bool:
-    """Whether the job's mask of a photo was made from the clicks that are on it now."""
+    """Tell whether the job's mask of a photo was made from the clicks that are on it now."""
     if mask_entry(scene, photo.name) is None:
         return False
     path = Path(bpy.path.abspath(scene.mgf.job_folder)) / "prompts.json"

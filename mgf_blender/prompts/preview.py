@@ -79,7 +79,7 @@ class Preview:
 
 
 def signature(photo: bpy.types.PropertyGroup) -> str:
-    """The clicks of a photo as text, to see whether they changed."""
+    """Return the clicks of a photo as text, to see whether they changed."""
     return json.dumps(
         [[round(c.uv[0], 1), round(c.uv[1], 1), c.negative, c.part] for c in photo.clicks if not c.proposed]
     )
@@ -118,18 +118,18 @@ def start(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> Preview:
 
 
 def of(scene: bpy.types.Scene, photo: str) -> Preview | None:
-    """The newest preview of a photo in a scene."""
+    """Return the newest preview of a photo in a scene."""
     return _latest.get((key_of(scene), photo))
 
 
 def finished(scene: bpy.types.Scene, photo: str) -> Preview | None:
-    """The newest preview of a photo that has a mask, also while the next one runs."""
+    """Return the newest preview of a photo that has a mask, also while the next one runs."""
     newest = of(scene, photo)
     return newest if newest is not None and newest.status == DONE else _finished.get((key_of(scene), photo))
 
 
 def under_way(scene: bpy.types.Scene, photo: str) -> bool:
-    """Whether a preview of a photo runs or is due."""
+    """Tell whether a preview of a photo runs or is due."""
     found = of(scene, photo)
     return (key_of(scene), photo) in _wanted or (found is not None and found.status == RUNNING)
 

@@ -32,12 +32,12 @@ class MGF_PG_photo(bpy.types.PropertyGroup):
     clicks: bpy.props.CollectionProperty(type=MGF_PG_click)
 
     def done(self) -> bool:
-        """Whether the photo has a click on the building."""
+        """Tell whether the photo has a click on the building."""
         return any(not c.negative and c.part == BUILDING and not c.proposed for c in self.clicks)
 
 
 def photo_image(photo: MGF_PG_photo) -> bpy.types.Image | None:
-    """The photo as an image block, loaded on first use; None when the file is gone."""
+    """Return the photo as an image block, loaded on first use; None when the file is gone."""
     path = Path(bpy.path.abspath(photo.file))
     if not photo.file or not path.is_file():
         return None
@@ -47,7 +47,7 @@ def photo_image(photo: MGF_PG_photo) -> bpy.types.Image | None:
 
 
 def photo_of_image(scene: bpy.types.Scene, image: bpy.types.Image | None) -> int:
-    """Index of the list's photo that an image block shows, or -1."""
+    """Return index of the list's photo that an image block shows, or -1."""
     if image is None or image.source != "FILE":
         return -1
     shown = Path(bpy.path.abspath(image.filepath))
@@ -58,7 +58,7 @@ def photo_of_image(scene: bpy.types.Scene, image: bpy.types.Image | None) -> int
 
 
 def active_photo(scene: bpy.types.Scene) -> MGF_PG_photo | None:
-    """The photo chosen in the list."""
+    """Return the photo chosen in the list."""
     index = scene.mgf.photo_index
     return scene.mgf.photos[index] if 0 <= index < len(scene.mgf.photos) else None
 

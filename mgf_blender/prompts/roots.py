@@ -13,7 +13,7 @@ _FEWEST = 3
 
 
 def choose_roots(model: Model) -> list[int]:
-    """Indices of the photos, by farthest-point sampling on position and viewing direction.
+    """Choose photos, by farthest-point sampling on position and viewing direction.
 
     The same rule as the engine's, so that its report and the add-on name the same photos: start at the photo that
     sees most points; distance is taken in positions (median camera 5 units away from the points) and directions.

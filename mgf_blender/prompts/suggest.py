@@ -30,7 +30,7 @@ _FILE = "prompts.json"
 
 
 def suggest_job(scene: bpy.types.Scene) -> Job:
-    """The job that proposes points; starts nothing.
+    """Suggest the job that proposes points; starts nothing.
 
     Raises:
         UserError: there is no source or no engine.
@@ -64,7 +64,7 @@ def _ended(job: Job) -> None:
 
 
 def proposed(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
-    """Photos with proposed points."""
+    """Return photos with proposed points."""
     return [photo for photo in scene.mgf.photos if any(click.proposed for click in photo.clicks)]
 
 

@@ -16,7 +16,7 @@ TOOL_ID = "mgf.point_tool"
 
 
 def nearest(photo: bpy.types.PropertyGroup, u: float, v: float, reach: float) -> int:
-    """Index of the click nearest to a pixel within ``reach`` pixels, or -1."""
+    """Return index of the click nearest to a pixel within ``reach`` pixels, or -1."""
     best, found = reach, -1
     for i, click in enumerate(photo.clicks):
         distance = ((click.uv[0] - u) ** 2 + (click.uv[1] - v) ** 2) ** 0.5
@@ -73,7 +73,7 @@ class DragOnPhoto(OnPhoto):
         return {"RUNNING_MODAL"}
 
     def gone(self, context: bpy.types.Context) -> bool:
-        """Whether what is dragged is there no more."""
+        """Tell whether what is dragged is there no more."""
         return False
 
     def move(self, context: bpy.types.Context, event: bpy.types.Event) -> None:

@@ -40,14 +40,14 @@ class Photos:
     size: tuple[int, int] = (6000, 4500)
 
     def at_work(self, options: bpy.types.PropertyGroup) -> tuple[int, float]:
-        """How many of them a job with these options takes, and the megapixels of one while working."""
+        """Return how many of them a job with these options takes, and the megapixels of one while working."""
         count = min(self.count, options.max_photos or self.count)
         long, short = self.size
         return count, min(options.resolution, long) ** 2 * short / long / 1e6
 
 
 def photos_of(scene: bpy.types.Scene) -> Photos:
-    """The photos a job on this scene gets; before an import, what the marked ones tell (a fifth is marked)."""
+    """Return the photos a job on this scene gets; before an import, what the marked ones tell (a fifth is marked)."""
     tree = Tree.find(scene)
     cameras = tree.objects("Cameras") if tree is not None else []
     sizes = [tuple(camera[SIZE_KEY]) for camera in cameras if SIZE_KEY in camera]
@@ -57,7 +57,7 @@ def photos_of(scene: bpy.types.Scene) -> Photos:
 
 
 def estimate(options: bpy.types.PropertyGroup, photos: Photos, factor: float | None = None) -> Estimate:
-    """What a job with these options takes here.
+    """Return what a job with these options takes here.
 
     Args:
         factor: time of this machine over that of the measured one; the learned one when None.
@@ -114,7 +114,7 @@ def remember(factor: float) -> None:
 
 
 def duration(seconds: float | None) -> str:
-    """Seconds as people say them: ``40 s``, ``12 min``, ``2 h 5 min``; empty for None."""
+    """Return seconds as people say them: ``40 s``, ``12 min``, ``2 h 5 min``; empty for None."""
     if seconds is None:
         return ""
     if seconds < 90:

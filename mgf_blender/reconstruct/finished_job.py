@@ -26,7 +26,7 @@ def draw_run(
     icon: str,
     second: tuple[str, str] | None = None,
 ) -> bool:
-    """The button that starts a run, where none of these kinds goes on, and how the last one does or did.
+    """Draw the button that starts a run, where none of these kinds goes on, and how the last one does or did.
 
     Args:
         second: operator and icon of a button below it.

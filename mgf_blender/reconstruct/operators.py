@@ -218,7 +218,7 @@ class MGF_OT_reset_options(Operator):
 
 
 def last_job(scene: bpy.types.Scene, kinds: tuple[str, ...] = STAGES) -> Job | None:
-    """The job that a panel talks about: the running one of these kinds, else the newest."""
+    """Return the job that a panel talks about: the running one of these kinds, else the newest."""
     key = key_of(scene)
     if not key:
         return None
@@ -227,7 +227,7 @@ def last_job(scene: bpy.types.Scene, kinds: tuple[str, ...] = STAGES) -> Job | N
 
 
 def interrupted(scene: bpy.types.Scene) -> bool:
-    """Whether the job folder holds a job that did not end and that nobody runs, for example after a crash."""
+    """Tell whether the job folder holds a job that did not end and that nobody runs, for example after a crash."""
     if runner.live_job(key_of(scene)):
         return False
     return has_job_file(scene, "job.json") and not is_finished(job_folder(scene))

@@ -77,7 +77,7 @@ def has_job_file(scene: bpy.types.Scene, name: str = "") -> bool:
 
 
 def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
-    """A job for the scene as it stands: writes the clicks beside the job folder, starts nothing.
+    """Make a job for the scene as it stands: writes the clicks beside the job folder, starts nothing.
 
     Args:
         kind: the engine's command: reconstruct, masks or scene.
@@ -107,7 +107,7 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
 
 
 def job_options(scene: bpy.types.Scene, folder: Path) -> list[str]:
-    """Arguments for the options of a job in this folder, as the panel has them."""
+    """Return arguments for the options of a job in this folder, as the panel has them."""
     given = options.arguments(scene.mgf.options, given_options(folder))
     prefs = preferences()
     if prefs is not None and prefs.weights_folder and not scene.mgf.options.weights:
@@ -116,7 +116,7 @@ def job_options(scene: bpy.types.Scene, folder: Path) -> list[str]:
 
 
 def given_options(folder: Path) -> dict[str, object]:
-    """The options an earlier run in this folder was given; empty when there is none."""
+    """Return the options an earlier run in this folder was given; empty when there is none."""
     return _job_record(folder, "given")
 
 
@@ -172,7 +172,7 @@ def ended(job: Job) -> None:
 
 
 def in_background() -> bool:
-    """Whether Blender runs without a window, where no timer ticks."""
+    """Tell whether Blender runs without a window, where no timer ticks."""
     return bool(bpy.app.background)
 
 

@@ -80,7 +80,7 @@ class Arrival:
         self.mesh_name, self._steps = "", None
 
     def take_mesh(self) -> bpy.types.Mesh | None:
-        """The finished mesh, which is the caller's from now on."""
+        """Return the finished mesh, which is the caller's from now on."""
         mesh = bpy.data.meshes.get(self.mesh_name) if self.mesh_name else None
         self.mesh_name = ""
         if mesh is None or _KEY not in mesh:
@@ -119,12 +119,12 @@ def begin(scene: bpy.types.Scene, folder: Path) -> None:
 
 
 def under_way(scene: bpy.types.Scene) -> bool:
-    """Whether results are on their way into a scene."""
+    """Tell whether results are on their way into a scene."""
     return key_of(scene) in _arrivals
 
 
 def problem(scene: bpy.types.Scene) -> str:
-    """Why the last import into a scene failed, or an empty text."""
+    """Return why the last import into a scene failed, or an empty text."""
     return _problems.get(key_of(scene), "")
 
 
@@ -142,7 +142,7 @@ def forget(scene: bpy.types.Scene) -> None:
 
 
 def pump() -> bool:
-    """One step of every import; returns whether there is more to do. Tests call it in place of the timer."""
+    """Return one step of every import; returns whether there is more to do. Tests call it in place of the timer."""
     global _longest
     begun = time.perf_counter()
     for key, arrival in list(_arrivals.items()):
@@ -160,7 +160,7 @@ def pump() -> bool:
 
 
 def longest_step() -> float:
-    """The longest time in seconds one step held Blender's main thread."""
+    """Return the longest time in seconds one step held Blender's main thread."""
     return _longest
 
 
@@ -212,7 +212,7 @@ def unregister() -> None:
 
 
 def content_of(arrival: Arrival) -> Content | None:
-    """What was read.
+    """Return what was read.
 
     Raises:
         UserError: it could not be read.

@@ -20,7 +20,7 @@ _SIZE = 0.004  # of a drawn point, as a share of the scene's size
 
 
 def import_field(tree: Tree, path: Path) -> bpy.types.Object:
-    """The centres of a standard 3DGS ``.ply`` with colour, opacity and size as attributes.
+    """Return the centres of a standard 3DGS ``.ply`` with colour, opacity and size as attributes.
 
     Raises:
         UserError: the file is no Gaussian field.

@@ -161,7 +161,7 @@ def import_result(
 
 
 def job_name(folder: Path) -> str:
-    """What people call a job: the name of its folder, or of the folder around one that was never named."""
+    """Return what people call a job: the name of its folder, or of the folder around one that was never named."""
     return folder.parent.name if _UNNAMED.fullmatch(folder.name) and folder.parent.name else folder.name or "Building"
 
 

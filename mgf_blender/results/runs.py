@@ -14,7 +14,7 @@ _FOLDER, _RECORD = "runs", "run.json"  # the engine writes the record last
 
 
 def old_runs(job: Path) -> list[Path]:
-    """Folders of the finished runs but the last, which is the job's present result; oldest first."""
+    """Return folders of the finished runs but the last, which is the job's present result; oldest first."""
     try:
         names = [path.name for path in (job / _FOLDER).iterdir() if path.name.isdecimal()]
     except OSError:
@@ -24,7 +24,7 @@ def old_runs(job: Path) -> list[Path]:
 
 
 def shown_runs(runs: list[Path]) -> list[Path]:
-    """Those of the runs whose texture or renders this .blend uses."""
+    """Return those of the runs whose texture or renders this .blend uses."""
     users = bpy.data.user_map(subset=[image for image in bpy.data.images if image.filepath])
     pictures = {Path(bpy.path.abspath(image.filepath)) for image, by in users.items() if by}
     used = {folder for picture in pictures for folder in picture.parents}

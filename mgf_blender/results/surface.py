@@ -26,23 +26,23 @@ _STOPS = np.array([(0.27, 0.0, 0.33), (0.23, 0.32, 0.55), (0.13, 0.57, 0.55), (0
 
 
 def available(mesh: bpy.types.Mesh) -> list[str]:
-    """The kinds a mesh carries values for, in the order of :data:`KINDS`."""
+    """Return the kinds a mesh carries values for, in the order of :data:`KINDS`."""
     kinds = [kind for kind, (layer, value) in KINDS.items() if (value or layer) in mesh.attributes]
     return [kind for kind in kinds if kind != "TEXTURE" or texture(mesh) is not None]
 
 
 def texture(mesh: bpy.types.Mesh) -> bpy.types.Image | None:
-    """The texture that came with a mesh; pictures in the user's own materials are none."""
+    """Return the texture that came with a mesh; pictures in the user's own materials are none."""
     return next((image for image in map(texture_of, mesh.materials) if image is not None), None)
 
 
 def paints_texture(tree: Tree) -> bool:
-    """Whether a scene's mesh is painted with its texture now."""
+    """Tell whether a scene's mesh is painted with its texture now."""
     return any(shown(obj.data) == "TEXTURE" for obj in tree.objects("Mesh"))
 
 
 def shown(mesh: bpy.types.Mesh) -> str:
-    """The kind a mesh is painted with now; empty when it is none of ours."""
+    """Return the kind a mesh is painted with now; empty when it is none of ours."""
     if any(map(shows_texture, mesh.materials)):
         return "TEXTURE"
     active = mesh.color_attributes.active_color

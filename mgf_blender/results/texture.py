@@ -49,7 +49,7 @@ def check_picture(path: Path) -> None:
 
 
 def load_texture(path: Path) -> bpy.types.Image:
-    """The picture as an image.
+    """Read the picture as an image.
 
     Raises:
         UserError: the file is gone.

@@ -57,7 +57,7 @@ def follow(tree: Tree, camera: bpy.types.Object) -> None:
 
 
 def available(camera: bpy.types.Object) -> set[str]:
-    """The kinds of pictures a camera can show."""
+    """Return the kinds of pictures a camera can show."""
     found = {s.image.get(IMAGE_KEY) for s in camera.data.background_images if s.image is not None}
     kinds = {"MESH"} | {kind for kind in ("PHOTO", "RENDER") if kind.lower() in found}
     return kinds | ({"ERROR"} if {"photo", "render"} <= found or "error" in found else set())
@@ -94,7 +94,7 @@ def _stamp(images: dict[str, bpy.types.Image]) -> str:
 
 
 def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
-    """A heat map of the colour difference between photo and render, as an image packed into the file.
+    """Make a heat map of the colour difference between photo and render, as an image packed into the file.
 
     Raises:
         UserError: the camera has no render or no photo.

@@ -48,7 +48,7 @@ class CameraSpec:
     distorted: bool = False
 
     def object_matrix(self, offset: np.ndarray) -> np.ndarray:
-        """Camera -> offset scene coordinates [4, 4], for Blender's axes (y up, looking along -z)."""
+        """Return the matrix [4, 4] from Blender's camera axes (y up, looking along -z) to offset scene coordinates."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation.T @ np.diag([1.0, -1.0, -1.0])
         matrix[:3, 3] = -self.rotation.T @ self.translation - offset
@@ -115,7 +115,7 @@ def set_clipping(data: bpy.types.Camera, tree: Tree, world_scale: float | None =
 
 
 def load_image(path: Path, kind: str) -> bpy.types.Image:
-    """An image block for a file, shared with other users of the same file; pixels load when first shown.
+    """Read an image block for a file, shared with other users of the same file; pixels load when first shown.
 
     One that was shown already is read anew: a job may have run again since.
     """

@@ -119,7 +119,7 @@ def read_model(folder: Path) -> Model:
 
 
 def count_photos(path: Path) -> int:
-    """The number of photos that ``images.bin`` claims or ``images.txt`` has, -1 when it cannot be so many."""
+    """Return the number of photos that ``images.bin`` claims or ``images.txt`` has, -1 when it cannot be so many."""
     try:
         if path.suffix == ".txt":
             return len(_photos_txt(path.read_bytes()))
@@ -131,7 +131,7 @@ def count_photos(path: Path) -> int:
 
 
 def quaternion_to_matrix(q: np.ndarray) -> np.ndarray:
-    """Rotation [3, 3] of the quaternion (w, x, y, z), which need not have length one."""
+    """Return rotation [3, 3] of the quaternion (w, x, y, z), which need not have length one."""
     w, x, y, z = np.asarray(q, np.float64) / np.linalg.norm(q)
     return np.array(
         [
@@ -143,7 +143,7 @@ def quaternion_to_matrix(q: np.ndarray) -> np.ndarray:
 
 
 def make_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Camera:
-    """The pinhole part of a COLMAP camera.
+    """Make the pinhole part of a COLMAP camera.
 
     Raises:
         UserError: the model is unknown or a number is unusable.
@@ -277,7 +277,7 @@ def _points_bin(data: bytes) -> Points:
 
 
 def decode(raw: bytes) -> str:
-    """Text as the engine reads it: UTF-8, or Latin-1 where it is not UTF-8, as Windows writes photo names."""
+    """Return text as the engine reads it: UTF-8, or Latin-1 where it is not UTF-8, as Windows writes photo names."""
     try:
         return raw.decode("utf-8")
     except UnicodeDecodeError:

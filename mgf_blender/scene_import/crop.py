@@ -19,14 +19,14 @@ _OUTLIERS, _MARGIN = 2.0, 1.1
 
 
 def find_crop_box(tree: Tree | None) -> bpy.types.Object | None:
-    """The crop box of an imported scene."""
+    """Find the crop box of an imported scene."""
     if tree is None:
         return None
     return next((o for o in objects_below(tree.collection) if o.get(ROLE_KEY) == ROLE), None)
 
 
 def add_crop_box(tree: Tree) -> bpy.types.Object:
-    """A box around the sparse points, level with the world; the one that is there is fitted anew."""
+    """Return a box around the sparse points, level with the world; the one that is there is fitted anew."""
     box = find_crop_box(tree)
     if box is None:
         box = bpy.data.objects.new(_NAME, None)

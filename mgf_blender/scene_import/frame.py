@@ -34,7 +34,7 @@ class Frame:
     radius: float
 
     def matrix(self) -> np.ndarray:
-        """The empty's world matrix [4, 4], from offset scene coordinates."""
+        """Return the empty's world matrix [4, 4], from offset scene coordinates."""
         result = np.eye(4)
         result[:3, :3], result[:3, 3] = self.rotation, self.translation
         return result
@@ -64,7 +64,7 @@ def make_frame(xyz: np.ndarray, rotations: np.ndarray, centres: np.ndarray, upri
 
 
 def up_direction(rotations: np.ndarray) -> np.ndarray:
-    """The upward unit vector [3] that keeps the horizons of all cameras level.
+    """Return the upward unit vector [3] that keeps the horizons of all cameras level.
 
     Photographers hold cameras level: each camera's x axis lies in the ground plane. With A the mean of x x^T and
     m the mean of -y, up solves (A + softness I) u = m.
@@ -77,7 +77,7 @@ def up_direction(rotations: np.ndarray) -> np.ndarray:
 
 
 def rotation_to_z(up: np.ndarray) -> np.ndarray:
-    """The smallest rotation [3, 3] that takes the unit vector ``up`` to +z (Rodrigues)."""
+    """Return the smallest rotation [3, 3] that takes the unit vector ``up`` to +z (Rodrigues)."""
     axis, cosine = np.cross(up, (0.0, 0.0, 1.0)), float(up[2])
     if cosine < -1 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])

@@ -18,7 +18,7 @@ _PHOTO_FOLDERS = ("images", "photos", "input", "rgb", "undistorted/images", "den
 
 
 def find_model(path: Path) -> Path:
-    """The folder with cameras/images/points3D for a model file, its folder, or a project folder around it.
+    """Find the folder with cameras/images/points3D for a model file, its folder, or a project folder around it.
 
     Of several models the one in the most usual place is taken, there the one with most photos, and of equals the first.
 
@@ -39,7 +39,7 @@ def find_model(path: Path) -> Path:
 
 
 def find_photo_folder(path: Path, model_folder: Path, names: list[str]) -> Path | None:
-    """The folder under which most of ``names`` exist, or None when not one of them is found."""
+    """Find the folder under which most of ``names`` exist, or None when not one of them is found."""
     start = path.parent if path.is_file() else path
     best, most = None, 0
     for base in dict.fromkeys((start, model_folder, model_folder.parent, model_folder.parent.parent)):
@@ -54,7 +54,7 @@ def find_photo_folder(path: Path, model_folder: Path, names: list[str]) -> Path 
 
 
 def find_photo(folder: Path, name: str) -> Path | None:
-    """The file of a photo below a folder, or None. Of a name that is a whole path the last part will do."""
+    """Find the file of a photo below a folder, or None. Of a name that is a whole path the last part will do."""
     plain = plain_name(name)
     whole = plain != name.replace("\\", "/")
     places = (plain, PurePosixPath(plain).name) if whole else (plain,)

@@ -16,7 +16,7 @@ _SIZE = 0.006
 
 
 def add_points(tree: Tree, points: Points, name: str = "Sparse Points") -> bpy.types.Object | None:
-    """One mesh of loose vertices, drawn as round points; None when the model has no points."""
+    """Return one mesh of loose vertices, drawn as round points; None when the model has no points."""
     if len(points.xyz) == 0:
         return None
     values = {"track_length": points.track_length, "reprojection_error": points.error}

@@ -53,7 +53,7 @@ class Tree:
 
     @classmethod
     def find(cls, scene: bpy.types.Scene) -> Tree | None:
-        """The newest tree of the scene whose empty still exists, or None."""
+        """Find the newest tree of the scene whose empty still exists, or None."""
         for collection in reversed(scene.collection.children_recursive):
             if collection.get(ROLE_KEY) == "tree" and cls(collection).root is not None:
                 return cls(collection)
@@ -77,7 +77,7 @@ class Tree:
         return float(root[RADIUS_KEY]) if root is not None else 1.0
 
     def child(self, kind: str) -> bpy.types.Collection:
-        """The sub-collection of a kind, made when missing."""
+        """Return the sub-collection of a kind, made when missing."""
         found = next((c for c in self.collection.children if c.get(KIND_KEY) == kind), None)
         if found is None:
             found = bpy.data.collections.new(kind)
@@ -95,7 +95,7 @@ class Tree:
             obj.matrix_basis = Matrix(matrix.tolist())
 
     def objects(self, kind: str) -> list[bpy.types.Object]:
-        """The objects of a kind that the add-on made, wherever in the tree they are now."""
+        """Return the objects of a kind that the add-on made, wherever in the tree they are now."""
         return [o for o in objects_below(self.collection) if o.get(KIND_KEY) == kind]
 
     def clear(self, kind: str) -> None:
@@ -107,7 +107,7 @@ class Tree:
 
 
 def objects_below(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
-    """The objects of a collection and of those below it, each once.
+    """Return the objects of a collection and of those below it, each once.
 
     Blender has a list of its own for this, but after an undo it holds freed objects, and reading it ends Blender.
     """

@@ -26,13 +26,13 @@ TOWN_KEY, BUILDING_KEY, JOB_KEY, LIGHT_KEY = "mgf_town", "mgf_building", "mgf_bu
 
 
 def find_town(scene: bpy.types.Scene, folder: Path | None = None) -> bpy.types.Collection | None:
-    """The collection of the town in a folder, or of any."""
+    """Find the collection of the town in a folder, or of any."""
     towns = [c for c in scene.collection.children_recursive if TOWN_KEY in c]
     return next((c for c in towns if folder is None or Path(bpy.path.abspath(c[TOWN_KEY])) == folder), None)
 
 
 def objects_of(top: bpy.types.Collection) -> list[bpy.types.Object]:
-    """The objects of a collection and those in it; Blender's own list of them is stale after an undo."""
+    """Return the objects of a collection and those in it; Blender's own list of them is stale after an undo."""
     return [obj for collection in (top, *top.children_recursive) for obj in collection.objects]
 
 
@@ -110,7 +110,7 @@ def _textured_mesh(name: str, file: Path, folder: Path, to_local: np.ndarray) ->
 
 
 def town_of(obj: bpy.types.Object) -> Path:
-    """The folder of the town that a building is of: its job is ``TOWN/buildings/ID/job``."""
+    """Return the folder of the town that a building is of: its job is ``TOWN/buildings/ID/job``."""
     return Path(bpy.path.abspath(obj[JOB_KEY])).parents[2]
 
 

@@ -71,12 +71,12 @@ class MGF_OT_show_light_building(_OnBuildings):
 
 
 def chosen_buildings(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected objects that are buildings of a town."""
+    """Return the selected objects that are buildings of a town."""
     return [obj for obj in context.selected_objects if JOB_KEY in obj and obj.type == "MESH"]
 
 
 def is_full(obj: bpy.types.Object) -> bool:
-    """Whether a building shows its full mesh."""
+    """Tell whether a building shows its full mesh."""
     return obj.get(LIGHT_KEY) is not None
 
 

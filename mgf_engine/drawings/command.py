@@ -92,7 +92,7 @@ def require_packages() -> None:
 
 
 def read_points(text: str) -> list[list[float]]:
-    """Three points from ``x,y,z x,y,z x,y,z``.
+    """Read three points from ``x,y,z x,y,z x,y,z``.
 
     Raises:
         BadInput: they are not three points of three numbers.

@@ -32,7 +32,7 @@ class ElevationOptions:
 def draw_elevation(
     survey: Survey, planes: Planes, frame: Frame, options: ElevationOptions = ElevationOptions()
 ) -> LineDrawing:
-    """What a frame shows, as lines."""
+    """Draw what a frame shows, as lines."""
     regions = find_regions(survey, planes, frame, options.regions)
     chains = trace(regions.label)
     kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]
@@ -53,7 +53,7 @@ def draw_elevation(
 def classify(
     chain: Chain, regions: Regions, pixel: float, options: ElevationOptions = ElevationOptions()
 ) -> str | None:
-    """The layer of a border between two regions; None where there is nothing to draw."""
+    """Return the layer of a border between two regions; None where there is nothing to draw."""
     if chain.low == NOTHING:
         return OUTLINE
     length = float(np.linalg.norm(np.diff(chain.corners, axis=0), axis=1).sum()) * regions.grid.resolution
@@ -75,7 +75,7 @@ def meeting_line(regions: Regions, chain: Chain) -> Array | None:
 
 
 def with_parts(drawing: LineDrawing, parts: list[Line]) -> LineDrawing:
-    """The drawing with the outlines of parts; other lines inside them, which are but their frames' noise, go."""
+    """Return the drawing with the outlines of parts; other lines inside them, which are but their frames' noise, go."""
     boxes = [(line.points.min(0), line.points.max(0)) for line in parts]
     slack = 0.1 * min((float((high - low).min()) for low, high in boxes), default=0.0)
 

@@ -33,7 +33,7 @@ class FacadeOptions:
 
 
 def find_facades(survey: Survey, options: FacadeOptions = FacadeOptions()) -> list[Facade]:
-    """The facades, in order around the building: from north over east, or from the largest where north is unknown.
+    """Find the facades, in order around the building: from north over east, or from the largest where north is unknown.
 
     Raises:
         BadInput: no wall faces any direction more than others.
@@ -64,7 +64,7 @@ def find_facades(survey: Survey, options: FacadeOptions = FacadeOptions()) -> li
 
 
 def facade_through(survey: Survey, points: Array, name: str, options: FacadeOptions = FacadeOptions()) -> Facade:
-    """The facade through three points [3, 3] of the scene frame.
+    """Return the facade through three points [3, 3] of the scene frame.
 
     Raises:
         BadInput: the points lie on a line, or on a level plane.
@@ -89,7 +89,7 @@ def facade_through(survey: Survey, points: Array, name: str, options: FacadeOpti
 
 
 def plan_frame(survey: Survey, facades: list[Facade]) -> Frame:
-    """The level frame seen from above: x is east where north is known, else along the first facade."""
+    """Return the level frame seen from above: x is east where north is known, else along the first facade."""
     x = np.array([1.0, 0.0, 0.0])
     if not survey.georeference.north_known and facades:
         x = facades[0].frame.x

@@ -49,7 +49,7 @@ def write_geotiff(path: Path, bands: NDArray[Any], grid: Grid, survey: Survey, t
 
 
 def placement(grid: Grid, survey: Survey) -> dict[str, Any]:
-    """``crs`` and ``transform`` of a raster, as rasterio takes them."""
+    """Return ``crs`` and ``transform`` of a raster, as rasterio takes them."""
     from rasterio.crs import CRS
     from rasterio.transform import from_origin
 
@@ -66,13 +66,13 @@ def placement(grid: Grid, survey: Survey) -> dict[str, Any]:
 
 
 def in_crs(frame: Frame, survey: Survey) -> bool:
-    """Whether the axes of a drawing are those of the job's CRS."""
+    """Tell whether the axes of a drawing are those of the job's CRS."""
     level = frame.normal[2] > 0.999999 and frame.x[0] > 0.999999
     return bool(level and survey.georeference.crs is not None)
 
 
 def frame_tags(frame: Frame, survey: Survey) -> dict[str, str]:
-    """Where the drawing's plane lies in the world: a point of the file is ``ORIGIN + x X_AXIS + y Y_AXIS``."""
+    """Return where the drawing's plane lies in the world: a point of the file is ``ORIGIN + x X_AXIS + y Y_AXIS``."""
     vectors = {"X_AXIS": frame.x, "Y_AXIS": frame.y, "NORMAL": frame.normal}
     told = {name: _numbers(vector @ survey.turn) for name, vector in vectors.items()}
     origin = frame.to_local(np.append(-file_shift(frame, survey), 0.0))

@@ -39,7 +39,7 @@ class UpOptions:
 
 
 def read_survey(folder: Path, georeference: Georeference | None = None, options: UpOptions = UpOptions()) -> Survey:
-    """All that a job folder knows about its building.
+    """Read all that a job folder knows about its building.
 
     Args:
         georeference: in the place of the job's own, such as that of the town it belongs to.
@@ -69,7 +69,7 @@ def read_survey(folder: Path, georeference: Georeference | None = None, options:
 
 
 def up_from_walls(mesh: Mesh, guess: Array, options: UpOptions = UpOptions()) -> Array:
-    """The direction that the normals of walls are square to, unit [3]; ``guess`` where there are no walls."""
+    """Return the direction that the normals of walls are square to, unit [3]; ``guess`` where there are no walls."""
     normals, areas = face_normals(mesh), face_areas(mesh)
     up = guess
     for _ in range(options.rounds):
@@ -86,7 +86,7 @@ def up_from_walls(mesh: Mesh, guess: Array, options: UpOptions = UpOptions()) ->
 
 
 def turn_up(up: Array) -> NDArray[np.float64]:
-    """The smallest rotation [3, 3] that takes a unit vector [3] to z."""
+    """Return the smallest rotation [3, 3] that takes a unit vector [3] to z."""
     x, y, z = up
     if z < -0.999999:
         return np.diag([1.0, -1.0, -1.0])

@@ -94,11 +94,11 @@ class Work:
     rows: list[Row] = field(default_factory=list)
 
     def wants(self, *kinds: str) -> bool:
-        """Whether one of these was asked for."""
+        """Tell whether one of these was asked for."""
         return not self.wanted.kinds.isdisjoint(kinds)
 
     def add(self, name: str, **facts: Any) -> Path:
-        """The path of a file to write, on record with what is known about it."""
+        """Return the path of a file to write, on record with what is known about it."""
         self.files[name] = facts
         return self.folder / name
 

@@ -50,7 +50,7 @@ class Frame:
         return self.high - self.low
 
     def to_drawing(self, points: Array) -> Array:
-        """Local frame [..., 3] -> x, y and the distance before the plane, [..., 3]."""
+        """Convert local frame [..., 3] to x, y and the distance before the plane, [..., 3]."""
         return (points - self.origin) @ np.stack([self.x, self.y, self.normal], 1)
 
     def to_local(self, points: Array) -> Array:
@@ -130,11 +130,11 @@ class Survey:
         return self.georeference.unit_name
 
     def local(self, scene_points: Array) -> Array:
-        """Scene frame [..., 3] -> local frame of the drawings [..., 3]."""
+        """Convert scene frame [..., 3] to local frame of the drawings [..., 3]."""
         return np.asarray(self.georeference.local(scene_points) @ self.turn.T)
 
     def normalise(self, points: Array) -> Array:
-        """Local frame of the drawings [..., 3] -> normalised frame [..., 3]."""
+        """Convert local frame of the drawings [..., 3] to normalised frame [..., 3]."""
         return self.scene.to_normalised.apply(self.georeference.scene(points @ self.turn))
 
     def world(self, points: Array) -> Array:

@@ -71,7 +71,7 @@ def paint(
     seen: Seen,
     progress: Callable[[float], None] = lambda share: None,
 ) -> NDArray[np.uint8]:
-    """The orthophoto, RGBA uint8 [H, W, 4]; transparent where no photo shows what a pixel sees."""
+    """Return the orthophoto, RGBA uint8 [H, W, 4]; transparent where no photo shows what a pixel sees."""
     image = np.zeros((seen.face.size, 4), np.uint8)
     pixel, view = _assign(survey, painting, visibility, seen)
     order = np.argsort(view, kind="stable")

@@ -88,7 +88,7 @@ def part_shapes(
     shares: dict[str, NDArray[np.float32]],
     options: PartOutlineOptions = PartOutlineOptions(),
 ) -> tuple[list[tuple[str, Array]], list[tuple[str, NDArray[np.bool_], int, int]]]:
-    """Parts that are rectangles: name, and left, top, right, bottom in pixels, with edges in line.
+    """Return parts that are rectangles: name, and left, top, right, bottom in pixels, with edges in line.
 
     And the others: name, pixels of the part, and where their picture begins in the grid.
     """
@@ -113,7 +113,7 @@ def part_shapes(
 
 
 def layer_of(name: str) -> str:
-    """The layer of a part: what DXF allows of its name."""
+    """Return the layer of a part: what DXF allows of its name."""
     return PART + (re.sub(r"[^A-Z0-9_-]+", "_", name.upper()).strip("_") or "OTHER")
 
 

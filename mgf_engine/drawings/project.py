@@ -40,7 +40,7 @@ class Grid:
         return np.stack([(at[..., 0] - self.left) / self.resolution, (self.top - at[..., 1]) / self.resolution], -1)
 
     def places(self, pixels: Array) -> Array:
-        """Columns and rows [..., 2] -> drawing coordinates [..., 2]."""
+        """Convert columns and rows [..., 2] to drawing coordinates [..., 2]."""
         return np.stack([self.left + pixels[..., 0] * self.resolution, self.top - pixels[..., 1] * self.resolution], -1)
 
 
@@ -58,14 +58,14 @@ class Seen:
     before: NDArray[np.float32]
 
     def points(self, index: NDArray[np.integer]) -> Array:
-        """Local frame points [n, 3] that pixels (flat indices [n]) see."""
+        """Return local frame points [n, 3] that pixels (flat indices [n]) see."""
         row, column = np.divmod(index, self.grid.width)
         at = self.grid.places(np.stack([column, row], 1) + 0.5)
         return self.grid.frame.to_local(np.column_stack([at, self.before.ravel()[index]]))
 
 
 def plan_grid(frame: Frame, resolution: float, unit: str) -> Grid:
-    """The grid over all of a frame.
+    """Return the grid over all of a frame.
 
     Raises:
         BadInput: it would have more than :data:`MOST_PIXELS`.
@@ -84,13 +84,13 @@ def plan_grid(frame: Frame, resolution: float, unit: str) -> Grid:
 
 
 def round_resolution(value: float) -> float:
-    """The next finer resolution that people ask for: 1, 1.5, 2, 3, 4, 5, 6 or 8 times a power of ten."""
+    """Return the next finer resolution that people ask for: 1, 1.5, 2, 3, 4, 5, 6 or 8 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(step for step in STEPS if step * power <= value * (1 + 1e-9)) * power)
 
 
 def see(survey: Survey, grid: Grid) -> Seen:
-    """What the grid's pixels see of the survey's mesh along the normal, from outside."""
+    """Render the survey's mesh at the grid's pixels along the normal, from outside."""
     at = grid.frame.to_drawing(survey.mesh.vertices)
     buffers = render_parallel(np.column_stack([grid.pixels(at), at[:, 2]]), survey.mesh.faces, grid.height, grid.width)
     behind = (survey.normals @ grid.frame.normal <= 0)[buffers.face]

@@ -34,7 +34,7 @@ class QuantityOptions:
 
 
 def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], parts: Sequence[Line]) -> list[Row]:
-    """What is known about a facade.
+    """Measure a facade.
 
     Args:
         deviation: of the wall from its plane in the local unit, NaN beside it, [H, W].
@@ -66,7 +66,7 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
 
 
 def building_rows(survey: Survey, planes: Planes, options: QuantityOptions = QuantityOptions()) -> list[Row]:
-    """Heights over the lowest point, roof planes, and the volume where the mesh is closed."""
+    """Return heights over the lowest point, roof planes, and the volume where the mesh is closed."""
     import trimesh
 
     unit, z = survey.unit, survey.mesh.vertices[:, 2]

@@ -68,18 +68,18 @@ class Regions:
         return np.asarray(a * at[:, 0] + b * at[:, 1] + c)
 
     def normal(self, label: int) -> Array:
-        """Unit normal of a plane in drawing coordinates, towards whoever looks, [3]."""
+        """Return unit normal of a plane in drawing coordinates, towards whoever looks, [3]."""
         a, b, _ = self.slope[label - 1]
         return np.asarray(np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1))
 
 
 def survey_planes(survey: Survey, options: PlanarOptions = PlanarOptions()) -> Planes:
-    """The planes of the survey's mesh, local frame."""
+    """Return the planes of the survey's mesh, local frame."""
     return planes_of(survey.mesh, survey.working_pixel, options)
 
 
 def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOptions = RegionOptions()) -> Regions:
-    """The regions that a frame shows."""
+    """Find the regions that a frame shows."""
     pixel = survey.working_pixel
     resolution = max(options.pixel * pixel, float(frame.size.max()) / options.longest_side)
     seen = see(survey, plan_grid(frame, resolution, survey.unit))

@@ -70,7 +70,7 @@ def section_frames(
 
 
 def cut(survey: Survey, frame: Frame, options: SectionOptions = SectionOptions()) -> Cut:
-    """What the frame's plane cuts."""
+    """Cut the mesh by the frame's plane."""
     pixel = survey.working_pixel
     paths = [frame.to_drawing(path)[:, :2] for path in _paths(survey, frame)]
     paths = [path for path in paths if _length(path) ** 2 > options.least_area * pixel**2]
@@ -236,7 +236,7 @@ def _areas(rings: list[Array], least: float) -> list[Area]:
 
 
 def ring_area(ring: Array) -> float:
-    """Area inside a closed ring [N, 2]."""
+    """Return area inside a closed ring [N, 2]."""
     x, y = (ring - ring[0]).T
     return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))
 

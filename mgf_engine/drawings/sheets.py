@@ -23,7 +23,7 @@ POINTS = 72 / INCH
 
 
 def choose_scale(size: NDArray[np.float64], paper: str, wanted: float | None = None) -> float:
-    """The largest round scale at which a drawing of this width and height fits, or the wanted one.
+    """Choose the largest round scale at which a drawing of this width and height fits, or the wanted one.
 
     Raises:
         BadInput: none does, or the wanted one does not.

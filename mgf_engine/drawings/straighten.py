@@ -59,7 +59,7 @@ class Run:
         return bool(self.along[1] == 0.0)
 
     def nearest(self, point: Array) -> Array:
-        """The point of the line nearest to a point, [2]."""
+        """Return the point of the line nearest to a point, [2]."""
         return np.asarray(self.at + self.along * float(self.along @ (point - self.at)))
 
 
@@ -88,7 +88,7 @@ def straighten(
     known: Array | None = None,
     options: StraightenOptions = StraightenOptions(),
 ) -> Stroke:
-    """A chain as straight runs.
+    """Return a chain as straight runs.
 
     Args:
         corners: [n, 2], drawing coordinates.
@@ -136,7 +136,7 @@ def split(points: Array, tolerance: float) -> list[int]:
 
 
 def crossing(runs: list[Run], place: Array, pixel: float, options: StraightenOptions = StraightenOptions()) -> Array:
-    """Where lines meet near a place [2]: of least squares, level, upright and known lines before others."""
+    """Return where lines meet near a place [2]: of least squares, level, upright and known lines before others."""
     matrix, right = 1e-9 * np.eye(2), 1e-9 * place
     for run in runs:
         across = np.array([-run.along[1], run.along[0]])

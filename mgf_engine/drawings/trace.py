@@ -30,7 +30,7 @@ class Chain:
 
 
 def trace(label: NDArray[np.int32]) -> list[Chain]:
-    """All borders of a label map [H, W]."""
+    """Return all borders of a label map [H, W]."""
     width = label.shape[1] + 1
     first, second, low, high = _cracks(label, width)
     if not len(first):

@@ -18,7 +18,7 @@ SVG_SCALE = 100  # the SVG's own size is that of a print at 1:100
 
 
 def file_shift(frame: Frame, survey: Survey) -> Array:
-    """What is added to drawing coordinates [2] in files: the CRS's easting and northing, or heights."""
+    """Return what is added to drawing coordinates [2] in files: the CRS's easting and northing, or heights."""
     east, north, height = survey.georeference.offset
     if frame.normal[2] > 0.5:
         return np.array([east, north]) if frame.x[0] > 0.999999 else np.zeros(2)
@@ -26,7 +26,7 @@ def file_shift(frame: Frame, survey: Survey) -> Array:
 
 
 def layer_name(layer: str) -> str:
-    """A layer as people read it."""
+    """Return a layer as people read it."""
     return layer.removeprefix(PART).replace("_", " ").lower()
 
 

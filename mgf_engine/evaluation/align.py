@@ -10,7 +10,7 @@ from mgf_engine.evaluation.surfaces import Points, Surface
 
 
 def align_to(source: Surface, target: Surface, scale: bool, rounds: int = 60, count: int = 20_000) -> Points:
-    """The 4x4 similarity that moves ``source`` onto ``target``; starts from where it lies.
+    """Return the 4x4 similarity that moves ``source`` onto ``target``; starts from where it lies.
 
     Each round linearises the point-to-plane distance in rotation, translation and (if ``scale``) scale, with
     weights 1 / (1 + (r / c)^2) and c the median distance, so that parts without a counterpart pull little.
@@ -19,7 +19,7 @@ def align_to(source: Surface, target: Surface, scale: bool, rounds: int = 60, co
 
 
 def align_points(points: Points, target: Surface, scale: bool, rounds: int = 60) -> Points:
-    """The same for points [n, 3], such as those of a laser scan."""
+    """Return the same for points [n, 3], such as those of a laser scan."""
     corners = target.vertices[target.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)

@@ -162,7 +162,7 @@ def _compare_with_scan(args: argparse.Namespace, mesh: Surface) -> dict[str, Any
 
 
 def table(scores: GeometryScores) -> str:
-    """The scores as people read them."""
+    """Return the scores as people read them."""
     rows = ["threshold  accuracy  completeness      F1"]
     for row in zip(scores.thresholds, scores.accuracy, scores.completeness, scores.f1, strict=True):
         rows.append("{:9g}  {:7.2f}%  {:11.2f}%  {:5.2f}%".format(*row))
@@ -192,7 +192,7 @@ def _material_row(name: str, scores: MaterialScores) -> str:
 
 
 def evenness_table(evenness: Evenness) -> str:
-    """The largest planes as people read them."""
+    """Return the largest planes as people read them."""
     mean = evenness.mean
     if mean is None:
         return "evenness: the mesh has no plane to measure"

@@ -61,7 +61,7 @@ def curve_svg(curve: list[dict[str, Any]]) -> str:
 
 
 def smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A centred moving mean over a twentieth of the run; one photo's PSNR says little about the field."""
+    """Return a centred moving mean over a twentieth of the run; one photo's PSNR says little about the field."""
     half = max(1, len(values) // 40)
     padded = np.pad(values, half, mode="edge")
     return np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid")

@@ -42,14 +42,14 @@ def write_error_map(path: Path, mesh: Surface, truth: Surface, threshold: float)
 
 
 def colors(distances: NDArray[np.float64], threshold: float) -> Picture:
-    """RGB uint8 [N, 3] of distances [N]: each stop is twice as far as the one before it."""
+    """Return RGB uint8 [N, 3] of distances [N]: each stop is twice as far as the one before it."""
     stops = threshold * np.array([0.25, 0.5, 1.0, 2.0, 4.0])
     table = np.array([[150, 165, 190], [150, 200, 170], [250, 220, 90], [235, 110, 40], [140, 10, 20]], float)
     return np.column_stack([np.interp(distances, stops, table[:, k]) for k in range(3)]).round().astype(np.uint8)
 
 
 def subdivided(surface: Surface, longest: float) -> Surface:
-    """The same surface with no edge longer than ``longest``, so that colours per vertex show what lies between.
+    """Return the same surface with no edge longer than ``longest``, so that colours per vertex show what lies between.
 
     At most about two million faces: ``longest`` grows where it would take more.
     """

@@ -64,7 +64,7 @@ class Evenness:
 
 
 def measure_evenness(mesh: Surface, ground_pixel: float, samples: int = SAMPLES, seed: int = 0) -> Evenness:
-    """The largest planes of a mesh and how even they are.
+    """Measure the largest planes of a mesh and how even they are.
 
     Args:
         ground_pixel: length that a pixel of the photos covers on the building, in the units of the mesh.
@@ -98,7 +98,7 @@ def measure_evenness(mesh: Surface, ground_pixel: float, samples: int = SAMPLES,
 
 
 def typical_pixel(distances: Sequence[Points], focals: Sequence[float]) -> float:
-    """Length that a pixel covers on what the photos show: the median over the photos.
+    """Return length that a pixel covers on what the photos show: the median over the photos.
 
     Args:
         distances: per photo, how far the sparse points are that it observed; none of photos without any.

@@ -80,7 +80,7 @@ class GeometryScores:
     materials: dict[str, MaterialScores] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
+        """Return plain data for JSON."""
         return asdict(self)
 
 
@@ -110,7 +110,7 @@ class Comparison:
     alignment: Points
 
     def without(self, part: Surface) -> Comparison:
-        """The points of both meshes whose nearest part of the truth is not this one.
+        """Return the points of both meshes whose nearest part of the truth is not this one.
 
         Raises:
             BadInput: no true point is left.
@@ -208,7 +208,7 @@ def compare_surfaces(
     align: str = "none",
     seed: int = 0,
 ) -> Comparison:
-    """What :func:`score_surface` takes its scores from; arguments as there.
+    """Return what :func:`score_surface` takes its scores from; arguments as there.
 
     Raises:
         BadInput: too many samples, nothing inside the crop, or no true point seen.
@@ -246,7 +246,7 @@ def mask_iou(found: NDArray[np.bool_], true: NDArray[np.bool_], valid: NDArray[n
 
 
 def colmap_cameras(scene: Path) -> list[SeeingCamera]:
-    """The registered cameras of a COLMAP model.
+    """Return the registered cameras of a COLMAP model.
 
     Raises:
         BadInput: no model is found or it has no registered image.
@@ -255,7 +255,7 @@ def colmap_cameras(scene: Path) -> list[SeeingCamera]:
 
 
 def colmap_pixel(scene: Path, longest_side: int) -> float:
-    """Length that a pixel of photos with this longest side covers on what they show, in the units of the scene.
+    """Return length that a pixel of photos with this longest side covers on what they show, in the units of the scene.
 
     Raises:
         BadInput: no model is found, or it has no registered image or no point.
@@ -275,7 +275,7 @@ def colmap_pixel(scene: Path, longest_side: int) -> float:
 def cameras_of(
     model: Path, mask_of: Callable[[str], NDArray[np.bool_] | None] = lambda name: None
 ) -> list[SeeingCamera]:
-    """The registered cameras of the COLMAP model in a folder, in the order of their photos' names.
+    """Return the registered cameras of the COLMAP model in a folder, in the order of their photos' names.
 
     Args:
         mask_of: name of a photo -> its mask, see :class:`SeeingCamera`.
@@ -309,7 +309,7 @@ def _read_model(model: Path) -> tuple[Any, list[Any]]:
 
 
 def moved(mesh: Surface, matrix: Any) -> Surface:
-    """The mesh after a similarity [4, 4]."""
+    """Return the mesh after a similarity [4, 4]."""
     matrix = np.asarray(matrix, dtype=np.float64)
     return Surface(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)
 

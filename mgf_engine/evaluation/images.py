@@ -91,7 +91,7 @@ def _box(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
 
 
 def mean_scores(scores: list[Scores]) -> Scores:
-    """The mean of each score over the views that have it (views count alike, as in the literature)."""
+    """Return the mean of each score over the views that have it (views count alike, as in the literature)."""
 
     def mean(name: str) -> float | None:
         values = [value for s in scores if (value := getattr(s, name)) is not None]

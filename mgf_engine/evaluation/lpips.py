@@ -134,6 +134,6 @@ def read_lpips(network: str, trunk: Path, linear: Path) -> Lpips:
 
 
 def how_to_get() -> str:
-    """How to get LPIPS, as half a sentence."""
+    """Return how to get LPIPS, as half a sentence."""
     size = sum(f.size for f in WEIGHTS["lpips-alex"]) / 1e6
     return f"'mgf weights --model lpips-alex' fetches its network ({size:.0f} MB)"

@@ -26,7 +26,7 @@ class Materials:
 
 
 def read_materials(truth: Path, faces: int) -> Materials | None:
-    """The materials beside a true mesh; None where there are none.
+    """Read the materials beside a true mesh; None where there are none.
 
     Args:
         faces: how many faces the mesh has.

@@ -46,7 +46,7 @@ def mask_overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray
 
 
 def normal_picture(normals: NDArray[np.floating], alpha: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Normals [h, w, 3] as colours: red to the right, green up, blue towards the camera; white where alpha is 0.
+    """Return normals [h, w, 3] as colours: red to the right, green up, blue towards the camera; white where alpha is 0.
 
     Args:
         normals: in the camera's frame (x right, y down, z forward), of any length.
@@ -60,21 +60,21 @@ def normal_picture(normals: NDArray[np.floating], alpha: NDArray[np.floating]) -
 
 
 def error_picture(photo: NDArray[np.uint8], render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Absolute colour error inside the mask, dark (none) to yellow (:data:`ERROR_LIMIT` or more)."""
+    """Return absolute colour error inside the mask, dark (none) to yellow (:data:`ERROR_LIMIT` or more)."""
     error = np.abs(photo.astype(np.float64) - render).mean(-1) / 255.0 / ERROR_LIMIT
     colors = cv2.applyColorMap((error.clip(0, 1) * 255).astype(np.uint8), cv2.COLORMAP_INFERNO)
     return np.where(mask[..., None], cv2.cvtColor(colors, cv2.COLOR_BGR2RGB), 40).astype(np.uint8)
 
 
 def on_white(render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The render inside the mask, white outside."""
+    """Return the render inside the mask, white outside."""
     return np.where(mask[..., None], render, 255).astype(np.uint8)
 
 
 def turntable(
     mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = (480, 360), relief: bool = False
 ) -> list[NDArray[np.uint8]]:
-    """The mesh (normalised frame) from ``count`` sides; up is where the photographers' cameras say it is.
+    """Return the mesh (normalised frame) from ``count`` sides; up is where the photographers' cameras say it is.
 
     Args:
         relief: without colours and lit from the side, so that pits show.

@@ -196,7 +196,7 @@ def _render(data: ReportData) -> str:
 
 
 def embed(picture: Picture, side: int = _PICTURE_SIDE) -> str:
-    """A picture as a ``data:`` address, shrunk to ``side`` pixels at most (never enlarged)."""
+    """Return a picture as a ``data:`` address, shrunk to ``side`` pixels at most (never enlarged)."""
     image = shrunk(read_rgb(picture) if isinstance(picture, Path) else picture, side)
     bgr = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2BGR)
     ok, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
@@ -206,7 +206,7 @@ def embed(picture: Picture, side: int = _PICTURE_SIDE) -> str:
 
 
 def shrunk(image: NDArray[np.uint8], side: int = _PICTURE_SIDE) -> NDArray[np.uint8]:
-    """A picture as the page shows it, ``side`` pixels at most (never enlarged)."""
+    """Return a picture as the page shows it, ``side`` pixels at most (never enlarged)."""
     scale = min(1.0, side / max(image.shape[:2]))
     if scale == 1.0:
         return image
@@ -215,7 +215,7 @@ def shrunk(image: NDArray[np.uint8], side: int = _PICTURE_SIDE) -> NDArray[np.ui
 
 
 def duration(seconds: float | None) -> str:
-    """Seconds as people say them: ``0.42 s``, ``12.3 s``, ``4 min 05 s``, ``2 h 03 min``."""
+    """Return seconds as people say them: ``0.42 s``, ``12.3 s``, ``4 min 05 s``, ``2 h 03 min``."""
     if seconds is None:
         return "–"
     if seconds < 1:
@@ -229,7 +229,7 @@ def duration(seconds: float | None) -> str:
 
 
 def memory(count: int | None) -> str:
-    """Bytes as MB or GB (powers of ten)."""
+    """Return bytes as MB or GB (powers of ten)."""
     if count is None:
         return "–"
     return f"{count / 1e9:.2f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
@@ -253,7 +253,7 @@ def _bars(rows: list[tuple[str, float]]) -> list[tuple[str, float, float, float]
 
 
 def plain_data(value: Any) -> Any:
-    """Only what JSON knows: numpy numbers become Python's, paths text, what is not finite null."""
+    """Return only what JSON knows: numpy numbers become Python's, paths text, what is not finite null."""
     if isinstance(value, dict):
         return {str(k): plain_data(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

@@ -111,7 +111,7 @@ def _covered(mesh: Surface, points: Points, reach: float) -> float:
 
 
 def scan_table(scores: ScanScores) -> str:
-    """The scores as people read them."""
+    """Return the scores as people read them."""
     rows = [
         f"{scores.used} scan points on the mesh, {scores.left_out} farther away than {scores.reach:.3g}; "
         f"{100 * scores.covered:.1f}% of the mesh has scan points near it",

@@ -17,7 +17,7 @@ NEEDED = {".las": ("laspy",), ".laz": ("laspy", "lazrs"), ".e57": ("pye57",), ".
 
 
 def read_scan(path: Path) -> Points:
-    """The points of a scan, [N, 3], in the file's coordinates.
+    """Read the points of a scan, [N, 3], in the file's coordinates.
 
     Raises:
         BadInput: the file is missing, damaged, of another kind, or needs a package that is not installed.

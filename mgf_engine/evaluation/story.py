@@ -14,7 +14,7 @@ _STARTS = {
 
 
 def placing(config: Config, iterations: int) -> list[str]:
-    """Three sentences: where it started, what the field decides, and what places it in the end.
+    """Return three sentences: where it started, what the field decides, and what places it in the end.
 
     Args:
         iterations: of training.

@@ -101,7 +101,7 @@ class Surface:
         return tree
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Points, Faces]:
-        """Points uniform by area, systematic over the faces: points [count, 3], face of each [count]."""
+        """Return points uniform by area, systematic over the faces: points [count, 3], face of each [count]."""
         steps = (np.arange(count) + rng.random(count)) / count * self.areas.sum()
         face = np.minimum(np.searchsorted(np.cumsum(self.areas), steps, side="right"), len(self.faces) - 1)
         u, v = rng.random((2, count))
@@ -110,21 +110,21 @@ class Surface:
         return np.einsum("nk,nkd->nd", weights, self.vertices[self.faces[face]]), face.astype(np.int64)
 
     def normals(self, faces: Faces) -> Points:
-        """Unit normals of faces [N], [N, 3]; zero for those without area."""
+        """Return unit normals of faces [N], [N, 3]; zero for those without area."""
         double = 2.0 * self.areas[faces, None]
         return np.divide(self._double[faces], double, out=np.zeros((len(faces), 3)), where=double > 0)
 
     def distances(self, points: Points) -> Points:
-        """Distance of each point to the surface, [N]."""
+        """Return distance of each point to the surface, [N]."""
         return np.sqrt(self.closest(points)[0])
 
     def closest(self, points: Points) -> tuple[Points, Faces, Points]:
-        """Squared distance [N], face [N] and closest point [N, 3] on the surface."""
+        """Return squared distance [N], face [N] and closest point [N, 3] on the surface."""
         squared, face, spot = self._tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
         return squared, face, spot
 
     def first_hits(self, eye: Points, rays: Points) -> tuple[Faces, Points]:
-        """First face each ray from one eye meets [N] (-1: none), and where along the ray (1: at its end) [N]."""
+        """Return first face each ray from one eye meets [N] (-1: none), and where along the ray (1: at its end) [N]."""
         origins = np.repeat(eye[None], len(rays), axis=0)
         face, share, _ = self._tree.intersect_ray_first(self.vertices, self.faces, origins, rays)
         return face, share
@@ -184,7 +184,7 @@ def _pieces(edges: NDArray[np.int64], used: NDArray[np.int64]) -> int:
 
 
 def read_surface(path: Path) -> Surface:
-    """A mesh file (PLY, OBJ, GLB, STL, OFF) as one surface.
+    """Read a mesh file (PLY, OBJ, GLB, STL, OFF) as one surface.
 
     Raises:
         BadInput: the file is missing, unreadable or holds no triangles.

@@ -107,7 +107,7 @@ def _write_other_formats(mesh: Mesh, texture: Texture | None, job: Job) -> None:
 
 
 def camera_to_scene(view: View, scene: Scene) -> NDArray[np.float64]:
-    """[4, 4] COLMAP camera axes -> scene frame, in the scene's own units."""
+    """Return the matrix [4, 4] from COLMAP camera axes to the scene frame, in the scene's own units."""
     matrix = np.eye(4)
     matrix[:3, :3] = scene.to_normalised.rotation.T @ view.rotation.T
     matrix[:3, 3] = scene.to_normalised.invert(view.centre)

@@ -67,7 +67,7 @@ def write_checkpoint(checkpoint: Checkpoint, path: Path) -> None:
 
 
 def read_checkpoint(path: Path) -> Checkpoint | None:
-    """The checkpoint at ``path``, or None when there is none or it is damaged (training then starts over)."""
+    """Read the checkpoint at ``path``, or None when there is none or it is damaged (training then starts over)."""
     if not path.exists():
         return None
     try:

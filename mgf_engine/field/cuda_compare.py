@@ -88,7 +88,7 @@ def same_training(n: int, width: int, height: int) -> bool:
 
 
 def too_far(differences: dict[str, float]) -> list[str]:
-    """The figures of :func:`compare` that are beyond their limits, or not numbers."""
+    """Return the figures of :func:`compare` that are beyond their limits, or not numbers."""
     limits = {"loss": LOSS_LIMIT}
     return [
         name

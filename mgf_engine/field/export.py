@@ -72,7 +72,7 @@ def offset_of(field: Gaussians, to_normalised: Similarity) -> tuple[float, float
 
 
 def rotate_sh(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[16, 16] matrix M with ``Y(d) @ (M c) = Y(rotation @ d) @ c`` for every direction d.
+    """Return [16, 16] matrix M with ``Y(d) @ (M c) = Y(rotation @ d) @ c`` for every direction d.
 
     Found by least squares over more directions than coefficients, which is exact because rotations keep each
     degree's space.

@@ -29,14 +29,14 @@ class Optimiser:
         self.step_count = 0
 
     def to(self, device: torch.device) -> Optimiser:
-        """The same on a device."""
+        """Return the same on a device."""
         moved = Optimiser(self.field.to(device))
         moved.moments = {name: (a.to(device), b.to(device)) for name, (a, b) in self.moments.items()}
         moved.step_count = self.step_count
         return moved
 
     def leaves(self) -> Gaussians:
-        """The field with gradients switched on, to render and differentiate."""
+        """Return the field with gradients switched on, to render and differentiate."""
         for name in TRAINED:
             getattr(self.field, name).requires_grad_(True).grad = None
         return self.field

@@ -66,7 +66,7 @@ def _masks(labels: Tensor, label_weight: Tensor, elements: int) -> Iterator[tupl
 
 
 def ms_ssim(color: Tensor, pixels: Pixels, mask: Tensor, ssim: Tensor, contrast: Tensor) -> Tensor:
-    """Multi-scale SSIM pooled over one mask; see :func:`mgf_engine.raster.loss.ms_ssim`.
+    """Return multi-scale SSIM pooled over one mask; see :func:`mgf_engine.raster.loss.ms_ssim`.
 
     Args:
         mask: bool [h, w].

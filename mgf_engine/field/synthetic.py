@@ -40,7 +40,7 @@ def building(n: int, seed: int = 0, size: float = 0.02) -> Gaussians:
 
 
 def corner_view(width: int, height: int) -> Camera:
-    """A camera that sees two walls and the roof, five units away."""
+    """Return a camera that sees two walls and the roof, five units away."""
     centre = np.array([3.0, -3.4, 2.2])
     forward = np.array([0.0, 0.0, -0.1]) - centre
     forward /= np.linalg.norm(forward)

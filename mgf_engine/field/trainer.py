@@ -248,7 +248,7 @@ class _Trainer:
 
 
 def training_views(scene: Scene, masks: MaskSet) -> list[int]:
-    """Views with a mask worth training on that are not held out.
+    """Return views with a mask worth training on that are not held out.
 
     Raises:
         BadInput: none is left.

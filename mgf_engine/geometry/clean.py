@@ -28,13 +28,13 @@ def face_areas(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def vertex_areas(mesh: Mesh) -> NDArray[np.float64]:
-    """A third of the area of the faces around each vertex, [N]."""
+    """Return a third of the area of the faces around each vertex, [N]."""
     shares = np.repeat(face_areas(mesh) / 3, 3)
     return np.asarray(np.bincount(mesh.faces.ravel(), shares, len(mesh.vertices)), np.float64)
 
 
 def with_faces(mesh: Mesh, faces: NDArray[np.int32]) -> Mesh:
-    """The mesh of these faces, without vertices they do not use."""
+    """Return the mesh of these faces, without vertices they do not use."""
     used = np.zeros(len(mesh.vertices), bool)
     used[faces.ravel()] = True
     index = np.cumsum(used, dtype=np.int32) - np.int32(1)
@@ -42,7 +42,7 @@ def with_faces(mesh: Mesh, faces: NDArray[np.int32]) -> Mesh:
 
 
 def weld(mesh: Mesh) -> Mesh:
-    """Vertices at one place become one; faces with two equal corners and repeated faces go.
+    """Return vertices at one place become one; faces with two equal corners and repeated faces go.
 
     Vertices and faces come out in an order in which those close together in space follow each other.
     """
@@ -60,7 +60,7 @@ def weld(mesh: Mesh) -> Mesh:
 
 
 def parts(mesh: Mesh) -> NDArray[np.int32]:
-    """Which connected part (by shared edges) each face belongs to, int32 [F]."""
+    """Label the connected parts (by shared edges) of the faces, int32 [F]."""
     return mesh.adjacency.parts()
 
 
@@ -156,13 +156,13 @@ def split_nonmanifold(mesh: Mesh) -> Mesh:
 
 
 def edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """An undirected key for each of the three edges of each face [3 F], and the face it belongs to."""
+    """Return an undirected key for each of the three edges of each face [3 F], and the face it belongs to."""
     a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     key = np.minimum(a, b) << 32 | np.maximum(a, b)
     return key, np.repeat(np.arange(len(faces)), 3)
 
 
 def open_edges(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Edges with one face only, in the direction of that face."""
+    """Return edges with one face only, in the direction of that face."""
     alone = mesh.adjacency.open_edges()
     return mesh.faces[alone], np.roll(mesh.faces, -1, axis=1)[alone]

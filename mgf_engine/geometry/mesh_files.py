@@ -33,7 +33,7 @@ _PLY_TYPES = {"u1": "uchar", "i4": "int", "f4": "float", "f8": "double"}
 
 
 def in_scene(mesh: Mesh, to_normalised: Similarity) -> Mesh:
-    """The mesh in the scene frame."""
+    """Return the mesh in the scene frame."""
     return replace(mesh, vertices=to_normalised.invert(mesh.vertices))
 
 
@@ -96,7 +96,7 @@ def write_texture(texture: Texture, folder: Path) -> None:
 
 
 def read_texture(folder: Path) -> Texture:
-    """What :func:`write_texture` wrote.
+    """Return what :func:`write_texture` wrote.
 
     Raises:
         BadInput: a file is missing or damaged.
@@ -112,7 +112,7 @@ def read_texture(folder: Path) -> Texture:
 
 
 def encode_jpeg(texture: Texture) -> bytes:
-    """The texture's picture as a JPEG file."""
+    """Return the texture's picture as a JPEG file."""
     ok, data = cv2.imencode(".jpg", cv2.cvtColor(texture.image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     if not ok:
         raise RuntimeError(f"could not encode a texture of {texture.image.shape}")
@@ -215,7 +215,7 @@ def _as_encoded(path: Path) -> Any:
 
 
 def needs_double(vertices: NDArray[np.float64]) -> bool:
-    """Whether float32 would round coordinates by more than :data:`PRECISION` of the mesh's size."""
+    """Tell whether float32 would round coordinates by more than :data:`PRECISION` of the mesh's size."""
     if len(vertices) == 0:
         return False
     size = max(float(np.ptp(vertices, axis=0).max()), 1e-300)

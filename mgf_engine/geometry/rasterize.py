@@ -43,7 +43,7 @@ def corners(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
 
 
 def render_mesh(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -> MeshBuffers:
-    """Depth and faces of ``mesh`` (normalised frame) from ``view``.
+    """Render depth and faces of ``mesh`` (normalised frame) from ``view``.
 
     Args:
         at: :func:`corners` of the mesh's vertices, where they are known already.
@@ -60,7 +60,7 @@ def seen_faces(faces: NDArray[np.int32], view: View, at: NDArray[np.float64]) ->
 
 
 def render_parallel(at: NDArray[np.float64], faces: NDArray[np.int32], height: int, width: int) -> MeshBuffers:
-    """What parallel rays see of faces [F, 3].
+    """Render faces [F, 3] along parallel rays.
 
     Args:
         at: of each vertex [N, 3]: column and row in pixels, and how near it is (larger is nearer, any unit).
@@ -97,7 +97,7 @@ def _zbuffer(
 
 
 def face_normals(mesh: Mesh) -> NDArray[np.float64]:
-    """Outward unit normals [F, 3]; zero for faces without area."""
+    """Return outward unit normals [F, 3]; zero for faces without area."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -107,7 +107,7 @@ def face_normals(mesh: Mesh) -> NDArray[np.float64]:
 def shaded(
     mesh: Mesh, view: View, color: bool = False, oversample: int = 2, from_side: bool = False
 ) -> NDArray[np.uint8]:
-    """A picture of the mesh, RGB uint8 [H, W, 3] on white.
+    """Return a picture of the mesh, RGB uint8 [H, W, 3] on white.
 
     Args:
         color: with the vertex colours instead of clay; faces seen from behind are reddish either way.
@@ -147,7 +147,7 @@ def _from_side(
 
 
 def scaled_view(view: View, factor: float) -> View:
-    """The same camera with pictures ``factor`` times as large."""
+    """Return the same camera with pictures ``factor`` times as large."""
     width, height = round(view.width * factor), round(view.height * factor)
     sx, sy = width / view.width, height / view.height
     return replace(view, width=width, height=height, fx=view.fx * sx, fy=view.fy * sy, cx=view.cx * sx, cy=view.cy * sy)

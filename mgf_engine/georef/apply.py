@@ -68,7 +68,7 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
 
 
 def plain(survey: GeoreferenceFit) -> dict[str, Any]:
-    """The figures of a survey with null for what is not finite, as JSON has no such numbers."""
+    """Return the figures of a survey with null for what is not finite, as JSON has no such numbers."""
     from mgf_engine.evaluation.report import plain_data
 
     found: dict[str, Any] = plain_data(survey_figures(survey))

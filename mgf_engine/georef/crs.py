@@ -24,7 +24,7 @@ SURVEY = "pip install 'mgf-engine[survey]'"
 
 
 def proj() -> Any:
-    """The module pyproj.
+    """Return the module pyproj.
 
     Raises:
         BadInput: it is not installed.
@@ -40,7 +40,7 @@ def proj() -> Any:
 
 
 def enu(places: Array, origin: Array) -> Array:
-    """Latitude, longitude, height [N, 3] -> metres east, north and up of the origin [3] on WGS 84, [N, 3]."""
+    """Convert latitude, longitude, height [N, 3] to metres east, north and up of the origin [3] on WGS 84, [N, 3]."""
     transform = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
     return np.asarray(transform.ellipsoid_to_enu(places, *origin.tolist()))
 
@@ -93,12 +93,12 @@ class Projection:
         self.vertical = len(self.crs.axis_info) > 2
 
     def project(self, places: Array) -> Array:
-        """Latitude, longitude, height [N, 3] -> easting, northing, height [N, 3]; inf where there is none."""
+        """Convert latitude, longitude, height [N, 3] to easting, northing, height [N, 3]; inf where there is none."""
         x, y, z = self.to_wgs84.transform(places[:, 1], places[:, 0], places[:, 2], direction="INVERSE")
         return np.stack([x, y, z], 1)
 
     def places(self, points: Array) -> Array:
-        """Easting, northing, height [N, 3] -> latitude, longitude, ellipsoidal height [N, 3]."""
+        """Convert easting, northing, height [N, 3] to latitude, longitude, ellipsoidal height [N, 3]."""
         longitude, latitude, height = self.to_wgs84.transform(points[:, 0], points[:, 1], points[:, 2])
         return np.stack([latitude, longitude, height], 1)
 
@@ -118,7 +118,7 @@ class Projection:
         return str(self.crs.area_of_use.name).rstrip(".") if self.crs.area_of_use is not None else "unknown"
 
     def heights(self) -> tuple[str, str]:
-        """What heights of the CRS are, and a sentence where a grid for them is missing, else empty."""
+        """Return what heights of the CRS are, and a sentence where a grid for them is missing, else empty."""
         if not self.vertical or self.crs.is_geographic:
             return "ellipsoidal", ""
         with warnings.catch_warnings():
@@ -141,7 +141,7 @@ class Projection:
 
 
 def plain_name(text: str) -> str:
-    """A CRS as pyproj reads it: a bare number is a code of EPSG; ODM's ``WGS84 UTM 32N`` is one, too."""
+    """Return a CRS as pyproj reads it: a bare number is a code of EPSG; ODM's ``WGS84 UTM 32N`` is one, too."""
     text = text.strip()
     if re.fullmatch(r"\d{4,6}", text):
         return f"EPSG:{text}"
@@ -154,7 +154,7 @@ def plain_name(text: str) -> str:
 
 
 def utm_zone(latitude: float, longitude: float) -> str:
-    """The code of the UTM zone on WGS 84 of a place, without the exceptions of Norway and Svalbard."""
+    """Return the code of the UTM zone on WGS 84 of a place, without the exceptions of Norway and Svalbard."""
     zone = int(np.clip((longitude + 180) // 6, 0, 59)) + 1
     return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
 

@@ -54,7 +54,7 @@ def write_georeferenced(
 
 
 def comments(georeference: Georeference) -> list[str]:
-    """What the coordinates are, for the heads of files, in ASCII."""
+    """Return what the coordinates are, for the heads of files, in ASCII."""
     x, y, z = georeference.offset
     axes = "x east, y north, z up" if georeference.north_known else "z up"
     lines = [f"local coordinates in metres, {axes}"]
@@ -68,7 +68,7 @@ def comments(georeference: Georeference) -> list[str]:
 
 
 def extras(georeference: Georeference) -> dict[str, Any]:
-    """The same for glTF."""
+    """Return the same for glTF."""
     return {
         "crs": georeference.crs, "offset": list(georeference.offset), "unit": georeference.unit,
         "axes": "x east, y up, z south; add the offset (easting, northing, height) to (x, -z, y)",

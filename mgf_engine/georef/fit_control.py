@@ -115,7 +115,7 @@ def control_rows(
     offset: Array,
     used: set[str],
 ) -> tuple[ControlRow, ...]:
-    """A row for each point, in the order of the file; ``used``: names of those that took part in the fit."""
+    """Return a row for each point, in the order of the file; ``used``: names of those that took part in the fit."""
     rows = []
     for p in points:
         found = placed.get(p.name)
@@ -169,7 +169,7 @@ def _misfit_text(
 
 
 def mark_error(scene: Scene, placed: Placed, sd: float) -> float:
-    """How far marks with errors of ``sd`` pixels of the photos as taken move a point, normalised units."""
+    """Return how far marks with errors of ``sd`` pixels of the photos as taken move a point, normalised units."""
     kept = [mark.view for mark, ok in zip(placed.marks, placed.good, strict=True) if ok]
     views = [scene.views[index] for index in kept]
     pixel = [np.linalg.norm(placed.position - v.centre) / v.fx * v.width / v.original_width for v in views]

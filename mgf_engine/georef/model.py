@@ -93,19 +93,19 @@ class Georeference:
         return _UNITS_NAME[self.unit]
 
     def local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Scene frame -> local frame; points [..., 3]."""
+        """Convert scene frame to local frame; points [..., 3]."""
         return points @ self.to_local[:3, :3].T + self.to_local[:3, 3]
 
     def scene(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Local frame -> scene frame; points [..., 3]."""
+        """Convert local frame to scene frame; points [..., 3]."""
         return (points - self.to_local[:3, 3]) @ np.linalg.inv(self.to_local[:3, :3]).T
 
     def world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Scene frame -> coordinates of the CRS, float64; points [..., 3]."""
+        """Convert scene frame to coordinates of the CRS, float64; points [..., 3]."""
         return self.local(points) + np.array(self.offset)
 
     def from_world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Coordinates of the CRS -> scene frame; points [..., 3]."""
+        """Convert coordinates of the CRS to scene frame; points [..., 3]."""
         return self.scene(points - np.array(self.offset))
 
 
@@ -117,7 +117,7 @@ def write_georeference(georeference: Georeference, folder: Path) -> None:
 
 
 def read_georeference(folder: Path) -> Georeference:
-    """The georeference in a job folder; the scene's own frame and units where it holds none.
+    """Read the georeference in a job folder; the scene's own frame and units where it holds none.
 
     Raises:
         BadInput: the file is damaged or of a newer version.

@@ -26,7 +26,7 @@ _UP = {"walls": "vertical edges of the building", "tags": "the photos' gravity t
 
 
 def survey_html(survey: GeoreferenceFit, scene: Scene) -> str:
-    """The section of the report, between two marks by which a later one finds and replaces it."""
+    """Return the section of the report, between two marks by which a later one finds and replaces it."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -41,7 +41,7 @@ def survey_html(survey: GeoreferenceFit, scene: Scene) -> str:
 
 
 def survey_figures(survey: GeoreferenceFit) -> dict[str, Any]:
-    """The same for ``report.json``: plain data, metres and pixels."""
+    """Return the same for ``report.json``: plain data, metres and pixels."""
     now = survey.georeference
     points = [] if survey.control is None else [_figures_of(row) for row in survey.control.rows]
     return {
@@ -70,7 +70,7 @@ def replace_section(page: Path, html: str, begin: str = BEGIN, end: str = END) -
 
 
 def facts(survey: GeoreferenceFit) -> list[tuple[str, str]]:
-    """Label and text of what is known."""
+    """Return label and text of what is known."""
     now = survey.georeference
     rows = [("found by", _HOW[now.method]), ("coordinates", now.crs or f"local frame, {now.unit}")]
     if any(now.offset):

@@ -40,14 +40,14 @@ def umeyama(source: Array, target: Array, weights: Array | None = None) -> Array
 
 
 def matrix_of(scale: float, rotation: Array, translation: Array) -> Array:
-    """A similarity as a matrix [4, 4]."""
+    """Return a similarity as a matrix [4, 4]."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = scale * rotation, translation
     return matrix
 
 
 def applied(matrix: Array, points: Array) -> Array:
-    """Points [..., 3] after a similarity [4, 4]."""
+    """Return points [..., 3] after a similarity [4, 4]."""
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
@@ -58,7 +58,7 @@ def straightness(points: Array) -> float:
 
 
 def consensus(source: Array, target: Array, tolerance: Array, seed: int = 0) -> NDArray[np.bool_]:
-    """Points [N] that one similarity explains within ``tolerance`` [N]: the largest such set that was found.
+    """Return points [N] that one similarity explains within ``tolerance`` [N]: the largest such set that was found.
 
     All triples are tried while there are few, else a fixed number of random ones; triples on a line are passed over.
     """
@@ -80,7 +80,7 @@ def consensus(source: Array, target: Array, tolerance: Array, seed: int = 0) -> 
 
 
 def adjusted(matrix: Array, source: Array, target: Array, sd: Array, up: Direction | None = None) -> Array:
-    """The similarity improved by least squares of residuals over their accuracies.
+    """Return the similarity improved by least squares of residuals over their accuracies.
 
     Args:
         matrix: where to begin.

@@ -33,7 +33,7 @@ class Table:
     notes: list[str]
 
     def number(self, row: int, column: int) -> float:
-        """The number in a field.
+        """Return the number in a field.
 
         Raises:
             BadInput: it is none.
@@ -45,7 +45,7 @@ class Table:
         return found
 
     def text(self, row: int, column: int | None) -> str:
-        """The text in a field; empty where there is none."""
+        """Return the text in a field; empty where there is none."""
         return self.rows[row][column] if column is not None and column < len(self.rows[row]) else ""
 
 
@@ -74,7 +74,7 @@ def read_table(path: Path, names: Mapping[str, tuple[str, ...]]) -> Table:
 
 
 def read_text(path: Path) -> str:
-    """A small text file in UTF-8 or, where it is not, the Western code page.
+    """Read a small text file in UTF-8 or, where it is not, the Western code page.
 
     Raises:
         BadInput: it cannot be read, or is no text.
@@ -94,7 +94,7 @@ def read_text(path: Path) -> str:
 
 
 def number_in(text: str) -> float | None:
-    """The number a field holds, with decimal point or comma; None where it holds none."""
+    """Return the number a field holds, with decimal point or comma; None where it holds none."""
     text = text.strip()
     if re.fullmatch(r"[+-]?\d+,\d+", text):
         text = text.replace(",", ".")

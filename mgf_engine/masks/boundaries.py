@@ -15,7 +15,7 @@ from mgf_engine.model.masks import building
 
 
 def boundaries(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """``M_bd`` of eq. 12: pixels with a 4-neighbour of another label; labels [H, W] -> bool [H, W]."""
+    """Find the pixels with a 4-neighbour of another label, ``M_bd`` of eq. 12; labels [H, W] -> bool [H, W]."""
     result = np.zeros(labels.shape, bool)
     vertical, horizontal = labels[1:] != labels[:-1], labels[:, 1:] != labels[:, :-1]
     result[1:] |= vertical

@@ -56,7 +56,7 @@ def _tile(photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note:
 
 
 def overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The photo (RGB) with everything outside dimmed and the outline drawn; BGR uint8 [H, W, 3]."""
+    """Return the photo (RGB) with everything outside dimmed and the outline drawn; BGR uint8 [H, W, 3]."""
     result = np.ascontiguousarray(photo[..., ::-1])
     inside = building(labels)
     values = np.arange(256, dtype=np.float32)[:, None]

@@ -61,7 +61,7 @@ def _blurred(values: NDArray[Any], size: tuple[int, int], sigma: float) -> NDArr
 
 
 def enlarge(values: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Values of a reduced photo at every pixel of the whole one, [H, W] or [H, W, C]."""
+    """Return values of a reduced photo at every pixel of the whole one, [H, W] or [H, W, C]."""
     return np.asarray(cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
@@ -73,7 +73,7 @@ def distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray
 
 
 def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
-    """Pixels within a radius of the mask, [H, W]: dilation with a disc."""
+    """Return pixels within a radius of the mask, [H, W]: dilation with a disc."""
     if not mask.any():
         return np.zeros_like(mask)
     return np.asarray(_distance(~mask) <= radius + RIM, bool)

@@ -74,7 +74,7 @@ def add_elements(
     sam: EfficientSam | None,
     options: PartOptions = PartOptions(),
 ) -> tuple[NDArray[np.uint8], dict[int, str]]:
-    """Label map with elements from 2 up, and the user's names of clicked ones.
+    """Return label map with elements from 2 up, and the user's names of clicked ones.
 
     Args:
         labels: level one [H, W].
@@ -110,7 +110,7 @@ def add_elements(
 def colour_fields(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], options: PartOptions = PartOptions()
 ) -> NDArray[np.int32]:
-    """Fields of even colour inside the building, int32 [H, W], from 0; -1 outside."""
+    """Return fields of even colour inside the building, int32 [H, W], from 0; -1 outside."""
     count, result = 0, np.full(inside.shape, -1, np.int32)
     around = _around(inside, options)
     held, building_here = np.ascontiguousarray(photo[around]), inside[around]
@@ -132,7 +132,7 @@ def colour_fields(
 def good_fields(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32], options: PartOptions = PartOptions()
 ) -> list[Element]:
-    """Fields of a sensible size that stand out from what is around them."""
+    """Return fields of a sensible size that stand out from what is around them."""
     around = _around(inside, options)
     lab = lab_of(photo[around])
     total, sizes = int(inside.sum()), np.bincount(fields[fields >= 0])

@@ -87,7 +87,7 @@ def decide(votes: Votes, tolerance: float) -> NDArray[np.bool_]:
 def project_votes(
     points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
 ) -> Votes:
-    """Votes by projection (eq. 2): every view with the point in front of it and inside its frame."""
+    """Return votes by projection (eq. 2): every view with the point in front of it and inside its frame."""
 
     def cast(index: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         view = scene.views[index]
@@ -106,7 +106,7 @@ def project_votes(
 
 
 def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int) -> Votes:
-    """Votes of the photos that observed each sparse point of the scene, at the observed keypoint."""
+    """Return votes of the photos that observed each sparse point of the scene, at the observed keypoint."""
     count = len(scene.points)
     inside, outside = np.zeros(count, np.int32), np.zeros(count, np.int32)
     owner = scene.track_point
@@ -119,7 +119,7 @@ def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation:
 
 
 def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the pixels under uv [N, 2], clamped to the frame."""
+    """Return rows and columns of the pixels under uv [N, 2], clamped to the frame."""
     x = np.clip(np.floor(uv[:, 0]).astype(np.int64), 0, shape[1] - 1)
     y = np.clip(np.floor(uv[:, 1]).astype(np.int64), 0, shape[0] - 1)
     return y, x

@@ -72,7 +72,7 @@ def preview_command(args: argparse.Namespace) -> int:
 
 
 def preview(source: Path, prompts: Path, name: str, config: Config) -> tuple[NDArray[np.bool_], float]:
-    """The mask of one photo from its own clicks.
+    """Return the mask of one photo from its own clicks.
 
     Args:
         source: COLMAP scene or folder of photos.
@@ -101,7 +101,7 @@ def preview(source: Path, prompts: Path, name: str, config: Config) -> tuple[NDA
 
 
 def one_view(source: Path, name: str, config: Config) -> tuple[Scene, NDArray[np.uint8]]:
-    """A scene of one photo and the points it observed, and its working photo RGB uint8 [H, W, 3]."""
+    """Return a scene of one photo and the points it observed, and its working photo RGB uint8 [H, W, 3]."""
     folder = find_model(source)
     if folder is None:
         root, names = list_photos(source)

@@ -64,7 +64,7 @@ class PromptsFile:
             raise BadInput(f"Cannot read the prompts file '{path}' ({error.strerror or error}).") from error
 
     def digest(self) -> str:
-        """A hash of the content."""
+        """Return a hash of the content."""
         return hashlib.sha256(self.content).hexdigest()
 
 
@@ -103,7 +103,7 @@ def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], 
 
 
 def clicked_names(given: Path | PromptsFile | None) -> list[str]:
-    """The photos that a prompts file has clicks on, as it names them; none where it cannot be read.
+    """Return the photos that a prompts file has clicks on, as it names them; none where it cannot be read.
 
     What is wrong with a file is said by :func:`read_prompts`, when its clicks are needed.
     """
@@ -116,7 +116,7 @@ def clicked_names(given: Path | PromptsFile | None) -> list[str]:
 
 
 def read_clicks_of(path: Path, view: View) -> Clicks:
-    """The clicks on one photo; entries of other photos are not looked at.
+    """Read the clicks on one photo; entries of other photos are not looked at.
 
     Raises:
         BadInput: the file cannot be read, has no entry for the photo, or the entry is malformed.

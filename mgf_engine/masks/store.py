@@ -29,7 +29,7 @@ VERSION = 1
 
 
 def label_files(scene: Scene) -> list[str]:
-    """The label map's path of each view, relative to the masks folder; unique even where file stems are not."""
+    """Return the label map's path of each view, relative to the masks folder; unique even where file stems are not."""
     stems = [PurePosixPath(v.name).stem for v in scene.views]
     if len({s.casefold() for s in stems}) < len(stems):
         stems = [v.name.replace("/", "__") for v in scene.views]
@@ -132,7 +132,7 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 
 def read_png(path: Path, sizes: Collection[tuple[int, int]] | None = None) -> NDArray[Any] | None:
-    """The image as stored (any depth and channels, BGR order), or None where it cannot be read.
+    """Read the image as stored (any depth and channels, BGR order), or None where it cannot be read.
 
     Args:
         sizes: widths and heights that are expected; an image whose header tells another is not decoded (a small file

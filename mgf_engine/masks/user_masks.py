@@ -29,7 +29,7 @@ from mgf_engine.scene.cameras import warp_labels
 
 
 def read_supplied(folder: Path, scene: Scene) -> list[NDArray[np.uint8] | None]:
-    """Label maps of the photos that have a mask in the folder, None for the others.
+    """Read label maps of the photos that have a mask in the folder, None for the others.
 
     Raises:
         BadInput: no mask fits a photo, a mask cannot be read or has another size, or all masks are empty or full.
@@ -70,7 +70,7 @@ def _read_one(folder: Path, view: View) -> NDArray[np.uint8] | None:
 
 
 def find_mask(folder: Path, name: str) -> Path | None:
-    """The mask of a photo by the photo's name (with ``/``); None where there is none."""
+    """Find the mask of a photo by the photo's name (with ``/``); None where there is none."""
     photo = PurePosixPath(name)
     for candidate in (photo.with_suffix(".png"), PurePosixPath(f"{name}.png"), photo):
         for path in (folder / candidate, folder / candidate.name):

@@ -35,11 +35,11 @@ class Gaussians:
         return self.positions.shape[0]
 
     def select(self, index: Tensor) -> Gaussians:
-        """The Gaussians at ``index`` (bool mask or int64 indices), as copies."""
+        """Select the Gaussians at ``index`` (bool mask or int64 indices), as copies."""
         return Gaussians(**{f.name: getattr(self, f.name)[index].contiguous() for f in fields(self)})
 
     def to(self, device: torch.device) -> Gaussians:
-        """The Gaussians on a device; tensors that are there already are shared."""
+        """Return the Gaussians on a device; tensors that are there already are shared."""
         return Gaussians(**{f.name: getattr(self, f.name).to(device) for f in fields(self)})
 
     @property
@@ -55,7 +55,7 @@ class Gaussians:
 
 
 def rotation_matrices(quaternions: Tensor) -> Tensor:
-    """[N, 4] (w, x, y, z), any length -> [N, 3, 3], local -> normalised frame."""
+    """Convert quaternions [N, 4] (w, x, y, z) of any length to rotations [N, 3, 3], local to normalised frame."""
     w, x, y, z = torch.nn.functional.normalize(quaternions, dim=1).unbind(1)
     rows = [
         torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),

@@ -34,5 +34,5 @@ class MaskSet:
 
 
 def building(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Pixels of the building at level one, whatever element they belong to."""
+    """Return pixels of the building at level one, whatever element they belong to."""
     return (labels != BACKGROUND) & (labels != IGNORE)

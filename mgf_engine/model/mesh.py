@@ -36,7 +36,7 @@ class Mesh:
         return Adjacency.of(self.faces, len(self.vertices))
 
     def gather(self, index: NDArray[np.integer], faces: NDArray[np.integer]) -> Mesh:
-        """The mesh of the vertices at ``index`` [M], with all they carry, and ``faces`` [F, 3] between them."""
+        """Return the mesh of the vertices at ``index`` [M], with all they carry, and ``faces`` [F, 3] between them."""
         values = {name: value[index] for name, value in self.values.items()}
         return Mesh(self.vertices[index], np.asarray(faces, np.int32), self.colors[index], values)
 

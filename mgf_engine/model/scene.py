@@ -30,11 +30,11 @@ class Similarity:
     translation: NDArray[np.float64]  # [3]
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Scene frame -> normalised frame; points [..., 3]."""
+        """Convert scene frame to normalised frame; points [..., 3]."""
         return self.scale * (points @ self.rotation.T) + self.translation
 
     def invert(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Normalised frame -> scene frame; points [..., 3]."""
+        """Convert normalised frame to scene frame; points [..., 3]."""
         return ((points - self.translation) / self.scale) @ self.rotation
 
 
@@ -107,7 +107,7 @@ class View:
 
 
 def most_pixels(views: Sequence[View]) -> int:
-    """Pixels of the largest working photo."""
+    """Return pixels of the largest working photo."""
     return max((view.width * view.height for view in views), default=0)
 
 
@@ -150,7 +150,7 @@ class Scene:
         return np.repeat(np.arange(len(self.points)), np.diff(self.track_start))
 
     def observations(self, index: int) -> NDArray[np.int64]:
-        """Rows of the observations of one view, ascending."""
+        """Return rows of the observations of one view, ascending."""
         order, start = self._by_view
         return order[start[index] : start[index + 1]]
 
@@ -161,5 +161,5 @@ class Scene:
         return order, np.searchsorted(self.track_view[order], np.arange(len(self.views) + 1))
 
     def photo(self, index: int) -> NDArray[np.uint8]:
-        """The working photo of a view, RGB uint8 [height, width, 3]; it may not be written to."""
+        """Return the working photo of a view, RGB uint8 [height, width, 3]; it may not be written to."""
         return self._photos.get(self.folder / self.views[index].file, read_rgb)

@@ -31,7 +31,7 @@ class Adjacency:
 
     @classmethod
     def of(cls, faces: NDArray[np.int32], vertices: int) -> Adjacency:
-        """Those of ``faces`` between ``vertices`` vertices."""
+        """Return those of ``faces`` between ``vertices`` vertices."""
         faces = np.ascontiguousarray(faces, dtype=np.int32)
         result = cls(faces, np.empty(vertices + 1, np.int32), np.empty(3 * len(faces), np.int32))
         call("mgf_corners_around", vertices, len(faces), *result._all)
@@ -42,13 +42,13 @@ class Adjacency:
         return self.faces, self.start, self.corner
 
     def parts(self) -> NDArray[np.int32]:
-        """Which part, connected by edges, each face belongs to, int32 [F], in the order of their first faces."""
+        """Return which part, connected by edges, each face belongs to, int32 [F], in the order of their first faces."""
         part = np.empty(len(self.faces), np.int32)
         call("mgf_face_components", len(self.start) - 1, len(self.faces), *self._all, part)
         return part
 
     def open_edges(self) -> NDArray[np.bool_]:
-        """Corners whose edge no other face uses, bool [F, 3]."""
+        """Return corners whose edge no other face uses, bool [F, 3]."""
         alone = np.zeros(self.faces.shape, np.uint8)
         parallel("mgf_open_edges", len(self.start) - 1, *self._all, alone)
         return alone.astype(bool)
@@ -61,7 +61,7 @@ class Adjacency:
         return fan, count
 
     def smooth(self, at: NDArray[np.float64], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Vertices [N, 3], all but the ``fixed`` [N] half way towards the mean of their neighbours."""
+        """Return vertices [N, 3], all but the ``fixed`` [N] half way towards the mean of their neighbours."""
         moved = np.empty_like(at)
         parallel("mgf_smooth_vertices", len(at), *self._all, fixed.view(np.uint8), at, moved)
         return moved

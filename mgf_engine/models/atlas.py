@@ -46,7 +46,7 @@ def transfer_texture(
     progress: Callable[[float], None] = lambda share: None,
     options: AtlasOptions = AtlasOptions(),
 ) -> Texture:
-    """The texture of a coarse mesh, from that of the full mesh in the same frame.
+    """Return the texture of a coarse mesh, from that of the full mesh in the same frame.
 
     Args:
         side: of the picture, pixels; at least the options' ``least_side`` is taken.
@@ -127,7 +127,7 @@ def _colors(points: Array, surface: Surface, texture: Texture) -> NDArray[np.uin
 
 
 def colors_at(spot: Array, face: NDArray[np.integer], surface: Surface, texture: Texture) -> NDArray[np.uint8]:
-    """What the texture of a surface shows at points on it, RGB uint8 [n, 3].
+    """Return what the texture of a surface shows at points on it, RGB uint8 [n, 3].
 
     Args:
         spot: the points, [n, 3]; face: which face each lies on, [n].

@@ -20,7 +20,7 @@ SURFACES = {ROOF: "RoofSurface", WALL: "WallSurface", GROUND: "GroundSurface", W
 
 
 def make_cityjson(solid: Solid, survey: Survey, name: str, detailed: Solid | None = None) -> dict[str, Any]:
-    """The contents of the file; coordinates are those of the CRS, or local where there is none.
+    """Make the contents of the file; coordinates are those of the CRS, or local where there is none.
 
     Args:
         name: of the building, its identifier in the file.
@@ -65,7 +65,7 @@ def _geometry(solid: Solid) -> dict[str, Any]:
 
 
 def reference_system(crs: str | None) -> str | None:
-    """The CRS as a URI of OGC, or None where it is no code of EPSG."""
+    """Return the CRS as a URI of OGC, or None where it is no code of EPSG."""
     found = re.fullmatch(r"(?i)EPSG:(\d+)", crs or "")
     return f"https://www.opengis.net/def/crs/EPSG/0/{found[1]}" if found else None
 

@@ -94,7 +94,7 @@ def _read_centimetres(flag: str, text: str | None) -> float | None:
 
 
 def read_kinds(text: str) -> tuple[str, ...]:
-    """What to make.
+    """Return what to make.
 
     Raises:
         BadInput: it names something else.

@@ -77,14 +77,14 @@ def _encoded(
 
 
 def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON and the binary part of a GLB."""
+    """Read the JSON and the binary part of a GLB."""
     data = path.read_bytes()
     length = struct.unpack_from("<I", data, 12)[0]
     return json.loads(data[20 : 20 + length]), data[28 + length :]
 
 
 def read_accessor(tree: dict[str, Any], binary: bytes, row: int) -> NDArray[Any]:
-    """An array of a GLB, [count, components]."""
+    """Read an array of a GLB, [count, components]."""
     accessor = tree["accessors"][row]
     width = _COUNTS[accessor["type"]]
     begun = accessor.get("byteOffset", 0)

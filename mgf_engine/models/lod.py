@@ -58,7 +58,7 @@ def reduce_chain(
     progress: Callable[[float], None] = lambda share: None,
     options: LodOptions = LodOptions(),
 ) -> list[Mesh]:
-    """The mesh and coarser ones, each made from the full mesh, so that errors do not add up.
+    """Return the mesh and coarser ones, each made from the full mesh, so that errors do not add up.
 
     Args:
         errors: how far each coarser mesh may lie from the full one, in its unit; empty takes the options' shares.
@@ -105,7 +105,7 @@ def _simplified(mesh: Mesh, most: int) -> Mesh:
 
 
 def measure_deviation(one: Mesh, other: Mesh, samples: int = SAMPLES) -> Deviation:
-    """How far two surfaces are apart, measured at points uniform by area on both."""
+    """Measure the distance of two surfaces at points uniform by area on both."""
     surfaces = [Surface(m.vertices, m.faces.astype(np.int64)) for m in (one, other)]
     rng = np.random.default_rng(0)
     pairs = (surfaces, surfaces[::-1])
@@ -113,7 +113,7 @@ def measure_deviation(one: Mesh, other: Mesh, samples: int = SAMPLES) -> Deviati
 
 
 def deviation_of(distances: Array) -> Deviation:
-    """The figures of distances [n]."""
+    """Return the figures of distances [n]."""
     p90, p95 = np.percentile(distances, (90, 95)).tolist()
     return Deviation(float(np.sqrt((distances**2).mean())), p90, p95, float(distances.max()))
 

@@ -28,7 +28,7 @@ def to_geocentric(survey: Survey) -> Array | None:
 
 
 def place_on_earth(georeference: Georeference, world: Callable[[Array], Array], turn: Array) -> Array | None:
-    """A metric frame with z up -> geocentric coordinates in metres, [4, 4]; None where nobody knows the place.
+    """Return the matrix [4, 4] from a metric frame, z up, to geocentric metres; None where the place is unknown.
 
     From a projected CRS the matrix carries the projection's scale and the convergence of its meridians, too; from
     GPS alone it is a rotation and a translation.

@@ -23,7 +23,7 @@ STEPS = 5e6  # of a coordinate over the size of the building, where lengths are 
 
 
 def surface_points(mesh: Mesh, texture: Texture | None, spacing: float) -> tuple[Array, NDArray[np.uint8], Array]:
-    """Points spread evenly over a mesh.
+    """Return points spread evenly over a mesh.
 
     Args:
         spacing: about the distance between neighbours, in the mesh's unit.

@@ -20,7 +20,7 @@ def add_to_report(page: Path, work: Work) -> None:
 
 
 def models_html(work: Work) -> str:
-    """The section, between the marks by which a later one finds it."""
+    """Return the section, between the marks by which a later one finds it."""
     factor, unit = (100, "cm") if work.survey.georeference.metric else (1, work.survey.unit)
     heads = ["File", "Faces", f"RMS ({unit})", f"90 % below ({unit})", f"95 % below ({unit})", "Notes"]
     rows = ["".join(f'<th class="{"" if k in (0, 5) else "number"}">{head}</th>' for k, head in enumerate(heads))]

@@ -15,7 +15,7 @@ FILE = "tileset.json"
 
 
 def make_tileset(files: Sequence[str], errors: Sequence[float], points: Array, place: Array | None) -> dict[str, Any]:
-    """The contents of ``tileset.json``.
+    """Make the contents of ``tileset.json``.
 
     Args:
         files: names of the GLB files, the finest first; their axes are glTF's, y up.

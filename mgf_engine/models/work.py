@@ -60,6 +60,6 @@ class Work:
     levels: list[tuple[Mesh, Texture | None]] = field(default_factory=list)
 
     def add(self, name: str, **facts: Any) -> Path:
-        """The path of a file to write, on record with what is known about it."""
+        """Return the path of a file to write, on record with what is known about it."""
         self.files[name] = facts
         return self.folder / name

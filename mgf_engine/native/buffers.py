@@ -30,7 +30,7 @@ class Frame:
         self._taken: list[Tensor] = []
 
     def array(self, dtype: torch.dtype, *shape: int) -> Tensor:
-        """An uninitialised array; do not use it after the frame is gone."""
+        """Return an uninitialised array; do not use it after the frame is gone."""
         size = math.prod(shape) * dtype.itemsize
         block = _take(max(size, 64))
         self._taken.append(block)
@@ -41,7 +41,7 @@ class Frame:
 
 
 def lasting_array(dtype: torch.dtype, *shape: int) -> Tensor:
-    """An uninitialised array that goes back to the pool when the last tensor that shares its memory is gone."""
+    """Return an uninitialised array that goes back to the pool when the last tensor that shares its memory is gone."""
     size = math.prod(shape) * dtype.itemsize
     block = _take(max(size, 64))
     owner = block.numpy()[:size]  # torch holds on to this very object

@@ -66,7 +66,7 @@ TARGETS = {
 
 
 def host_target() -> str:
-    """Name of the machine at hand in :data:`TARGETS`; raises RuntimeError when the kernels do not support it."""
+    """Return name of the machine at hand in :data:`TARGETS`; raises RuntimeError when the kernels do not support it."""
     system = {"Linux": "linux", "Windows": "windows", "Darwin": "macos"}.get(platform.system(), platform.system())
     machine = platform.machine().lower()
     name = system + "-" + {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
@@ -76,7 +76,7 @@ def host_target() -> str:
 
 
 def library_path(target: str, variant: str) -> Path:
-    """Where the library of a variant lies, whether it is built or not."""
+    """Return where the library of a variant lies, whether it is built or not."""
     return LIBRARIES / f"mgf-{target.split('-')[0]}-{variant}{TARGETS[target].suffix}"
 
 

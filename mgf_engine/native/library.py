@@ -61,7 +61,7 @@ def runnable_variants() -> list[str]:
 
 
 def variant() -> str:
-    """Name of the loaded variant (loads one if none is)."""
+    """Return name of the loaded variant (loads one if none is)."""
     library()
     return _current_variant
 
@@ -81,7 +81,7 @@ def use_variant(name: str) -> None:
 
 
 def library() -> ctypes.CDLL:
-    """The loaded library; loads the best variant on first use.
+    """Return the loaded library; loads the best variant on first use.
 
     Raises:
         NoKernels: the library is not built; the message says how to build it.
@@ -121,7 +121,7 @@ def set_threads(count: int) -> None:
 
 
 def threads() -> int:
-    """Number of threads that work loops run on."""
+    """Return number of threads that work loops run on."""
     if not _threads:
         set_threads(0)
     return _threads
@@ -164,7 +164,7 @@ def parallel(name: str, *arguments: Any, pieces: int | None = None) -> None:
 
 
 def own_threads() -> int:
-    """Number of threads that a work loop started on this thread gets."""
+    """Return number of threads that a work loop started on this thread gets."""
     return 1 if getattr(_here, "alone", False) else threads()
 
 

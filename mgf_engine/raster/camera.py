@@ -54,7 +54,7 @@ class Camera:
 
     @classmethod
     def from_view(cls, view: View, factor: float = 1.0, near: float = 0.2, far: float = 100.0) -> Camera:
-        """The camera of a view, its pictures reduced by ``factor`` (0.5: half the size, at least one pixel).
+        """Return the camera of a view, its pictures reduced by ``factor`` (0.5: half the size, at least one pixel).
 
         Sizes are rounded to whole pixels and the intrinsics follow the size really taken, per axis.
         """

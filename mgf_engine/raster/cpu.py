@@ -126,7 +126,7 @@ def project(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor |
 
 
 def bin_tiles(seen: Projection) -> TileLists:
-    """The lists of all tiles, front to back."""
+    """Return the lists of all tiles, front to back."""
     frame, n = seen.frame, len(seen.records)
     tiles_y, tiles_x = seen.mask.shape
     order, slot_starts = frame.array(torch.int32, n), frame.array(torch.int64, n + 1)
@@ -200,7 +200,7 @@ def backward(
     error_map: Tensor | None,
     statistics: tuple[Tensor, ...] | None,
 ) -> tuple[Tensor, ...]:
-    """Gradients of positions, log_scales, rotations, opacity_logits and sh.
+    """Return gradients of positions, log_scales, rotations, opacity_logits and sh.
 
     Args:
         statistics: (weight, error, grad2d, max_radius, count) to add to, or none.
@@ -212,7 +212,7 @@ def backward(
 def blend_backward(
     lists: TileLists, image: Tensor, hits: Tensor, gradients: OutputGradients, error_map: Tensor | None, stats: bool
 ) -> Tensor:
-    """Sums over each tile's pixels for every list entry, float32 [E, 24] (``csrc/raster/blend_backward.h``)."""
+    """Return sums over each tile's pixels for every list entry, float32 [E, 24] (``csrc/raster/blend_backward.h``)."""
     sums = lists.frame.array(torch.float32, lists.entries, SUMS)
     listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
     g = gradients
@@ -231,7 +231,7 @@ def project_backward(
     level: int,
     statistics: tuple[Tensor, ...] | None,
 ) -> tuple[Tensor, ...]:
-    """Gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
+    """Return gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
     gradients = tuple(torch.empty_like(t) for t in raw.all[:5])
     columns = SUMS if statistics is not None or level > _LEVEL_COLOR else 16
     entries = (lists.records, lists.tile_counts, lists.slot_starts, hits, sums, columns)

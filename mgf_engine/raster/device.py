@@ -24,7 +24,7 @@ CPU_BACKEND = "cpu"
 
 
 def backend_for(tensor: Tensor, wanted: str | None = None) -> str:
-    """Name of the backend that works where a tensor lies, unless one is wanted."""
+    """Return name of the backend that works where a tensor lies, unless one is wanted."""
     return wanted or ("cuda" if tensor.is_cuda else CPU_BACKEND)
 
 
@@ -45,7 +45,7 @@ class Choice:
 
 @cache
 def choose_device(wanted: str) -> Choice:
-    """The device for ``--device auto``, ``cpu`` or ``cuda``; the same answer all through the process.
+    """Choose the device for ``--device auto``, ``cpu`` or ``cuda``; the same answer all through the process.
 
     Raises:
         BadInput: ``cuda``, and no card can be used; one sentence says why.

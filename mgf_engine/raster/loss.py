@@ -36,7 +36,7 @@ _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the g
 
 
 def scales_of(area: NDArray[np.int64], height: int, width: int) -> int:
-    """Number of scales of MS-SSIM: of the largest mask's area, 11 px wide or more at each; area [ids]."""
+    """Return number of scales of MS-SSIM: of the largest mask's area, 11 px wide or more at each; area [ids]."""
     largest = int(area.max(initial=0))
     fitting = int(np.floor(np.log2(max(np.sqrt(largest) / WINDOW, 1.0)))) + 1
     return min(len(MS_SSIM_WEIGHTS), fitting, int(np.log2(min(height, width))) + 1)
@@ -327,7 +327,7 @@ def _address(value: Any) -> int:
 
 
 def ms_ssim(sums: NDArray[np.float64], area: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Multi-scale SSIM of each mask, and its slope in every pixel's similarity and contrast-structure.
+    """Return multi-scale SSIM of each mask, and its slope in every pixel's similarity and contrast-structure.
 
     A mask takes part at a scale while a square of its area is at least one window wide there; exponents of the scales
     it takes part in are scaled to sum to one. Masks below 11 px are 1 and have no slope.

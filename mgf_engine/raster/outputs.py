@@ -32,7 +32,7 @@ class Rendering:
     visible: Tensor
 
     def cpu(self) -> Rendering:
-        """The same in the CPU's memory; waits for the card."""
+        """Return the same in the CPU's memory; waits for the card."""
         there = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **{name: value.cpu() for name, value in there.items() if value is not None})
 
@@ -61,7 +61,7 @@ class RenderStats:
         return cls(weight, error, grad2d, max_radius, torch.zeros(n, dtype=torch.int32, device=device))
 
     def to(self, device: torch.device) -> RenderStats:
-        """The statistics on a device."""
+        """Return the statistics on a device."""
         return RenderStats(*(values.to(device) for values in self.all))
 
     @property

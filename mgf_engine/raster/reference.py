@@ -63,7 +63,7 @@ class Responses:
 
 
 def rotation_matrices(quaternions: Tensor) -> Tensor:
-    """Quaternions (w, x, y, z) [N, 4] of any length -> rotation matrices [N, 3, 3]; no length, no rotation."""
+    """Convert quaternions (w, x, y, z) [N, 4] of any length to rotation matrices [N, 3, 3]; no length, no rotation."""
     squared = (quaternions**2).sum(1, keepdim=True)
     usable = (squared > 1e-24) & (squared < 1e24)
     identity = quaternions.new_tensor([1.0, 0.0, 0.0, 0.0])

@@ -45,7 +45,7 @@ def run_mesh(job: Job, reporter: Reporter) -> dict[str, Any]:
 
 
 def weak_surface(confidence: float, unseen: float) -> str:
-    """What to say of a mesh that the photos hardly confirm."""
+    """Return what to say of a mesh that the photos hardly confirm."""
     return (
         f"The mesh has low confidence (mean {confidence:.2f} of 1, {unseen:.0%} of it seen by no photo): do not "
         "measure on it. More, sharper and denser photos or better cameras would help."

@@ -78,7 +78,7 @@ def write_result(model: SparseModel, path: Path) -> None:
 
 
 def read_result(path: Path, before: SparseModel) -> SparseModel:
-    """The model ``before`` with what :func:`write_result` wrote."""
+    """Read the model ``before`` with what :func:`write_result` wrote."""
     with np.load(path, allow_pickle=False) as data:
         ends = np.cumsum([len(camera.params) for camera in before.cameras.values()])[:-1]
         params = np.split(data["params"], ends)

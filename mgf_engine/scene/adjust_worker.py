@@ -55,7 +55,7 @@ def adjust(task: Task) -> SparseModel:
 
 
 def replaced_points(model: SparseModel, resolution: int) -> SparseModel:
-    """All points placed where the rays of most of their observations meet, then refined; the cameras stay."""
+    """Return all points placed where the rays of most of their observations meet, then refined; the cameras stay."""
     xyz = model.points.xyz.copy()
     for first in range(0, len(xyz), _BATCH):
         batch = np.arange(first, min(first + _BATCH, len(xyz)))
@@ -71,7 +71,7 @@ def replaced_points(model: SparseModel, resolution: int) -> SparseModel:
 
 
 def align_similarity(model: SparseModel, task: Task) -> SparseModel | None:
-    """The model moved, turned and scaled so that most cameras and chosen points lie where they lay.
+    """Return the model moved, turned and scaled so that most cameras and chosen points lie where they lay.
 
     How nearly, is told by the disagreement: so many pixels, seen from the cameras (which are about 1 away).
     """

@@ -49,7 +49,7 @@ class WorkingCamera:
     maps: tuple[NDArray[np.float32], NDArray[np.float32]] | None
 
     def make_photo(self, photo: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The working photo [height, width, 3] of an original one of the size this camera was planned for."""
+        """Make the working photo [height, width, 3] of an original one of the size this camera was planned for."""
         if self.maps is None:
             return shrink(photo, self.width, self.height)
         source = shrink(photo, *self.source_size)
@@ -101,7 +101,7 @@ def plan_camera(camera: SparseCamera, photo_size: tuple[int, int], resolution: i
 
 
 def from_original(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pixels [N, 2] of the user's photo -> working pixels; NaN beyond the lens."""
+    """Convert pixels [N, 2] of the user's photo to working pixels; NaN beyond the lens."""
     points = np.asarray(points, np.float64).reshape(-1, 2)
     if view.lens is None:
         return points * (view.width / view.original_width, view.height / view.original_height)
@@ -110,7 +110,7 @@ def from_original(view: View, points: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def to_original(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Working pixels [N, 2] -> pixels of the user's photo."""
+    """Convert working pixels [N, 2] to pixels of the user's photo."""
     points = np.asarray(points, np.float64).reshape(-1, 2)
     if view.lens is None:
         return points * (view.original_width / view.width, view.original_height / view.height)
@@ -186,7 +186,7 @@ def _pixel_centres(width: int, height: int, step: int = 1) -> NDArray[np.float64
 
 
 def lens_camera(lens: Lens) -> pycolmap.Camera:
-    """The lens as COLMAP's camera."""
+    """Return the lens as COLMAP's camera."""
     return pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=list(lens.params))
 
 
@@ -197,7 +197,7 @@ def _project(lens: Lens, rays: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def lens_rays(lens: Lens, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pixels of the lens [N, 2] -> rays (x / z, y / z) [N, 2]; NaN where there is none."""
+    """Convert pixels of the lens [N, 2] to rays (x / z, y / z) [N, 2]; NaN where there is none."""
     found = lens_camera(lens).cam_from_img(np.ascontiguousarray(pixels, np.float64).reshape(-1, 2))
     return np.asarray(found, np.float64).reshape(-1, 2)
 

@@ -24,7 +24,7 @@ _PARTS = ("cameras", "images", "points3D")
 
 
 def find_model(source: Path, exclude: Path | None = None) -> Path | None:
-    """The folder of the COLMAP model, or None when there is none.
+    """Find the folder of the COLMAP model, or None when there is none.
 
     Of several the one in the most usual place (:data:`PLACES`), there the one with the most registered photos, and
     of equals the first.
@@ -83,13 +83,13 @@ def read_model(folder: Path) -> SparseModel:
 
 
 def model_files(folder: Path) -> list[Path]:
-    """The files that :func:`read_model` reads."""
+    """Return the files that :func:`read_model` reads."""
     paths = [folder / (part + _kind(folder)) for part in (*_PARTS, "rigs", "frames")]
     return [path for path in paths if path.is_file()]
 
 
 def photo_names(folder: Path) -> list[str]:
-    """The photos of the model in a folder, sorted, without reading more than their names.
+    """Return the photos of the model in a folder, sorted, without reading more than their names.
 
     Raises:
         BadInput: the file is damaged.
@@ -99,7 +99,7 @@ def photo_names(folder: Path) -> list[str]:
 
 
 def find_photos(names: list[str], model: Path, source: Path, exclude: Path | None = None) -> list[Path]:
-    """The photo file of each name in the model.
+    """Find the photo file of each name in the model.
 
     Tried in turn: the usual folders around the model, then any file below ``source`` whose path ends like the name.
 
@@ -129,7 +129,7 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
 
 
 def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[str]]:
-    """The folder that photos without a model lie in, and their paths relative to it, sorted.
+    """List the folder that photos without a model lie in, and their paths relative to it, sorted.
 
     ``images`` (or ``photos``, ``input``) below the source is taken where it has photos, else the source with all its
     subfolders.

@@ -62,7 +62,7 @@ class _Bytes:
 
 
 def decode(raw: bytes) -> str:
-    """A file name as text: UTF-8, or Latin-1 where it is not UTF-8."""
+    """Return a file name as text: UTF-8, or Latin-1 where it is not UTF-8."""
     try:
         return raw.decode("utf-8")
     except UnicodeDecodeError:
@@ -70,7 +70,7 @@ def decode(raw: bytes) -> str:
 
 
 def read_cameras(path: Path) -> list[SparseCamera]:
-    """``cameras.bin``; raises BadInput when damaged or of an unknown model."""
+    """Read ``cameras.bin``; raises BadInput when damaged or of an unknown model."""
     file = _Bytes(path)
     cameras = []
     names = {int(value): name for name, value in pycolmap.CameraModelId.__members__.items()}
@@ -84,14 +84,14 @@ def read_cameras(path: Path) -> list[SparseCamera]:
 
 
 def count_images(path: Path) -> int:
-    """The number of registered photos that ``images.bin`` claims; -1 when it cannot be read."""
+    """Return the number of registered photos that ``images.bin`` claims; -1 when it cannot be read."""
     with path.open("rb") as file:
         head = file.read(8)
     return struct.unpack("<Q", head)[0] if len(head) == 8 else -1
 
 
 def read_images(path: Path) -> list[SparseImage]:
-    """``images.bin``; raises BadInput when damaged."""
+    """Read ``images.bin``; raises BadInput when damaged."""
     file = _Bytes(path)
     images = []
     for _ in range(file.count(73)):
@@ -107,7 +107,7 @@ def read_images(path: Path) -> list[SparseImage]:
 
 
 def read_names(path: Path) -> list[str]:
-    """The photos' names in ``images.bin``; raises BadInput when damaged."""
+    """Read the photos' names in ``images.bin``; raises BadInput when damaged."""
     file, names = _Bytes(path), list[str]()
     for _ in range(file.count(73)):
         file.take("I7dI")
@@ -117,7 +117,7 @@ def read_names(path: Path) -> list[str]:
 
 
 def read_points(path: Path) -> SparsePoints:
-    """``points3D.bin``; raises BadInput when damaged."""
+    """Read ``points3D.bin``; raises BadInput when damaged."""
     file = _Bytes(path)
     count = file.count(_POINT.itemsize)
     heads, lengths = np.empty(count, np.int64), np.empty(count, np.int64)
@@ -147,7 +147,7 @@ def read_points(path: Path) -> SparsePoints:
 
 
 def read_rigs(rigs_path: Path, frames_path: Path) -> Rigs:
-    """``rigs.bin`` and ``frames.bin``; raises BadInput when damaged."""
+    """Read ``rigs.bin`` and ``frames.bin``; raises BadInput when damaged."""
     file = _Bytes(rigs_path)
     rig_ids: list[int] = []
     sensors: list[int] = []

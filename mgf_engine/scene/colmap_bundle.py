@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 
 
 def projection_errors(model: SparseModel, resolution: int) -> Array:
-    """Distance of each observation from its point's projection, working pixels, [T]; inf where there is none."""
+    """Return distance of each observation from its point's projection, working pixels, [T]; inf where there is none."""
     points, owner = model.points, owners(model)
     distances = np.full(len(owner), np.inf)
     order, bounds = by_image(model)
@@ -113,11 +113,11 @@ class Bundle:
         return pycolmap.create_default_ceres_bundle_adjuster(options, config, self.reconstruction)
 
     def points(self) -> Array:
-        """The points used, [len(used), 3]."""
+        """Return the points used, [len(used), 3]."""
         return np.array([self.reconstruction.point3D(n).xyz for n in self.numbers.tolist()]).reshape(-1, 3)
 
     def adjusted(self) -> SparseModel:
-        """The model with the poses, focal lengths and points as they are now."""
+        """Return the model with the poses, focal lengths and points as they are now."""
         images = []
         for number, image in enumerate(self.model.images, start=1):
             now = self.reconstruction.image(number).cam_from_world()
@@ -134,12 +134,12 @@ class Bundle:
 
 
 def owners(model: SparseModel) -> Indices:
-    """The point (its index) of each observation, [T]."""
+    """Return the point (its index) of each observation, [T]."""
     return np.repeat(np.arange(len(model.points.ids)), np.diff(model.points.start))
 
 
 def by_image(model: SparseModel) -> tuple[Indices, Indices]:
-    """The observations [T] image by image; image i has those from the i-th of the bounds [V + 1] to the next."""
+    """Return the observations [T] image by image; image i has those from the i-th of the bounds [V + 1] to the next."""
     slot = {image.id: i for i, image in enumerate(model.images)}
     view = np.array([slot[i] for i in model.points.image_ids.tolist()], np.int64)
     order = np.argsort(view, kind="stable")
@@ -147,7 +147,7 @@ def by_image(model: SparseModel) -> tuple[Indices, Indices]:
 
 
 def pose(model: SparseModel, index: int) -> pycolmap.Rigid3d:
-    """Camera from world of a photo."""
+    """Return camera from world of a photo."""
     image = model.images[index]
     x = image.quaternion / np.linalg.norm(image.quaternion)
     return pycolmap.Rigid3d(pycolmap.Rotation3d(np.roll(x, -1)), image.translation)  # COLMAP takes x, y, z, w
@@ -165,17 +165,17 @@ def colmap_camera(camera: SparseCamera, scale: float = 1.0, number: int = 1) -> 
 
 
 def working_scale(camera: SparseCamera, resolution: int) -> float:
-    """Working pixels per pixel of the camera."""
+    """Return working pixels per pixel of the camera."""
     return min(1.0, resolution / max(camera.width, camera.height))
 
 
 def centres(model: SparseModel) -> Array:
-    """Camera centres, [V, 3]."""
+    """Return camera centres, [V, 3]."""
     return np.array([pose(model, i).inverse().translation for i in range(len(model.images))])
 
 
 def moved(model: SparseModel, by: pycolmap.Sim3d) -> SparseModel:
-    """The model in other coordinates."""
+    """Return the model in other coordinates."""
     images = []
     for index, image in enumerate(model.images):
         there = by.transform_camera_world(pose(model, index))

@@ -21,7 +21,7 @@ _INT_LIMIT = float(1 << 62)
 
 
 def read_cameras(path: Path) -> list[SparseCamera]:
-    """``cameras.txt``; raises BadInput when damaged or of an unknown model."""
+    """Read ``cameras.txt``; raises BadInput when damaged or of an unknown model."""
     lines, expected = _lines(path)
     cameras = []
     for line in _data(lines):
@@ -39,13 +39,13 @@ def read_cameras(path: Path) -> list[SparseCamera]:
 
 
 def count_images(path: Path) -> int:
-    """The number of photos in ``images.txt``; only meant for choosing between models."""
+    """Return the number of photos in ``images.txt``; only meant for choosing between models."""
     lines, _ = _lines(path, strict=False)
     return sum(1 for _ in _image_lines(lines))
 
 
 def read_images(path: Path) -> list[SparseImage]:
-    """``images.txt``; raises BadInput when damaged."""
+    """Read ``images.txt``; raises BadInput when damaged."""
     lines, expected = _lines(path)
     images = []
     for line, observed in _image_lines(lines):
@@ -66,7 +66,7 @@ def read_images(path: Path) -> list[SparseImage]:
 
 
 def read_names(path: Path) -> list[str]:
-    """The photos' names in ``images.txt``; raises BadInput when damaged."""
+    """Read the photos' names in ``images.txt``; raises BadInput when damaged."""
     heads = [line.split(maxsplit=9) for line, _ in _image_lines(_lines(path)[0])]
     if any(len(fields) != 10 for fields in heads):
         damaged(path, "a photo's line is too short")
@@ -74,7 +74,7 @@ def read_names(path: Path) -> list[str]:
 
 
 def read_points(path: Path) -> SparsePoints:
-    """``points3D.txt``; raises BadInput when damaged."""
+    """Read ``points3D.txt``; raises BadInput when damaged."""
     lines, expected = _lines(path)
     heads, tracks, lengths = [], [], []
     for line in _data(lines):
@@ -97,7 +97,7 @@ def read_points(path: Path) -> SparsePoints:
 
 
 def read_rigs(rigs_path: Path, frames_path: Path) -> Rigs:
-    """``rigs.txt`` and ``frames.txt``; raises BadInput when damaged."""
+    """Read ``rigs.txt`` and ``frames.txt``; raises BadInput when damaged."""
     rig_ids: list[int] = []
     sensors: list[int] = []
     frame_rigs: list[int] = []

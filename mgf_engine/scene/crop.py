@@ -40,7 +40,7 @@ class CropBox:
         return np.concatenate([last - rows, last + rows])
 
     def normalised(self, frame: Similarity) -> CropBox:
-        """The box of the scene frame in the normalised frame."""
+        """Return the box of the scene frame in the normalised frame."""
         back = np.eye(4)
         back[:3, :3] = frame.rotation.T / frame.scale
         back[:3, 3] = -frame.rotation.T @ frame.translation / frame.scale
@@ -48,13 +48,13 @@ class CropBox:
 
 
 def crop_of(text: str, scene: Scene) -> CropBox | None:
-    """The box of the option ``crop_box`` in the normalised frame of a scene; None when there is none."""
+    """Return the box of the option ``crop_box`` in the normalised frame of a scene; None when there is none."""
     box = parse_crop_box(text)
     return None if box is None else box.normalised(scene.to_normalised)
 
 
 def parse_crop_box(text: str) -> CropBox | None:
-    """The box of the option's text, in the scene frame; None for an empty text.
+    """Parse the box of the option's text, in the scene frame; None for an empty text.
 
     Raises:
         BadInput: the text is no box.
@@ -76,7 +76,7 @@ def parse_crop_box(text: str) -> CropBox | None:
 
 
 def read_crop_box(text: str) -> str:
-    """The numbers of a crop box given as such or as the name of a file, checked, as one line of text.
+    """Read the numbers of a crop box given as such or as the name of a file, checked, as one line of text.
 
     Raises:
         BadInput: there is no such file, or it holds no box.

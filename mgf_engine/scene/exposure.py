@@ -64,7 +64,7 @@ def even_exposure(scene: Scene, folder: Path, threads: int = 1, options: Exposur
 
 
 def with_gain(photo: NDArray[np.uint8], gain: Sequence[float] | Array) -> NDArray[np.uint8]:
-    """A photo [h, w, 3] with its channels multiplied by ``gain`` [3]."""
+    """Return a photo [h, w, 3] with its channels multiplied by ``gain`` [3]."""
     table = np.clip(np.arange(256)[:, None] * np.asarray(gain), 0, 255).round().astype(np.uint8)
     return np.asarray(cv2.LUT(photo, table[None]), np.uint8)
 
@@ -134,7 +134,7 @@ def _conjugate_gradients(pairs: sparse.csr_matrix, share: Array, own: Array, rig
 
 
 def observed_colors(scene: Scene, folder: Path, threads: int = 1) -> Array:
-    """Mean colour of the 3 x 3 pixels around each observation, 0..255, [T, 3].
+    """Return mean colour of the 3 x 3 pixels around each observation, 0..255, [T, 3].
 
     Args:
         folder: holds the working photos under their file names.

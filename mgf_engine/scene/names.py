@@ -17,7 +17,7 @@ _KEYS: tuple[Callable[[str], str], ...] = (
 
 
 def named_like(name: str, names: Sequence[str]) -> list[int]:
-    """Positions of the names that ``name`` can stand for, by the strictest comparison that finds any."""
+    """Return positions of the names that ``name`` can stand for, by the strictest comparison that finds any."""
     wanted = name.replace("\\", "/")
     for key in _KEYS:
         found = [i for i, other in enumerate(names) if key(other.replace("\\", "/")) == key(wanted)]

@@ -30,7 +30,7 @@ def matching_views(
 
 
 def point_sets(scene: Scene, kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Per view those of the kept points [P] that it observed."""
+    """Return per view those of the kept points [P] that it observed."""
     owner = scene.track_point
     wanted = kept[owner]
     seen = (scene.observations(i) for i in range(len(scene.views)))

@@ -19,7 +19,7 @@ CAMERA_DISTANCE = 5.0
 
 
 def normalise(points: NDArray[np.float64], seen: NDArray[np.int64], centres: NDArray[np.float64]) -> Similarity:
-    """Scene frame -> normalised frame.
+    """Convert scene frame to normalised frame.
 
     Args:
         points: [P, 3], scene frame.
@@ -41,7 +41,7 @@ def normalise(points: NDArray[np.float64], seen: NDArray[np.int64], centres: NDA
 def normalise_pose(
     rotation: NDArray[np.float64], translation: NDArray[np.float64], to_normalised: Similarity
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The pose ``camera = rotation @ scene + translation`` with the normalised frame in the scene frame's place.
+    """Return the pose ``camera = rotation @ scene + translation`` with the normalised frame in the scene frame's place.
 
     Depths grow by the similarity's scale; pixels stay what they were.
     """
@@ -50,14 +50,14 @@ def normalise_pose(
 
 
 def weighted_median(values: NDArray[np.float64], weights: NDArray[np.int64]) -> float:
-    """The smallest value with at least half of the total weight at or below it."""
+    """Return the smallest value with at least half of the total weight at or below it."""
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(total, total[-1] / 2)]])
 
 
 def rotation_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation matrix [3, 3] of a quaternion (w, x, y, z) of any length but zero."""
+    """Return the rotation matrix [3, 3] of a quaternion (w, x, y, z) of any length but zero."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
     return np.array(
         [

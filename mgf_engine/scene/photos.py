@@ -124,7 +124,7 @@ class Room:
 
 
 def original_photo(view: View) -> NDArray[np.uint8]:
-    """The user's photo of a view, as its camera saw it, RGB uint8 [original_height, original_width, 3].
+    """Return the user's photo of a view, as its camera saw it, RGB uint8 [original_height, original_width, 3].
 
     Raises:
         BadInput: it is gone, damaged or another one; or the scene does not say where it lies.

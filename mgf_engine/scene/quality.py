@@ -118,7 +118,7 @@ def blurred_views(quality: Quality, options: QualityOptions = QualityOptions()) 
 
 
 def poor_photos(quality: Quality, options: QualityOptions = QualityOptions()) -> list[str]:
-    """A sentence each, with cause and cure, where the photos as a whole are noisy or blurred."""
+    """Return a sentence each, with cause and cure, where the photos as a whole are noisy or blurred."""
     found = []
     noise, sharpness = _median(quality.noise), _median(quality.sharpness)
     if noise > options.noisy:

@@ -33,7 +33,7 @@ def camera_poses(
 def choose_roots(
     centres: NDArray[np.float64], directions: NDArray[np.float64], seen: NDArray[np.int64]
 ) -> tuple[int, ...]:
-    """A fifth of the views (at least 3, or all), see :func:`sample_views`.
+    """Choose a fifth of the views (at least 3, or all), see :func:`sample_views`.
 
     Returns:
         Sorted indices of the roots.
@@ -65,7 +65,7 @@ def sample_views(
 
 
 def choose_held_out(count: int, roots: tuple[int, ...], every: int) -> tuple[int, ...]:
-    """Every n-th view in the order of names, spread evenly, roots avoided while other views are left.
+    """Choose every n-th view in the order of names, spread evenly, roots avoided while other views are left.
 
     Args:
         count: number of views.

@@ -44,7 +44,7 @@ def save_scene(scene: Scene) -> None:
 
 
 def read_scene(folder: Path) -> Scene:
-    """The scene that :func:`save_scene` wrote.
+    """Read the scene that :func:`save_scene` wrote.
 
     Raises:
         BadInput: the file or a working photo is missing or damaged.

@@ -53,7 +53,7 @@ def filter_outliers(
     threads: int = 1,
     options: ValidationOptions = ValidationOptions(),
 ) -> Scene:
-    """The scene without stray points and foreign photos; warns about each, and about what is left that is weak.
+    """Return the scene without stray points and foreign photos; warns about each, and about what is left that is weak.
 
     Args:
         folder: holds the working photos under their file names, as they were taken (before exposures are evened).
@@ -134,14 +134,14 @@ def reprojection_errors(scene: Scene) -> Array:
 
 
 def find_outlier_points(scene: Scene) -> NDArray[np.bool_]:
-    """Points that most of their photos see elsewhere, bool [P]."""
+    """Find points that most of their photos see elsewhere, bool [P]."""
     return far_points(reprojection_errors(scene), scene.track_start)
 
 
 def find_outlier_views(
     brightness: Array, scene: Scene, options: ValidationOptions = ValidationOptions()
 ) -> tuple[list[int], float]:
-    """Photos whose brightness at their points has little to do with what the other photos show there.
+    """Find photos whose brightness at their points has little to do with what the other photos show there.
 
     The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
     the photos hardly resemble each other at all. Also what three quarters of the others reach of
@@ -197,7 +197,7 @@ def photo_consistency(
 
 
 def keep_points(scene: Scene, keep: NDArray[np.bool_]) -> Scene:
-    """The scene with these points (bool [P]) and their observations.
+    """Return the scene with these points (bool [P]) and their observations.
 
     Raises:
         BadInput: none is left.
@@ -214,7 +214,7 @@ def keep_points(scene: Scene, keep: NDArray[np.bool_]) -> Scene:
 
 
 def drop_views(scene: Scene, drop: list[int], every: int) -> Scene:
-    """The scene without these views, and without points that fewer than two of the others see.
+    """Return the scene without these views, and without points that fewer than two of the others see.
 
     Raises:
         BadInput: fewer than two photos are left, or no point.
@@ -237,7 +237,7 @@ def drop_views(scene: Scene, drop: list[int], every: int) -> Scene:
 
 
 def diagnose(scene: Scene, options: ValidationOptions = ValidationOptions()) -> list[str]:
-    """One sentence for everything that will make the mesh worse than it could be: cause and cure."""
+    """Return one sentence for everything that will make the mesh worse than it could be: cause and cure."""
     found = []
     errors = reprojection_errors(scene)
     median = float(np.median(errors)) if len(errors) else 0.0
@@ -268,7 +268,7 @@ def diagnose(scene: Scene, options: ValidationOptions = ValidationOptions()) -> 
 
 
 def triangulation_angle(scene: Scene) -> float:
-    """Median angle between a camera and the nearest other one, seen from the middle of the points; degrees."""
+    """Return median angle between a camera and the nearest other one, seen from the middle of the points; degrees."""
     away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
     towards = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
     cosine = np.clip(towards @ towards.T, -1.0, 1.0)
@@ -277,7 +277,7 @@ def triangulation_angle(scene: Scene) -> float:
 
 
 def surround_angle(scene: Scene) -> float:
-    """The smallest sector around the middle of the points that holds all cameras, seen from above; degrees.
+    """Return the smallest sector around the middle of the points that holds all cameras, seen from above; degrees.
 
     Down is the mean of the photos' own downward axes.
     """

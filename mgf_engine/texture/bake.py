@@ -83,7 +83,7 @@ def bake(
 
 
 def barycentric(triangle: NDArray[np.float64], at: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Weights [n, 3] of the corners of triangles [n, 3, 2] at points [n, 2] inside."""
+    """Return weights [n, 3] of the corners of triangles [n, 3, 2] at points [n, 2] inside."""
     first, second, off = triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0], at - triangle[:, 0]
     area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     b = (off[:, 0] * second[:, 1] - off[:, 1] * second[:, 0]) / area
@@ -101,7 +101,7 @@ def look_up(view: View, source: Source, points: NDArray[np.float64], scale: floa
 
 
 def shrunk(view: View, source: Source, scale: float) -> Source:
-    """The photo of a view with at most ``scale`` pixels per pixel of the working photo."""
+    """Return the photo of a view with at most ``scale`` pixels per pixel of the working photo."""
     height, width = source.image.shape[:2]
     shrink = min(1.0, scale * view.width / width)
     if shrink == 1.0:
@@ -111,7 +111,7 @@ def shrunk(view: View, source: Source, scale: float) -> Source:
 
 
 def sample_photo(view: View, source: Source, points: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Colours of a photo, of whatever size, at points [n, 3] in its view; RGB uint8 [n, 3]."""
+    """Return colours of a photo, of whatever size, at points [n, 3] in its view; RGB uint8 [n, 3]."""
     at, size = view.project(points)[0], (view.width, view.height)
     if source.original:
         at, size = to_original(view, at), (view.original_width, view.original_height)

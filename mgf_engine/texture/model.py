@@ -13,7 +13,7 @@ NO_VIEW = -1
 
 
 def painting_views(label: NDArray[np.int32]) -> list[int]:
-    """The views among the labels of faces, ascending, :data:`NO_VIEW` left out."""
+    """Return the views among the labels of faces, ascending, :data:`NO_VIEW` left out."""
     return [int(view) for view in np.unique(label) if view != NO_VIEW]
 
 

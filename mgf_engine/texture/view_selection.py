@@ -34,7 +34,7 @@ def choose_views(
     options: ViewSelectionOptions = ViewSelectionOptions(),
     least_size: float = VisibilityOptions.least_size,
 ) -> NDArray[np.int32]:
-    """The view that paints each face, :data:`NO_VIEW` where none shows it, int32 [F].
+    """Choose the view that paints each face, :data:`NO_VIEW` where none shows it, int32 [F].
 
     Args:
         neighbours: pairs of faces that share an edge, [E, 2].
@@ -53,7 +53,7 @@ def choose_views(
 
 
 def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Pairs of faces that share an edge, [E, 2]."""
+    """Return pairs of faces that share an edge, [E, 2]."""
     key, owner = edges(faces)
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(np.diff(key[order]) == 0)
@@ -103,7 +103,7 @@ def _smoothed(label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _P
 
 
 def patches(label: NDArray[np.int32], neighbours: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Label patches: faces of one view that are connected by edges, int32 [F]."""
+    """Return label patches: faces of one view that are connected by edges, int32 [F]."""
     same = neighbours[label[neighbours[:, 0]] == label[neighbours[:, 1]]]
     links = sparse.coo_matrix((np.ones(len(same), np.int8), (same[:, 0], same[:, 1])), (len(label), len(label)))
     return np.asarray(connected_components(links, directed=False)[1], np.int32)

@@ -17,7 +17,7 @@ _DEPTH = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1, "MultiSolid": 2,
 
 
 def read_cityjson(data: dict[str, Any], path: Path) -> tuple[list[str], list[Any], str | None]:
-    """Ids, shapely polygons and CRS of the buildings; parts of a building count as that building.
+    """Read ids, shapely polygons and CRS of the buildings; parts of a building count as that building.
 
     Raises:
         BadInput: the file does not keep to the format.

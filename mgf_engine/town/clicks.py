@@ -97,7 +97,7 @@ def suggest_clicks(
     metre: float,
     options: ClickOptions = ClickOptions(),
 ) -> dict[str, dict[str, list[list[float]]]]:
-    """Clicks on one building in the form of ``prompts.json``, pixels of the user's photos.
+    """Suggest clicks on one building in the form of ``prompts.json``, pixels of the user's photos.
 
     Args:
         number: of the hull in ``drawn``.

@@ -100,7 +100,7 @@ def _say(text: str) -> None:
 
 
 def table(plan: Plan) -> str:
-    """The plan as people read it, what is doubtful below."""
+    """Return the plan as people read it, what is doubtful below."""
     metre = plan.placed.metre
     head = f"{'building':<20}{'state':<18}{'height':>8}{'area':>9}{'photos':>8}{'clicked':>9}{'pixel':>9}"
     lines = [plan.placed.note, "", head]
@@ -120,7 +120,7 @@ def table(plan: Plan) -> str:
 
 
 def time_and_memory(rows: list[dict[str, Any]]) -> str:
-    """One sentence: what the jobs of these buildings will take together, and the largest of them."""
+    """Return one sentence: what the jobs of these buildings will take together, and the largest of them."""
     seconds = sum(row["estimate"]["seconds"] for row in rows)
     memory = max(row["estimate"]["bytes"] for row in rows)
     return f"{len(rows)} jobs: about {duration(seconds)} one after the other, {memory / GB:.1f} GB for the largest."

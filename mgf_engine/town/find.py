@@ -104,7 +104,7 @@ def _sunken(points: Array, metre: float, options: OutlineOptions) -> NDArray[np.
 
 
 def find_outlines(points: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> list[Outline]:
-    """What stands on the ground and may be a building, the largest first.
+    """Find what stands on the ground and may be a building, the largest first.
 
     Args:
         points: [P, 3] the sparse points of the scene in the local frame.
@@ -150,7 +150,7 @@ def _planar(points: Array, options: OutlineOptions) -> Array:
 
 
 def outline_of(plan: Array, metre: float) -> Any:
-    """The outline of points [N, 2]: the rectangle around them where they fill it, else their concave hull."""
+    """Return the outline of points [N, 2]: the rectangle around them where they fill it, else their concave hull."""
     import shapely
 
     hull = shapely.concave_hull(shapely.MultiPoint(plan), ratio=0.25).buffer(0.1 * metre)
@@ -162,7 +162,7 @@ def outline_of(plan: Array, metre: float) -> Any:
 def find_buildings(
     scene: Scene, config: Config, warn: Callable[[str], None] = lambda text: None
 ) -> tuple[Footprints, Placed]:
-    """Outlines of buildings in the place of a map.
+    """Find outlines of buildings in the place of a map.
 
     Raises:
         BadInput: nothing stands on the ground.

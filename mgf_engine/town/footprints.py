@@ -129,6 +129,6 @@ def _checked(names: list[str], shapes: list[Any], crs: str | None, path: Path) -
 
 
 def plain_id(text: str) -> str:
-    """A name that folders of every system can have."""
+    """Return a name that folders of every system can have."""
     plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("._")[:60]
     return plain if plain.upper() not in ("CON", "PRN", "AUX", "NUL") else plain + "_"

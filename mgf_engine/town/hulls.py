@@ -58,7 +58,7 @@ class Hull:
 def make_hulls(
     ids: Sequence[str], polygons: NDArray[np.object_], points: Array, metre: float, options: HullOptions = HullOptions()
 ) -> list[Hull]:
-    """A hull for each footprint.
+    """Make a hull for each footprint.
 
     Args:
         polygons: shapely [N], local frame.
@@ -111,7 +111,7 @@ def ground_of(heights: Array) -> float:
 
 
 def prism(polygon: Any, low: float, high: float) -> tuple[Array, NDArray[np.int32]]:
-    """Walls and roof of a polygon between two heights: vertices [N, 3], faces [F, 3]; no floor."""
+    """Return walls and roof of a polygon between two heights: vertices [N, 3], faces [F, 3]; no floor."""
     import shapely
 
     corners, faces, count = [], [], 0
@@ -132,7 +132,7 @@ def prism(polygon: Any, low: float, high: float) -> tuple[Array, NDArray[np.int3
 
 
 def samples(polygon: Any, low: float, high: float, spacing: float) -> tuple[Array, Array]:
-    """Points spread over walls and roof of a prism, [S, 3], and their outward normals [S, 3]."""
+    """Return points spread over walls and roof of a prism, [S, 3], and their outward normals [S, 3]."""
     import shapely
 
     places, normals = [], []

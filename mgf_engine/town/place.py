@@ -55,12 +55,12 @@ class Placed:
 
 
 def local_points(scene: Scene, georeference: Georeference) -> Array:
-    """The sparse points in the local frame, [P, 3]."""
+    """Return the sparse points in the local frame, [P, 3]."""
     return georeference.local(scene.to_normalised.invert(scene.points))
 
 
 def to_normalised(scene: Scene, georeference: Georeference, points: Array) -> Array:
-    """Local frame -> normalised frame; points [..., 3]."""
+    """Convert local frame to normalised frame; points [..., 3]."""
     return scene.to_normalised.apply(georeference.scene(points))
 
 
@@ -101,14 +101,14 @@ def place_footprints(
 def place_scene(
     scene: Scene, config: Config, warn: Callable[[str], None] = lambda text: None
 ) -> tuple[Georeference, float]:
-    """The georeference of a scene without footprints, and the length of a metre in its local frame."""
+    """Find the georeference of a scene without footprints, and the length of a metre in its local frame."""
     wanted = config if config.crs or not _located(scene, config) else replace(config, crs=AUTO)
     found = find_georeference(scene, wanted.algorithm(GeoreferenceOptions), warn).georeference
     return found, 1.0 if found.metric else usual_metre(scene, found.scale)
 
 
 def usual_metre(scene: Scene, scale: float) -> float:
-    """Length of a metre where nothing tells it: cameras are mostly some 25 metres from what they look at.
+    """Return length of a metre where nothing tells it: cameras are mostly some 25 metres from what they look at.
 
     Args:
         scale: local units per unit of the scene frame.
@@ -169,7 +169,7 @@ def _by_pairs(footprints: Footprints, pairs: Array, named: str | None) -> Placed
 
 
 def read_pairs(path: Path) -> Array:
-    """Points known in map and scene: a CSV with the columns east, north, height, x, y, z; float64 [N, 6].
+    """Read points known in map and scene: a CSV with the columns east, north, height, x, y, z; float64 [N, 6].
 
     Raises:
         BadInput: the file cannot be read, has fewer than three points, or they lie on a line.
@@ -190,7 +190,7 @@ def read_pairs(path: Path) -> Array:
 
 
 def transformed(polygons: NDArray[np.object_], source: str, target: str, swap: bool = False) -> NDArray[np.object_]:
-    """Polygons of one CRS in another; x before y in either.
+    """Return polygons of one CRS in another; x before y in either.
 
     Raises:
         BadInput: there is no such CRS.
@@ -236,7 +236,7 @@ def _in_metres(crs: str) -> bool:
 
 
 def near_scene(polygons: NDArray[np.object_], points: Array, metre: float) -> NDArray[np.bool_]:
-    """Which footprints lie where the sparse points are, bool [N]."""
+    """Return which footprints lie where the sparse points are, bool [N]."""
     import shapely
 
     low, high = np.percentile(points[:, :2], (0.5, 99.5), axis=0)

@@ -43,7 +43,7 @@ _CELL = 0.5  # metres: cells in which the top of a building is looked for
 
 
 def read_rows(town: Path, running: bool) -> list[dict[str, Any]]:
-    """Every building as one row: the plan, and what became of its job.
+    """Read every building as one row: the plan, and what became of its job.
 
     Args:
         running: jobs may be at work; else one that says so was killed.
@@ -112,7 +112,7 @@ def write_light(mesh: Mesh, path: Path) -> None:
 
 
 def read_terrain(town: Path) -> tuple[Mesh, Texture] | None:
-    """The terrain, local frame, and its texture; None where there is none."""
+    """Read the terrain, local frame, and its texture; None where there is none."""
     folder = town / TERRAIN_FOLDER
     if not (town / TERRAIN).is_file():
         return None
@@ -120,7 +120,7 @@ def read_terrain(town: Path) -> tuple[Mesh, Texture] | None:
 
 
 def measure(mesh: Mesh, row: dict[str, Any], metre: float) -> dict[str, float]:
-    """Height of the highest point over the ground, and the volume under the roof, metres.
+    """Measure the height of the highest point over the ground, and the volume under the roof, metres.
 
     The volume is that of columns from the ground to the highest vertex in each cell, over the footprint's area.
     """

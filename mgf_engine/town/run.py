@@ -185,7 +185,7 @@ def _say_changes(rows: list[dict[str, Any]], said: dict[str, str]) -> None:
 
 
 def table(rows: list[dict[str, Any]]) -> Any:
-    """The buildings as a table for the terminal."""
+    """Return the buildings as a table for the terminal."""
     from rich.table import Table
 
     shown = Table(box=None)

@@ -52,7 +52,7 @@ def _accounts() -> bool:
 
 
 def jobs_in(town: Path) -> list[str]:
-    """Numbers of the jobs in the queue that work in the folder of a town.
+    """Return numbers of the jobs in the queue that work in the folder of a town.
 
     Raises:
         BadInput: Slurm does not answer.

@@ -87,13 +87,13 @@ def _shifted(nested: Any, count: int) -> Any:
 
 
 def read_solids(folders: list[Path]) -> list[dict[str, Any]]:
-    """The CityJSON of those buildings that have a solid."""
+    """Read the CityJSON of those buildings that have a solid."""
     files = [folder / CITYJSON for folder in folders]
     return [json.loads(file.read_text(encoding="utf-8")) for file in files if file.is_file()]
 
 
 def main() -> int:
-    """The command of the Snakefile; returns the exit code."""
+    """Return the command of the Snakefile; returns the exit code."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder

@@ -87,7 +87,7 @@ def _suggest(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter
 def clicks_on_one(
     scene: Scene, config: Config, point: Sequence[float] | None, reporter: Reporter
 ) -> tuple[Clicks, str]:
-    """Clicks on the building at a point, in the crop box, or the largest one.
+    """Return clicks on the building at a point, in the crop box, or the largest one.
 
     Args:
         point: x, y, z in the scene frame.

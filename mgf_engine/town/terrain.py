@@ -90,7 +90,7 @@ def make_terrain(town: Path) -> dict[str, Any]:
 
 
 def read_hulls(town: Path, plan: dict[str, Any]) -> list[Hull]:
-    """The hulls of what stands in a planned town, local frame."""
+    """Read the hulls of what stands in a planned town, local frame."""
     import shapely
 
     offset = np.array(read_georeference(town).offset[:2])
@@ -200,7 +200,7 @@ def _ground_masks(scene: Scene, town: Path, hulls: list[Hull], eaves: float, met
 
 
 def main() -> int:
-    """The command of the Snakefile; returns the exit code."""
+    """Return the command of the Snakefile; returns the exit code."""
     from mgf_engine.native.library import set_threads
 
     parser = argparse.ArgumentParser()

@@ -71,7 +71,7 @@ class ViewSelection:
 
 
 def small_view(view: View, options: BuildingViewOptions = BuildingViewOptions()) -> tuple[View, float]:
-    """The camera with pictures of at most ``picture_side``, and their size over that of the working photo."""
+    """Return the camera with pictures of at most ``picture_side``, and their size over that of the working photo."""
     factor = min(1.0, options.picture_side / max(view.width, view.height))
     return (scaled_view(view, factor) if factor < 1 else view), factor
 
@@ -116,7 +116,7 @@ def choose_photos(
     metre: float,
     options: BuildingViewOptions = BuildingViewOptions(),
 ) -> ViewSelection:
-    """The photos worth using for a hull: together they see as much of it as possible, near and face on.
+    """Choose the photos worth using for a hull: together they see as much of it as possible, near and face on.
 
     Each photo is taken for what it adds to the spots of the hull: the cosine of the angle it sees them under times its
     resolution there, over that of the best photo, less for spots that photos taken before show already.

@@ -71,7 +71,7 @@ class Status:
 
 
 def options_of(row: dict[str, Any], attempt: int, threads: int) -> dict[str, Any]:
-    """The options of a building's job; a second attempt works on smaller photos and takes a smaller texture."""
+    """Return the options of a building's job; a second attempt works on smaller photos and takes a smaller texture."""
     given = {**row["options"], "threads": threads}
     config = make_config(given)
     side, texture = config.resolution, config.texture_size
@@ -109,7 +109,7 @@ def run_building(folder: Path, attempt: int, threads: int) -> int:
 
 
 def worth_retrying(status: dict[str, Any]) -> bool:
-    """Whether smaller photos may help: a fault, a kill or memory, but not clicks or photos that cannot be used."""
+    """Tell whether smaller photos may help: a fault, a kill or memory, but not clicks or photos that cannot be used."""
     refused = status.get("code") in (EXIT_BAD_INPUT, EXIT_CANCELLED)
     return not refused or "memory" in str(status.get("text", "")).lower()
 
@@ -207,7 +207,7 @@ def _abandoned() -> bool:
 
 
 def main() -> int:
-    """The command of the Snakefile."""
+    """Return the command of the Snakefile."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     parser.add_argument("--attempt", type=int, default=1)

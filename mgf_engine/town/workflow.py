@@ -80,7 +80,7 @@ def write_config(
 
 
 def snakemake_arguments(executor: Executor, memory: int) -> list[str]:
-    """Arguments of Snakemake in the folder of a town.
+    """Return arguments of Snakemake in the folder of a town.
 
     Args:
         memory: megabytes for all local jobs together.

@@ -116,7 +116,7 @@ class BuildingExtent:
         self.floor = ground or _lowest(scene, shape, keep)
 
     def place(self, index: int) -> ViewRegions:
-        """All maps of view ``index``."""
+        """Return all maps of view ``index``."""
         view = self.scene.views[index]
         h, w = map_size(view)
         if not len(self.columns.samples):
@@ -200,13 +200,13 @@ class Visibility:
         self._expected: dict[int, NDArray[np.bool_]] = {}
 
     def observed(self, index: int) -> NDArray[np.bool_]:
-        """Points whose track goes through view ``index``, [P]."""
+        """Return points whose track goes through view ``index``, [P]."""
         result = np.zeros(len(self.scene.points), bool)
         result[self.owner[self.scene.observations(index)]] = True
         return result
 
     def expected(self, index: int) -> NDArray[np.bool_]:
-        """Points some camera saw from nearly the same direction and distance, or view ``index`` itself, [P]."""
+        """Return points some camera saw from nearly the same direction and distance, or view ``index`` itself, [P]."""
         if index not in self._expected:
             towards = self.scene.points - self.scene.views[index].centre
             length = np.linalg.norm(towards, axis=1)
@@ -230,13 +230,13 @@ def _map_pixel(scene: Scene, keep: Map, o: ExtentOptions) -> float:
 
 
 def map_size(view: View) -> tuple[int, int]:
-    """Height and width of the reduced maps of a view."""
+    """Return height and width of the reduced maps of a view."""
     factor = min(1.0, MAP_SIDE / max(view.width, view.height))
     return max(1, round(view.height * factor)), max(1, round(view.width * factor))
 
 
 def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float64]:
-    """Depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w]."""
+    """Return depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w]."""
     xs = ((np.arange(w) + 0.5) * view.width / w - view.cx) / view.fx
     ys = ((np.arange(h) + 0.5) * view.height / h - view.cy) / view.fy
     normal = view.rotation @ ground.normal
@@ -250,7 +250,7 @@ def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float
 def over_building(
     points: NDArray[np.float64], keep: Map, shape: PointFeatures, options: ExtentOptions = ExtentOptions()
 ) -> Map:
-    """Points that stand on the building: above its ground plan and not low, as spires and chimneys do, [P].
+    """Return points that stand on the building: above its ground plan and not low, as spires and chimneys do, [P].
 
     Args:
         points: [P, 3]; keep: [P], points of the building.

@@ -47,7 +47,7 @@ def densify_points(
     check: Callable[[], None],
     options: DensifyOptions = DensifyOptions(),
 ) -> Scene:
-    """The scene with points, and tracks through the photos that confirm them, where it has none.
+    """Return the scene with points, and tracks through the photos that confirm them, where it has none.
 
     Args:
         leafy: view -> bool [h, w] of any size: leaves and grass, which are never flat nor the building.

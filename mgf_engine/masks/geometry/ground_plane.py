@@ -35,11 +35,11 @@ class Ground:
     thickness: float
 
     def height(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height of points [N, 3] over the plane -> [N]."""
+        """Compute the height of points [N, 3] over the plane, [N]."""
         return points @ self.normal - self.level
 
     def holds(self, scene: Scene, shape: PointFeatures) -> NDArray[np.float64]:
-        """Rate how far each sparse point is ground, 0..1: level and in the plane, or below it; [P]."""
+        """Return rate how far each sparse point is ground, 0..1: level and in the plane, or below it; [P]."""
         height = self.height(scene.points) / self.thickness
         level = np.clip(2 * np.abs(shape.normals @ shape.up) - 0.6, 0, 1)
         return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)
@@ -52,7 +52,7 @@ def find_ground(
     seed: int,
     options: GroundPlaneOptions = GroundPlaneOptions(),
 ) -> Ground | None:
-    """The plane most points agree on that lies below the cameras and nearly all points, or None.
+    """Find the plane most points agree on that lies below the cameras and nearly all points, or None.
 
     Args:
         outside: [P], 0..1, how likely each point is not the building; weighs the support.

@@ -72,7 +72,7 @@ class Overhangs:
 
 
 def enclosed(mask: Map) -> Map:
-    """The mask and what it encloses: a white wall between its edges is not away."""
+    """Return the mask and what it encloses: a white wall between its edges is not away."""
     _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
     outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
     return mask | ~np.isin(labels, outer)

@@ -57,7 +57,7 @@ class PointFeatures:
 def measure_point_features(
     scene: Scene, up: NDArray[np.float64] | None = None, options: PointFeatureOptions = PointFeatureOptions()
 ) -> PointFeatures:
-    """Neighbours, normals and heights of the sparse points of a scene.
+    """Measure neighbours, normals and heights of the sparse points of a scene.
 
     Args:
         up: [3], normalised frame; None to estimate it from the cameras.

@@ -97,7 +97,7 @@ class LabelGraph:
         return (self.sky > 0) & ~np.isin(self.sky, taken)
 
     def points_at(self, index: int, clicks: Array) -> NDArray[np.int64]:
-        """The sparse point nearest to each click [K, 2] in view ``index``, where one is near."""
+        """Return the sparse point nearest to each click [K, 2] in view ``index``, where one is near."""
         here = self.scene.observations(index)
         if not len(clicks) or not len(here):
             return np.zeros(0, np.int64)
@@ -107,7 +107,7 @@ class LabelGraph:
         return self.scene.track_point[here][nearest[near]]
 
     def clicked_points(self, prompts: Prompts) -> NDArray[np.int64]:
-        """The sparse points nearest to the positive clicks, where any is near."""
+        """Return the sparse points nearest to the positive clicks, where any is near."""
         return np.concatenate([np.zeros(0, np.int64), *(self.points_at(i, c.positive) for i, c in prompts.items())])
 
     def added_on_building(self, probability: Array) -> NDArray[np.bool_]:
@@ -117,7 +117,7 @@ class LabelGraph:
         return np.asarray(seen > self.options.building_above * tracks, bool)
 
     def shows_added(self, values: Array) -> Array:
-        """Mean over the added points that each region shows, 0 where it shows none, [regions]."""
+        """Return mean over the added points that each region shows, 0 where it shows none, [regions]."""
         total = np.bincount(self.added_observed, values[self.added_owner], minlength=self.region_count)
         return np.asarray(total / np.maximum(np.bincount(self.added_observed, minlength=self.region_count), 1))
 

@@ -45,7 +45,7 @@ def drop_confirmed(
     prompts: Prompts,
     options: PromptAgreementOptions = PromptAgreementOptions(),
 ) -> list[OutlierPrompt]:
-    """The doubts less those on clicks on the building that other photos second.
+    """Return the doubts less those on clicks on the building that other photos second.
 
     One other photo is enough; two where all clicks on the building in a photo are doubted, as if it were clicked on
     another one.

@@ -48,7 +48,7 @@ class OutlierPrompt:
 def find_outlier_prompts(
     walker: LabelPropagation, prompts: Prompts, seed: int, options: PromptOutlierOptions = PromptOutlierOptions()
 ) -> list[OutlierPrompt]:
-    """The clicks that the other photos' clicks contradict; empty with fewer than three clicked photos.
+    """Find the clicks that the other photos' clicks contradict; empty with fewer than three clicked photos.
 
     Wrong clicks blur each other's test: what is found is left out and the rest tested again. The first pass, mostly
     the last, looks at the geometry of the clicked photos alone: a fifth of them, and of the time.
@@ -65,7 +65,7 @@ def find_outlier_prompts(
 
 
 def ignored_outliers(doubts: list[OutlierPrompt], prompts: Prompts) -> list[OutlierPrompt]:
-    """The doubted clicks that do not count: those on the building, and all of photos of another building."""
+    """Return the doubted clicks that do not count: those on the building, and all of photos of another building."""
     elsewhere = {d.view for d in doubts if clicked_elsewhere(d.view, doubts, prompts)}
     return [d for d in doubts if d.positive or d.view in elsewhere]
 
@@ -111,7 +111,7 @@ def _one_pass(
 
 
 def without_outliers(prompts: Prompts, doubts: list[OutlierPrompt]) -> Prompts:
-    """The prompts less the doubted clicks."""
+    """Return the prompts less the doubted clicks."""
     result = dict(prompts)
     for index in {d.view for d in doubts}:
         clicks, kept = prompts[index], []

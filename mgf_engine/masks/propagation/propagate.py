@@ -83,7 +83,7 @@ class Propagation:
 
 
 def propagate(scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter) -> Propagation:
-    """Masks of every photo from clicks on some.
+    """Return masks of every photo from clicks on some.
 
     Args:
         prompts: clicks by view index; at least one on the building.

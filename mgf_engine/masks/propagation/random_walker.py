@@ -60,7 +60,7 @@ class LabelPropagation:
     def solve(
         self, prompts: Prompts, seed: int = 0, rounds: int | None = None, views: Sequence[int] | None = None
     ) -> BuildingProbability:
-        """The probability that follows from the clicks.
+        """Return the probability that follows from the clicks.
 
         Args:
             rounds: number of rounds; None for that of the options.

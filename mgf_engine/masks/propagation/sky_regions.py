@@ -50,7 +50,7 @@ class SkyOptions:
 
 
 def find_sky(regions: Regions, observed: NDArray[np.int64], options: SkyOptions = SkyOptions()) -> NDArray[np.int64]:
-    """Number of the piece of sky each region belongs to, 0 for none, [S].
+    """Label the connected piece of sky that each region belongs to, 0 for none, [S].
 
     Args:
         observed: regions in which this photo observed sparse points, once for each.

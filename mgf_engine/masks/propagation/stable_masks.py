@@ -24,7 +24,7 @@ GIVEN_UP = 0.2
 
 
 def first_clicks(clicks: Clicks) -> list[Clicks]:
-    """The first click on the building, the first two, ... all of them; each with every click beside it."""
+    """Return the first click on the building, the first two, ... all of them; each with every click beside it."""
     return [Clicks(clicks.positive[:n], clicks.negative, clicks.parts) for n in range(1, len(clicks.positive) + 1)]
 
 
@@ -67,7 +67,7 @@ def set_clicked_pixels(mask: Mask, clicks: Clicks, radius: float = 1.5) -> Mask:
 
 
 def rows(shape: tuple[int, ...], points: Points) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Index (row, column) of the pixels that points [N, 2] lie in."""
+    """Return index (row, column) of the pixels that points [N, 2] lie in."""
     x = np.clip(np.floor(points[:, 0]).astype(np.int64), 0, shape[1] - 1)
     y = np.clip(np.floor(points[:, 1]).astype(np.int64), 0, shape[0] - 1)
     return y, x

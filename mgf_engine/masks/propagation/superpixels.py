@@ -59,7 +59,7 @@ class Regions:
     contrast: NDArray[np.float32]
 
     def at(self, uv: NDArray[np.floating]) -> NDArray[np.int32]:
-        """Region under working pixels [N, 2] (clamped to the frame) -> [N]."""
+        """Look up the region under working pixels [N, 2] (clamped to the frame), [N]."""
         h, w = self.labels.shape
         x = np.clip(np.floor(uv[:, 0] * self.scale[0]).astype(np.int64), 0, w - 1)
         y = np.clip(np.floor(uv[:, 1] * self.scale[1]).astype(np.int64), 0, h - 1)
@@ -67,7 +67,7 @@ class Regions:
 
 
 def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = SuperpixelOptions()) -> Regions:
-    """Regions of a photo, RGB uint8 [H, W, 3]."""
+    """Return regions of a photo, RGB uint8 [H, W, 3]."""
     h, w = photo.shape[:2]
     factor = min(1.0, options.reduced_side / max(h, w))
     size = (max(1, round(w * factor)), max(1, round(h * factor)))

@@ -119,13 +119,13 @@ class GroundFinder:
         return sum(ground for ground, _ in found) > self.options.open_share * sum(total for _, total in found)
 
     def through(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
-        """The ground in a mask [H, W], and what is near to it and has its colour."""
+        """Return the ground in a mask [H, W], and what is near to it and has its colour."""
         certain = self.within(index, mask)
         near = mask & ~certain & _alike_around(self._lab(index), certain, self.options)
         return GroundPixels(certain, near, self.options.reach)
 
     def within(self, index: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Pixels of a mask [H, W] in which other photos confirm the ground, [H, W]."""
+        """Return pixels of a mask [H, W] in which other photos confirm the ground, [H, W]."""
         result = np.zeros_like(mask)
         view = self.scene.views[index]
         depth = ground_depth(view, self.ground, view.height, view.width)
@@ -211,7 +211,7 @@ class GroundFinder:
 
 
 def spans_inside(matrix: NDArray[np.float64], view: View, size: tuple[int, int]) -> NDArray[np.int32]:
-    """Pixels of a picture of a size (w, h) that a homography [3, 3] puts inside the frame of a view, before it.
+    """Return pixels of a picture of a size (w, h) that a homography [3, 3] puts inside the frame of a view, before it.
 
     Along a row all that has to hold is linear in x, so what is inside is one span of it.
 
@@ -252,7 +252,7 @@ def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_], o: GroundHo
 
 
 def near_ground(ground: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Pixels of the ground and up to ``reach`` px around it, [H, W]."""
+    """Return pixels of the ground and up to ``reach`` px around it, [H, W]."""
     return np.asarray(cv2.dilate(ground.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0, bool)
 
 

@@ -54,7 +54,7 @@ def find_sky_holes(
     points: NDArray[np.floating],
     options: SkyHoleOptions = SkyHoleOptions(),
 ) -> NDArray[np.bool_]:
-    """Pixels that are sky behind the building, [H, W].
+    """Find pixels that are sky behind the building, [H, W].
 
     Args:
         lab: CIELAB [H, W, 3], see :func:`lab_of`.

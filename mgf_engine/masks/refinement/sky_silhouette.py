@@ -81,13 +81,13 @@ def find_silhouette(
 
 
 def over_horizon(view: View, up: NDArray[np.float64], degrees: float = OVER_HORIZON) -> NDArray[np.bool_]:
-    """Pixels whose rays rise by more than so much, [H, W]: no level ground is seen there."""
+    """Return pixels whose rays rise by more than so much, [H, W]: no level ground is seen there."""
     rise, length = _rays(view, up)
     return np.asarray(rise > np.sin(np.radians(degrees)) * length, bool)
 
 
 def elevation(view: View, up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Degrees over the horizon of each pixel's ray, [H, W]."""
+    """Return degrees over the horizon of each pixel's ray, [H, W]."""
     rise, length = _rays(view, up)
     return np.asarray(np.degrees(np.arcsin(np.clip(rise / length, -1, 1))), np.float64)
 
@@ -137,7 +137,7 @@ class SilhouetteHull:
         return self.corner + (self.places + 0.5) * self.side
 
     def parts(self) -> NDArray[np.int64]:
-        """Number of the connected part each cell belongs to (26 neighbours), [N]."""
+        """Return number of the connected part each cell belongs to (26 neighbours), [N]."""
         count = len(self.places)
         if not count:
             return np.zeros(0, np.int64)
@@ -156,7 +156,7 @@ class SilhouetteHull:
         return connected_components(links, directed=False)[1].astype(np.int64)
 
     def where(self, keep: NDArray[np.bool_]) -> SilhouetteHull:
-        """The cells that are kept, [N] bool."""
+        """Return the cells that are kept, [N] bool."""
         return SilhouetteHull(self.places[keep], self.corner, self.side)
 
     def standing(self, ground: Ground) -> SilhouetteHull:
@@ -171,7 +171,7 @@ class SilhouetteHull:
         return SilhouetteHull(np.unique(np.concatenate([self.places, columns]), axis=0), self.corner, self.side)
 
     def cover(self, view: View) -> NDArray[np.bool_]:
-        """Pixels of a view behind some cell, [H, W]."""
+        """Return pixels of a view behind some cell, [H, W]."""
         result = np.zeros((view.height, view.width), np.uint8)
         uv, depth = view.project(self.centres)
         seen = (depth > self.side) & (uv > -0.5).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
@@ -196,7 +196,7 @@ def carve(
     cell: float,
     options: SilhouetteOptions = SilhouetteOptions(),
 ) -> SilhouetteHull:
-    """The cells of a cube that several photos see as something and that hardly any photo sees as sky.
+    """Return the cells of a cube that several photos see as something and that hardly any photo sees as sky.
 
     Cells are divided in eight as long as they may be solid, so that the sky's emptiness is cheap.
 

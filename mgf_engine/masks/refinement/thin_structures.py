@@ -82,7 +82,7 @@ def find_thin_structures(
     ground: Ground | None,
     options: ThinStructureOptions = ThinStructureOptions(),
 ) -> ThinStructures | None:
-    """Parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
+    """Find parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
 
     Args:
         prompts: all clicks, doubted ones too.

@@ -63,7 +63,7 @@ WEIGHTS: dict[str, tuple[WeightFile, WeightFile]] = {
 
 
 def default_folder() -> Path:
-    """The user's cache folder for weights."""
+    """Return the user's cache folder for weights."""
     if sys.platform == "win32":
         base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local")
     elif sys.platform == "darwin":

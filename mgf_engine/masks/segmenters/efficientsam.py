@@ -79,7 +79,7 @@ class EfficientSam:
         return Segment(best.mask, max(0.0, best.score))
 
     def embed(self, photo: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The embedding [1, 256, 64, 64] of a photo RGB uint8 [H, W, 3], from the cache where it is."""
+        """Return the embedding [1, 256, 64, 64] of a photo RGB uint8 [H, W, 3], from the cache where it is."""
         key = hashlib.sha256(self._model.encode() + str(photo.shape).encode() + photo.tobytes()).hexdigest()[:24]
         path = self._cache / f"{key}.npy"
         try:

@@ -43,7 +43,7 @@ class Network:
             raise BadInput(text)
 
     def fixed(self, name: str, axis: int) -> int | None:
-        """Length of an input's axis where the file allows one length only."""
+        """Return length of an input's axis where the file allows one length only."""
         shape = self._inputs[name]
         return shape[axis] if len(shape) > axis and isinstance(shape[axis], int) else None
 
@@ -67,7 +67,7 @@ class Network:
             raise self._failure(error) from error
 
     def refusal(self, reason: str) -> BadInput:
-        """The sentence for a file that does something else than EfficientSAM."""
+        """Return the sentence for a file that does something else than EfficientSAM."""
         return BadInput(
             f"'{self._path}' is not a working EfficientSAM model ({reason}); use the files of 'mgf weights', or "
             "choose segmenter=random_walker, which needs none."

@@ -18,7 +18,7 @@ def offer() -> str:
 
 
 def notice(segmenter: str) -> str:
-    """One sentence for the start of the masks stage; ``segmenter`` is its ``name``."""
+    """Return one sentence for the start of the masks stage; ``segmenter`` is its ``name``."""
     if segmenter == "efficientsam":
         return "Masks: drawn by EfficientSAM; '--segmenter random_walker' draws them without weights."
     return f"Masks: drawn by the random walker, which needs no weights; {offer()}."

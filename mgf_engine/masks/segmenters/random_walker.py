@@ -33,7 +33,7 @@ class RandomWalker:
 
 
 def follow_points(hints: Hints) -> NDArray[np.float32]:
-    """The probability bent towards the points of this photo: each speaks for the pixels around it."""
+    """Return the probability bent towards the points of this photo: each speaks for the pixels around it."""
     h, w = hints.probability.shape
     radius = 0.02 * max(h, w)
     votes = np.zeros((2, h, w), np.float32)
@@ -47,7 +47,7 @@ def follow_points(hints: Hints) -> NDArray[np.float32]:
 
 
 def to_edges(photo: NDArray[np.uint8], probability: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The probability drawn to the photo's edges, float32 [H, W]."""
+    """Return the probability drawn to the photo's edges, float32 [H, W]."""
     radius = max(4, round(max(photo.shape[:2]) / 100))
     guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
     return np.asarray(cv2.ximgproc.guidedFilter(guide, probability, radius, (0.03 * 255) ** 2), np.float32)

@@ -40,7 +40,7 @@ def find_contradicted_masks(
     dilation: int,
     options: CrossViewOptions = CrossViewOptions(),
 ) -> dict[int, float]:
-    """Views whose mask the others contradict, with their agreement.
+    """Find views whose mask the others contradict, with their agreement.
 
     The worst third is taken out at a time: wrong masks make right ones look wrong, too.
 

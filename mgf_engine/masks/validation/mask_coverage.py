@@ -84,7 +84,7 @@ def _signed(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
 
 
 def mark_ignored(scene: Scene, labels: LabelMaps, fit: MaskCoverage) -> list[NDArray[np.uint8]]:
-    """The label maps with background made ignored where the photo shows the building after all.
+    """Return the label maps with background made ignored where the photo shows the building after all.
 
     Unknown become the pixels around each observation that its mask leaves out, as far around as the mask is away, and
     holes as a whole that hold such observations and none of the surroundings.

@@ -27,7 +27,7 @@ class FlagOptions:
 
 
 def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
-    """Share of the sparse points observed in three used photos or more on which those photos agree.
+    """Return share of the sparse points observed in three used photos or more on which those photos agree.
 
     Photos agree when at most one in ten votes differs (one noisy keypoint in a long track is no contradiction).
     """
@@ -59,7 +59,7 @@ def flag_by_masks(
     judged: NDArray[np.bool_],
     options: FlagOptions = FlagOptions(),
 ) -> list[str]:
-    """Why each mask is left out, where points do not tell: only because the other photos' masks contradict it.
+    """Return why each mask is left out without points to test it: only because the other photos' masks contradict it.
 
     Args:
         masks: those used are the others.

@@ -44,7 +44,7 @@ class NoSolid(Exception):
 
 
 def build_solid(survey: Survey, detail: float | None = None, options: SolidOptions = SolidOptions()) -> Solid:
-    """The solid of a survey, checked and measured.
+    """Build the solid of a survey, checked and measured.
 
     Args:
         detail: steps and offsets below this size are left out; None takes it from photos and size.

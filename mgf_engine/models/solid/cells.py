@@ -84,7 +84,7 @@ def cut_into_cells(lines: list[Line2], low: Array, high: Array) -> Cells:
 
 
 def cell_of_pixels(cells: Cells, grid: Grid) -> NDArray[np.int32]:
-    """The cell of each pixel, int32 [H, W]; :data:`OUTSIDE` beside all."""
+    """Return the cell of each pixel, int32 [H, W]; :data:`OUTSIDE` beside all."""
     owner = np.full((grid.height, grid.width), OUTSIDE, np.int32)
     nodes = np.array(cells.nodes)
     for k, ring in enumerate(cells.rings):

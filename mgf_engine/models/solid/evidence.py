@@ -178,7 +178,7 @@ def _take_loose(
 
 
 def wall_lines(survey: Survey, detail: float, options: EvidenceOptions = EvidenceOptions()) -> list[Line2]:
-    """The walls as lines of the ground plan, largest first; nearly parallel ones and right angles made exact.
+    """Return the walls as lines of the ground plan, largest first; nearly parallel ones and right angles made exact.
 
     Directions are taken one after the other, the one that most wall area faces first; along each, places where much of
     it stands in one plane. Unlike planes grown over the mesh this needs no even surface.
@@ -278,7 +278,7 @@ def _turned(lines: list[Line2], detail: float, options: EvidenceOptions) -> list
 
 
 def merge_lines(lines: list[Line2], detail: float, options: EvidenceOptions = EvidenceOptions()) -> list[Line2]:
-    """Lines less than a detail apart made one, the heavier ones first."""
+    """Return lines less than a detail apart made one, the heavier ones first."""
     kept: list[Line2] = []
     for line in sorted(lines, key=lambda each: -each.weight):
         for k, other in enumerate(kept):
@@ -378,7 +378,7 @@ def _explained(line: Line2, others: list[Line2], reach: float, options: Evidence
 
 
 def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> tuple[float, str]:
-    """Height of the ground: of the terrain's points around the building, else of the mesh's lower end."""
+    """Find the height of the ground: of the terrain's points around the building, else of the mesh's lower end."""
     z = survey.mesh.vertices[:, 2]
     bottom, height = float(np.percentile(z, 0.5)), float(np.ptp(z))
     scene = survey.scene

@@ -41,7 +41,7 @@ class LabelOptions:
 def choose_planes(
     cells: Cells, owner: NDArray[np.int32], evidence: Evidence, slopes: Array, options: LabelOptions = LabelOptions()
 ) -> NDArray[np.int64]:
-    """The label of each cell: 0 outside, k + 1 the k-th of ``slopes``; [C].
+    """Choose the label of each cell: 0 outside, k + 1 the k-th of ``slopes``; [C].
 
     Args:
         owner: the cell of each pixel.

@@ -57,21 +57,21 @@ class Solid:
     unseen: dict[str, float] = field(default_factory=dict)
 
     def normal(self, face: SolidFace) -> Array:
-        """Outward unit normal of a face, [3] (Newell)."""
+        """Return outward unit normal of a face, [3] (Newell)."""
         return ring_normal(self.vertices[list(face.rings[0])])
 
     def area(self, face: SolidFace) -> float:
-        """Area of a face without its holes."""
+        """Return area of a face without its holes."""
         return abs(sum(float(self.normal(face) @ ring_vector(self.vertices[list(ring)])) for ring in face.rings))
 
 
 def ring_vector(points: Array) -> Array:
-    """Normal of a ring [n, 3], as long as its area, [3]."""
+    """Return normal of a ring [n, 3], as long as its area, [3]."""
     local = points - points[0]
     return np.asarray(0.5 * np.cross(local, np.roll(local, -1, axis=0)).sum(0))
 
 
 def ring_normal(points: Array) -> Array:
-    """Unit normal of a ring [n, 3], [3]."""
+    """Return unit normal of a ring [n, 3], [3]."""
     vector = ring_vector(points)
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))

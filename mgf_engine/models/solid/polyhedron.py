@@ -51,7 +51,7 @@ class _Corners:
 def make_polyhedron(
     cells: Cells, label: NDArray[np.int64], slopes: Array, ground: float, lines: Sequence[Line2]
 ) -> Solid:
-    """The solid of labelled cells.
+    """Make the solid of labelled cells.
 
     Args:
         label: of each cell, 0 outside, k + 1 the k-th of ``slopes``.
@@ -82,7 +82,7 @@ def make_polyhedron(
 
 
 def faults_of(solid: Solid, tolerance: float) -> list[str]:
-    """What is wrong with a solid, in words; empty for a closed, oriented, plane-faced 2-manifold with volume."""
+    """Return what is wrong with a solid, in words; empty for a closed, oriented, plane-faced 2-manifold with volume."""
     faults, count = [], dict[tuple[int, int], int]()
     for face in solid.faces:
         for ring in face.rings:
@@ -104,7 +104,7 @@ def faults_of(solid: Solid, tolerance: float) -> list[str]:
 
 
 def triangles(solid: Solid) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Triangles between a solid's own vertices [T, 3], and the face of each [T]."""
+    """Return triangles between a solid's own vertices [T, 3], and the face of each [T]."""
     rows, owner = list[NDArray[np.int32]](), list[int]()
     for k, face in enumerate(solid.faces):
         axes = _axes(solid.normal(face))

@@ -43,7 +43,7 @@ class Found:
 
 @cache
 def find_card() -> Found:
-    """The card, if kernels can be compiled for it and run on it.
+    """Find the card, if kernels can be compiled for it and run on it.
 
     Raises:
         BadInput: why not, in one sentence.
@@ -132,14 +132,14 @@ class Card:
 
 
 def cache_folder() -> Path:
-    """Where compiled kernels are kept; ``MGF_CACHE`` names another folder than the user's."""
+    """Return where compiled kernels are kept; ``MGF_CACHE`` names another folder than the user's."""
     if os.environ.get("MGF_CACHE"):
         return Path(os.environ["MGF_CACHE"]) / "kernels"
     return user_cache() / "kernels"
 
 
 def cubin(program: str, architecture: int) -> bytes:
-    """A compiled program, from the disk where it was compiled before.
+    """Return a compiled program, from the disk where it was compiled before.
 
     The name holds everything the result depends on: the sources, the options, the architecture and the compiler. A
     cache that cannot be read or written only costs time.

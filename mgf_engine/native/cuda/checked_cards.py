@@ -20,12 +20,12 @@ from mgf_engine.system import write_json
 
 
 def record_file() -> Path:
-    """Where passes are remembered, as JSON: key -> when."""
+    """Return where passes are remembered, as JSON: key -> when."""
     return cache_folder().parent / "cards.json"
 
 
 def is_approved(found: Found) -> bool:
-    """Whether this very card has passed."""
+    """Tell whether this very card has passed."""
     return _key(found) in _passes()
 
 
@@ -53,7 +53,7 @@ def withdraw(found: Found) -> None:
 
 
 def driver_version() -> str:
-    """The driver's own version where its management library tells, else the newest CUDA it knows."""
+    """Return the driver's own version where its management library tells, else the newest CUDA it knows."""
     try:
         library = ctypes.CDLL("nvml.dll" if sys.platform == "win32" else "libnvidia-ml.so.1")
         text = ctypes.create_string_buffer(96)

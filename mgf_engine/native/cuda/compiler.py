@@ -116,7 +116,7 @@ class Nvrtc:
         self.architectures = tuple(known)
 
     def refusal(self, architecture: int) -> str:
-        """Why this compiler cannot compile for an architecture, in one sentence."""
+        """Return why this compiler cannot compile for an architecture, in one sentence."""
         newest, oldest = max(self.architectures), min(self.architectures)
         return (
             f"The CUDA compiler NVRTC {self.version[0]}.{self.version[1]} cannot compile for compute capability "
@@ -125,7 +125,7 @@ class Nvrtc:
         )
 
     def compile(self, source: bytes, name: str, options: Sequence[str]) -> tuple[bytes, str]:
-        """The cubin of a source, and the compiler's remarks; RuntimeError with them when it does not compile."""
+        """Return the cubin of a source, and the compiler's remarks; RuntimeError with them when it does not compile."""
         program = ctypes.c_void_p()
         headers, names = (ctypes.c_char_p * 1)(_STDINT), (ctypes.c_char_p * 1)(b"stdint.h")
         self._call("nvrtcCreateProgram", ctypes.byref(program), source, name.encode(), 1, headers, names)
@@ -222,7 +222,7 @@ def _candidates() -> list[str]:
 
 
 def compile_all(architectures: Sequence[int] = ARCHITECTURES, threads: int = 0) -> dict[tuple[str, int], Compiled]:
-    """Every program for every architecture, (program, architecture) -> result."""
+    """Return every program for every architecture, (program, architecture) -> result."""
     jobs = [(program, architecture) for architecture in architectures for program in programs()]
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         return dict(zip(jobs, pool.map(lambda job: compile_program(*job), jobs), strict=True))

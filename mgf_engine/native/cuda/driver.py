@@ -26,13 +26,13 @@ class Driver:
         self.call("cuInit", 0)
 
     def version(self) -> tuple[int, int]:
-        """The newest CUDA it knows, (12, 8) for 12.8."""
+        """Return the newest CUDA it knows, (12, 8) for 12.8."""
         found = ctypes.c_int()
         self.call("cuDriverGetVersion", ctypes.byref(found))
         return found.value // 1000, found.value % 1000 // 10
 
     def load(self, cubin: bytes) -> ctypes.c_void_p:
-        """A module from a cubin, in the current context."""
+        """Read a module from a cubin, in the current context."""
         module = ctypes.c_void_p()
         self.call("cuModuleLoadData", ctypes.byref(module), cubin)
         return module
@@ -51,7 +51,7 @@ class Driver:
         )  # fmt: skip
 
     def context(self) -> ctypes.c_void_p:
-        """The context of this thread; null when there is none."""
+        """Return the context of this thread; null when there is none."""
         found = ctypes.c_void_p()
         self.call("cuCtxGetCurrent", ctypes.byref(found))
         return found
@@ -76,7 +76,7 @@ class Driver:
 
 @cache
 def driver() -> Driver:
-    """The driver, loaded once.
+    """Return the driver, loaded once.
 
     Raises:
         BadInput: there is no NVIDIA driver, or it finds no card.

@@ -66,7 +66,7 @@ class SourceOnCpu:
 
 @cache
 def build() -> Path:
-    """The library, built when a source has changed.
+    """Build the library where a source has changed, and return its path.
 
     Raises:
         RuntimeError: the compiler is missing or fails.

@@ -40,12 +40,12 @@ class Launcher(Protocol):
 
 
 def blocks(items: int, each: int = THREADS) -> int:
-    """How many blocks it takes for so many items."""
+    """Return how many blocks it takes for so many items."""
     return -(-items // each)
 
 
 def pack(arguments: Sequence[Any], device: torch.device) -> tuple[Any, list[Any]]:
-    """The arguments as ``cuLaunchKernel`` takes them, an array of addresses; and what must outlive the call.
+    """Return the arguments as ``cuLaunchKernel`` takes them, an array of addresses; and what must outlive the call.
 
     Tensors, :class:`At` and None become pointers, whole numbers int32, real numbers float32, bytes and tuples structs
     by value (a tuple's members follow the same rules).

@@ -20,7 +20,7 @@ def programs() -> dict[str, tuple[str, ...]]:
 
 @cache
 def program_of(kernel: str) -> str:
-    """The program that holds a kernel."""
+    """Return the program that holds a kernel."""
     return next(program for program, names in programs().items() if kernel in names)
 
 

@@ -27,5 +27,5 @@ def launcher_on(backend: str) -> Launcher:
 
 @cache
 def rasterizer_on(backend: str) -> Rasterizer:
-    """The rasterizer of a backend; see :func:`launcher_on`."""
+    """Return the rasterizer of a backend; see :func:`launcher_on`."""
     return Rasterizer(launcher_on(backend))

@@ -113,7 +113,7 @@ class Rasterizer:
     def sort(
         self, keys: Tensor, values: Tensor | None, bits: int, listed: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """Keys and values by the lowest ``bits`` of the keys, stably.
+        """Return keys and values by the lowest ``bits`` of the keys, stably.
 
         Args:
             keys: int32 [n], read as unsigned.
@@ -134,7 +134,7 @@ class Rasterizer:
         return keys, values
 
     def bin_tiles(self, seen: Projection, wait: bool = True) -> TileLists:
-        """The lists of all tiles, front to back."""
+        """Return the lists of all tiles, front to back."""
         n, tiles = len(seen.records), seen.tiles_x * seen.tiles_y
         _, order = self.sort(seen.depth_keys, None, 32)
         sums, total = self.empty(torch.int32, blocks(n)), self.empty(torch.int32, 2)
@@ -179,7 +179,7 @@ class Rasterizer:
         error_map: Tensor | None,
         statistics: tuple[Tensor, ...] | None,
     ) -> tuple[Tensor, ...]:
-        """Gradients of positions, log_scales, rotations, opacity_logits and sh; see :func:`.cpu.backward`."""
+        """Return gradients of positions, log_scales, rotations, opacity_logits and sh; see :func:`.cpu.backward`."""
         sums = self.blend_backward(lists, image, hits, gradients, error_map, statistics is not None)
         return self.project_backward(raw, sh_degree, lists, hits, sums, gradients.level, statistics)
 
@@ -192,7 +192,7 @@ class Rasterizer:
         error_map: Tensor | None,
         stats: bool,
     ) -> Tensor:
-        """Sums over each tile's pixels for every slot, float32 [room, 24] (``csrc/raster/blend_backward.h``)."""
+        """Return sums over each tile's pixels for every slot, float32 [room, 24] (``csrc/raster/blend_backward.h``)."""
         sums = self.empty(torch.float32, len(hits), SUMS)
         g = gradients
         given = (g.color, g.alpha, g.depth, g.median, g.normal, g.distortion, error_map)
@@ -210,7 +210,7 @@ class Rasterizer:
         level: int,
         statistics: tuple[Tensor, ...] | None,
     ) -> tuple[Tensor, ...]:
-        """Gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
+        """Return gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
         n = len(raw.positions)
         gradients = tuple(torch.empty_like(t) for t in raw.all[:5])
         columns = SUMS if statistics is not None or level > 0 else 16

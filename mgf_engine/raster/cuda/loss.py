@@ -52,7 +52,7 @@ class DevicePhoto:
 
 
 def photo_on(device: torch.device, photo: PhotoSide, weights: LossWeights) -> DevicePhoto:
-    """The photo on the device; uploaded on first use and kept with the photo."""
+    """Return the photo on the device; uploaded on first use and kept with the photo."""
     key = (str(device), weights.labels.tobytes())
     if key not in photo.copies:
         maps = photo.image, photo.labels, photo.edges, photo.background_band
@@ -77,7 +77,7 @@ class Pyramid:
 
 
 def pyramid(height: int, width: int, count: int) -> Pyramid:
-    """``count`` levels of a box, each half the size of the one before."""
+    """Return ``count`` levels of a box, each half the size of the one before."""
     levels, tiles, sizes, first, floats = [], [], [], 0, 0
     for scale in range(count):
         h, w = height >> scale, width >> scale

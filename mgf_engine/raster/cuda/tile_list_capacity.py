@@ -69,7 +69,7 @@ class TileListCapacity:
         self._asked.append(_Asked(answer, room, gaussians, tiles))
 
     def state(self) -> dict[str, Any]:
-        """All it knows, as plain numbers for a checkpoint; waits for answers that are on their way."""
+        """Return all it knows, as plain numbers for a checkpoint; waits for answers that are on their way."""
         asked = [[a.needed, a.room, a.gaussians, a.tiles] for a in self._asked]
         return {"per_gaussian": list(map(list, self._per_gaussian.items())), "asked": asked, "lost": self._lost}
 
