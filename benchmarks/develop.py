@@ -40,7 +40,7 @@ def photo_frame(spec: SceneSpec) -> Frame:
 
 
 def render_frame(spec: SceneSpec) -> Frame:
-    """Make the pinhole camera that is rendered: the photo's own without a lens, else as much wider as its corners need."""
+    """Make the pinhole camera to render: the photo's own without a lens, else as much wider as its corners need."""
     frame = photo_frame(spec)
     if not any(spec.lens):
         return frame

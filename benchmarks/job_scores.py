@@ -21,7 +21,7 @@ from mgf_engine.model.masks import BACKGROUND, IGNORE, building
 
 
 def held_out_scores(job: Path, scene: Path) -> Scores:
-    """Return mean scores of the held-out renders inside the true masks; all None for a job that held out nothing.
+    """Compute the mean scores of the held-out renders inside the true masks; all None for a job that held out nothing.
 
     Args:
         job: a finished job with its renders; scene: folder with ``masks``.
@@ -49,7 +49,7 @@ def _read(path: Path) -> NDArray[np.uint8]:
 
 
 def mean_mask_iou(job: Path, scene: Path) -> float | None:
-    """Return mean IoU in percent of the job's level-one masks with the true ones, where they are not unknown."""
+    """Compute the mean IoU in percent of the job's level-one masks with the true ones, where they are not unknown."""
     values = []
     for path in sorted((scene / "masks").glob("*.png")):
         found = next((p for p in (job / "masks").rglob(f"{path.stem}*.png")), None)

@@ -47,7 +47,7 @@ class PhotoInfo:
 
 
 def read_info(path: Path) -> PhotoInfo:
-    """Read size and orientation from the header, without decoding.
+    """Read the size and orientation from the header, without decoding.
 
     Raises:
         BadInput: the file is missing or no picture.
@@ -132,8 +132,9 @@ def is_png(data: bytes | memoryview) -> bool:
 
 
 def png_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return width and height from a PNG header; None where it is none, cut off, or a chunk promises more than is there
-    (OpenCV would reserve the memory first).
+    """Read width and height from a PNG header; None for a damaged file.
+
+    A chunk that promises more than is there counts as damage: OpenCV would reserve the memory first.
     """
     if not is_png(data) or len(data) < 33 or bytes(data[12:16]) != b"IHDR":
         return None

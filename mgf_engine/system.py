@@ -50,7 +50,7 @@ def cpu_seconds() -> float:
 
 
 def peak_memory() -> int:
-    """Return largest resident memory of this process so far, in bytes."""
+    """Return the largest resident memory of this process so far, in bytes."""
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
     with contextlib.suppress(OSError, ValueError, IndexError):

@@ -112,7 +112,7 @@ def config(**options: Any) -> Config:
 
 
 def reprojection(scene: Scene) -> np.ndarray:
-    """Return distance in working pixels between each observation and the projection of its point, [T]."""
+    """Return the distance in working pixels between each observation and the projection of its point, [T]."""
     owner = np.repeat(np.arange(len(scene.points)), np.diff(scene.track_start))
     result = np.empty(len(owner))
     for index, view in enumerate(scene.views):

@@ -57,7 +57,7 @@ def active_point(scene: bpy.types.Scene) -> MGF_PG_control_point | None:
 
 
 def mark_of(scene: bpy.types.Scene, point: str, photo: str) -> int:
-    """Return index of a point's mark in a photo, or -1."""
+    """Return the index of a point's mark in a photo, or -1."""
     marks = scene.mgf.georef.marks
     return next((i for i, mark in enumerate(marks) if mark.point == point and mark.photo == photo), -1)
 

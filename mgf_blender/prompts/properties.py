@@ -47,7 +47,7 @@ def photo_image(photo: MGF_PG_photo) -> bpy.types.Image | None:
 
 
 def photo_of_image(scene: bpy.types.Scene, image: bpy.types.Image | None) -> int:
-    """Return index of the list's photo that an image block shows, or -1."""
+    """Return the index of the list's photo that an image block shows, or -1."""
     if image is None or image.source != "FILE":
         return -1
     shown = Path(bpy.path.abspath(image.filepath))

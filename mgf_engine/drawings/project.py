@@ -58,7 +58,7 @@ class Seen:
     before: NDArray[np.float32]
 
     def points(self, index: NDArray[np.integer]) -> Array:
-        """Return local frame points [n, 3] that pixels (flat indices [n]) see."""
+        """Return the points [n, 3], local frame, that pixels (flat indices [n]) see."""
         row, column = np.divmod(index, self.grid.width)
         at = self.grid.places(np.stack([column, row], 1) + 0.5)
         return self.grid.frame.to_local(np.column_stack([at, self.before.ravel()[index]]))

@@ -236,7 +236,7 @@ def _areas(rings: list[Array], least: float) -> list[Area]:
 
 
 def ring_area(ring: Array) -> float:
-    """Return area inside a closed ring [N, 2]."""
+    """Return the area inside a closed ring [N, 2]."""
     x, y = (ring - ring[0]).T
     return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))
 

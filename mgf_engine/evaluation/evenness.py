@@ -98,7 +98,7 @@ def measure_evenness(mesh: Surface, ground_pixel: float, samples: int = SAMPLES,
 
 
 def typical_pixel(distances: Sequence[Points], focals: Sequence[float]) -> float:
-    """Return length that a pixel covers on what the photos show: the median over the photos.
+    """Return the length that a pixel covers on what the photos show: the median over the photos.
 
     Args:
         distances: per photo, how far the sparse points are that it observed; none of photos without any.

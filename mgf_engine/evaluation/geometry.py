@@ -255,7 +255,7 @@ def colmap_cameras(scene: Path) -> list[SeeingCamera]:
 
 
 def colmap_pixel(scene: Path, longest_side: int) -> float:
-    """Return length that a pixel of photos with this longest side covers on what they show, in the units of the scene.
+    """Return the length that a pixel of photos with this longest side covers on their subject, scene units.
 
     Raises:
         BadInput: no model is found, or it has no registered image or no point.

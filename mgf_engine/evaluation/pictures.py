@@ -60,7 +60,7 @@ def normal_picture(normals: NDArray[np.floating], alpha: NDArray[np.floating]) -
 
 
 def error_picture(photo: NDArray[np.uint8], render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return absolute colour error inside the mask, dark (none) to yellow (:data:`ERROR_LIMIT` or more)."""
+    """Draw the absolute colour error inside the mask, dark (none) to yellow (:data:`ERROR_LIMIT` or more)."""
     error = np.abs(photo.astype(np.float64) - render).mean(-1) / 255.0 / ERROR_LIMIT
     colors = cv2.applyColorMap((error.clip(0, 1) * 255).astype(np.uint8), cv2.COLORMAP_INFERNO)
     return np.where(mask[..., None], cv2.cvtColor(colors, cv2.COLOR_BGR2RGB), 40).astype(np.uint8)

@@ -115,7 +115,7 @@ class Surface:
         return np.divide(self._double[faces], double, out=np.zeros((len(faces), 3)), where=double > 0)
 
     def distances(self, points: Points) -> Points:
-        """Return distance of each point to the surface, [N]."""
+        """Return the distance of each point to the surface, [N]."""
         return np.sqrt(self.closest(points)[0])
 
     def closest(self, points: Points) -> tuple[Points, Faces, Points]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 def principal_normals(points: NDArray[np.float64], neighbours: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return direction of least spread among the neighbours of each point, by principal components; of either sign.
+    """Return the direction of least spread among the neighbours of each point, by principal components; of either sign.
 
     Args:
         points: [P, 3].

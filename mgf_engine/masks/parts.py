@@ -74,7 +74,7 @@ def add_elements(
     sam: EfficientSam | None,
     options: PartOptions = PartOptions(),
 ) -> tuple[NDArray[np.uint8], dict[int, str]]:
-    """Return label map with elements from 2 up, and the user's names of clicked ones.
+    """Return the label map with elements from 2 up, and the user's names of clicked ones.
 
     Args:
         labels: level one [H, W].

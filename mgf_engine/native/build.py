@@ -66,7 +66,11 @@ TARGETS = {
 
 
 def host_target() -> str:
-    """Return name of the machine at hand in :data:`TARGETS`; raises RuntimeError when the kernels do not support it."""
+    """Return this machine's name in :data:`TARGETS`.
+
+    Raises:
+        RuntimeError: the kernels do not support it.
+    """
     system = {"Linux": "linux", "Windows": "windows", "Darwin": "macos"}.get(platform.system(), platform.system())
     machine = platform.machine().lower()
     name = system + "-" + {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)

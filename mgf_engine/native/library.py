@@ -61,7 +61,7 @@ def runnable_variants() -> list[str]:
 
 
 def variant() -> str:
-    """Return name of the loaded variant (loads one if none is)."""
+    """Return the name of the loaded variant (loads one if none is)."""
     library()
     return _current_variant
 
@@ -121,7 +121,7 @@ def set_threads(count: int) -> None:
 
 
 def threads() -> int:
-    """Return number of threads that work loops run on."""
+    """Return the number of threads that work loops run on."""
     if not _threads:
         set_threads(0)
     return _threads
@@ -164,7 +164,7 @@ def parallel(name: str, *arguments: Any, pieces: int | None = None) -> None:
 
 
 def own_threads() -> int:
-    """Return number of threads that a work loop started on this thread gets."""
+    """Return the number of threads that a work loop started on this thread gets."""
     return 1 if getattr(_here, "alone", False) else threads()
 
 

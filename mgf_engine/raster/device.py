@@ -24,7 +24,7 @@ CPU_BACKEND = "cpu"
 
 
 def backend_for(tensor: Tensor, wanted: str | None = None) -> str:
-    """Return name of the backend that works where a tensor lies, unless one is wanted."""
+    """Return the name of the backend that works where a tensor lies, unless one is wanted."""
     return wanted or ("cuda" if tensor.is_cuda else CPU_BACKEND)
 
 

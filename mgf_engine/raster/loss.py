@@ -36,7 +36,7 @@ _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the g
 
 
 def scales_of(area: NDArray[np.int64], height: int, width: int) -> int:
-    """Return number of scales of MS-SSIM: of the largest mask's area, 11 px wide or more at each; area [ids]."""
+    """Return the number of scales of MS-SSIM: of the largest mask's area, 11 px wide or more at each; area [ids]."""
     largest = int(area.max(initial=0))
     fitting = int(np.floor(np.log2(max(np.sqrt(largest) / WINDOW, 1.0)))) + 1
     return min(len(MS_SSIM_WEIGHTS), fitting, int(np.log2(min(height, width))) + 1)

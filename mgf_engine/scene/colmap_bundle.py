@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 
 
 def projection_errors(model: SparseModel, resolution: int) -> Array:
-    """Return distance of each observation from its point's projection, working pixels, [T]; inf where there is none."""
+    """Compute the reprojection error of each observation, working pixels, [T]; inf behind a camera."""
     points, owner = model.points, owners(model)
     distances = np.full(len(owner), np.inf)
     order, bounds = by_image(model)
@@ -147,7 +147,7 @@ def by_image(model: SparseModel) -> tuple[Indices, Indices]:
 
 
 def pose(model: SparseModel, index: int) -> pycolmap.Rigid3d:
-    """Return camera from world of a photo."""
+    """Return the camera from world of a photo."""
     image = model.images[index]
     x = image.quaternion / np.linalg.norm(image.quaternion)
     return pycolmap.Rigid3d(pycolmap.Rotation3d(np.roll(x, -1)), image.translation)  # COLMAP takes x, y, z, w

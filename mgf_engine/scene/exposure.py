@@ -134,7 +134,7 @@ def _conjugate_gradients(pairs: sparse.csr_matrix, share: Array, own: Array, rig
 
 
 def observed_colors(scene: Scene, folder: Path, threads: int = 1) -> Array:
-    """Return mean colour of the 3 x 3 pixels around each observation, 0..255, [T, 3].
+    """Return the mean colour of the 3 x 3 pixels around each observation, 0..255, [T, 3].
 
     Args:
         folder: holds the working photos under their file names.

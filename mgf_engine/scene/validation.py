@@ -268,7 +268,7 @@ def diagnose(scene: Scene, options: ValidationOptions = ValidationOptions()) -> 
 
 
 def triangulation_angle(scene: Scene) -> float:
-    """Return median angle between a camera and the nearest other one, seen from the middle of the points; degrees."""
+    """Compute the median angle between neighbouring cameras, seen from the middle of the points; degrees."""
     away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
     towards = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
     cosine = np.clip(towards @ towards.T, -1.0, 1.0)

@@ -103,7 +103,7 @@ def _smoothed(label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _P
 
 
 def patches(label: NDArray[np.int32], neighbours: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return label patches: faces of one view that are connected by edges, int32 [F]."""
+    """Label patches: faces of one view that are connected by edges, int32 [F]."""
     same = neighbours[label[neighbours[:, 0]] == label[neighbours[:, 1]]]
     links = sparse.coo_matrix((np.ones(len(same), np.int8), (same[:, 0], same[:, 1])), (len(label), len(label)))
     return np.asarray(connected_components(links, directed=False)[1], np.int32)

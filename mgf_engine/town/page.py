@@ -47,7 +47,7 @@ def write_page(path: Path, town: Path, rows: list[dict[str, Any]], refresh: int 
 
 
 def color_of(row: dict[str, Any]) -> str:
-    """Return colour of a building on the map."""
+    """Return the colour of a building on the map."""
     return JOB_COLORS[row["job"]] if row["job"] else COLORS[row["state"]]
 
 

@@ -108,7 +108,7 @@ def place_scene(
 
 
 def usual_metre(scene: Scene, scale: float) -> float:
-    """Return length of a metre where nothing tells it: cameras are mostly some 25 metres from what they look at.
+    """Return the length of a metre where nothing tells it: cameras are mostly some 25 metres from what they look at.
 
     Args:
         scale: local units per unit of the scene frame.

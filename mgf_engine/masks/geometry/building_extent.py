@@ -230,13 +230,13 @@ def _map_pixel(scene: Scene, keep: Map, o: ExtentOptions) -> float:
 
 
 def map_size(view: View) -> tuple[int, int]:
-    """Return height and width of the reduced maps of a view."""
+    """Return the height and width of the reduced maps of a view."""
     factor = min(1.0, MAP_SIDE / max(view.width, view.height))
     return max(1, round(view.height * factor)), max(1, round(view.width * factor))
 
 
 def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float64]:
-    """Return depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w]."""
+    """Return the depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w]."""
     xs = ((np.arange(w) + 0.5) * view.width / w - view.cx) / view.fx
     ys = ((np.arange(h) + 0.5) * view.height / h - view.cy) / view.fy
     normal = view.rotation @ ground.normal

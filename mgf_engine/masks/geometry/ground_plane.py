@@ -39,7 +39,7 @@ class Ground:
         return points @ self.normal - self.level
 
     def holds(self, scene: Scene, shape: PointFeatures) -> NDArray[np.float64]:
-        """Return rate how far each sparse point is ground, 0..1: level and in the plane, or below it; [P]."""
+        """Rate how far each sparse point is ground, 0..1: level and in the plane, or below it; [P]."""
         height = self.height(scene.points) / self.thickness
         level = np.clip(2 * np.abs(shape.normals @ shape.up) - 0.6, 0, 1)
         return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)

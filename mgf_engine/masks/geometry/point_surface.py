@@ -66,7 +66,7 @@ class Surface:
         return self.spacing.astype(np.float32)
 
     def depth(self, view: View, h: int, w: int) -> NDArray[np.float32]:
-        """Return depth at which each map pixel meets the surface first, infinite where it does not, [h, w]."""
+        """Return the depth at which each map pixel meets the surface first, infinite where it does not, [h, w]."""
         near = self._splat(view, h, w)
         if self.cell > self.tolerance:  # few samples: where they lie unevenly, a pixel between them is missed
             near = np.asarray(cv2.morphologyEx(near, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.float32)

@@ -9,7 +9,7 @@ points that stand on the building, and points apart from every click.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GeometricEvidence:
-    """What the geometry says, where it was looked at: of all nodes [N], regions first.
+    """Evidence of the geometry in the views that were looked at: of all nodes [N], regions first.
 
     Attributes:
         odds: log-odds of "building".
@@ -48,6 +48,11 @@ class GeometricEvidence:
     grounded: NDArray[np.bool_]
     over: NDArray[np.bool_]
     ground: Ground | None
+
+    @classmethod
+    def nothing(cls, nodes: int) -> GeometricEvidence:
+        """Return no evidence about any of the nodes."""
+        return cls(np.zeros(nodes), np.zeros(nodes, bool), np.zeros(nodes, bool), None)
 
 
 class GeometricOdds:
@@ -68,62 +73,72 @@ class GeometricOdds:
     def place(
         self, probability: Array, appearance: Array, prompts: Prompts, seed: int, views: Sequence[int]
     ) -> GeometricEvidence:
-        """Compute the odds that the geometry gives in these views."""
-        points = probability[self.graph.region_count :]
-        odds, grounded, over = (
-            np.zeros(len(probability)),
-            np.zeros(len(probability), bool),
-            np.zeros(len(probability), bool),
-        )
-        added_ground = np.zeros(self.graph.added_count)
-        ground = find_ground(self.graph.scene, self.graph.shape, 1 - points, seed, self.options.ground)
+        """Compute the odds that the geometry gives in these views.
+
+        Args:
+            probability: of "building" so far, of all nodes [N].
+            appearance: log-odds of "building" by colour and texture, [N].
+            prompts: clicks by view index.
+            seed: of the search for the ground.
+            views: indices of the views to look at.
+        """
+        graph, own, cut = self.graph, self.options, [self.graph.region_count]
+        evidence = GeometricEvidence.nothing(len(probability))
+        # Views of the same memory: what is written to the parts is written to the whole.
+        region_odds, point_odds = np.split(evidence.odds, cut)
+        region_grounded, point_grounded = np.split(evidence.grounded, cut)
+        over = evidence.over[graph.region_count :]
+        points = probability[graph.region_count :]
+        added_ground = np.zeros(graph.added_count)
+        ground = self._find_ground(points, prompts, seed)
         if ground is not None:
-            held = ground.holds(self.graph.scene, self.graph.shape)
-            if self._clicks_reject(held, prompts):
-                odds[self.graph.region_count :] = self.options.ground_odds * held
-                added_ground = ground.holds(self.graph.full, self.full_shape)[self.graph.point_count :]
-                odds[: self.graph.region_count] = self.options.ground_odds * self.graph.shows_added(added_ground)
-                grounded[self.graph.region_count :] = held > 0.5
-                points = np.minimum(points, 1 - held)
-            else:
-                # A plinth the building stands on, as far as anybody said: no evidence against it.
-                ground = None
-        keep = points > self.options.building_above
-        apart = keep & ~clicked_groups(
-            self.graph.scene.points, keep, self.graph.clicked_points(prompts), self.graph.shape, self.options.features
-        )
-        odds[self.graph.region_count :] += self.options.apart_odds * apart
-        keep &= ~apart
+            held = ground.holds(graph.scene, graph.shape)
+            added_ground = ground.holds(graph.full, self.full_shape)[graph.point_count :]
+            point_odds[:] = own.ground_odds * held
+            region_odds[:] = own.ground_odds * graph.shows_added(added_ground)
+            point_grounded[:] = held > 0.5
+            points = np.minimum(points, 1 - held)
+            evidence = replace(evidence, ground=ground)
+        keep, apart = self._building_points(points, prompts)
+        point_odds += own.apart_odds * apart
         if keep.sum() < 10:
-            return GeometricEvidence(odds, grounded, over, ground)
-        over[self.graph.region_count :] = over_building(
-            self.graph.scene.points, keep, self.graph.shape, self._extent_options
-        )
-        odds += self.options.over_odds * over
-        keep |= over[self.graph.region_count :] & (points > self.options.other_below)
-        away = (
-            (points < self.options.other_below)
-            & ~grounded[self.graph.region_count :]
-            & ~over[self.graph.region_count :]
-        )
-        others = apart | (away & self._far_from(keep))
-        extent = self.extent(
-            np.concatenate([keep, self.graph.added_on_building(probability) & (added_ground < 0.5)]), ground, others
-        )
+            return evidence
+        over[:] = over_building(graph.scene.points, keep, graph.shape, self._extent_options)
+        evidence.odds[:] += own.over_odds * evidence.over
+        keep |= over & (points > own.other_below)
+        others = apart | ((points < own.other_below) & ~point_grounded & ~over & self._far_from(keep))
+        added = graph.added_on_building(probability) & (added_ground < 0.5)
+        extent = self.extent(np.concatenate([keep, added]), ground, others)
         tied = self._tied_to_building(keep, points, appearance)
-        within = np.zeros(self.graph.point_count)
-        geometry = parallel_map(lambda i: self._geometry(extent, i, tied), views, self.graph.threads)
-        for index, (region_odds, first, inside) in zip(views, geometry, strict=True):
-            part = slice(self.graph.start[index], self.graph.start[index + 1])
-            odds[part] += region_odds
-            grounded[part] = first & (ground is not None)
+        within = np.zeros(graph.point_count)
+        geometry = parallel_map(lambda i: self._geometry(extent, i, tied), views, graph.threads)
+        for index, (odds, first, inside) in zip(views, geometry, strict=True):
+            part = slice(graph.start[index], graph.start[index + 1])
+            region_odds[part] += odds
+            region_grounded[part] = first & (ground is not None)
             within += inside
-        seen = np.bincount(
-            self.graph.scene.track_point[np.isin(self.graph.scene.track_view, views)], minlength=self.graph.point_count
+        observed = graph.scene.track_point[np.isin(graph.scene.track_view, views)]
+        share = within / np.maximum(np.bincount(observed, minlength=graph.point_count), 1)
+        point_odds += own.within_odds * share * ~point_grounded
+        return evidence
+
+    def _find_ground(self, points: Array, prompts: Prompts, seed: int) -> Ground | None:
+        """Find the ground plane, by the probability of "building" of the points [P]; None if the clicks count it in.
+
+        Such a plane is a plinth that the building stands on, as far as anybody said: no evidence against it.
+        """
+        ground = find_ground(self.graph.scene, self.graph.shape, 1 - points, seed, self.options.ground)
+        if ground is None or not self._clicks_reject(ground.holds(self.graph.scene, self.graph.shape), prompts):
+            return None
+        return ground
+
+    def _building_points(self, points: Array, prompts: Prompts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Find the points that are probably the building [P], and such points apart from every click [P]."""
+        graph, probable = self.graph, points > self.options.building_above
+        clicked = clicked_groups(
+            graph.scene.points, probable, graph.clicked_points(prompts), graph.shape, self.options.features
         )
-        share = within / np.maximum(seen, 1)
-        odds[self.graph.region_count :] += self.options.within_odds * share * ~grounded[self.graph.region_count :]
-        return GeometricEvidence(odds, grounded, over, ground)
+        return probable & clicked, probable & ~clicked
 
     def _tied_to_building(self, keep: NDArray[np.bool_], points: Array, appearance: Array) -> Array:
         """How far regions may be the building although no point of it is near, 0..1, [regions].

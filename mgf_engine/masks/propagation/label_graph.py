@@ -117,7 +117,7 @@ class LabelGraph:
         return np.asarray(seen > self.options.building_above * tracks, bool)
 
     def shows_added(self, values: Array) -> Array:
-        """Return mean over the added points that each region shows, 0 where it shows none, [regions]."""
+        """Return the mean over the added points that each region shows, 0 where it shows none, [regions]."""
         total = np.bincount(self.added_observed, values[self.added_owner], minlength=self.region_count)
         return np.asarray(total / np.maximum(np.bincount(self.added_observed, minlength=self.region_count), 1))
 

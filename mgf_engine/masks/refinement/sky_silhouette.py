@@ -137,7 +137,7 @@ class SilhouetteHull:
         return self.corner + (self.places + 0.5) * self.side
 
     def parts(self) -> NDArray[np.int64]:
-        """Return number of the connected part each cell belongs to (26 neighbours), [N]."""
+        """Return the number of the connected part each cell belongs to (26 neighbours), [N]."""
         count = len(self.places)
         if not count:
             return np.zeros(0, np.int64)

@@ -43,7 +43,7 @@ class Network:
             raise BadInput(text)
 
     def fixed(self, name: str, axis: int) -> int | None:
-        """Return length of an input's axis where the file allows one length only."""
+        """Return the length of an input's axis where the file allows one length only."""
         shape = self._inputs[name]
         return shape[axis] if len(shape) > axis and isinstance(shape[axis], int) else None
 

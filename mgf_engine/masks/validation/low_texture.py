@@ -28,7 +28,7 @@ class LowTextureOptions:
 
 
 def low_texture_share(scene: Scene, masks: MaskSet, options: LowTextureOptions = LowTextureOptions()) -> float:
-    """Return median over photos of the share of the building that is plain, 0..1; 0 where no mask is large enough."""
+    """Measure the plain share of the building, 0..1: median over the photos; 0 where no mask is large enough."""
     used = np.flatnonzero(masks.used)
     shares = []
     for index in used[:: max(1, -(-len(used) // options.photos))].tolist():

@@ -27,7 +27,7 @@ class FlagOptions:
 
 
 def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
-    """Return share of the sparse points observed in three used photos or more on which those photos agree.
+    """Return the share of the sparse points observed in three used photos or more on which those photos agree.
 
     Photos agree when at most one in ten votes differs (one noisy keypoint in a long track is no contradiction).
     """

@@ -61,12 +61,12 @@ class Solid:
         return ring_normal(self.vertices[list(face.rings[0])])
 
     def area(self, face: SolidFace) -> float:
-        """Return area of a face without its holes."""
+        """Return the area of a face without its holes."""
         return abs(sum(float(self.normal(face) @ ring_vector(self.vertices[list(ring)])) for ring in face.rings))
 
 
 def ring_vector(points: Array) -> Array:
-    """Return normal of a ring [n, 3], as long as its area, [3]."""
+    """Return the normal of a ring [n, 3], as long as its area, [3]."""
     local = points - points[0]
     return np.asarray(0.5 * np.cross(local, np.roll(local, -1, axis=0)).sum(0))
 

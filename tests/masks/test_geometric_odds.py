@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evidence of the ground, of what stands on the building and of what is apart from every click."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.synthetic.house import OFFSET
+from mgf_engine.masks.geometry.point_features import measure_point_features
+from mgf_engine.masks.prompts import Clicks
+from mgf_engine.masks.propagation.geometric_odds import GeometricEvidence, GeometricOdds
+from mgf_engine.masks.propagation.label_graph import LabelGraph
+from mgf_engine.masks.propagation.superpixels import cut_regions
+from mgf_engine.model.scene import Scene
+
+VIEWS = (3, 4)
+
+
+@pytest.fixture(scope="module")
+def graph(scene: Scene) -> LabelGraph:
+    regions = [cut_regions(scene.photo(i)) for i in range(len(scene.views))]
+    return LabelGraph(scene, regions, measure_point_features(scene))
+
+
+@pytest.fixture
+def geometry(graph: LabelGraph) -> GeometricOdds:
+    return GeometricOdds(graph)
+
+
+def heights(scene: Scene) -> np.ndarray:
+    """Of the points over the lawn, in the units of the house, [P]."""
+    return np.asarray(scene.to_normalised.invert(scene.points)[:, 2] - OFFSET[2])
+
+
+def click(scene: Scene, wanted: np.ndarray) -> Clicks:
+    """A click on a point of the first view that is wanted, bool [P]."""
+    here = scene.observations(VIEWS[0])
+    on = scene.track_uv[here][wanted[scene.track_point[here]]]
+    return Clicks(on[len(on) // 2][None].astype(float), np.zeros((0, 2)))
+
+
+def place(
+    geometry: GeometricOdds, points: np.ndarray, prompts: dict[int, Clicks]
+) -> tuple[GeometricEvidence, np.ndarray]:
+    """The evidence by the points' probability [P], and the points that the building's extent was made of, [P]."""
+    count = geometry.graph.region_count
+    probability = np.concatenate([np.full(count, 0.5), points])
+    used = []
+    found = geometry.extent
+
+    def extent(keep, *rest):
+        used.append(keep)
+        return found(keep, *rest)
+
+    geometry.extent = extent  # type: ignore[method-assign]
+    evidence = geometry.place(probability, np.zeros(len(probability)), prompts, 0, VIEWS)
+    return evidence, used[0] if used else np.zeros(len(points), bool)
+
+
+def test_ground_is_held_back_from_the_building_however_probable(scene: Scene, geometry: GeometricOdds) -> None:
+    """Clicks on the wall only: lawn that looks like the house (probability 0.9) is neither building nor tied to it."""
+    height = heights(scene)
+    lawn, wall = height < 0.01, height > 1.0
+    probability = np.where(wall, 0.95, 0.9)
+    probability[np.flatnonzero(lawn)[::2]] = 0.4  # enough of it looks like ground to be found
+    evidence, used = place(geometry, probability, {VIEWS[0]: click(scene, wall)})
+    assert evidence.ground is not None
+    assert used[wall].mean() > 0.95 and used[lawn].mean() < 0.05
+    odds, grounded = (a[geometry.graph.region_count :] for a in (evidence.odds, evidence.grounded))
+    assert grounded[lawn].mean() > 0.95 and not grounded[wall].any()
+    assert np.median(odds[lawn]) < 0.8 * geometry.options.ground_odds < 0
+
+
+def test_a_clicked_lawn_is_no_ground(scene: Scene, geometry: GeometricOdds) -> None:
+    height = heights(scene)
+    lawn = height < 0.01
+    probability = np.where(lawn, 0.4, 0.95)
+    evidence, _ = place(geometry, probability, {VIEWS[0]: click(scene, lawn)})
+    assert evidence.ground is None and not evidence.grounded.any()
+
+
+def test_a_building_across_the_street_is_apart(scene: Scene, graph: LabelGraph) -> None:
+    """Half of the scene moved far away: as probable as the clicked half, and no part of it."""
+    far = scene.points[:, 0] > np.median(scene.points[:, 0])
+    moved = replace(scene, points=scene.points + 40.0 * far[:, None] * np.array([1.0, 0, 0]))
+    geometry = GeometricOdds(replace_scene(graph, moved))
+    prompts = {VIEWS[0]: click(scene, ~far & (heights(scene) > 1.0))}
+    evidence, used = place(geometry, np.full(len(far), 0.95), prompts)
+    odds = evidence.odds[graph.region_count :]
+    assert not used[far].any() and used[~far].any()
+    assert np.median(odds[far]) == geometry.options.apart_odds < 0 < np.median(odds[~far])
+
+
+def replace_scene(graph: LabelGraph, scene: Scene) -> LabelGraph:
+    """A graph of the same photos with other points."""
+    return LabelGraph(scene, graph.regions, measure_point_features(scene))
+
+
+def test_too_few_points_say_nothing_of_the_extent(scene: Scene, geometry: GeometricOdds) -> None:
+    evidence, used = place(geometry, np.full(len(scene.points), 0.2), {VIEWS[0]: click(scene, heights(scene) > 1.0)})
+    assert not used.any() and not evidence.over.any()
