@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.job_scores import held_out_scores, mean_mask_iou
-from benchmarks.stage_cache import Stages, keep, lend, saved, shelf_of, stages_of
+from benchmarks.stage_cache import Stages, cache_entry, restore_stages, saved_cost, stages_of, store_stages
 from benchmarks.suites import Run
 from benchmarks.true_masks import write_elements
 from mgf_engine import __version__
@@ -134,36 +134,36 @@ def true_cameras(folder: Path) -> list[SeeingCamera]:
 
 
 def measure(
-    run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool, shelves: Path | None = None
+    run: Run, scene: Prepared, job: Path, samples: int, keep_job: bool, cache: Path | None = None
 ) -> dict[str, Any]:
     """Run and score; a plain row for tables, with ``failed`` (one sentence) instead of scores if the run failed.
 
     Args:
         samples: points on each mesh.
         keep_job: keep the whole job folder, not only what people look at.
-        shelves: folder where runs leave first stages for each other; what a run takes from there is added to its cost.
+        cache: folder of :mod:`benchmarks.stage_cache`; what a run takes from there is added to its cost.
     """
     row: dict[str, Any] = {"variant": run.variant, "scene": run.scene, "seed": run.seed, "group": run.group,
                            "options": run.options, "masks": run.masks, "poses": run.poses, "samples": samples,
                            **origin()}  # fmt: skip
     shutil.rmtree(job, ignore_errors=True)
     job.mkdir(parents=True)
-    mesh, lent = job / "mesh.ply", Stages()
-    shelf = None
-    if shelves is not None and not run.command:
-        shelf = shelf_of(shelves, scene.folder, run.masks, run.poses, run.seed, run.options)
-    source = _source(scene.folder, run.poses, job if shelf is None else shelf.parent)
+    mesh, restored = job / "mesh.ply", Stages()
+    entry = None
+    if cache is not None and not run.command:
+        entry = cache_entry(cache, scene.folder, run.masks, run.poses, run.seed, run.options)
+    source = _source(scene.folder, run.poses, job if entry is None else entry.parent)
     if run.command:
         command = _external(run, source, job, mesh)
     else:
         job.rmdir()  # the engine makes it
-        lent = {} if shelf is None else lend(shelf, job)
+        restored = {} if entry is None else restore_stages(entry, job)
         command = _engine(run, source, scene.folder, job)
     code, tail, usage = _timed(command, job)
     row.update(usage)
-    if code == 0 and shelf is not None:
-        _add_saved(row, saved(lent, job))
-        keep(job, shelf)
+    if code == 0 and entry is not None:
+        _add_saved(row, saved_cost(restored, job))
+        store_stages(job, entry)
     if code != 0 or not mesh.exists():
         return {**row, "code": code, "failed": tail or f"exit code {code}"}
     whole_picture = bool(run.command) or str(run.options.get("use_masks", True)).lower() in ("false", "0", "off", "no")
@@ -187,7 +187,7 @@ def measure(
 
 
 def _add_saved(row: dict[str, Any], cost: dict[str, float]) -> None:
-    """Add what the stages of a shelf cost, so that runs compare as if each had begun from nothing."""
+    """Add the cost of stages from the cache, so that runs compare as if each had begun from nothing."""
     row["seconds"] += cost["seconds"]
     row["cpu_seconds"] += cost["cpu_seconds"]
     row["peak_memory"] = max(row["peak_memory"], cost["peak_memory"])

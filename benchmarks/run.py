@@ -112,7 +112,7 @@ def _run_suite(args: argparse.Namespace) -> int:
                 scenes[run.scene] = prepare_scene(run.scene, args.photos, args.width)
             print(f"[{number}/{len(runs)}] {run.scene}: {run.variant}, seed {run.seed}", flush=True)
             job = args.out / "jobs" / path.stem
-            row = measure(run, scenes[run.scene], job, args.samples, args.keep_jobs, _shelves(args))
+            row = measure(run, scenes[run.scene], job, args.samples, args.keep_jobs, _stage_cache(args))
             if row.get("failed"):
                 failed += 1
                 print(f"    failed: {row['failed']}", flush=True)
@@ -163,10 +163,10 @@ def _label(args: argparse.Namespace) -> str:
     return json.dumps([args.label, args.photos, args.width, args.samples])
 
 
-def _shelves(args: argparse.Namespace) -> Path:
-    """Where runs leave stages for each other; a new label or version begins anew, for the engine may have changed."""
+def _stage_cache(args: argparse.Namespace) -> Path:
+    """Return the folder of the stage cache; a new label or version begins anew, for the engine may have changed."""
     kind = hashlib.sha256(json.dumps([args.label, __version__]).encode()).hexdigest()[:12]
-    return Path(args.out / "shelves" / kind)
+    return Path(args.out / "stage_cache" / kind)
 
 
 def _headline(row: dict[str, Any]) -> str:

@@ -46,6 +46,7 @@ SLIP = 10  # px that a click may lie beside the building
 _NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks."
 
 
+@plain_opencv()
 def build_masks(
     scene: Scene,
     prompts: Path | PromptsFile | None,
@@ -64,18 +65,6 @@ def build_masks(
     Raises:
         BadInput: no clicks, bad clicks or masks, or nothing left of the building.
     """
-    with plain_opencv():
-        return _build_masks(scene, prompts, masks_folder, folder, config, reporter)
-
-
-def _build_masks(
-    scene: Scene,
-    prompts: Path | PromptsFile | None,
-    masks_folder: Path | None,
-    folder: Path,
-    config: Config,
-    reporter: Reporter,
-) -> MaskSet:
     started, threads = time.perf_counter(), config.threads or cores()
     clicks: Prompts = {}
     segmenter: Segmenter | None = None

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
 import pytest
 
-from benchmarks.stage_cache import keep, lend, saved, shelf_of
+from benchmarks.stage_cache import cache_entry, restore_stages, saved_cost, store_stages
 from mgf_engine.config import make_config
 from mgf_engine.job import Job
 
@@ -35,36 +36,38 @@ def start(folder: Path, source: Path, **options: object) -> Job:
 
 
 def test_a_run_takes_what_its_options_leave_unchanged_and_its_cost(tmp_path: Path, source: Path) -> None:
-    shelf = shelf_of(tmp_path / "shelves", source, "prompts", "sfm", seed=0)
-    assert lend(shelf, tmp_path / "nothing") == {} and not (tmp_path / "nothing").exists()
+    entry = cache_entry(tmp_path / "stage_cache", source, "prompts", "sfm", seed=0)
+    assert restore_stages(entry, tmp_path / "nothing") == {} and not (tmp_path / "nothing").exists()
     with start(tmp_path / "first", source, iterations=5) as job:
         finish(job, "scene", "masks", "field", "mesh")
-    keep(tmp_path / "first", shelf)
+    store_stages(tmp_path / "first", entry)
 
-    lent = lend(shelf, tmp_path / "second")
+    restored = restore_stages(entry, tmp_path / "second")
     with start(tmp_path / "second", source, iterations=7) as job:
         assert job.config == make_config({"iterations": 7})
         assert [job.done(name) for name in ("scene", "masks", "field", "mesh")] == [True, True, False, False]
         assert job.path("scene", "scene.npz").read_text() == "scene"
         finish(job, "field", "mesh")
-    assert saved(lent, tmp_path / "second") == {"seconds": 20.0, "cpu_seconds": 30.0, "peak_memory": 1e9}
+    assert saved_cost(restored, tmp_path / "second") == {"seconds": 20.0, "cpu_seconds": 30.0, "peak_memory": 1e9}
 
 
-def test_a_shelf_stays_as_it_was_and_serves_other_seeds(tmp_path: Path, source: Path) -> None:
-    shelf = shelf_of(tmp_path / "shelves", source, "prompts", "sfm", seed=0)
+def test_an_entry_stays_as_it_was_and_serves_other_seeds(tmp_path: Path, source: Path) -> None:
+    entry = cache_entry(tmp_path / "stage_cache", source, "prompts", "sfm", seed=0)
     with start(tmp_path / "first", source, smoothing=1, seed=0) as job:
         finish(job, "scene", "masks")
-    keep(tmp_path / "first", shelf)
-    before = (shelf / "job.json").read_bytes()
+    store_stages(tmp_path / "first", entry)
+    before = (entry / "job.json").read_bytes()
     assert json.loads(before)["given"] == {}
-    keep(tmp_path / "first", shelf)
-    other = shelf_of(tmp_path / "shelves", source, "prompts", "sfm", seed=3)
-    assert set(lend(other, tmp_path / "third")) == {"scene", "masks"}
-    assert (shelf / "job.json").read_bytes() == before
+    store_stages(tmp_path / "first", entry)
+    other = cache_entry(tmp_path / "stage_cache", source, "prompts", "sfm", seed=3)
+    assert set(restore_stages(other, tmp_path / "third")) == {"scene", "masks"}
+    assert (entry / "job.json").read_bytes() == before
 
 
-def test_other_cameras_or_masks_have_a_shelf_of_their_own(tmp_path: Path, source: Path) -> None:
-    shelves = {
-        shelf_of(tmp_path, source, masks, poses, 0).parent for masks in ("prompts", "true") for poses in ("sfm", "true")
+def test_other_cameras_or_masks_have_an_entry_of_their_own(tmp_path: Path, source: Path) -> None:
+    cache = {
+        cache_entry(tmp_path, source, masks, poses, 0).parent
+        for masks in ("prompts", "true")
+        for poses in ("sfm", "true")
     }
-    assert len(shelves) == 4
+    assert len(cache) == 4
