@@ -69,7 +69,7 @@ def timings(n: int, width: int, height: int, rounds: int) -> dict[str, float]:
     iteration = milliseconds(side.iterate, rounds)
     step = side.optimiser
     bytes_moved = sum(getattr(step.field, name).numel() for name in TRAINED) * 4 * 9  # see docs/cuda.md
-    room = rasterizer_on("cuda").room
+    room = rasterizer_on("cuda").capacity
     return {
         "iteration ms": iteration,
         "forward ms": forward,

@@ -28,12 +28,12 @@ _TICK = 0.02  # seconds between two steps
 _KEY = "mgf_arriving"
 _PATIENCE = 3  # times that a mesh is begun anew because it was not there any more
 
-_arrivals: dict[str, Arrival] = {}  # scene key -> the import under way
+_arrivals: dict[str, AsyncImport] = {}  # scene key -> the import under way
 _problems: dict[str, str] = {}  # scene key -> why the last one failed
 _longest = 0.0
 
 
-class Arrival:
+class AsyncImport:
     """One import under way.
 
     Args:
@@ -113,7 +113,7 @@ def begin(scene: bpy.types.Scene, folder: Path) -> None:
     forget(scene)
     tree = Tree.find(scene)
     _problems.pop(key, None)
-    _arrivals[key] = Arrival(key, folder, tree.offset if tree is not None else None)
+    _arrivals[key] = AsyncImport(key, folder, tree.offset if tree is not None else None)
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=_TICK, persistent=True)
 
@@ -128,7 +128,7 @@ def problem(scene: bpy.types.Scene) -> str:
     return _problems.get(key_of(scene), "")
 
 
-def ready(scene: bpy.types.Scene, folder: Path) -> Arrival | None:
+def ready(scene: bpy.types.Scene, folder: Path) -> AsyncImport | None:
     """The arrival of a folder that is waiting to be imported into a scene: read, and its mesh made to the end."""
     found = _arrivals.get(key_of(scene))
     return found if found is not None and found.folder == folder and found.ready else None
@@ -164,7 +164,7 @@ def longest_step() -> float:
     return _longest
 
 
-def _import(key: str, arrival: Arrival) -> None:
+def _import(key: str, arrival: AsyncImport) -> None:
     from ..reconstruct.start import run_in
 
     scene = scene_of(key)
@@ -211,7 +211,7 @@ def unregister() -> None:
     _problems.clear()
 
 
-def content_of(arrival: Arrival) -> Content | None:
+def content_of(arrival: AsyncImport) -> Content | None:
     """Return what was read.
 
     Raises:

@@ -21,7 +21,7 @@ from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Facade, Frame, LineDrawing, Survey
 from mgf_engine.drawings.orthophoto import Visibility, paint
 from mgf_engine.drawings.parts import PartOutlineOptions, part_lines, part_shares
-from mgf_engine.drawings.project import Grid, Seen, plan_grid, round_resolution, see
+from mgf_engine.drawings.project import Grid, GridBuffers, plan_grid, render_grid, round_resolution
 from mgf_engine.drawings.quantities import (
     QuantityOptions,
     Row,
@@ -212,7 +212,7 @@ def _draw_frame(
     """
     survey, image, drawing = work.survey, None, None
     with work.cost.of("orthophotos"):
-        seen = see(survey, _grid(work, frame))
+        seen = render_grid(survey, _grid(work, frame))
         if work.wants("orthophotos", "sheets"):
             image = paint(survey, painting, visibility, seen, lambda s: work.reporter.progress(share(s)))
         if image is not None and work.wants("orthophotos"):
@@ -289,7 +289,7 @@ def _write_lines(work: Work, name: str, drawing: LineDrawing, kind: str, **facts
     write_svg(work.add(f"{name}.svg", **facts), drawing, work.survey)
 
 
-def _write_heights(work: Work, seen: Seen) -> None:
+def _write_heights(work: Work, seen: GridBuffers) -> None:
     with work.cost.of("heights"):
         heights = seen.before + np.float32(work.survey.world(np.zeros(3))[2])
         path = work.add(f"heights-{seen.grid.frame.name}.tif", kind="heights", frame=seen.grid.frame.name)

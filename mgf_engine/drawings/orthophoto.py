@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import Array, Survey
-from mgf_engine.drawings.project import Seen
+from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import SLACK
 from mgf_engine.model.masks import building
@@ -68,7 +68,7 @@ def paint(
     survey: Survey,
     painting: Painting,
     visibility: Visibility,
-    seen: Seen,
+    seen: GridBuffers,
     progress: Callable[[float], None] = lambda share: None,
 ) -> NDArray[np.uint8]:
     """Return the orthophoto, RGBA uint8 [H, W, 4]; transparent where no photo shows what a pixel sees."""
@@ -101,7 +101,7 @@ def _shrink(survey: Survey) -> float:
 
 
 def _assign(
-    survey: Survey, painting: Painting, visibility: Visibility, seen: Seen
+    survey: Survey, painting: Painting, visibility: Visibility, seen: GridBuffers
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Pixels (flat indices) that some photo shows, and the view that paints each."""
     face = seen.face.ravel()
@@ -122,7 +122,7 @@ def _assign(
 
 
 def _shown(
-    survey: Survey, visibility: Visibility, seen: Seen, view: int, pixel: NDArray[np.int64]
+    survey: Survey, visibility: Visibility, seen: GridBuffers, view: int, pixel: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """:class:`Visibility` of what pixels see, [n]; in blocks, to keep memory small."""
     turned = survey.normals @ (survey.turn @ survey.georeference.rotation @ survey.scene.to_normalised.rotation.T)

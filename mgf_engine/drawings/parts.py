@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import PART, Array, Line, Survey
 from mgf_engine.drawings.orthophoto import Visibility
-from mgf_engine.drawings.project import Grid, Seen
+from mgf_engine.drawings.project import Grid, GridBuffers
 from mgf_engine.drawings.straighten import StraightenOptions, straighten
 from mgf_engine.drawings.trace import trace
 from mgf_engine.texture.texture_pipeline import Painting
@@ -37,7 +37,7 @@ def part_shares(
     survey: Survey,
     painting: Painting,
     visibility: Visibility,
-    seen: Seen,
+    seen: GridBuffers,
     options: PartOutlineOptions = PartOutlineOptions(),
 ) -> dict[str, NDArray[np.float32]]:
     """For each named part, the share of the photos which see a pixel that call it that part, [H, W]."""

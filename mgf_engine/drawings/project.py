@@ -45,7 +45,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Seen:
+class GridBuffers:
     """What the pixels of a grid see.
 
     Attributes:
@@ -89,10 +89,10 @@ def round_resolution(value: float) -> float:
     return float(max(step for step in STEPS if step * power <= value * (1 + 1e-9)) * power)
 
 
-def see(survey: Survey, grid: Grid) -> Seen:
+def render_grid(survey: Survey, grid: Grid) -> GridBuffers:
     """Render the survey's mesh at the grid's pixels along the normal, from outside."""
     at = grid.frame.to_drawing(survey.mesh.vertices)
     buffers = render_parallel(np.column_stack([grid.pixels(at), at[:, 2]]), survey.mesh.faces, grid.height, grid.width)
     behind = (survey.normals @ grid.frame.normal <= 0)[buffers.face]
     face = np.where(behind, np.int32(-1), buffers.face)
-    return Seen(grid, face, np.where(face >= 0, buffers.depth, np.float32(np.nan)))
+    return GridBuffers(grid, face, np.where(face >= 0, buffers.depth, np.float32(np.nan)))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Facade, Line, Survey
-from mgf_engine.drawings.project import Seen
+from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.section import ring_area
 from mgf_engine.drawings.vector_files import layer_name
 from mgf_engine.mesh.plane_detection import Planes
@@ -99,7 +99,7 @@ def building_rows(survey: Survey, planes: Planes, options: QuantityOptions = Qua
 
 
 def wall_deviation(
-    survey: Survey, facade: Facade, seen: Seen, options: QuantityOptions = QuantityOptions()
+    survey: Survey, facade: Facade, seen: GridBuffers, options: QuantityOptions = QuantityOptions()
 ) -> NDArray[np.float32]:
     """How far the wall stands before its own plane of least squares at each pixel, NaN beside the wall, [H, W]."""
     weight, at = survey.areas[facade.wall], facade.frame.to_drawing(survey.centres[facade.wall])

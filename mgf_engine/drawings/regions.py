@@ -17,7 +17,7 @@ from scipy.ndimage import find_objects
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, Frame, Survey
-from mgf_engine.drawings.project import Grid, Seen, plan_grid, see
+from mgf_engine.drawings.project import Grid, GridBuffers, plan_grid, render_grid
 from mgf_engine.mesh.plane_detection import PlanarOptions, Planes, planes_of
 
 NOTHING, LOOSE = 0, 1 << 20
@@ -82,7 +82,7 @@ def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOp
     """Find the regions that a frame shows."""
     pixel = survey.working_pixel
     resolution = max(options.pixel * pixel, float(frame.size.max()) / options.longest_side)
-    seen = see(survey, plan_grid(frame, resolution, survey.unit))
+    seen = render_grid(survey, plan_grid(frame, resolution, survey.unit))
     slope = _slopes(planes, frame)
     plane = planes.label[np.maximum(seen.face, 0)]
     label = np.where(seen.face < 0, NOTHING, np.where(plane >= 0, plane + 1, LOOSE)).astype(np.int32)
@@ -104,7 +104,7 @@ def _slopes(planes: Planes, frame: Frame) -> Array:
     return np.stack([-along[:, 0] / facing, -along[:, 1] / facing, level / facing], 1)
 
 
-def _offsets(regions: Regions, seen: Seen, label: int, box: tuple[slice, slice]) -> NDArray[np.float32]:
+def _offsets(regions: Regions, seen: GridBuffers, label: int, box: tuple[slice, slice]) -> NDArray[np.float32]:
     """How far what pixels of a box see lies from a plane, along its normal; NaN where they see nothing."""
     a, b, c = regions.slope[label - 1]
     grid, (rows, columns) = regions.grid, box
@@ -114,7 +114,7 @@ def _offsets(regions: Regions, seen: Seen, label: int, box: tuple[slice, slice])
     return np.asarray(np.abs(off) * np.float32(1 / np.sqrt(a * a + b * b + 1)))
 
 
-def _grow(regions: Regions, seen: Seen, near: float, options: RegionOptions) -> None:
+def _grow(regions: Regions, seen: GridBuffers, near: float, options: RegionOptions) -> None:
     """Planes take the loose pixels near them that hang together with them; the nearest plane wins."""
     label = regions.label
     best, taken = np.full(label.shape, near, np.float32), np.zeros(label.shape, np.int32)
@@ -142,7 +142,7 @@ def _wider(box: tuple[slice, ...], shape: tuple[int, ...], share: float) -> tupl
     return rows, columns
 
 
-def _further_planes(regions: Regions, seen: Seen, near: float, least: float, options: RegionOptions) -> Regions:
+def _further_planes(regions: Regions, seen: GridBuffers, near: float, least: float, options: RegionOptions) -> Regions:
     """Planes through large loose parts, one after the other."""
     rng, tried = np.random.default_rng(0), 0
     for box, own in list(_parts(regions.label, LOOSE)):
@@ -166,7 +166,7 @@ def _further_planes(regions: Regions, seen: Seen, near: float, least: float, opt
 
 def _plane_through(
     regions: Regions,
-    seen: Seen,
+    seen: GridBuffers,
     box: tuple[slice, slice],
     own: NDArray[np.bool_],
     near: float,

@@ -26,7 +26,7 @@ from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.export.views import render_view
 from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.georef.find import GeoreferenceFit
-from mgf_engine.georef.report import survey_figures, survey_html
+from mgf_engine.georef.report import georeference_figures, georeference_html
 from mgf_engine.job import Job
 from mgf_engine.masks.segmenters.notice import used
 from mgf_engine.memory import GB
@@ -54,7 +54,7 @@ def report_job(
     field: Gaussians,
     mesh: Mesh,
     texture: Callable[[], Texture | None],
-    survey: GeoreferenceFit,
+    fit: GeoreferenceFit,
     reporter: Reporter,
 ) -> dict[str, Any]:
     """Measure and write ``report.html`` and ``report.json``; returns the headline figures.
@@ -62,7 +62,7 @@ def report_job(
     Args:
         field, mesh: normalised frame.
         texture: waits for the mesh's texture, which may still be in the making; all files it belongs to are there then.
-        survey: where the building is.
+        fit: where the building is.
     """
     shown, lpips = _shown_views(scene, masks), find_lpips(Path(job.config.weights) if job.config.weights else None)
 
@@ -83,7 +83,7 @@ def report_job(
     data.lpips = lpips.name if lpips else ""
     data.curve_drawing, data.turntable = drawing, list(turned)
     data.relief, data.evenness = list(relief), evenness
-    data.georeference, data.georeference_html = survey_figures(survey), survey_html(survey, scene)
+    data.georeference, data.georeference_html = georeference_figures(fit), georeference_html(fit, scene)
     if quality is not None:
         data.counts["PSNR of the textured mesh, held-out photos (dB)"] = round(quality, 2)
     write_report(job.folder, data)

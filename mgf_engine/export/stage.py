@@ -18,7 +18,7 @@ from mgf_engine.export.report import report_job
 from mgf_engine.export.views import render_view, straight_rgba
 from mgf_engine.field.export import offset_of
 from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_texture
-from mgf_engine.georef.apply import survey_job, write_models
+from mgf_engine.georef.apply import georeference_job, write_models
 from mgf_engine.job import CLICKS, Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
@@ -47,7 +47,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
 
     scene, masks = load_inputs(job)
     mesh = load_mesh(job)
-    survey = survey_job(job, scene, reporter)  # first: files that cannot be used should end the job before long work
+    fit = georeference_job(job, scene, reporter)  # first: files that cannot be used should end the job before long work
     field = load_field(job).to(choose_device(job.config.device).device)
     chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
     if job.stages["field"]["figures"].get("iterations") == 0:
@@ -74,10 +74,10 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
             for text in warnings:
                 reporter.warning(text)
             _write_other_formats(mesh, made, job)
-            write_models(job, mesh, survey, made)
+            write_models(job, mesh, fit, made)
             return made
 
-        figures = report_job(job, scene, masks, field, normalised, texture, survey, reporter)
+        figures = report_job(job, scene, masks, field, normalised, texture, fit, reporter)
     manifest = {**_manifest(job, scene, renders, figures), **_offset(field, scene)}
     keep_run(job.folder, _RESULT, manifest, job.given)
     return figures

@@ -76,7 +76,7 @@ def compare(n: int, width: int, height: int) -> dict[str, float]:
 
 def same_training(n: int, width: int, height: int) -> bool:
     """Does the card train the same field twice, with the same iterations lost for want of room?"""
-    room, found, lost = rasterizer_on("cuda").room, [], []
+    room, found, lost = rasterizer_on("cuda").capacity, [], []
     for _ in range(2):
         room.restore()
         side = Training(n, width, height, torch.device("cuda"))

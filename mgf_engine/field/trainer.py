@@ -42,7 +42,7 @@ from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
 from mgf_engine.raster.api import Rendering, RenderStats, render
-from mgf_engine.raster.device import choose_device, rendered_nothing, restore_room, room_state
+from mgf_engine.raster.device import capacity_state, choose_device, lost_renderings, restore_capacity
 from mgf_engine.system import cores
 
 log = logging.getLogger("mgf")
@@ -96,7 +96,7 @@ class _Trainer:
             found = Checkpoint(Optimiser(field), RenderStats.zeros(len(field)), 0, figures)
         self.optimiser, self.stats = found.optimiser.to(self.device), found.stats.to(self.device)
         self.iteration, self.figures = found.iteration, found.figures
-        restore_room(self.device, self.figures.get("room"))
+        restore_capacity(self.device, self.figures.get("room"))
         self.seconds.update(self.figures["seconds"])
 
     def run(self) -> tuple[Gaussians, dict[str, Any]]:
@@ -222,7 +222,7 @@ class _Trainer:
         )  # fmt: skip
 
     def _save(self) -> None:
-        self.figures |= {"seconds": dict(self.seconds), "room": room_state(self.device)}
+        self.figures |= {"seconds": dict(self.seconds), "room": capacity_state(self.device)}
         write_checkpoint(Checkpoint(self.optimiser, self.stats, self.iteration, self.figures), self.checkpoint_path)
 
     def _preview(self, target: Target, rendering: Rendering) -> None:
@@ -235,7 +235,7 @@ class _Trainer:
 
     def _final_figures(self) -> dict[str, Any]:
         seconds = {name: round(value, 2) for name, value in self.seconds.items()}
-        lost = rendered_nothing(self.device)
+        lost = lost_renderings(self.device)
         if lost:
             log.info("field: %d iterations changed nothing, since their tile lists had too little room", lost)
         return {

@@ -12,7 +12,7 @@ from mgf_engine.georef.export import write_georeferenced
 from mgf_engine.georef.find import GeoreferenceFit, find_georeference
 from mgf_engine.georef.model import write_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
-from mgf_engine.georef.report import replace_section, survey_figures, survey_html
+from mgf_engine.georef.report import georeference_figures, georeference_html, replace_section
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
@@ -23,17 +23,17 @@ from mgf_engine.stages import MANIFEST, STAGE_NAMES, stage_of_section
 from mgf_engine.system import write_json
 
 
-def survey_job(job: Job, scene: Scene, reporter: Reporter) -> GeoreferenceFit:
+def georeference_job(job: Job, scene: Scene, reporter: Reporter) -> GeoreferenceFit:
     """Find a job's georeference and write its ``georef.json``."""
-    survey = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), reporter.warning)
-    write_georeference(survey.georeference, job.folder)
-    return survey
+    fit = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), reporter.warning)
+    write_georeference(fit.georeference, job.folder)
+    return fit
 
 
-def write_models(job: Job, mesh: Mesh, survey: GeoreferenceFit, texture: Texture | None) -> None:
+def write_models(job: Job, mesh: Mesh, fit: GeoreferenceFit, texture: Texture | None) -> None:
     """Write the job's mesh (scene frame) in true coordinates."""
     config = job.config
-    write_georeferenced(mesh, survey.georeference, job.folder, texture, config.export_obj, config.export_glb)
+    write_georeferenced(mesh, fit.georeference, job.folder, texture, config.export_obj, config.export_glb)
 
 
 def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
@@ -50,26 +50,26 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
         )
     scene, mesh = load_scene_of(job), load_mesh(job)
     warnings: list[str] = []
-    survey = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), warnings.append)
+    fit = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), warnings.append)
     texture = read_texture(job.folder) if (job.folder / IMAGE).exists() else None
-    write_georeference(survey.georeference, job.folder)
-    write_models(job, mesh, survey, texture)
-    replace_section(job.path("report.html"), survey_html(survey, scene))
+    write_georeference(fit.georeference, job.folder)
+    write_models(job, mesh, fit, texture)
+    replace_section(job.path("report.html"), georeference_html(fit, scene))
     figures = json.loads(job.path("report.json").read_text(encoding="utf-8"))
-    write_json(job.path("report.json"), {**figures, "georeference": plain(survey)})
+    write_json(job.path("report.json"), {**figures, "georeference": plain(fit)})
     run = current_run(job.folder)
     if run is not None:
-        write_georeference(survey.georeference, run)
+        write_georeference(fit.georeference, run)
     job.stages[last]["key"] = job.keys[last]
     job.save()
     for text in warnings:
         reporter.warning(text)
-    return survey
+    return fit
 
 
-def plain(survey: GeoreferenceFit) -> dict[str, Any]:
-    """Return the figures of a survey with null for what is not finite, as JSON has no such numbers."""
+def plain(fit: GeoreferenceFit) -> dict[str, Any]:
+    """Return the figures of a fit with null for what is not finite, as JSON has no such numbers."""
     from mgf_engine.evaluation.report import plain_data
 
-    found: dict[str, Any] = plain_data(survey_figures(survey))
+    found: dict[str, Any] = plain_data(georeference_figures(fit))
     return found

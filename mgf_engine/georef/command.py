@@ -58,19 +58,19 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
     try:
         job, kept = _open(args.job, given)
         with job:
-            survey = apply_to_finished(job, reporter)
+            fit = apply_to_finished(job, reporter)
     except BaseException:
         if before is not None:  # the job does not keep options that it cannot use
             with atomic_path(record) as temporary:
                 temporary.write_bytes(before)
         raise
     if args.progress == "json":
-        reporter.send("result", path=str(args.job), files={FILE: str(args.job / FILE)}, figures=_figures(survey))
+        reporter.send("result", path=str(args.job), files={FILE: str(args.job / FILE)}, figures=_figures(fit))
         return
-    _print(survey)
+    _print(fit)
     if kept:
         print("The cameras stayed as they are; 'mgf reconstruct --resume' with these points adjusts them as well.")
-    models = f" and {args.job / FOLDER}" if survey.georeference.metric else ""
+    models = f" and {args.job / FOLDER}" if fit.georeference.metric else ""
     print(f"Written to {args.job / FILE}{models}")
 
 
@@ -88,11 +88,11 @@ def read_options(args: argparse.Namespace) -> dict[str, Any]:
     return {**given, **flags}
 
 
-def _figures(survey: GeoreferenceFit) -> dict[str, str]:
+def _figures(fit: GeoreferenceFit) -> dict[str, str]:
     """RMSE of control and check points, for the line under a progress bar."""
     found = {}
     for role in (CONTROL, CHECK):
-        rms = None if survey.control is None else survey.control.rms(role)
+        rms = None if fit.control is None else fit.control.rms(role)
         if rms is not None:
             found[f"RMSE of {role} points"] = f"{1000 * float((rms**2).sum()) ** 0.5:.1f} mm"
     return found
@@ -107,11 +107,11 @@ def _open(folder: Path, given: dict[str, Any]) -> tuple[Job, bool]:
     return Job.start(folder, given={**given, "control_adjust": False}, resume=True), True
 
 
-def _print(survey: GeoreferenceFit) -> None:
-    for label, text in facts(survey):
+def _print(fit: GeoreferenceFit) -> None:
+    for label, text in facts(fit):
         print(f"{label}: {text}")
     for role in (CONTROL, CHECK):
-        rows = [] if survey.control is None else [r for r in survey.control.rows if r.point.role == role]
+        rows = [] if fit.control is None else [r for r in fit.control.rows if r.point.role == role]
         for row in rows:
             east, north, height = (1000 * value for value in row.residual)
             note = f"  {row.note}" if row.note else ""
@@ -119,9 +119,9 @@ def _print(survey: GeoreferenceFit) -> None:
                 f"  {role:<8} {row.point.name:<12} east {east:+8.1f}  north {north:+8.1f}  height {height:+8.1f} mm  "
                 f"marks {row.pixels:.2f} px in {row.photos} photos{note}"
             )
-    for bar in survey.bars:
+    for bar in fit.bars:
         print(
             f"  bar {bar.bar.name}: given {bar.bar.length:.4f} m, found {bar.found:.4f} m ({1000 * bar.error:+.1f} mm)"
         )
-    for text in survey.notes:
+    for text in fit.notes:
         print(text)

@@ -76,14 +76,14 @@ def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable
     projection = _projection(options, control, known)
     if control.points:
         check_points(control.points, projection, known if len(known) >= FEWEST else None)
-        survey = _by_control(scene, control, placed, failed, projection, up, options)
+        fit = _by_control(scene, control, placed, failed, projection, up, options)
     else:
-        survey = _without_control(scene, places, known, projection, up, options, warn)
+        fit = _without_control(scene, places, known, projection, up, options, warn)
     if options.scale_bars:
-        survey = _with_bars(scene, survey, placed, options)
-    for text in survey.notes:
+        fit = _with_bars(scene, fit, placed, options)
+    for text in fit.notes:
         log.info("georeference: %s", text)
-    return survey
+    return fit
 
 
 def _marked(
@@ -232,16 +232,16 @@ def _upright(scene: Scene, up: UpDirection, scale: float | None = None) -> Geore
 
 
 def _with_bars(
-    scene: Scene, survey: GeoreferenceFit, placed: dict[str, Placed], options: GeoreferenceOptions
+    scene: Scene, fit: GeoreferenceFit, placed: dict[str, Placed], options: GeoreferenceOptions
 ) -> GeoreferenceFit:
     """Take the scale from scale bars where no control points give it; there, only measure the bars."""
-    bars, now = read_bars(Path(options.scale_bars), options.bar), survey.georeference
-    if survey.control is not None:
-        return replace(survey, bars=tuple(measure_bars(bars, placed, now.scale / scene.to_normalised.scale)[1]))
+    bars, now = read_bars(Path(options.scale_bars), options.bar), fit.georeference
+    if fit.control is not None:
+        return replace(fit, bars=tuple(measure_bars(bars, placed, now.scale / scene.to_normalised.scale)[1]))
     scale, rows = measure_bars(bars, placed, None, options.bar)
     rms = float(np.sqrt(np.mean([row.error**2 for row in rows])))
-    if survey.gps is None:
-        found = _upright(scene, survey.up, scale)
+    if fit.gps is None:
+        found = _upright(scene, fit.up, scale)
     else:  # about the middle of the cameras, which stays where GPS puts it
         middle = np.mean([view.centre for view in scene.views], axis=0)
         place, factor = now.local(scene.to_normalised.invert(middle)), scale * scene.to_normalised.scale / now.scale
@@ -249,7 +249,7 @@ def _with_bars(
         matrix = matrix_of(1.0, turn, place - turn @ scene.to_normalised.invert(middle))
         found = replace(now, to_local=matrix)
     found = replace(found, accuracy={**found.accuracy, "scale_bars": rms})
-    return replace(survey, georeference=found, bars=tuple(rows), placed=placed)
+    return replace(fit, georeference=found, bars=tuple(rows), placed=placed)
 
 
 def _to_local(matrix: Array, to_normalised: Similarity) -> Array:

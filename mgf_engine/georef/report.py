@@ -25,7 +25,7 @@ _HOW = {
 _UP = {"walls": "vertical edges of the building", "tags": "the photos' gravity tags", "cameras": "level cameras"}
 
 
-def survey_html(survey: GeoreferenceFit, scene: Scene) -> str:
+def georeference_html(fit: GeoreferenceFit, scene: Scene) -> str:
     """Return the section of the report, between two marks by which a later one finds and replaces it."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -34,23 +34,23 @@ def survey_html(survey: GeoreferenceFit, scene: Scene) -> str:
         lstrip_blocks=True,
     )  # fmt: skip
     text = environment.get_template("report.html.j2").render(
-        facts=facts(survey), notes=survey.notes, points=_point_rows(survey), bars=survey.bars,
-        picture=_picture(survey, scene),
+        facts=facts(fit), notes=fit.notes, points=_point_rows(fit), bars=fit.bars,
+        picture=_picture(fit, scene),
     )  # fmt: skip
     return f"{BEGIN}\n{text}\n{END}"
 
 
-def survey_figures(survey: GeoreferenceFit) -> dict[str, Any]:
+def georeference_figures(fit: GeoreferenceFit) -> dict[str, Any]:
     """Return the same for ``report.json``: plain data, metres and pixels."""
-    now = survey.georeference
-    points = [] if survey.control is None else [_figures_of(row) for row in survey.control.rows]
+    now = fit.georeference
+    points = [] if fit.control is None else [_figures_of(row) for row in fit.control.rows]
     return {
         "method": now.method, "crs": now.crs, "unit": now.unit, "offset": list(now.offset), "scale": now.scale,
-        "heights": now.heights, "accuracy": dict(now.accuracy), "up": survey.up.method, "up_degrees": survey.up.degrees,
+        "heights": now.heights, "accuracy": dict(now.accuracy), "up": fit.up.method, "up_degrees": fit.up.degrees,
         "points": points,
-        "bars": [{"name": r.bar.name, "given": r.bar.length, "found": r.found, "used": r.used} for r in survey.bars],
-        "gps_photos": len(survey.gps_views), "gps_used": 0 if survey.gps is None else int(survey.gps.used.sum()),
-        "notes": list(survey.notes),
+        "bars": [{"name": r.bar.name, "given": r.bar.length, "found": r.found, "used": r.used} for r in fit.bars],
+        "gps_photos": len(fit.gps_views), "gps_used": 0 if fit.gps is None else int(fit.gps.used.sum()),
+        "notes": list(fit.notes),
     }  # fmt: skip
 
 
@@ -69,9 +69,9 @@ def replace_section(page: Path, html: str, begin: str = BEGIN, end: str = END) -
         temporary.write_text(text[:first] + html + text[last + len(end) :], encoding="utf-8")
 
 
-def facts(survey: GeoreferenceFit) -> list[tuple[str, str]]:
+def facts(fit: GeoreferenceFit) -> list[tuple[str, str]]:
     """Return label and text of what is known."""
-    now = survey.georeference
+    now = fit.georeference
     rows = [("found by", _HOW[now.method]), ("coordinates", now.crs or f"local frame, {now.unit}")]
     if any(now.offset):
         rows.append(("offset (easting, northing, height)", "{:.3f}, {:.3f}, {:.3f}".format(*now.offset)))
@@ -81,14 +81,14 @@ def facts(survey: GeoreferenceFit) -> list[tuple[str, str]]:
         rows.append(("heights", now.heights))
     if now.metric:
         rows.append(("metres per unit of the scene", f"{now.scale:.6g}"))
-    up = f"{_UP[survey.up.method]}, to {survey.up.degrees:.2f} degrees"
-    rows.append(("direction up by itself", f"{up} ({survey.up.edges} edges)" if survey.up.edges else up))
-    if survey.gps is not None:
-        x, y, z = survey.gps.rms
-        used = f"{int(survey.gps.used.sum())} of {len(survey.gps_views)} photos"
+    up = f"{_UP[fit.up.method]}, to {fit.up.degrees:.2f} degrees"
+    rows.append(("direction up by itself", f"{up} ({fit.up.edges} edges)" if fit.up.edges else up))
+    if fit.gps is not None:
+        x, y, z = fit.gps.rms
+        used = f"{int(fit.gps.used.sum())} of {len(fit.gps_views)} photos"
         rows.append(("GPS", f"{used}; off by {x:.2f} m east, {y:.2f} m north, {z:.2f} m in height (RMS)"))
     for role, title in ((CONTROL, "control points"), (CHECK, "check points")):
-        rms = None if survey.control is None else survey.control.rms(role)
+        rms = None if fit.control is None else fit.control.rms(role)
         if rms is not None:
             x, y, z = 1000 * rms
             total = 1000 * float(np.sqrt((rms**2).sum()))
@@ -96,11 +96,11 @@ def facts(survey: GeoreferenceFit) -> list[tuple[str, str]]:
     return rows
 
 
-def _point_rows(survey: GeoreferenceFit) -> list[dict[str, Any]]:
-    if survey.control is None:
+def _point_rows(fit: GeoreferenceFit) -> list[dict[str, Any]]:
+    if fit.control is None:
         return []
     rows = []
-    for row in survey.control.rows:
+    for row in fit.control.rows:
         values = [*row.residual, row.distance]
         rows.append({
             "name": row.point.name, "role": row.point.role, "millimetres": [_millimetres(v) for v in values],
@@ -108,7 +108,7 @@ def _point_rows(survey: GeoreferenceFit) -> list[dict[str, Any]]:
             "mean": False,
         })  # fmt: skip
     for role in (CONTROL, CHECK):
-        rms = survey.control.rms(role)
+        rms = fit.control.rms(role)
         if rms is not None:
             values = [*rms, float(np.sqrt((rms**2).sum()))]
             shown = [f"{1000 * v:.1f}" for v in values]
@@ -130,23 +130,23 @@ def _figures_of(row: ControlRow) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _picture(survey: GeoreferenceFit, scene: Scene) -> str:
+def _picture(fit: GeoreferenceFit, scene: Scene) -> str:
     """Plan with cameras, points and residuals as arrows, and the residuals in height; empty where there are none."""
-    if survey.control is None and survey.gps is None:
+    if fit.control is None and fit.gps is None:
         return ""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    now = survey.georeference
+    now = fit.georeference
     figure, (plan, side) = pyplot.subplots(1, 2, figsize=(11, 5), width_ratios=(3, 2), layout="constrained")
     centres = now.local(scene.to_normalised.invert(np.array([view.centre for view in scene.views])))
     plan.scatter(centres[:, 0], centres[:, 1], 8, "0.7", label="cameras")
     names, heights, colours = [], [], []
-    if survey.control is not None:
+    if fit.control is not None:
         for role, colour in ((CONTROL, "#2563eb"), (CHECK, "#c2410c")):
-            rows = [r for r in survey.control.rows if r.point.role == role and np.isfinite(r.distance)]
+            rows = [r for r in fit.control.rows if r.point.role == role and np.isfinite(r.distance)]
             if rows:
                 _arrows(plan, _places(rows, now.offset), np.array([r.residual for r in rows]), colour, role, 1000, "mm")
                 names += [r.point.name for r in rows]
@@ -155,12 +155,12 @@ def _picture(survey: GeoreferenceFit, scene: Scene) -> str:
                 for row, at in zip(rows, _places(rows, now.offset), strict=True):
                     plan.annotate(row.point.name, at[:2], textcoords="offset points", xytext=(5, 4), fontsize=8)
         side.set_xlabel("height, scene less file (mm)")
-    elif survey.gps is not None:
-        used = survey.gps.used
-        own = centres[list(survey.gps_views)][used]
-        _arrows(plan, own, survey.gps.residuals[used], "#2563eb", "camera less GPS", 1, "m")
-        names = [Path(scene.views[i].name).name for i, ok in zip(survey.gps_views, used, strict=True) if ok][:40]
-        heights = survey.gps.residuals[used][:40, 2].tolist()
+    elif fit.gps is not None:
+        used = fit.gps.used
+        own = centres[list(fit.gps_views)][used]
+        _arrows(plan, own, fit.gps.residuals[used], "#2563eb", "camera less GPS", 1, "m")
+        names = [Path(scene.views[i].name).name for i, ok in zip(fit.gps_views, used, strict=True) if ok][:40]
+        heights = fit.gps.residuals[used][:40, 2].tolist()
         colours = ["#2563eb"] * len(names)
         side.set_xlabel("height, camera less GPS (m)")
     plan.set_aspect("equal", "datalim")

@@ -75,37 +75,40 @@ def choose_device(wanted: str) -> Choice:
 def each_view(
     work: Callable[[int], T], views: Iterable[int], device: torch.device, bytes_each: float = 0.0
 ) -> Iterator[T]:
-    """``work`` of each view, in order: side by side on the CPU, one after another on a card, which has one queue.
+    """Do the work of each view and yield the results in order: in parallel on the CPU, one after another on a GPU.
 
     Args:
+        work: index of a view -> result.
+        views: indices.
+        device: that the work runs on; a GPU has one queue.
         bytes_each: as :func:`mgf_engine.native.parallel.parallel_map` takes it.
     """
     return parallel_map(work, views, bytes_each=bytes_each) if device.type == "cpu" else map(work, views)
 
 
-def rendered_nothing(device: torch.device) -> int:
-    """Renderings on a card so far that drew nothing, because their lists had less room than they needed."""
-    room = _room(device)
-    return 0 if room is None else room.lost
+def lost_renderings(device: torch.device) -> int:
+    """Return the number of renderings on a GPU so far that drew nothing, since their tile lists were too short."""
+    capacity = _capacity(device)
+    return 0 if capacity is None else capacity.lost
 
 
-def room_state(device: torch.device) -> dict[str, Any] | None:
+def capacity_state(device: torch.device) -> dict[str, Any] | None:
     """Return the state of the tile-list capacity as plain numbers, for a checkpoint; None on the CPU."""
-    room = _room(device)
-    return None if room is None else room.state()
+    capacity = _capacity(device)
+    return None if capacity is None else capacity.state()
 
 
-def restore_room(device: torch.device, state: dict[str, Any] | None) -> None:
-    """Begin with the room that :func:`room_state` told of; None: as the first run of a process."""
-    room = _room(device)
-    if room is not None:
-        room.restore(state)
+def restore_capacity(device: torch.device, state: dict[str, Any] | None) -> None:
+    """Restore the tile-list capacity from :func:`capacity_state`; None starts it anew."""
+    capacity = _capacity(device)
+    if capacity is not None:
+        capacity.restore(state)
 
 
-def _room(device: torch.device) -> TileListCapacity | None:
+def _capacity(device: torch.device) -> TileListCapacity | None:
     backend = "cuda" if device.type == "cuda" else CPU_BACKEND
     if backend == "cpu":
         return None
     from mgf_engine.raster.cuda import rasterizer_on
 
-    return rasterizer_on(backend).room
+    return rasterizer_on(backend).capacity

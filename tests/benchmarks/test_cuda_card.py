@@ -78,12 +78,12 @@ def no_card_but_its_sources(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_card_but_its_sources")
 def test_comparison_looks_at_renderings_that_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    rasterizer_on(SOURCE).room.restore()
+    rasterizer_on(SOURCE).capacity.restore()
     found = cuda_compare.compare(600, 96, 64)
     assert cuda_compare.too_far(found) == [] and {"color", "color without waiting", "gradient of sh", "loss"} <= set(
         found
     )
-    monkeypatch.setattr(rasterizer_on(SOURCE).room, "take", lambda gaussians, tiles: 3)  # draws nothing
+    monkeypatch.setattr(rasterizer_on(SOURCE).capacity, "take", lambda gaussians, tiles: 3)  # draws nothing
     assert "color without waiting" in cuda_compare.too_far(cuda_compare.compare(600, 96, 64))
 
 

@@ -43,8 +43,8 @@ def test_check_points_come_nearer(strip, tmp_path):
 
 def test_check_points_are_where_they_truly_are_to_two_centimetres(strip, tmp_path):
     """In each direction, against the places without the noise of the file; every control point takes part."""
-    _, survey = _survey(strip, tmp_path)
-    rows = {row.point.name: row for row in survey.control.rows}
+    _, fit = _survey(strip, tmp_path)
+    rows = {row.point.name: row for row in fit.control.rows}
     off = np.array(
         [r.residual + np.array(r.point.position) - ORIGIN - TARGETS[n] for n, r in rows.items() if n[0] == "C"]
     )
@@ -70,11 +70,11 @@ def test_one_wrong_point_is_left_out_and_bends_nothing(strip, tmp_path):
     name, east, *rest = lines[2].split(",")
     lines[2] = ",".join([name, f"{float(east) + 1.0:.4f}", *rest])
     (tmp_path / "points.csv").write_text("\n".join(lines))
-    _, survey = _survey((folder, tmp_path / "points.csv", marks), tmp_path)
-    rows = {row.point.name: row for row in survey.control.rows}
+    _, fit = _survey((folder, tmp_path / "points.csv", marks), tmp_path)
+    rows = {row.point.name: row for row in fit.control.rows}
     assert [n for n, r in rows.items() if n[0] == "P" and not r.used] == [name]
     assert rows[name].distance == pytest.approx(1.0, abs=0.1)
-    assert np.sqrt((survey.control.rms("check") ** 2).sum()) < 0.06
+    assert np.sqrt((fit.control.rms("check") ** 2).sum()) < 0.06
 
 
 def test_the_model_stays_in_its_frame(strip, tmp_path):

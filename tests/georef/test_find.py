@@ -28,52 +28,52 @@ def _find(site, **options):
     return find_georeference(site.scene, make_config(options).algorithm(GeoreferenceOptions), warnings.append), warnings
 
 
-def _error(site, survey):
+def _error(site, fit):
     """Of the house's points in metres, [P, 3]."""
     scene = site.scene.to_normalised.invert(site.scene.points)
-    return survey.georeference.world(scene) - site.truth(site.scene.points)
+    return fit.georeference.world(scene) - site.truth(site.scene.points)
 
 
 def test_control_points_give_check_points_below_two_centimetres(site):
     """The promise of the manual: GPS off by 2 m, points by 1 cm, marks by half a pixel."""
     points, marks = site.write_control(noise=0.01), site.write_marks(site.marks(noise=0.5))
-    survey, warnings = _find(site, crs=CRS, control=points, marks=marks)
-    assert warnings == [] and survey.georeference.crs == CRS and survey.georeference.method == "control"
-    check = survey.control.rms("check")
+    fit, warnings = _find(site, crs=CRS, control=points, marks=marks)
+    assert warnings == [] and fit.georeference.crs == CRS and fit.georeference.method == "control"
+    check = fit.control.rms("check")
     assert (check < 0.02).all() and np.sqrt((check**2).sum()) < 0.03
-    true = _error(site, survey)
+    true = _error(site, fit)
     assert np.sqrt((true**2).sum(1).mean()) < 0.02
-    rows = {row.point.name: row for row in survey.control.rows}
+    rows = {row.point.name: row for row in fit.control.rows}
     assert [n for n, r in rows.items() if r.used] == ["P1", "P2", "P3", "P4", "P5"]
     assert all(r.photos > 5 and r.pixels < 1.5 for r in rows.values())
 
 
 def test_exact_control_points_are_met_to_a_tenth_of_a_millimetre(site):
-    survey, _ = _find(site, crs=CRS, control=site.write_control(), marks=site.write_marks(site.marks()))
-    assert np.abs(_error(site, survey)).max() < 1e-4
-    assert survey.georeference.up @ site.to_scene[:3, 2] / 0.37 == pytest.approx(1, abs=1e-8)
-    assert np.abs(survey.georeference.local(site.scene.to_normalised.invert(site.scene.points))).max() < 600
+    fit, _ = _find(site, crs=CRS, control=site.write_control(), marks=site.write_marks(site.marks()))
+    assert np.abs(_error(site, fit)).max() < 1e-4
+    assert fit.georeference.up @ site.to_scene[:3, 2] / 0.37 == pytest.approx(1, abs=1e-8)
+    assert np.abs(fit.georeference.local(site.scene.to_normalised.invert(site.scene.points))).max() < 600
 
 
 def test_gps_places_the_house_within_its_own_noise(site):
-    survey, warnings = _find(site, crs=CRS)
-    assert warnings == [] and survey.georeference.method == "gps"
-    error = _error(site, survey)
+    fit, warnings = _find(site, crs=CRS)
+    assert warnings == [] and fit.georeference.method == "gps"
+    error = _error(site, fit)
     assert np.abs(error.mean(0)).max() < 3 * 2.0 / np.sqrt(len(site.scene.views))
-    assert survey.gps.used.sum() == len(site.scene.views)
-    assert 1.0 < survey.gps.rms.mean() < 3.0
+    assert fit.gps.used.sum() == len(site.scene.views)
+    assert 1.0 < fit.gps.rms.mean() < 3.0
     local, _ = _find(site)
     assert local.georeference.crs is None and local.georeference.metric and local.georeference.north_known
-    assert local.georeference.scale == pytest.approx(survey.georeference.scale, rel=2e-3)
+    assert local.georeference.scale == pytest.approx(fit.georeference.scale, rel=2e-3)
 
 
 def test_gps_without_noise_is_exact_in_utm_and_in_the_local_frame(site, tmp_path):
     exact = make_site(tmp_path)
     write_gps(exact)
-    survey, _ = _find(exact, crs="auto")
-    assert survey.georeference.crs == "EPSG:32632"  # the same numbers as in 25832
+    fit, _ = _find(exact, crs="auto")
+    assert fit.georeference.crs == "EPSG:32632"  # the same numbers as in 25832
     # EXIF as written here keeps a hundred-thousandth of a second of arc
-    assert np.abs(_error(exact, survey)).max() < 0.15
+    assert np.abs(_error(exact, fit)).max() < 0.15
     local, _ = _find(exact)
     found = local.georeference.local(exact.scene.to_normalised.invert(exact.normalised(np.add(ORIGIN, (0, 0, 3.0)))))
     assert found[2] == pytest.approx(522, abs=0.1)
@@ -87,16 +87,16 @@ def test_places_far_off_are_left_out(site, tmp_path):
     views = list(spoilt.scene.views)
     shifted = replace(views[3], photo=views[4].photo)  # a quarter of the ring away
     views[3] = replace(shifted, photo=views[11].photo)
-    survey, _ = _find(replace(spoilt, scene=replace(spoilt.scene, views=tuple(views))), crs=CRS)
-    assert not survey.gps.used[3] and survey.gps.used.sum() >= 14
-    assert np.abs(_error(spoilt, survey).mean(0)).max() < 1.5
+    fit, _ = _find(replace(spoilt, scene=replace(spoilt.scene, views=tuple(views))), crs=CRS)
+    assert not fit.gps.used[3] and fit.gps.used.sum() >= 14
+    assert np.abs(_error(spoilt, fit).mean(0)).max() < 1.5
 
 
 def test_gps_on_a_line_is_not_taken_and_said(site, tmp_path):
     straight = make_site(tmp_path)
     write_gps(straight, line=True)
-    survey, warnings = _find(straight)
-    assert survey.georeference.method == "up" and survey.georeference.unit == "scene units"
+    fit, warnings = _find(straight)
+    assert fit.georeference.method == "up" and fit.georeference.unit == "scene units"
     assert len(warnings) == 1 and "on a line" in warnings[0]
     off, quiet = _find(straight, gps="off")
     assert off.georeference.method == "up" and quiet == []
@@ -109,10 +109,10 @@ def test_scale_bars_give_metres_without_gps(site):
     }
     bars = site.folder / "bars.csv"
     bars.write_text("from;to;length\n" + "".join(f"{a};{b};{d:.4f}\n".replace(".", ",") for (a, b), d in true.items()))
-    survey, _ = _find(site, gps="off", marks=marks, scale_bars=bars)
-    assert survey.georeference.method == "scale_bars" and survey.georeference.metric
-    assert survey.georeference.scale == pytest.approx(1 / 0.37, rel=2e-3)
-    assert all(abs(row.error) < 0.02 and row.used for row in survey.bars)
+    fit, _ = _find(site, gps="off", marks=marks, scale_bars=bars)
+    assert fit.georeference.method == "scale_bars" and fit.georeference.metric
+    assert fit.georeference.scale == pytest.approx(1 / 0.37, rel=2e-3)
+    assert all(abs(row.error) < 0.02 and row.used for row in fit.bars)
     with_gps, _ = _find(site, marks=marks, scale_bars=bars)
     assert with_gps.georeference.scale == pytest.approx(1 / 0.37, rel=2e-3) and with_gps.georeference.north_known
     control, _ = _find(site, control=site.write_control(), marks=marks, scale_bars=bars)
@@ -161,10 +161,10 @@ def test_points_on_a_line_are_refused(site):
 
 def test_points_that_do_not_fit_are_named(site):
     wrong = site.write_control(name="wrong.csv", P3=np.add(ORIGIN, (5.0, 4.0, 1.4)))  # a metre too high
-    survey, _ = _find(site, control=wrong, marks=site.write_marks(site.marks()), crs=CRS)
-    rows = {row.point.name: row for row in survey.control.rows}
+    fit, _ = _find(site, control=wrong, marks=site.write_marks(site.marks()), crs=CRS)
+    rows = {row.point.name: row for row in fit.control.rows}
     assert not rows["P3"].used and "left out" in rows["P3"].note and rows["P3"].distance == pytest.approx(1, abs=0.01)
-    assert np.abs(_error(site, survey)).max() < 1e-3
+    assert np.abs(_error(site, fit)).max() < 1e-3
     rng = np.random.default_rng(0)
     noise = {k: ORIGIN + rng.uniform(-8, 8, 3) for k in TARGETS}
     _refused(site, site.write_control(name="noise.csv", **noise), "do not fit their marks", gps="off")
@@ -175,9 +175,9 @@ def test_a_mark_on_the_wrong_photo_is_named_with_the_point_it_fits(site):
     at = {(point, photo): (x, y) for point, photo, x, y in marks}
     photo = next(p for k, p, *_ in marks if k == "P2" and ("P5", p) in at)
     swapped = [(k, p, *at["P5", p]) if (k, p) == ("P2", photo) else (k, p, x, y) for k, p, x, y in marks]
-    survey, warnings = _find(site, control=site.write_control(), marks=site.write_marks(swapped, "swapped_marks.csv"))
+    fit, warnings = _find(site, control=site.write_control(), marks=site.write_marks(swapped, "swapped_marks.csv"))
     assert len(warnings) == 1 and f"The mark of 'P2' in '{photo}'" in warnings[0] and "it fits 'P5'" in warnings[0]
-    assert np.abs(_error(site, survey)).max() < 1e-3
+    assert np.abs(_error(site, fit)).max() < 1e-3
 
 
 def test_too_few_points_say_why(site):

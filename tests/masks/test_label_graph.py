@@ -78,7 +78,7 @@ def joined(walker: LabelPropagation, values: dict[int, float]) -> np.ndarray:
     stiffness, source = np.full(len(walker.graph.degree), 1e-9), np.zeros(len(walker.graph.degree))
     for node, value in values.items():
         stiffness[node], source[node] = HOLD, HOLD * value
-    return walker.graph.flow(stiffness, source, None)
+    return walker.graph.solve(stiffness, source, None)
 
 
 def row_of_resistors(ties: Sequence[float]) -> np.ndarray:
@@ -117,10 +117,10 @@ def test_a_point_carries_a_click_from_one_photo_to_another() -> None:
     """Region, point, region in a row with ties of 1, each node losing LEAK times its ties."""
     walker = graph_of([strip([]), strip([])], [[(0, 0), (1, 0)]])
     pull, target = walker.graph.click_pull({0: Clicks(clicks_at([0]), NONE)})
-    first, _, point = walker.graph.flow(pull + OPTIONS.termination * walker.graph.degree, pull * target, None)[
+    first, _, point = walker.graph.solve(pull + OPTIONS.termination * walker.graph.degree, pull * target, None)[
         [0, 1, 2]
     ]
-    second = walker.graph.flow(pull + OPTIONS.termination * walker.graph.degree, pull * target, None)[1]
+    second = walker.graph.solve(pull + OPTIONS.termination * walker.graph.degree, pull * target, None)[1]
     loss = 1 + OPTIONS.termination
     assert point / second == pytest.approx(loss, rel=1e-3)
     assert first / second == pytest.approx(2 * loss * loss - 1, rel=1e-3)

@@ -101,22 +101,22 @@ def test_rendering_without_room_draws_nothing_and_the_next_has_room(monkeypatch:
     raw = Parameters.of_field(field)
     whole = own.list_tiles(raw, view, 0, None)
     needed = int(whole.ranges[-1])
-    assert own.room.take(200, 9) == 0, "what waits changes nothing for what does not"
+    assert own.capacity.take(200, 9) == 0, "what waits changes nothing for what does not"
     with monkeypatch.context() as patch:
-        patch.setattr(own.room, "take", lambda gaussians, tiles: needed - 1)
+        patch.setattr(own.capacity, "take", lambda gaussians, tiles: needed - 1)
         poor = own.list_tiles(raw, view, 0, None, wait=False)
     image, _ = own.blend(poor, True)
     assert image[3].abs().max() == 0 and poor.tile_counts.abs().max() == 0
-    assert own.room.lost == 1
+    assert own.capacity.lost == 1
     for _ in range(2):  # the first waits for itself
         rich = own.list_tiles(raw, view, 0, None, wait=False)
         assert len(rich.gid) >= needed
         assert torch.equal(own.blend(rich, True)[0], own.blend(whole, True)[0])
-    assert own.room.lost == 1 and len(rich.gid) > needed
+    assert own.capacity.lost == 1 and len(rich.gid) > needed
 
 
 def test_lost_rendering_has_no_gradients_and_no_statistics(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rasterizer_on(SOURCE).room, "take", lambda gaussians, tiles: 3)
+    monkeypatch.setattr(rasterizer_on(SOURCE).capacity, "take", lambda gaussians, tiles: 3)
     field, stats = leaves(gaussians(50)), RenderStats.zeros(50)
     seen = render(field, camera(), sh_degree=0, backend=SOURCE, stats=stats, wait=False)
     (seen.color.sum() + seen.alpha.sum()).backward()

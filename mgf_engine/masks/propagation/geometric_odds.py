@@ -152,7 +152,7 @@ class GeometricOdds:
         wanted = 1 / (1 + np.exp(-appearance))
         strength = own.tie_appearance_weight * np.abs(2 * wanted - 1) * ~known + 1e-4
         pull = own.click_weight * known
-        tied = self.graph.flow(pull + strength, pull * target + strength * wanted, None)[: self.graph.region_count]
+        tied = self.graph.solve(pull + strength, pull * target + strength * wanted, None)[: self.graph.region_count]
         low, high = own.tied
         return np.clip((tied - low) / (high - low), 0, 1)
 

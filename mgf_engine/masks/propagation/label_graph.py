@@ -67,8 +67,8 @@ class LabelGraph:
             [vegetation_probability(self.features), vegetation_probability(self.point_features)]
         )
 
-    def flow(self, stiffness: Array, source: Array, start: Array | None) -> Array:
-        """Solve (L + diag(stiffness)) x = source."""
+    def solve(self, stiffness: Array, source: Array, start: Array | None) -> Array:
+        """Solve (L + diag(stiffness)) x = source, [N], by conjugate gradients from ``start``; clipped to 0..1."""
         data = self.laplacian.data.copy()
         data[self._diagonal] += stiffness
         inverse = 1.0 / data[self._diagonal]

@@ -87,15 +87,17 @@ class LabelPropagation:
                 teach = np.ones(len(probability))
             wanted = 1.0 / (1.0 + np.exp(-odds))
             strength = weight * np.abs(2 * wanted - 1) + 1e-4
-            probability = self.graph.flow(pull + strength, pull * target + strength * wanted, probability)
+            probability = self.graph.solve(pull + strength, pull * target + strength * wanted, probability)
         return self._split(probability, appearance, ground)
 
     def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
         """Compare positive and negative clicks by fading random walks; returns which is nearer, and how reliably."""
         stiffness = pull + self.options.termination * np.maximum(self.graph.degree, 0.1)
         wanted = target, 1.0 - target
-        flows = parallel_map(lambda k: self.graph.flow(stiffness, pull * wanted[k], None), range(2), self.graph.threads)
-        near = [np.maximum(flow, 1e-9) for flow in flows]
+        walks = parallel_map(
+            lambda k: self.graph.solve(stiffness, pull * wanted[k], None), range(2), self.graph.threads
+        )
+        near = [np.maximum(walk, 1e-9) for walk in walks]
         trust = np.clip(np.log(np.maximum(near[0], near[1]) / 1e-4) / np.log(1e4), 0, 1)
         return near[0] / (near[0] + near[1]), trust
 

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_opening, median_filter
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.facades import plan_frame
 from mgf_engine.drawings.model import LEANING, Array, Survey
-from mgf_engine.drawings.project import Grid, plan_grid, see
+from mgf_engine.drawings.project import Grid, plan_grid, render_grid
 from mgf_engine.drawings.regions import LOOSE, RegionOptions, Regions, find_regions, survey_planes
 from mgf_engine.drawings.trace import trace
 from mgf_engine.mesh.plane_detection import PlanarOptions
@@ -106,7 +106,7 @@ def gather_evidence(
     coarse = replace(survey, working_pixel=max(survey.working_pixel, 0.25 * detail))
     regions = find_regions(coarse, survey_planes(coarse, options.planes), plan_frame(survey, []), options.regions)
     grid = regions.grid
-    seen = see(survey, plan_grid(grid.frame, grid.resolution, survey.unit))
+    seen = render_grid(survey, plan_grid(grid.frame, grid.resolution, survey.unit))
     height = np.where(seen.face >= 0, seen.before, np.nan).astype(np.float64)
     bottom = float(np.percentile(survey.mesh.vertices[:, 2], 0.5))
     top = float(np.nanpercentile(height, 90)) if np.isfinite(height).any() else float(survey.mesh.vertices[:, 2].max())

@@ -15,7 +15,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.parts import PartOutlineOptions, part_shapes, part_shares
-from mgf_engine.drawings.project import Grid, plan_grid, round_resolution, see
+from mgf_engine.drawings.project import Grid, plan_grid, render_grid, round_resolution
 from mgf_engine.models.solid.model import DOOR, WALL, WINDOW, Solid, SolidFace
 from mgf_engine.models.solid.polyhedron import faults_of
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
@@ -44,7 +44,7 @@ def add_openings(solid: Solid, survey: Survey, options: OpeningOptions = Opening
         frame = _frame(solid, face) if face.kind == WALL else None
         if frame is None:
             continue
-        seen = see(survey, plan_grid(frame, round_resolution(survey.working_pixel), survey.georeference.unit))
+        seen = render_grid(survey, plan_grid(frame, round_resolution(survey.working_pixel), survey.georeference.unit))
         boxes, _ = part_shapes(part_shares(survey, painting, visibility, seen, options.parts), options.parts)
         near = np.abs(seen.before) < options.wall_distance * solid.detail
         holes = []

@@ -77,7 +77,7 @@ class Rasterizer:
     """
 
     def __init__(self, launcher: Launcher) -> None:
-        self.launcher, self.room = launcher, TileListCapacity()
+        self.launcher, self.capacity = launcher, TileListCapacity()
 
     def empty(self, dtype: torch.dtype, *shape: int) -> Tensor:
         return torch.empty(shape, dtype=dtype, device=self.launcher.device)
@@ -139,14 +139,14 @@ class Rasterizer:
         _, order = self.sort(seen.depth_keys, None, 32)
         sums, total = self.empty(torch.int32, blocks(n)), self.empty(torch.int32, 2)
         self.launcher.launch("list_sums", blocks(n), n, order, seen.tile_counts, sums)
-        room = 0 if wait else self.room.take(n, tiles)
+        room = 0 if wait else self.capacity.take(n, tiles)
         self.launcher.launch("list_offsets", 1, blocks(n), room or MOST, sums, total)
         if room:
-            self.room.learn_later(self.launcher.read_later(total), room, n, tiles)
+            self.capacity.learn_later(self.launcher.read_later(total), room, n, tiles)
         else:
             room = _needed(total)
             if not wait:  # what is rendered between iterations shall not change them
-                self.room.learn(room, n, tiles)
+                self.capacity.learn(room, n, tiles)
         slot_starts, ranges = self.empty(torch.int32, n), self.empty(torch.int32, tiles + 1)
         slot_tiles, slot_gid, gid = (self.empty(torch.int32, room) for _ in range(3))
         hits = self.empty(torch.uint8, room)
