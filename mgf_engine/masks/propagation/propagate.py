@@ -41,6 +41,7 @@ from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, rem
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHomographyOptions
 from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
+from mgf_engine.masks.refinement.stray_pieces import find_stray_pieces
 from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
 from mgf_engine.masks.refinement.vegetation import LeafOptions, find_foreground_leaves
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
@@ -151,7 +152,7 @@ class _Work:
         return doubts
 
     def _draw(self, indices: list[int], accepted: NDArray[np.bool_], done: float) -> None:
-        """Masks of some views, prompted again where they agree badly."""
+        """Draw the masks of some views, prompted again where they agree badly."""
         for index, segment in self._parallel(lambda i: self._segment(i, accepted), indices):
             self.labels[index] = segment.mask.astype(np.uint8)
             self.scores[index] = segment.score
@@ -298,7 +299,8 @@ class _Work:
         options = self.config.algorithm(SkyHoleOptions)
         through = find_sky_holes(lab, drawn | seen, sky, view, self.shape.up, self._observed(index), options)
         labels[:], sky = drawn & ~through, sky | through
-        labels[self._strays(index, core, accepted)] = BACKGROUND
+        known = np.concatenate([self._seen_points(index, accepted), self._positive(index)])
+        labels[find_stray_pieces(building(labels), core, known, self.options.stray_cover)] = BACKGROUND
         negative = self.prompts.get(index, Clicks()).negative
         regions = self.config.algorithm(HomogeneousRegionOptions)
         labels[find_missing_pixels(lab, labels, sky, negative, regions)] = BUILDING
@@ -332,17 +334,6 @@ class _Work:
             self.labels[index][through.certain] = BACKGROUND
             self.labels[index][through.possible] = IGNORE
         return True
-
-    def _strays(self, index: int, core: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Pieces of a mask apart from the rest that hold no click and no point and lie beside the building, [H, W]."""
-        mask = building(self.labels[index])
-        _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-        known = np.concatenate([self._seen_points(index, accepted), self._positive(index)])
-        covered = np.bincount(pieces[core], minlength=len(stats)) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
-        holds = np.bincount(pieces[pixel_at(mask.shape, known)], minlength=len(stats)) > 0
-        stray = ~holds & (covered < self.options.stray_cover)
-        stray[0] = False
-        return np.asarray(stray[pieces] if holds[1:].any() else np.zeros_like(mask), bool)
 
     def _observed(self, index: int) -> NDArray[np.float32]:
         """Return the pixels at which a photo observed sparse points, [N, 2]."""
