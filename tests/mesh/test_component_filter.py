@@ -39,6 +39,7 @@ GAP = 0.9 * ComponentFilterOptions().near * SIDE * 3**0.5  # just near to a cube
         ((0.0, 3.0), (0.0, 3.0), 2),
         ((0.0, 1 + GAP), (0.0,), 2),  # near: a tree may hide what joins them
         ((0.0, 1 + GAP, 2 + 2 * GAP, 5.0), (0.0,), 3),  # near to what is near
+        ((-1 - GAP, 0.0, 1 + GAP), (0.0,), 3),  # on both sides, joined in one round
     ],
 )
 def test_parts_belong_that_were_clicked_or_are_near(

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from support.analytic import ball, ring, scene_of
+from support.analytic import ball, cuboid, ring, scene_of
 
 from mgf_engine.geometry.clean import drop_small_parts
-from mgf_engine.mesh.mask_votes import cut_background
+from mgf_engine.mesh.mask_votes import MaskVoteOptions, cut_background
 from mgf_engine.model.masks import BACKGROUND, IGNORE
 from mgf_engine.model.mesh import Mesh
 
@@ -30,6 +30,23 @@ def test_a_skirt_of_ground_goes_and_the_building_stays() -> None:
     away = np.abs(cut.vertices[:, 2]) > 0.1  # where the skirt is not, the whole ball is left
     whole = ball()
     assert away.sum() == (np.abs(whole.vertices[:, 2]) > 0.1).sum()
+
+
+def test_what_removed_faces_hid_is_judged_in_the_next_round() -> None:
+    """A box within a box beside the building: no photo sees the inner one before the outer one is gone."""
+    scene, masks = scene_of(ring(16), ball())
+    parts = [ball(), cuboid((0.12, 0.12, 0.12)), cuboid((0.06, 0.06, 0.06))]
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    places = np.array([[0, 0, 0], [0, 0, 1.3], [0, 0, 1.3]])
+    vertices = np.concatenate([part.vertices + place for part, place in zip(parts, places, strict=True)])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    mesh = Mesh(vertices, faces.astype(np.int32), np.zeros((len(vertices), 3), np.uint8))
+
+    def inner(rounds: int) -> int:
+        cut = cut_background(mesh, scene.views, masks.labels, options=MaskVoteOptions(rounds=rounds))
+        return int((np.abs(cut.vertices[cut.faces] - places[2]).max((1, 2)) < 0.07).sum())
+
+    assert inner(1) == len(parts[2].faces) and inner(3) == 0
 
 
 def test_a_mask_that_is_wrong_is_outvoted() -> None:

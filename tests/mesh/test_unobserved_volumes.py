@@ -14,13 +14,13 @@ from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_uno
 PIXEL = 0.02
 
 
-def without(thickness: float, confirmed=lambda x: x > 0.0):
+def without(thickness: float, confirmed=lambda x: x > 0.0, pixel: float = PIXEL):
     """A ball pressed flat along x; the photos stand at positive x. Free is all outside of it."""
     mesh = ball(subdivisions=3)
     mesh = replace(mesh, vertices=mesh.vertices * (thickness, 1.0, 1.0))
     free = lambda points: np.linalg.norm(points / (thickness, 1.0, 1.0), axis=1) > 1  # noqa: E731
     shown = confirmed(mesh.vertices[:, 0])
-    left = drop_unobserved(mesh, shown, np.full(len(mesh.vertices), PIXEL), free)
+    left = drop_unobserved(mesh, shown, np.full(len(mesh.vertices), pixel), free)
     return mesh, shown, left
 
 
@@ -30,10 +30,12 @@ def test_a_shadow_behind_a_thin_thing_goes():
     assert left.vertices[:, 0].min() > mesh.vertices[:, 0].min() / 2
 
 
-@pytest.mark.parametrize("case", ["thick", "all confirmed", "small patch", "slit"])
+@pytest.mark.parametrize("case", ["thick", "thick beside a pixel", "all confirmed", "small patch", "slit"])
 def test_what_has_a_building_behind_it_stays(case):
     if case == "thick":
         mesh, _, left = without(UnobservedVolumeOptions.thick * PIXEL)
+    elif case == "thick beside a pixel":  # thin beside the mesh, and 150 pixels thick
+        mesh, _, left = without(0.04, pixel=0.08 / 150)
     elif case == "all confirmed":
         mesh, _, left = without(0.04, lambda x: np.ones(len(x), bool))
     elif case == "slit":

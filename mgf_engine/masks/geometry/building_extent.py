@@ -38,10 +38,10 @@ MAP_SIDE = 250
 class ExtentOptions:
     """Options of the building's extent in the photos."""
 
-    fine: float = parameter(
-        1.25, "Minimum distance of samples on the maps of the photos taken from nearest by", "px", low=0.1
+    fine: float = parameter(1.25, "Minimum distance of samples on the maps of the nearest photos", "px", low=0.1)
+    close_by: float = parameter(
+        10.0, "Percentile of the photos' distances up to which photos are the nearest", high=100
     )
-    close_by: float = parameter(10.0, "Percentile of the distances that counts as nearest by", high=100)
     core: float = parameter(1.5, "Size of the gaps between points that are closed", "point spacings")
     same_side: float = parameter(
         0.94, "Minimum cosine between two viewing directions that should see the same points", high=1

@@ -30,7 +30,7 @@ class PromptAgreementOptions:
     near: float = parameter(
         0.06, "Radius around a click in which sparse points tell its distance, as a share of the photo's width", high=1
     )
-    least_points: int = parameter(3, "Minimum number of such points", low=1)
+    least_points: int = parameter(3, "Minimum number of sparse points around a click", low=1)
     reach: float = parameter(
         0.05, "Maximum distance between two clicks on one thing, as a share of the distance from the camera", high=1
     )

@@ -66,7 +66,7 @@ class PropagationOptions:
     disagree_above: float = parameter(
         0.05, "Share of a photo's points that other photos contradict, above which its mask is drawn again", high=1
     )
-    leafy: float = parameter(0.3, "Likeness to leaves from which no surface is sought", high=1)
+    leafy: float = parameter(0.3, "Vegetation probability from which no surface is sought", high=1)
     stray_cover: float = parameter(0.3, "Share of a piece without points that the building's extent must cover", high=1)
     finish: bool = parameter(
         True, "Correct the drawn masks by sky, ground, plants, plain regions, thin structures and far background"

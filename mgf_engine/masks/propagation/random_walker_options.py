@@ -53,10 +53,10 @@ class RandomWalkerOptions:
         0.06, "Radius around a click in which its nearest point is sought, as a share of the photo's width", high=1
     )
     tie_appearance_weight: float = parameter(
-        0.3, "Weight of certain appearance in what is tied to the building although no point of it is near"
+        0.3, "Weight of certain appearance of regions tied to the building although no point of it is near"
     )
     tied: tuple[float, float] = parameter(
-        (0.4, 0.7), "Probabilities from which and to which far_odds and ground_first_odds of such regions fade", high=1
+        (0.4, 0.7), "Probabilities between which far_odds and ground_first_odds of such regions fade", high=1
     )
     termination: float = parameter(
         0.02, "Probability per step that the first random walk ends, which limits the reach of a click"

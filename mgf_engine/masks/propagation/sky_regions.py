@@ -45,8 +45,10 @@ class SkyOptions:
     )
     least_weight: float = parameter(1e-3, "Weight of a mean colour below which it is unknown")
     skyline_rounds: int = parameter(8, "Number of rounds in which the skyline may continue downwards")
-    gap_contrast: float = parameter(20.0, "Minimum contrast between sky and building for that")
-    gap_step: float = parameter(6.0, "Maximum colour distance from the sky for that")
+    gap_contrast: float = parameter(
+        20.0, "Minimum contrast between sky and building where the skyline continues downwards"
+    )
+    gap_step: float = parameter(6.0, "Maximum colour distance from the sky where the skyline continues downwards")
 
 
 def find_sky(regions: Regions, observed: NDArray[np.int64], options: SkyOptions = SkyOptions()) -> NDArray[np.int64]:

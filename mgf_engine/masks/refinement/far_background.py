@@ -38,8 +38,8 @@ class FarBackgroundOptions:
     rim: int = parameter(3, "Distance between the mask and the background that is learned from", "px")
     least_pixels: int = parameter(150, "Minimum number of background pixels at an elevation", low=1)
     spread: float = parameter(2.0, "Colour distance that is still alike, as a factor of the median distance")
-    least: float = parameter(6.0, "Lower limit of that distance", low=0.1)
-    most: float = parameter(14.0, "Upper limit; with more, several things are beside the building")
+    least: float = parameter(6.0, "Minimum of that colour distance", low=0.1)
+    most: float = parameter(14.0, "Maximum of that colour distance; with more, several things are beside the building")
     usual: float = parameter(15.0, "Maximum distance of a photo's colour from the median of all photos")
     least_photos: int = parameter(3, "Minimum number of photos that know the colour of an elevation", low=1)
     alike_points: float = parameter(

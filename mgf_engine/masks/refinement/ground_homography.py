@@ -51,8 +51,12 @@ class GroundHomographyOptions:
     )
     dense: float = parameter(0.35, "Minimum share of confirmed pixels in that window", high=1)
     smallest: int = parameter(12, "Minimum area of a piece of ground", "px²")
-    reach: int = parameter(8, "Distance from confirmed ground in which pixels may be ground, too", "px", low=1)
-    usual: float = parameter(90.0, "Percentile of the ground's own colour distances up to which they may", high=100)
+    reach: int = parameter(8, "Distance from confirmed ground in which pixels are possible ground", "px", low=1)
+    usual: float = parameter(
+        90.0,
+        "Percentile of the colour distances of confirmed ground up to which such pixels are possible ground",
+        high=100,
+    )
     tried: int = parameter(12, "Number of photos that tell whether the building is open", low=1)
     open_share: float = parameter(0.03, "Share of the masks' inside that must be ground for an open building", high=1)
     rim: int = parameter(4, "Distance from the edge from which a pixel counts as inside", "px")

@@ -27,7 +27,7 @@ class SkyHoleOptions:
 
     contrast: float = parameter(20.0, "Minimum colour distance between the sky and the building around a hole")
     horizon: float = parameter(0.0, "Elevation above which sky is sought", "degrees", low=-90)
-    below_share: float = parameter(0.05, "Share of a hole that may lie below it", high=1)
+    below_share: float = parameter(0.05, "Share of a hole that may lie below the horizon", high=1)
     smallest: int = parameter(6, "Minimum area of a hole", "px²")
     pale: float = parameter(
         0.03,
@@ -38,7 +38,7 @@ class SkyHoleOptions:
     few_points: int = parameter(1, "Number of sparse points that a hole may hold")
     crowded: float = parameter(0.5, "Share of the usual density of sparse points that a hole may hold")
     rim: int = parameter(3, "Distance from the edge of a hole within which points belong to what is around it", "px")
-    deep: int = parameter(30, "Minimum area of a hole farther in for that", "px²")
+    deep: int = parameter(30, "Minimum area of a hole without that rim for points to be counted there alone", "px²")
     around: float = parameter(
         0.03, "Radius of the building around a hole, as a share of the longer side", low=1e-4, high=1
     )

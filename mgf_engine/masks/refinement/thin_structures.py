@@ -39,7 +39,7 @@ class ThinStructureOptions:
 
     photos: int = parameter(2, "Number of photos in which a part must be clicked", low=1)
     near: int = parameter(3, "Radius around a click", "px")
-    leafy: float = parameter(0.5, "Likeness to leaves from which a pixel is vegetation", high=1)
+    leafy: float = parameter(0.5, "Vegetation probability from which a pixel is vegetation", high=1)
     space: float = parameter(4.0, "Side of the searched cube, as a factor of the building's largest extent", low=1)
     cell: float = parameter(3.0, "Side of a cell", "px", low=0.1)
     largest: int = parameter(60, "Maximum number of photos that decide on a cell", low=2)

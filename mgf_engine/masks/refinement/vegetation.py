@@ -26,7 +26,7 @@ class LeafOptions:
     gaps: float = parameter(
         0.012, "Largest width of twigs and gaps that belong to the leaves around, as a share of the longer side", high=1
     )
-    leafy: float = parameter(0.5, "Likeness to leaves from which a region is leaves", high=1)
+    leafy: float = parameter(0.5, "Vegetation probability from which a region is leaves", high=1)
 
 
 def find_foreground_leaves(
