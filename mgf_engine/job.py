@@ -84,6 +84,14 @@ class Job:
         A resumed job keeps the inputs and options it was started with where no new ones are given; new clicks take the
         place of masks given before.
 
+        Args:
+            folder: of the job; made if missing.
+            source: folder of the scene; None keeps that of the job.
+            prompts: file of clicks.
+            masks: folder of the user's own masks.
+            given: options as the user gave them.
+            resume: continue the job in the folder.
+
         Raises:
             BadInput: an option or input is wrong, the folder cannot be written, holds something else or another
                 job, or is in use.
@@ -212,7 +220,17 @@ class Job:
     def finish(
         self, stage: str, key: str, seconds: float, cpu: float, peak: int, figures: dict[str, Any], warnings: list[str]
     ) -> None:
-        """Record the stage as done, with its cost (wall and CPU seconds, bytes), figures and warnings."""
+        """Record the stage as done, with its cost (wall and CPU seconds, bytes), figures and warnings.
+
+        Args:
+            stage: its name.
+            key: what it was made from, as :meth:`begin` returned it.
+            seconds: wall time.
+            cpu: CPU time, seconds.
+            peak: peak memory, bytes.
+            figures: for the report.
+            warnings: sentences the user has seen.
+        """
         self.stages[stage] = {
             "key": key, "seconds": round(seconds, 2), "cpu_seconds": round(cpu, 2), "peak_memory": peak,
             "figures": figures, "warnings": warnings,

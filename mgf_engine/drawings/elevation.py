@@ -32,7 +32,14 @@ class ElevationOptions:
 def draw_elevation(
     survey: Survey, planes: Planes, frame: Frame, options: ElevationOptions = ElevationOptions()
 ) -> LineDrawing:
-    """Draw what a frame shows, as lines."""
+    """Draw what a frame shows, as lines.
+
+    Args:
+        survey: mesh of the job, local frame.
+        planes: of the mesh.
+        frame: plane and extent of the drawing.
+        options: limits of edges and creases.
+    """
     regions = find_regions(survey, planes, frame, options.regions)
     chains = trace(regions.label)
     kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]

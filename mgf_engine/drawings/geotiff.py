@@ -23,6 +23,13 @@ def write_geotiff(path: Path, bands: NDArray[Any], grid: Grid, survey: Survey, t
 
     A plan lies in the CRS where x is east; any other drawing lies in its own frame (x along, y up), and tags tell
     where that is: ``ORIGIN``, ``X_AXIS``, ``Y_AXIS``, ``NORMAL`` in coordinates of the tag ``CRS``.
+
+    Args:
+        path: of the file.
+        bands: RGBA uint8 [H, W, 4], or float32 [H, W].
+        grid: pixels of the drawing.
+        survey: for the CRS.
+        tags: further tags of the file.
     """
     import rasterio
     from rasterio.enums import ColorInterp, Resampling

@@ -71,7 +71,15 @@ def paint(
     seen: GridBuffers,
     progress: Callable[[float], None] = lambda share: None,
 ) -> NDArray[np.uint8]:
-    """Return the orthophoto, RGBA uint8 [H, W, 4]; transparent where no photo shows what a pixel sees."""
+    """Return the orthophoto, RGBA uint8 [H, W, 4]; transparent where no photo shows what a pixel sees.
+
+    Args:
+        survey: mesh of the job, local frame.
+        painting: photos and their colour corrections.
+        visibility: of the photos.
+        seen: faces and depths at the pixels, [H, W].
+        progress: called with the share that is done, 0..1.
+    """
     image = np.zeros((seen.face.size, 4), np.uint8)
     pixel, view = _assign(survey, painting, visibility, seen)
     order = np.argsort(view, kind="stable")

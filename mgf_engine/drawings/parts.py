@@ -40,7 +40,15 @@ def part_shares(
     seen: GridBuffers,
     options: PartOutlineOptions = PartOutlineOptions(),
 ) -> dict[str, NDArray[np.float32]]:
-    """For each named part, the share of the photos which see a pixel that call it that part, [H, W]."""
+    """For each named part, the share of the photos which see a pixel that call it that part, [H, W].
+
+    Args:
+        survey: mesh and masks of the job.
+        painting: photos that may vote.
+        visibility: of the photos.
+        seen: faces and depths at the pixels, [H, W].
+        options: limits.
+    """
     normals = survey.normals @ seen.grid.frame.normal
     pixel = np.flatnonzero((seen.face.ravel() >= 0) & (normals[np.maximum(seen.face.ravel(), 0)] > options.facing))
     if not survey.parts or not len(pixel):

@@ -101,7 +101,14 @@ def building_rows(survey: Survey, planes: Planes, options: QuantityOptions = Qua
 def wall_deviation(
     survey: Survey, facade: Facade, seen: GridBuffers, options: QuantityOptions = QuantityOptions()
 ) -> NDArray[np.float32]:
-    """How far the wall stands before its own plane of least squares at each pixel, NaN beside the wall, [H, W]."""
+    """How far the wall stands before its own plane of least squares at each pixel, NaN beside the wall, [H, W].
+
+    Args:
+        survey: mesh of the job, local frame.
+        facade: the wall.
+        seen: faces and depths at the pixels, [H, W].
+        options: limits of what belongs to the wall.
+    """
     weight, at = survey.areas[facade.wall], facade.frame.to_drawing(survey.centres[facade.wall])
     terms = np.column_stack([at[:, :2], np.ones(len(at))]) * np.sqrt(weight)[:, None]
     a, b, c = np.linalg.lstsq(terms, at[:, 2] * np.sqrt(weight), rcond=1e-9)[0]

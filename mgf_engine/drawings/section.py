@@ -51,6 +51,12 @@ def section_frames(
 
     Without any wanted, a plan and two cross-sections through the middle.
 
+    Args:
+        survey: mesh of the job, local frame.
+        facades: by whose names upright planes are given.
+        wanted: texts of ``--section``.
+        options: height of the plan.
+
     Raises:
         BadInput: a text names no facade, no number, or a plane beside the building; or two have one name.
     """

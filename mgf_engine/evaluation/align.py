@@ -14,12 +14,26 @@ def align_to(source: Surface, target: Surface, scale: bool, rounds: int = 60, co
 
     Each round linearises the point-to-plane distance in rotation, translation and (if ``scale``) scale, with
     weights 1 / (1 + (r / c)^2) and c the median distance, so that parts without a counterpart pull little.
+
+    Args:
+        source: surface that moves.
+        target: surface that stays.
+        scale: whether the scale is adjusted, too.
+        rounds: number of iterations.
+        count: number of points sampled on ``source``.
     """
     return align_points(source.sample(count, np.random.default_rng(0))[0], target, scale, rounds)
 
 
 def align_points(points: Points, target: Surface, scale: bool, rounds: int = 60) -> Points:
-    """Return the same for points [n, 3], such as those of a laser scan."""
+    """Return the same for points [n, 3], such as those of a laser scan.
+
+    Args:
+        points: [n, 3].
+        target: surface that stays.
+        scale: whether the scale is adjusted, too.
+        rounds: number of iterations.
+    """
     corners = target.vertices[target.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)

@@ -123,6 +123,12 @@ def write_obj(mesh: Mesh, path: Path, texture: Texture | None = None, comments: 
     """Wavefront OBJ with vertex colours (``v x y z r g b``), coordinates to the last digit that matters.
 
     With a texture, an MTL file beside it names the texture's picture, which lies in the same folder.
+
+    Args:
+        mesh: with vertex colours.
+        path: of the OBJ file.
+        texture: UV coordinates [F, 3, 2]; its picture is written elsewhere.
+        comments: lines of the file's head.
     """
     digits = _digits(mesh.vertices)
     table = np.column_stack([mesh.vertices, mesh.colors / 255.0])

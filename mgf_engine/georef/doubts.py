@@ -93,7 +93,14 @@ def _distance(at: Array, projection: Projection, photos: Array) -> float:
 def wrong_marks(
     scene: Scene, control: Control, placed: dict[str, Placed], options: MarkOptions = MarkOptions()
 ) -> list[str]:
-    """Describe each mark that the other marks of its point contradict, with a guess of the mistake."""
+    """Describe each mark that the other marks of its point contradict, with a guess of the mistake.
+
+    Args:
+        scene: cameras of the photos.
+        control: points and marks.
+        placed: marked points in the normalised frame, by name.
+        options: limit of outliers.
+    """
     texts = []
     for name, found in placed.items():
         for mark, residual, good in zip(found.marks, found.residuals, found.good, strict=True):

@@ -115,7 +115,16 @@ def control_rows(
     offset: Array,
     used: set[str],
 ) -> tuple[ControlRow, ...]:
-    """Return a row for each point, in the order of the file; ``used``: names of those that took part in the fit."""
+    """Return a row for each point, in the order of the file; ``used``: names of those that took part in the fit.
+
+    Args:
+        points: in the order of the file.
+        placed: marked points in the normalised frame, by name.
+        failed: why others could not be placed, by name.
+        matrix: similarity [4, 4], normalised frame -> world less ``offset``.
+        offset: [3], metres.
+        used: names of the points that took part in the fit.
+    """
     rows = []
     for p in points:
         found = placed.get(p.name)

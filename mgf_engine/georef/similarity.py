@@ -61,6 +61,12 @@ def consensus(source: Array, target: Array, tolerance: Array, seed: int = 0) -> 
     """Return points [N] that one similarity explains within ``tolerance`` [N]: the largest such set that was found.
 
     All triples are tried while there are few, else a fixed number of random ones; triples on a line are passed over.
+
+    Args:
+        source: [N, 3].
+        target: [N, 3].
+        tolerance: largest distance of each point, [N].
+        seed: of the random triples.
     """
     count = len(source)
     if comb(count, 3) <= _MOST_SAMPLES:

@@ -124,7 +124,14 @@ def residuals_of(views: Sequence[View], marks: Sequence[Mark], position: Array) 
 
 
 def refine(position: Array, views: Sequence[View], marks: Sequence[Mark], good: NDArray[np.bool_]) -> Array:
-    """Minimise the squared residuals of the good marks by up to four Gauss-Newton steps; returns the point [3]."""
+    """Minimise the squared residuals of the good marks by up to four Gauss-Newton steps; returns the point [3].
+
+    Args:
+        position: where to begin, [3], normalised frame.
+        views: of the marks.
+        marks: pixels of the photos as taken.
+        good: marks that count, bool [M].
+    """
     chosen = [(view, mark) for view, mark, ok in zip(views, marks, good, strict=True) if ok]
     own, theirs = [view for view, _ in chosen], [mark for _, mark in chosen]
     size = 1e-6 * float(np.mean([np.linalg.norm(position - view.centre) for view in own]))

@@ -23,7 +23,16 @@ GOOD, BAD = (210, 255, 210), (80, 80, 255)
 def write_contact_sheet(
     scene: Scene, masks: MaskSet, reasons: list[str], clicked: set[int], path: Path, threads: int = 1
 ) -> None:
-    """Write the sheet as an image; photos with clicks carry a star."""
+    """Write the sheet as an image; photos with clicks carry a star.
+
+    Args:
+        scene: photos.
+        masks: of all photos.
+        reasons: why each mask is left out; empty for those in use.
+        clicked: indices of photos with clicks.
+        path: of the image.
+        threads: number of worker threads.
+    """
 
     def tile(index: int) -> NDArray[np.uint8]:
         title = f"{'* ' if index in clicked else ''}{scene.views[index].name}"

@@ -132,7 +132,14 @@ def colour_fields(
 def good_fields(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32], options: PartOptions = PartOptions()
 ) -> list[Element]:
-    """Return fields of a sensible size that stand out from what is around them."""
+    """Return fields of a sensible size that stand out from what is around them.
+
+    Args:
+        photo: RGB uint8 [H, W, 3].
+        inside: the building, [H, W].
+        fields: number of the field of each pixel, [H, W]; -1 for none.
+        options: limits of size and contrast.
+    """
     around = _around(inside, options)
     lab = lab_of(photo[around])
     total, sizes = int(inside.sum()), np.bincount(fields[fields >= 0])

@@ -87,7 +87,16 @@ def decide(votes: Votes, tolerance: float) -> NDArray[np.bool_]:
 def project_votes(
     points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
 ) -> Votes:
-    """Return votes by projection (eq. 2): every view with the point in front of it and inside its frame."""
+    """Return votes by projection (eq. 2): every view with the point in front of it and inside its frame.
+
+    Args:
+        points: [N, 3], normalised frame.
+        scene: cameras.
+        labels: label maps of all views, uint8 [H, W] each.
+        views: indices of the views that vote.
+        dilation: of the masks, px.
+        threads: number of worker threads.
+    """
 
     def cast(index: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         view = scene.views[index]
@@ -106,7 +115,14 @@ def project_votes(
 
 
 def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int) -> Votes:
-    """Return votes of the photos that observed each sparse point of the scene, at the observed keypoint."""
+    """Return votes of the photos that observed each sparse point of the scene, at the observed keypoint.
+
+    Args:
+        scene: tracks of the sparse points.
+        labels: label maps of all views, uint8 [H, W] each.
+        views: indices of the views that vote.
+        dilation: of the masks, px.
+    """
     count = len(scene.points)
     inside, outside = np.zeros(count, np.int32), np.zeros(count, np.int32)
     owner = scene.track_point

@@ -43,7 +43,15 @@ def surface_points(mesh: Mesh, texture: Texture | None, spacing: float) -> tuple
 
 
 def write_laz(path: Path, survey: Survey, points: Array, colors: NDArray[np.uint8], normals: Array) -> None:
-    """Write LAZ 1.4 in the coordinates of the CRS, or local ones where there is none; normals as extra dimensions."""
+    """Write LAZ 1.4 in the coordinates of the CRS, or local ones where there is none; normals as extra dimensions.
+
+    Args:
+        path: of the file.
+        survey: for the CRS.
+        points: [n, 3], local frame.
+        colors: uint8 [n, 3].
+        normals: unit [n, 3].
+    """
     import laspy
 
     world, turned = survey.world(points), normals @ survey.turn

@@ -212,7 +212,16 @@ def backward(
 def blend_backward(
     lists: TileLists, image: Tensor, hits: Tensor, gradients: OutputGradients, error_map: Tensor | None, stats: bool
 ) -> Tensor:
-    """Return sums over each tile's pixels for every list entry, float32 [E, 24] (``csrc/raster/blend_backward.h``)."""
+    """Return sums over each tile's pixels for every list entry, float32 [E, 24] (``csrc/raster/blend_backward.h``).
+
+    Args:
+        lists: as :func:`list_tiles` made them.
+        image: rendered maps, as :func:`blend` made them.
+        hits: as :func:`blend` made them.
+        gradients: of the loss with respect to the rendered maps.
+        error_map: float32 [H, W], colour error of the pixels for the statistics.
+        stats: whether statistics are summed up.
+    """
     sums = lists.frame.array(torch.float32, lists.entries, SUMS)
     listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
     g = gradients
@@ -231,7 +240,17 @@ def project_backward(
     level: int,
     statistics: tuple[Tensor, ...] | None,
 ) -> tuple[Tensor, ...]:
-    """Return gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
+    """Return gradients of the raw parameters from the sums of all list entries; adds to the statistics.
+
+    Args:
+        raw: parameters of the Gaussians.
+        sh_degree: of the colour.
+        lists: as :func:`list_tiles` made them.
+        hits: as :func:`blend` made them.
+        sums: as :func:`blend_backward` made them.
+        level: which rendered maps have gradients.
+        statistics: tensors that the statistics are added to.
+    """
     gradients = tuple(torch.empty_like(t) for t in raw.all[:5])
     columns = SUMS if statistics is not None or level > _LEVEL_COLOR else 16
     entries = (lists.records, lists.tile_counts, lists.slot_starts, hits, sums, columns)

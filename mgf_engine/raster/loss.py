@@ -51,7 +51,17 @@ def photo_side(
     elements: int,
     origin: tuple[int, int],
 ) -> PhotoSide:
-    """Sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`."""
+    """Sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`.
+
+    Args:
+        image: uint8 [3, h, w].
+        labels: uint8 [h, w].
+        edges: boundaries of the masks, bool [h, w].
+        background_band: bool [h, w].
+        ids: number of labels, with 0.
+        elements: labels 1..elements are the building.
+        origin: row and column of the box in the frame, px.
+    """
     mask, (height, width) = labels.numpy(), labels.shape
     scales = scales_of(_areas(mask, ids, elements), height, width)
     levels, flags, area = np.zeros((scales, _LEVEL_FIELDS), np.int64), [], np.zeros((scales, ids), np.int64)

@@ -103,6 +103,12 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
 
     Tried in turn: the usual folders around the model, then any file below ``source`` whose path ends like the name.
 
+    Args:
+        names: of the photos in the model.
+        model: folder of the model.
+        source: folder that the user gave.
+        exclude: folder that is not searched, such as the job's.
+
     Raises:
         BadInput: a photo is not there, or two files fit equally well.
     """

@@ -128,7 +128,14 @@ def looking_down(scene: Scene) -> NDArray[np.float64] | None:
 def up_from_edges(
     scene: Scene, rough: Array, threads: int = 1, options: GravityOptions = GravityOptions()
 ) -> UpDirection | None:
-    """Estimate up from vertical edges near a rough direction [3]; None where too few agree."""
+    """Estimate up from vertical edges near a rough direction [3]; None where too few agree.
+
+    Args:
+        scene: cameras and photos.
+        rough: unit [3], normalised frame.
+        threads: number of worker threads.
+        options: limits of edges.
+    """
     step = max(1, -(-len(scene.views) // options.most_photos))
     normals, lengths, owner = [], [], []
     indices = range(0, len(scene.views), step)
@@ -178,7 +185,14 @@ def edge_planes(view: View, photo: NDArray[np.uint8], least_length: float) -> tu
 
 
 def common_direction(normals: Array, weights: Array, rough: Array, options: GravityOptions = GravityOptions()) -> Array:
-    """Find the vanishing direction [3] of vertical edges: near ``rough`` [3], in most planes [S, 3] by weight [S]."""
+    """Find the vanishing direction [3] of vertical edges: near ``rough`` [3], in most planes [S, 3] by weight [S].
+
+    Args:
+        normals: of the planes through edges and cameras, unit [S, 3].
+        weights: of the planes, [S].
+        rough: approximate direction, unit [3].
+        options: limits of the angles.
+    """
     inlier = np.radians(options.inlier)
     rng = np.random.default_rng(0)
     pairs = rng.choice(len(normals), (options.samples, 2), p=weights / weights.sum())

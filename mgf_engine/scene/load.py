@@ -192,7 +192,14 @@ def _used(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:
 
 
 def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: Config) -> Scene:
-    """Cameras, points and tracks in the normalised frame at working resolution."""
+    """Cameras, points and tracks in the normalised frame at working resolution.
+
+    Args:
+        model: the user's cameras and points.
+        photos: planned, in the order of the model's images.
+        folder: of the job's scene.
+        config: share of photos held out.
+    """
     rotations = [rotation_of(image.quaternion) for image in model.images]
     centres = np.array([-r.T @ image.translation for r, image in zip(rotations, model.images, strict=True)])
     points = model.points

@@ -52,6 +52,12 @@ class Photo:
 def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter: Reporter) -> list[Photo]:
     """Look at every photo's header and decide its size, rotation and working camera.
 
+    Args:
+        model: cameras of the photos.
+        paths: of the photos, in the order of the model's images.
+        resolution: longest side of the working photos, px.
+        reporter: for warnings.
+
     Raises:
         BadInput: a photo cannot be read or does not fit its camera.
     """
@@ -81,6 +87,12 @@ def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter
 
 def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Callable[[float], None]) -> None:
     """Decode, undistort and resize all photos into ``folder``, in parallel within a memory budget.
+
+    Args:
+        photos: planned ones.
+        folder: where the working photos go.
+        threads: number of worker threads; 0 uses all cores.
+        progress: called with the share that is done, 0..1.
 
     Raises:
         BadInput: a photo cannot be decoded.

@@ -113,7 +113,15 @@ def choose_painting(
     progress: Callable[[float], None] = lambda share: None,
     options: TextureOptions = TextureOptions(),
 ) -> Painting:
-    """Choose the photos that paint a mesh (normalised frame) among those whose masks may be trusted."""
+    """Choose the photos that paint a mesh (normalised frame) among those whose masks may be trusted.
+
+    Args:
+        mesh: normalised frame, with vertex colours.
+        scene: photos and cameras.
+        masks: of the photos.
+        progress: called with the share that is done, 0..1.
+        options: of visibility, choice and seams.
+    """
     chosen = voting_views(scene, masks)
     views = [scene.views[i] for i in chosen]
 

@@ -62,7 +62,15 @@ class Sides:
 def sides_of(
     hull: Hull, hulls: Sequence[Hull], points: Array, metre: float, options: ClickOptions = ClickOptions()
 ) -> Sides:
-    """Sort the sparse points (local frame) by one building."""
+    """Sort the sparse points (local frame) by one building.
+
+    Args:
+        hull: of the building.
+        hulls: of all buildings.
+        points: sparse points [P, 3], local frame.
+        metre: length of a metre in the local frame.
+        options: distances.
+    """
     import shapely
 
     slack, above = options.hulls.slack * metre, hull.low + options.hulls.above * metre

@@ -192,6 +192,12 @@ def read_pairs(path: Path) -> Array:
 def transformed(polygons: NDArray[np.object_], source: str, target: str, swap: bool = False) -> NDArray[np.object_]:
     """Return polygons of one CRS in another; x before y in either.
 
+    Args:
+        polygons: [N] of shapely.
+        source: CRS that they are in.
+        target: CRS that is wanted.
+        swap: exchange x and y of the source first.
+
     Raises:
         BadInput: there is no such CRS.
     """

@@ -99,6 +99,12 @@ class Plan:
 def shared_scene(source: Path, folder: Path, given: dict[str, Any], reporter: Reporter) -> tuple[Job, Scene]:
     """Run the scene stage of all photos, once in a job folder; the job is closed again.
 
+    Args:
+        source: folder of the user's scene.
+        folder: of the job.
+        given: options as the user gave them.
+        reporter: for progress and warnings.
+
     Raises:
         BadInput: as the scene stage.
     """

@@ -167,7 +167,14 @@ def write_table(path: Path, town: Path, rows: list[dict[str, Any]], georeference
 def write_town(
     path: Path, meshes: dict[str, Mesh], georeference: Georeference, terrain: tuple[Mesh, Texture] | None = None
 ) -> None:
-    """All buildings and the terrain in one GLB, a node each, in local coordinates with y up as the format wants it."""
+    """All buildings and the terrain in one GLB, a node each, in local coordinates with y up as the format wants it.
+
+    Args:
+        path: of the GLB file.
+        meshes: mesh of each building by its name, scene frame.
+        georeference: of the town.
+        terrain: mesh and texture, local frame; None without.
+    """
     import trimesh
 
     scene = trimesh.Scene()

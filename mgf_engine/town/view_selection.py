@@ -83,7 +83,15 @@ def draw_hulls(
     metre: float,
     options: BuildingViewOptions = BuildingViewOptions(),
 ) -> HullBuffers:
-    """Draw all hulls into all photos, each hiding what lies behind it."""
+    """Draw all hulls into all photos, each hiding what lies behind it.
+
+    Args:
+        scene: photos and cameras.
+        georeference: scene frame to local frame.
+        hulls: of the buildings, local frame.
+        metre: length of a metre in the local frame.
+        options: size of the maps.
+    """
     vertices, faces, owners, count = [], [], [], 0
     for number, hull in enumerate(hulls):
         points, triangles = prism(hull.polygon, hull.low - 0.3 * metre, hull.high)

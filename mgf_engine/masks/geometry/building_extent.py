@@ -236,7 +236,14 @@ def map_size(view: View) -> tuple[int, int]:
 
 
 def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float64]:
-    """Return the depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w]."""
+    """Return the depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w].
+
+    Args:
+        view: camera of the photo.
+        ground: the plane.
+        h: rows of the map.
+        w: columns of the map.
+    """
     xs = ((np.arange(w) + 0.5) * view.width / w - view.cx) / view.fx
     ys = ((np.arange(h) + 0.5) * view.height / h - view.cy) / view.fy
     normal = view.rotation @ ground.normal

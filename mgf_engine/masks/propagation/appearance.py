@@ -125,7 +125,15 @@ def log_ratio(
     scale: NDArray[np.float64] = FEATURE_SCALE,
     threads: int = 1,
 ) -> NDArray[np.float64]:
-    """log p(x | building) - log p(x | background) for features [N, F] -> [N]; 0 where both are strangers."""
+    """log p(x | building) - log p(x | background) for features [N, F] -> [N]; 0 where both are strangers.
+
+    Args:
+        features: [N, F].
+        building: mixture of the building; None where nothing is known of it.
+        background: mixture of the background.
+        scale: of the features, [F].
+        threads: number of worker threads.
+    """
     if building is None or background is None:
         return np.zeros(len(features))
     x = features / scale

@@ -49,6 +49,12 @@ def drop_confirmed(
 
     One other photo is enough; two where all clicks on the building in a photo are doubted, as if it were clicked on
     another one.
+
+    Args:
+        doubts: clicks that cross-validation found wrong.
+        scene: tracks of the sparse points.
+        prompts: all clicks, by view index.
+        options: distances.
     """
     doubted = {(d.view, d.row) for d in doubts if d.positive}
     if not doubted:

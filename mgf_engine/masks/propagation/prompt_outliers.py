@@ -52,6 +52,12 @@ def find_outlier_prompts(
 
     Wrong clicks blur each other's test: what is found is left out and the rest tested again. The first pass, mostly
     the last, looks at the geometry of the clicked photos alone: a fifth of them, and of the time.
+
+    Args:
+        walker: label propagation of the scene.
+        prompts: clicks by view index.
+        seed: of the propagation.
+        options: number of groups and passes.
     """
     found: list[OutlierPrompt] = []
     kept = prompts

@@ -375,7 +375,16 @@ def make_hints(
     probability: BuildingProbability,
     good: NDArray[np.bool_],
 ) -> Hints:
-    """Make the segmenter's hints for view ``index``; ``good`` marks its observations of the building."""
+    """Make the segmenter's hints for view ``index``; ``good`` marks its observations of the building.
+
+    Args:
+        scene: photos and points.
+        index: of the view.
+        clicks: of the view, working pixels.
+        regions: superpixels of the view.
+        probability: of the regions of all views.
+        good: observations of the view that are on the building, bool [T_v].
+    """
     view = scene.views[index]
     uv = scene.track_uv[scene.observations(index)]
     small = probability.regions[index][regions.labels]

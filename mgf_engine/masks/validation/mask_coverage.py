@@ -63,7 +63,14 @@ class MaskCoverage:
 def measure_coverage(
     scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], options: CoverageOptions = CoverageOptions()
 ) -> MaskCoverage:
-    """Compare the masks of the views ``used`` (bool [V]) at the points that they share."""
+    """Compare the masks of the views ``used`` (bool [V]) at the points that they share.
+
+    Args:
+        scene: tracks of the sparse points.
+        labels: label maps of all views, uint8 [H, W] each.
+        used: views whose masks are compared, bool [V].
+        options: margins and limits.
+    """
     margin = np.full(len(scene.track_view), np.nan)
     for index in np.flatnonzero(used).tolist():
         here = scene.observations(index)

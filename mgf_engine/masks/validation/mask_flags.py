@@ -41,7 +41,14 @@ def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
 
 
 def flag_reason(labels: NDArray[np.uint8], score: float, disagreement: float, options: FlagOptions) -> str:
-    """Return why a mask is left out, empty where it is not."""
+    """Return why a mask is left out, empty where it is not.
+
+    Args:
+        labels: label map, uint8 [H, W].
+        score: agreement of mask and points, 0..1.
+        disagreement: share of its points that other photos contradict, 0..1.
+        options: limits.
+    """
     share = float(building(labels).mean())
     if share < options.least_building:
         return "hardly any building in this photo"
