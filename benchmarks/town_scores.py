@@ -93,10 +93,10 @@ def main(argv: list[str]) -> int:
         make_clicks(scene, town, Path(argv[3]))
         return 0
     print(
-        f"{'building':<12}{'verdict':<18}{'F1 10 cm':>9}{'20 cm':>7}{'acc.':>7}{'compl.':>7}{'CPU s':>7}{'photos':>7}"
+        f"{'building':<16}{'verdict':<18}{'F1 10 cm':>9}{'20 cm':>7}{'acc.':>7}{'compl.':>7}{'CPU s':>7}{'photos':>7}"
     )
     for row in scores(scene, town):
-        text = f"{row['id']:<12}{row['verdict']:<18}"
+        text = f"{row['id']:<16}{row['verdict']:<18}"
         if row["verdict"] == "found":
             a, b = row["f1"]
             text += f"{a:>9.1f}{b:>7.1f}{row['accuracy'][1]:>7.1f}{row['completeness'][1]:>7.1f}"

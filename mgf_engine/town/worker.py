@@ -93,8 +93,9 @@ def run_building(folder: Path, attempt: int, threads: int) -> int:
     _watch(reporter)
     try:
         status.write()
-        row = _read(folder / "building.json")
-        figures = _run(folder, options_of(row, attempt, threads), reporter)
+        options = options_of(_read(folder / "building.json"), attempt, threads)
+        print(f"Attempt {attempt}: photos of {options['resolution']} px at most, {threads} threads.", flush=True)
+        figures = _run(folder, options, reporter)
         status.write(state=FINISHED, overall=1.0, code=EXIT_DONE)
         write_json(folder / DONE, {**figures, "seconds": status.values["seconds"], "attempt": attempt})
         return EXIT_DONE

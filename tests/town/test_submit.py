@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Snakemake on a cluster ends with the ``mgf town`` that started it, also where Ctrl-C is ignored."""
+"""What Snakemake is told: to end with the ``mgf town`` that started it, and where a job's words go."""
 
 from __future__ import annotations
 
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from mgf_engine.system import write_json
+from mgf_engine.town.workflow import Executor, Wanted, snakemake_arguments, write_config
 
 #: Snakemake's command line that waits, in the place of the real one, and says how it ended.
 _WAITING = """
@@ -36,3 +40,25 @@ def test_snakemake_is_interrupted_when_its_input_ends(before: signal.Handlers) -
     assert run.stdout.readline().strip() == "['--jobs', '2']"
     said, _ = run.communicate(timeout=50)  # closes its input
     assert said.strip() == "interrupted"
+
+
+@pytest.mark.parametrize(("attempt", "into"), [(1, " > "), (2, " >> ")])
+def test_a_second_attempt_adds_to_what_the_first_one_wrote(tmp_path: Path, attempt: int, into: str) -> None:
+    folder = tmp_path / "buildings" / "left"
+    folder.mkdir(parents=True)
+    for name in ("prompts.json", "building.json"):
+        (folder / name).write_text("{}")
+    row = {"id": "left", "state": "ready", "estimate": {"bytes": 4e8}, "photos": []}
+    write_json(tmp_path / "buildings.json", {"buildings": [row]})
+    write_config(tmp_path, Executor(), Wanted(False, False), 1, 20, {"threads": 2})
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        *snakemake_arguments(Executor(), 4000),
+        "--dry-run",
+        "--printshellcmds",
+    ]
+    done = subprocess.run([*command, "--attempt", str(attempt)], cwd=tmp_path, capture_output=True, text=True)
+    (line,) = [line for line in (done.stdout + done.stderr).splitlines() if "mgf_engine.town.worker" in line]
+    assert f"--attempt {attempt} --threads 2{into}buildings/left/worker.txt 2>&1" in line

@@ -166,6 +166,8 @@ def test_a_worker_that_is_killed_is_tried_again_with_smaller_photos(
         done["attempt"] == 2
         and done["resolution"] < json.loads((folder.parent / "right/done.json").read_text())["resolution"]
     )
+    words = (folder / "worker.txt").read_text()
+    assert words.index("Attempt 1: ") < words.index("Attempt 2: ")  # what the first one said is not lost
 
 
 def test_two_towns_in_one_folder_are_refused(
