@@ -64,6 +64,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("prompt_outliers", "masks", "Cross-validation of clicks", "masks.propagation.prompt_outliers:PromptOutlierOptions"),
     Algorithm("prompt_agreement", "masks", "Clicks in several photos that confirm each other", "masks.propagation.prompt_agreement:PromptAgreementOptions"),
     Algorithm("thin_structures", "masks", "Thin structures against the sky", "masks.refinement.thin_structures:ThinStructureOptions"),
+    Algorithm("votes", "masks", "Vote of the masks on points and Gaussians", "masks.points:VoteOptions", also=("preview",)),
     Algorithm("propagation", "masks", "Drawing and checking of the masks", "masks.propagation.propagate:PropagationOptions", also=("preview",)),
     Algorithm("homogeneous_regions", "masks", "Completion of homogeneous regions", "masks.refinement.homogeneous_regions:HomogeneousRegionOptions"),
     Algorithm("mask_flags", "masks", "Masks that are left out", "masks.validation.mask_flags:FlagOptions"),
@@ -106,7 +107,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("mask_votes", "mesh", "Vote of the masks on faces", "mesh.mask_votes:MaskVoteOptions"),
     Algorithm("low_confidence_fill", "mesh", "Membrane over dents that no photo confirms", "mesh.low_confidence_fill:LowConfidenceFillOptions"),
     Algorithm("unobserved_volumes", "mesh", "Removal of volumes that no photo shows", "mesh.unobserved_volumes:UnobservedVolumeOptions"),
-    Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mesh.extract:ExtractionOptions"),
+    Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mesh.options:ExtractionOptions"),
     Algorithm("tetrahedra", "mesh", "Points that the tetrahedra join", "mesh.tetrahedra:TetrahedraOptions"),
     Algorithm("component_filter", "mesh", "Parts of the mesh that no click belongs to", "mesh.component_filter:ComponentFilterOptions"),
     # deliver

@@ -29,6 +29,7 @@ from mgf_engine.job import Job
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.prompts import PromptsFile, clicked_names
 from mgf_engine.mesh import extract
+from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.messages import Reporter, Sink
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
@@ -231,7 +232,7 @@ def extract_mesh(
     """
     config, reporter = _prepared("mesh", options, on_message)
     start = read_start(scene.folder.parent / "checkpoints" / START) if config.start == "surface" else None
-    mesh = extract.extract_mesh(field, scene, masks, config, reporter, start=start)
+    mesh = extract.extract_mesh(field, scene, masks, config.algorithm(ExtractionOptions), reporter, start=start)
     return in_scene(mesh, scene.to_normalised)
 
 

@@ -36,7 +36,7 @@ from mgf_engine.field.schedule import (
 )
 from mgf_engine.field.start import start_field
 from mgf_engine.field.targets import Target, TargetOptions, make_target
-from mgf_engine.masks.points import chosen_voters, vote
+from mgf_engine.masks.points import VoteOptions, choose_voters, vote
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
@@ -74,7 +74,8 @@ class _Trainer:
         self.scene, self.masks, self.config, self.folder, self.reporter = scene, masks, config, folder, reporter
         folder.mkdir(parents=True, exist_ok=True)
         self.views = training_views(scene, masks)
-        self.voters = chosen_voters(scene, self.views, config)
+        self.votes = config.algorithm(VoteOptions)
+        self.voters = choose_voters(scene, self.views, self.votes)
         self.total = config.run_length(len(self.views))
         self.rates, self.schedule = config.algorithm(LearningRates), config.algorithm(ScheduleOptions)
         self.densification, self.losses = config.algorithm(DensificationOptions), config.algorithm(LossOptions)
@@ -192,7 +193,8 @@ class _Trainer:
 
     def _mask_vote(self, field: Gaussians) -> torch.Tensor:
         points = field.positions.detach().double().cpu().numpy()
-        return torch.from_numpy(vote(points, self.scene, self.masks, self.voters, self.config)).to(self.device)
+        keep = vote(points, self.scene, self.masks, self.voters, self.votes, threads=self.config.threads)
+        return torch.from_numpy(keep).to(self.device)
 
     def _record(self, target: Target, rendering: Rendering, terms: LossTerms) -> None:
         interval = max(1, self.total // _CURVE_POINTS)

@@ -19,7 +19,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks.contact_sheet import write_contact_sheet
 from mgf_engine.masks.geometry.visual_hull import hull_cells
 from mgf_engine.masks.parts import Part, PartOptions, add_elements, tie_parts
-from mgf_engine.masks.points import chosen_voters, pixel_at, vote
+from mgf_engine.masks.points import VoteOptions, choose_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, read_prompts
 from mgf_engine.masks.propagation.propagate import Propagation, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
@@ -141,18 +141,17 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
         labels.append(np.zeros((view.height, view.width), np.uint8) if mask is None else mask)
         reasons.append("no mask was given" if mask is None else "" if building(mask).any() else "the mask is empty")
     used = np.array([not r for r in reasons])
-    cross_view = config.algorithm(CrossViewOptions)
-    for index, agreement in find_contradicted_masks(scene, labels, used, config.vote_dilation, cross_view).items():
+    cross_view, votes = config.algorithm(CrossViewOptions), config.algorithm(VoteOptions)
+    for index, agreement in find_contradicted_masks(scene, labels, used, votes.dilation, cross_view).items():
         reasons[index] = f"other photos' masks contradict it (agreement {agreement:.0%})"
         used[index] = False
     fit = measure_coverage(scene, labels, used, config.algorithm(CoverageOptions))
     labels = mark_ignored(scene, labels, fit)
     rows = np.arange(len(scene.points))
-    points = vote(
-        scene.points, scene, labels, chosen_voters(scene, np.flatnonzero(used).tolist(), config), config, rows
-    )
+    voters = choose_voters(scene, np.flatnonzero(used).tolist(), votes)
+    points = vote(scene.points, scene, labels, voters, votes, rows, config.threads)
     masks = MaskSet(tuple(labels), used, used.astype(np.float32), points)
-    return Propagation(masks, reasons, describe_misfits(scene, fit), consistency(scene, masks, config.vote_dilation))
+    return Propagation(masks, reasons, describe_misfits(scene, fit), consistency(scene, masks, votes.dilation))
 
 
 def _second_level(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which 3D points are the building: the vote of the masks (eq. 3, and eq. 22 for Gaussians).
+"""Vote of the masks on which 3D points are the building (eq. 3, and eq. 22 for Gaussians).
 
 Read literally, "inside the mask of every root image" empties the set: no point lies inside the frame of every
 root image. Here a photo votes on a point that lies in front of it, inside its frame and not on an unknown
@@ -16,15 +16,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
+from mgf_engine.algorithms import parameter
+from mgf_engine.config import job_option
 from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.system import cores
 
 LabelMaps = Sequence[NDArray[np.uint8]]
-#: Few votes cannot speak with one voice: half of them may be wrong, up to this many.
-SMALL_TOLERANCE = 4
+
+
+@dataclass(frozen=True)
+class VoteOptions:
+    """Options of the vote of the masks on points and Gaussians."""
+
+    few: int = parameter(4, "Number of votes against a point that are tolerated while no more than half are for it")
+    voters: str = job_option("voters")
+    strict: bool = job_option("strict_vote")
+    tolerance: float = job_option("vote_tolerance")
+    dilation: int = job_option("vote_dilation")
 
 
 @dataclass(frozen=True)
@@ -40,47 +50,50 @@ def vote(
     scene: Scene,
     masks: MaskSet | LabelMaps,
     views: Sequence[int],
-    config: Config,
+    options: VoteOptions = VoteOptions(),
     tracks: NDArray[np.int64] | None = None,
+    threads: int = 0,
 ) -> NDArray[np.bool_]:
-    """Eq. 3 / eq. 22: the points that the masks of ``views`` call building.
+    """Find the points that the masks of ``views`` call building (eq. 3 and 22).
 
     Args:
         points: [N, 3], normalised frame.
+        scene: cameras, and tracks of the sparse points.
         masks: label maps of all views of the scene, or the set that holds them.
         views: indices of the photos that may vote (the roots, or all with a usable mask).
-        config: ``strict_vote``, ``vote_tolerance`` and ``vote_dilation`` act here.
+        options: dilation of the masks and tolerance of the vote.
         tracks: [N] rows of ``scene.points`` when the points are sparse points; their tracks then say who votes.
+        threads: number of worker threads; 0 uses all cores.
 
     Returns:
         bool [N].
     """
     labels = masks.labels if isinstance(masks, MaskSet) else masks
-    threads = config.threads or cores()
-    if config.strict_vote:
-        cast = project_votes(points, scene, labels, views, config.vote_dilation, threads)
+    threads = threads or cores()
+    if options.strict:
+        cast = project_votes(points, scene, labels, views, options.dilation, threads)
         return (cast.inside == len(views)) & (cast.outside == 0)
     if tracks is None:
-        return decide(project_votes(points, scene, labels, views, config.vote_dilation, threads), config.vote_tolerance)
-    seen = track_votes(scene, labels, views, config.vote_dilation)
+        return decide(project_votes(points, scene, labels, views, options.dilation, threads), options)
+    seen = track_votes(scene, labels, views, options.dilation)
     inside, outside = seen.inside[tracks], seen.outside[tracks]
     silent = np.flatnonzero(inside + outside == 0)
     if len(silent):
-        cast = project_votes(points[silent], scene, labels, views, config.vote_dilation, threads)
+        cast = project_votes(points[silent], scene, labels, views, options.dilation, threads)
         inside[silent], outside[silent] = cast.inside, cast.outside
-    return decide(Votes(inside, outside), config.vote_tolerance)
+    return decide(Votes(inside, outside), options)
 
 
-def chosen_voters(scene: Scene, views: Sequence[int], config: Config) -> list[int]:
-    """Those of ``views`` whose masks vote, as ``config.voters`` wants it; all where no root image is among them."""
-    roots = set(scene.roots) if config.voters == "roots" else set(views)
+def choose_voters(scene: Scene, views: Sequence[int], options: VoteOptions = VoteOptions()) -> list[int]:
+    """Choose those of ``views`` whose masks vote: all, or the root photos if any is among them."""
+    roots = set(scene.roots) if options.voters == "roots" else set(views)
     return [i for i in views if i in roots] or list(views)
 
 
-def decide(votes: Votes, tolerance: float) -> NDArray[np.bool_]:
-    """At least one vote for, and few enough against: a share of the votes, or half of a handful."""
+def decide(votes: Votes, options: VoteOptions = VoteOptions()) -> NDArray[np.bool_]:
+    """Accept points with a vote for them and few enough against: a share of the votes, or half of a handful; [N]."""
     total = votes.inside + votes.outside
-    allowed = np.maximum(tolerance * total, np.minimum(SMALL_TOLERANCE, votes.inside * 0.5))
+    allowed = np.maximum(options.tolerance * total, np.minimum(options.few, votes.inside * 0.5))
     return (votes.inside > 0) & (votes.outside <= allowed)
 
 

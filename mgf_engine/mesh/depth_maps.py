@@ -125,7 +125,7 @@ def _match(asked: _Asked, options: FusionOptions) -> DepthMap:
         surface, found = choose_depths(
             surface, known, sure, found, [other for other, _ in rest], options.match, options=options.prior
         )
-    if options.smoothing is not None:
+    if options.smoothing.strength > 0:
         found = replace(found, depth=smooth_depth(surface.depth, found, options.smoothing))
     return depth_map(surface, asked.mask, found, options.tsdf)
 

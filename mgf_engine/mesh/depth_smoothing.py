@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.config import job_option
 from mgf_engine.mesh.photometric import Matched
 from mgf_engine.native.library import call
 
@@ -25,11 +26,10 @@ Array = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class SmoothingOptions:
-    """How depth maps are smoothed; px are pixels of parallax in the neighbour that sees the most of it."""
+    """Options of the smoothing of depth maps; px are pixels of parallax in the neighbour that sees the most of it."""
 
-    strength: float = (
-        20.0  # weight of squared second differences beside a depth of precision 1; depth_smoothing sets it
-    )
+    #: Weight of squared second differences beside a depth of precision 1; 0 leaves depths as matched.
+    strength: float = job_option("depth_smoothing")
     crease: float = parameter(
         0.15, "Second difference from which it counts as a crease rather than noise", "px", low=1e-6
     )

@@ -12,8 +12,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.delaunay import begun
@@ -22,25 +20,22 @@ from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
-from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.face_visibility import count_pixels
-from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.holes import cap_rims, fill_holes
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.isosurface import FREE, find_level, march
-from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions, fill_low_confidence
-from mgf_engine.mesh.mask_votes import MaskVoteOptions, cut_background
+from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
+from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField
-from mgf_engine.mesh.photometric import MatchOptions
+from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar import flatten
-from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions, merge_flat
-from mgf_engine.mesh.plane_detection import PlanarOptions
-from mgf_engine.mesh.prior import Prior, PriorOptions
+from mgf_engine.mesh.planar_clustering import merge_flat
+from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
-from mgf_engine.mesh.tetrahedra import TetrahedraOptions, TetraPoints, beside_surface, tetra_points
+from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
 from mgf_engine.mesh.tsdf import Photos, TsdfField, fuse_gaussians
-from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions, drop_unobserved
+from mgf_engine.mesh.unobserved_volumes import drop_unobserved
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
@@ -57,22 +52,6 @@ log = logging.getLogger("mgf")
 #: Shares of the stage, for the progress bar.
 _RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED, _REFINED, _COLORED = 0.15, 0.22, 0.3, 0.5, 0.6, 0.75, 0.8
 BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry the surface to where it is cut
-
-
-@dataclass(frozen=True)
-class ExtractionOptions:
-    """Options of the mesh extraction that belong to no single step."""
-
-    calibration_error: float = parameter(
-        1.0, "Reprojection error below which a sparse point calibrates the level of the surface", "px"
-    )
-    calibration_track: int = parameter(3, "Minimum number of photos that observed such a point", low=1)
-    neighbours: int = parameter(4, "Number of photos that each photo's depths are matched with", low=1)
-    opacity_reach: float = parameter(2.0, "Maximum distance that an opacity surface moves to the matched depths", "px")
-    made_up: float = parameter(
-        0.005, "Area up to which a patch that no view shows may stay, as a share of the mesh's area", high=1
-    )
-    small_hole: int = parameter(60, "Length of the rim below which a hole is closed", "ground px")
 
 
 @dataclass(frozen=True)
@@ -97,75 +76,82 @@ def extract_mesh(
     gaussians: Gaussians,
     scene: Scene,
     masks: MaskSet,
-    config: Config,
+    options: ExtractionOptions,
     reporter: Reporter,
     times: PartTimes | None = None,
     start: StartSurface | None = None,
 ) -> Mesh:
-    """The building's surface as a coloured triangle mesh in the normalised frame.
+    """Extract the building's surface as a coloured triangle mesh in the normalised frame.
 
     Args:
+        gaussians: the trained field.
+        scene: photos, cameras and sparse points.
+        masks: label maps of the photos.
+        options: of all steps.
+        reporter: for progress, warnings and the request to cancel.
+        times: records the time of each step.
         start: the surface that training started on, which counts where photos say nothing (surface 'fused' only).
-        times: where to note what the parts of the work take.
 
     Raises:
         BadInput: nothing is left to mesh; the message says at which step.
         Cancelled: the user asked to stop.
     """
     times = times or PartTimes()
-    trusted = find_trusted_views(scene, masks, config)
+    trusted = find_trusted_views(scene, masks, options)
     reporter.progress(0.0)
-    box = crop_of(config.crop_box, scene)
+    box = crop_of(options.crop_box, scene)
     with times.part("points"):
-        kept = screen(gaussians, scene, masks, config)
-        spanned = tetra_points(kept if box is None else select_near_box(kept, box), config.algorithm(TetrahedraOptions))
+        kept = screen(gaussians, scene, masks, options.screening)
+        spanned = tetra_points(kept if box is None else select_near_box(kept, box), options.tetrahedra)
         prior = None
         if start is not None and trusted.photos is not None:
             prior = Prior(start.mesh, start.sure)
-            spanned = beside_surface(spanned, start.mesh, start.pixel, box, config.algorithm(TetrahedraOptions))
+            spanned = beside_surface(spanned, start.mesh, start.pixel, box, options.tetrahedra)
     with begun(spanned.points) as made:
         with times.part("depth maps"):
-            field = surface_field(kept, trusted, config, reporter, prior)
-            if config.calibrate_level:
-                calibrate_level(field, scene, masks, config.algorithm(ExtractionOptions))
+            field = surface_field(kept, trusted, options, reporter, prior)
+            if options.calibrate_level:
+                calibrate_level(field, scene, masks, options)
         with times.part("tetrahedra"):
             tetrahedra = made(reporter.check)
     reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
     with times.part("level set"):
-        mesh = extract_level_set(spanned, tetrahedra, field, config.level_steps, reporter)
+        mesh = extract_level_set(spanned, tetrahedra, field, options.level_steps, reporter)
         del tetrahedra
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
-        voting = trusted.labels if config.use_masks and config.face_votes else None
-        mesh = clean_level_set(mesh, field, trusted.views, config, voting)
-        if config.drop_unseen:
-            mesh = keep_clicked_parts(mesh, scene, masks, reporter, config.algorithm(ComponentFilterOptions))
+        voting = trusted.labels if options.use_masks and options.face_votes else None
+        mesh = clean_level_set(mesh, field, trusted.views, options, voting)
+        if options.drop_unseen:
+            mesh = keep_clicked_parts(mesh, scene, masks, reporter, options.components)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with times.part("refinement"):
-        mesh = refine_mesh(move_onto_evidence(mesh, field, trusted, config), trusted, config, reporter)
-    if config.flatten:
+        mesh = refine_mesh(move_onto_evidence(mesh, field, trusted, options), trusted, options, reporter)
+    if options.flatten:
         with times.part("planes"):
-            mesh = flatten(mesh, ground_pixels(mesh, trusted.views), config.algorithm(PlanarOptions))
+            mesh = flatten(mesh, ground_pixels(mesh, trusted.views), options.planes)
     with times.part("colours"):
-        mesh = color_mesh(crop_mesh(mesh, config, box), scene, trusted, config, reporter)
+        mesh = color_mesh(crop_mesh(mesh, options.close_bottom, box), scene, trusted, options.colors, reporter)
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(mesh.faces))
     with times.part("reduction"):
-        return finish_mesh(simplify_mesh(mesh, trusted.views, config, reporter), field, config)
+        return finish_mesh(simplify_mesh(mesh, trusted.views, options, reporter), field, options)
 
 
-def move_onto_evidence(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, config: Config) -> Mesh:
-    """The level set of the opacity moved onto what the matched depth maps show; of a fused surface as it is."""
-    if not (config.match_photos and isinstance(field, OpacityField) and field.evidence is not None):
+def move_onto_evidence(
+    mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
+) -> Mesh:
+    """Move the level set of an opacity field onto the matched depth maps; a fused surface stays as it is."""
+    if not (options.match_photos and isinstance(field, OpacityField) and field.evidence is not None):
         return mesh
-    options = RefinementOptions(reach=config.algorithm(ExtractionOptions).opacity_reach)
-    return onto_surface(mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, trusted.views), options)
+    reach = RefinementOptions(reach=options.opacity_reach)
+    return onto_surface(mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, trusted.views), reach)
 
 
-def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, config: Config, reporter: Reporter) -> Mesh:
-    """The mesh with the colours that the photos show at its vertices."""
+def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOptions, reporter: Reporter) -> Mesh:
+    """Colour the vertices of a mesh from the photos."""
     return color_from_photos(
         mesh, trusted.views, lambda i: scene.photo(trusted.indices[i]), [building(label) for label in trusted.labels],
-        lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share), config.algorithm(ColorOptions),
+        lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share), options,
     )  # fmt: skip
 
 
@@ -178,17 +164,17 @@ def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSe
     log.info("mesh: the surface runs through %d sparse points: %.2f %s", sure.sum(), level, what)
 
 
-def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, config: Config) -> Mesh:
+def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, options: ExtractionOptions) -> Mesh:
     """Attach confidence and number of views to the simplified mesh, and fill dents that no photo confirms."""
     values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
     mesh = replace(mesh, values=values)
-    if not (config.span_dents and "confidence" in mesh.values):
+    if not (options.span_dents and "confidence" in mesh.values):
         return mesh
-    return fill_low_confidence(mesh, mesh.values["confidence"], config.algorithm(LowConfidenceFillOptions))
+    return fill_low_confidence(mesh, mesh.values["confidence"], options.fill)
 
 
-def find_trusted_views(scene: Scene, masks: MaskSet, config: Config) -> TrustedViews:
-    """The photos that say what is solid.
+def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions = ExtractionOptions()) -> TrustedViews:
+    """Find the photos whose masks are good enough to tell solid from free.
 
     Raises:
         BadInput: there is none.
@@ -199,40 +185,34 @@ def find_trusted_views(scene: Scene, masks: MaskSet, config: Config) -> TrustedV
     return TrustedViews(
         chosen,
         [scene.views[i] for i in chosen],
-        judging_masks(scene, masks, chosen, config.screening_dilation),
+        judging_masks(scene, masks, chosen, options.dilation),
         [masks.labels[i] for i in chosen],
-        _photos(scene, masks, chosen, config.algorithm(ExtractionOptions).neighbours) if config.match_photos else None,
+        _photos(scene, masks, chosen, options.neighbours) if options.match_photos else None,
     )
 
 
 def surface_field(
-    gaussians: Gaussians, trusted: TrustedViews, config: Config, reporter: Reporter, prior: Prior | None = None
+    gaussians: Gaussians,
+    trusted: TrustedViews,
+    options: ExtractionOptions,
+    reporter: Reporter,
+    prior: Prior | None = None,
 ) -> OpacityField | TsdfField:
-    """What tells solid from free, as ``config.surface`` wants it.
+    """Make the field that tells solid from free, as the option ``surface`` says.
 
     The depth maps of a fused surface are made for an opacity surface, too, where anything asks what the views show.
     """
-    gaussians = gaussians.to(choose_device(config.device).device)
+    gaussians = gaussians.to(choose_device(options.device).device)
     fused = None
-    if config.surface == "fused" or config.match_photos or config.drop_unseen or config.span_dents:
+    if options.surface == "fused" or options.match_photos or options.drop_unseen or options.span_dents:
         fused = fuse_gaussians(
             gaussians, trusted.views, trusted.verdicts, trusted.photos,
-            lambda share: reporter.progress(_RENDERED * share), prior, config.visual_hull, fusion_options(config),
+            lambda share: reporter.progress(_RENDERED * share), prior, options.visual_hull, options.fusion,
         )  # fmt: skip
-        if config.surface == "fused":
+        if options.surface == "fused":
             return fused
     return OpacityField(
-        gaussians, trusted.views, trusted.verdicts, config.opacity_level, 1, hull=config.visual_hull, evidence=fused
-    )
-
-
-def fusion_options(config: Config) -> FusionOptions:
-    """Return the options of depth maps and their fusion as the user set them."""
-    smoothing = None
-    if config.depth_smoothing > 0:
-        smoothing = replace(config.algorithm(SmoothingOptions), strength=config.depth_smoothing)
-    return FusionOptions(
-        config.algorithm(TsdfOptions), config.algorithm(MatchOptions), config.algorithm(PriorOptions), smoothing
+        gaussians, trusted.views, trusted.verdicts, options.opacity_level, 1, hull=options.visual_hull, evidence=fused
     )
 
 
@@ -247,7 +227,7 @@ def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], neighbours: int
 
 
 def select_near_box(gaussians: Gaussians, box: CropBox) -> Gaussians:
-    """The Gaussians in and closely around the crop box.
+    """Select the Gaussians in and closely around the crop box.
 
     They span the tetrahedra; the field that judges keeps the others, or a view of the far side would see through
     where they were and call the inside of the building free.
@@ -268,7 +248,7 @@ def extract_level_set(
     steps: int,
     reporter: Reporter,
 ) -> Mesh:
-    """The raw surface O(x) = level, between solid and free corners of the tetrahedra.
+    """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
 
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
@@ -300,10 +280,10 @@ def clean_level_set(
     mesh: Mesh,
     field: OpacityField | TsdfField,
     views: Sequence[View],
-    config: Config,
+    options: ExtractionOptions,
     labels: Sequence[NDArray[np.uint8]] | None = None,
 ) -> Mesh:
-    """The level set without false parts, oriented outward, small holes closed, smoothed.
+    """Clean the level set: remove false parts, orient it outward, close small holes, smooth it.
 
     Args:
         labels: label map of each view, where the masks are to vote on the faces.
@@ -311,35 +291,33 @@ def clean_level_set(
     Raises:
         BadInput: nothing is left.
     """
-    options = config.algorithm(ExtractionOptions)
     mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
-    if config.merge_flat:
-        mesh = merge_flat(mesh, views, config.algorithm(PlanarClusteringOptions))
+    if options.merge_flat:
+        mesh = merge_flat(mesh, views, options.clustering)
     free = lambda points: field.classify(points) == FREE  # noqa: E731
-    if config.drop_unseen:
+    if options.drop_unseen:
         mesh = replace(mesh, values=field.known(mesh.vertices))
         if "confidence" in mesh.values:
-            confirmed = mesh.values["confidence"] >= config.algorithm(LowConfidenceFillOptions).unconfirmed
-            volumes = config.algorithm(UnobservedVolumeOptions)
-            mesh = drop_unobserved(mesh, confirmed, ground_pixels(mesh, views), free, volumes)
+            confirmed = mesh.values["confidence"] >= options.fill.unconfirmed
+            mesh = drop_unobserved(mesh, confirmed, ground_pixels(mesh, views), free, options.volumes)
         mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], options.made_up), values={})
-    mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, config.min_component))
+    mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, options.min_component))
     counts = count_pixels(mesh, views, labels)
     mesh = clean.orient_outward(mesh, counts.front, counts.back)
     seen = np.ones(len(mesh.faces), bool)
-    if config.drop_unseen:
-        seen = clean.seen_parts(mesh, counts.front + counts.back, config.min_component)
+    if options.drop_unseen:
+        seen = clean.seen_parts(mesh, counts.front + counts.back, options.min_component)
     if labels is None:
         mesh = clean.with_faces(mesh, mesh.faces[seen])
     else:
-        mesh = cut_background(mesh, views, labels, counts, seen, config.algorithm(MaskVoteOptions))
-        mesh = clean.drop_small_parts(mesh, config.min_component)
+        mesh = cut_background(mesh, views, labels, counts, seen, options.votes)
+        mesh = clean.drop_small_parts(mesh, options.min_component)
         mesh = clean.split_nonmanifold(mesh)
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
-    if config.fill_holes:
+    if options.fill_holes:
         mesh = fill_holes(mesh, options.small_hole * ground_pixels(mesh, views), free)
-    return clean.smooth(mesh, config.smoothing)
+    return clean.smooth(mesh, options.smoothing)
 
 
 def keep_clicked_parts(
@@ -349,7 +327,7 @@ def keep_clicked_parts(
     reporter: Reporter,
     options: ComponentFilterOptions = ComponentFilterOptions(),
 ) -> Mesh:
-    """The mesh less what stands apart from all that was clicked; all of it where the masks are not from clicks."""
+    """Remove the parts that stand apart from all that was clicked; none where the masks are not from clicks."""
     if not masks.clicks:
         return mesh
     kept = faces_near_clicks(mesh, scene.views, masks.clicks, options)
@@ -363,30 +341,30 @@ def keep_clicked_parts(
     return clean.with_faces(mesh, mesh.faces[kept])
 
 
-def refine_mesh(mesh: Mesh, trusted: TrustedViews, config: Config, reporter: Reporter) -> Mesh:
-    """The mesh where the photos agree about it, as often as ``config.refine_rounds`` wants."""
+def refine_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, reporter: Reporter) -> Mesh:
+    """Move the mesh to where the photos agree about it; only where photos are matched."""
     if trusted.photos is None:
         return mesh
     return refine(
-        mesh, trusted.views, trusted.verdicts, trusted.photos, config.refine_rounds,
-        lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share), fusion_options(config),
-        config.algorithm(RefinementOptions),
+        mesh, trusted.views, trusted.verdicts, trusted.photos, options.refine_rounds,
+        lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share), options.fusion,
+        options.refinement,
     )  # fmt: skip
 
 
-def simplify_mesh(mesh: Mesh, views: Sequence[View], config: Config, reporter: Reporter) -> Mesh:
-    """The coloured mesh with as few faces as the bounds in the options allow."""
+def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions, reporter: Reporter) -> Mesh:
+    """Reduce the coloured mesh to as few faces as the bounds in the options allow."""
     result = reduce_faces(
-        mesh, config.max_faces, config.face_error * ground_pixels(mesh, views),
-        config.color_error if config.color_error < 256 else -1.0,
+        mesh, options.max_faces, options.face_error * ground_pixels(mesh, views),
+        options.color_error if options.color_error < 256 else -1.0,
         lambda share: reporter.progress(_COLORED + (1 - _COLORED) * share),
     )  # fmt: skip
     log.info("mesh: reduced to %d faces", len(result.faces))
     return result
 
 
-def crop_mesh(mesh: Mesh, config: Config, box: CropBox | None = None) -> Mesh:
-    """The mesh cut at the box, its bottom closed where that is wanted.
+def crop_mesh(mesh: Mesh, close_bottom: bool, box: CropBox | None = None) -> Mesh:
+    """Cut the mesh at the box, and close its bottom where that is wanted.
 
     Raises:
         BadInput: nothing is left.
@@ -395,4 +373,4 @@ def crop_mesh(mesh: Mesh, config: Config, box: CropBox | None = None) -> Mesh:
         mesh = clip(mesh, box.planes())
         if len(mesh.faces) == 0:
             raise BadInput("No surface lies in the crop box; enlarge it or move it over the building.")
-    return cap_rims(mesh) if config.close_bottom else mesh
+    return cap_rims(mesh) if close_bottom else mesh

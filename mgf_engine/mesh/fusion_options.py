@@ -42,9 +42,9 @@ class TsdfOptions:
 
 @dataclass(frozen=True)
 class FusionOptions:
-    """All options of depth maps and their fusion; ``smoothing`` None leaves depths as matched."""
+    """All options of depth maps and their fusion."""
 
     tsdf: TsdfOptions = TsdfOptions()
     match: MatchOptions = MatchOptions()
     prior: PriorOptions = PriorOptions()
-    smoothing: SmoothingOptions | None = None
+    smoothing: SmoothingOptions = SmoothingOptions()

@@ -11,6 +11,7 @@ from mgf_engine.geometry.clean import vertex_areas
 from mgf_engine.geometry.mesh_files import in_scene, write_ply
 from mgf_engine.job import Job
 from mgf_engine.mesh.extract import extract_mesh
+from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.parts import FILE as PARTS_FILE
 from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
 from mgf_engine.messages import Reporter
@@ -28,7 +29,8 @@ def run_mesh(job: Job, reporter: Reporter) -> dict[str, Any]:
     scene, masks = load_inputs(job)
     times = PartTimes()
     start = read_start(job.path("checkpoints", START)) if job.config.start == "surface" else None
-    mesh = extract_mesh(load_field(job), scene, masks, job.config, reporter, times, start)
+    options = job.config.algorithm(ExtractionOptions)
+    mesh = extract_mesh(load_field(job), scene, masks, options, reporter, times, start)
     write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
     named = named_parts(job.path("masks"), scene)
     if named:

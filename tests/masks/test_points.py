@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine.config import make_config
-from mgf_engine.masks.points import Votes, decide, project_votes, track_votes, vote
+from mgf_engine.masks.points import VoteOptions, Votes, decide, project_votes, track_votes, vote
 from mgf_engine.model.masks import BUILDING, IGNORE, MaskSet
 from mgf_engine.model.scene import Scene, Similarity, View
 
-CONFIG = make_config({"vote_dilation": 0})
+OPTIONS = VoteOptions(dilation=0)
 
 
 def view(name: str, x: float, **changes: object) -> View:
@@ -52,9 +51,9 @@ def test_track_votes_use_the_observed_keypoint(pair: Scene):
     # Point 1 projects outside the mask, but was observed inside it.
     votes = track_votes(pair, [left_half(), left_half()], [0, 1], 0)
     assert votes.inside.tolist() == [2, 1, 0, 0]
-    kept = vote(pair.points, pair, [left_half(), left_half()], [0, 1], CONFIG, np.arange(4))
+    kept = vote(pair.points, pair, [left_half(), left_half()], [0, 1], OPTIONS, np.arange(4))
     assert kept.tolist() == [True, True, False, False]
-    assert vote(pair.points, pair, [left_half(), left_half()], [0, 1], CONFIG).tolist() == [True, False, False, False]
+    assert vote(pair.points, pair, [left_half(), left_half()], [0, 1], OPTIONS).tolist() == [True, False, False, False]
 
 
 def test_unknown_pixels_abstain(pair: Scene):
@@ -85,7 +84,7 @@ def test_a_photo_votes_as_often_as_a_track_holds_it(pair: Scene):
 
 
 def test_strict_asks_every_view(pair: Scene):
-    strict = make_config({"vote_dilation": 0, "strict_vote": True})
+    strict = VoteOptions(dilation=0, strict=True)
     full, half = np.ones((10, 20), np.uint8), left_half()
     assert vote(pair.points, pair, [full, half], [0, 1], strict).tolist() == [True, False, False, False]
     # Point 3 is outside both frames: the literal rule drops it, as it drops nearly all points of a real scene.
@@ -98,15 +97,20 @@ def test_strict_asks_every_view(pair: Scene):
 )  # fmt: skip
 def test_tolerance(inside: int, outside: int, kept: bool):
     votes = Votes(np.array([inside], np.int32), np.array([outside], np.int32))
-    assert decide(votes, 0.1)[0] == kept
+    assert decide(votes)[0] == kept
+
+
+def test_few_votes_against_are_an_option() -> None:
+    votes = Votes(np.array([8], np.int32), np.array([4], np.int32))
+    assert decide(votes, VoteOptions(few=4))[0] and not decide(votes, VoteOptions(few=3))[0]
 
 
 def test_accepts_a_mask_set(pair: Scene):
     labels = (left_half(), left_half())
     masks = MaskSet(labels, np.ones(2, bool), np.ones(2, np.float32), np.ones(4, bool))
-    assert vote(pair.points, pair, masks, [0, 1], CONFIG).tolist() == [True, False, False, False]
+    assert vote(pair.points, pair, masks, [0, 1], OPTIONS).tolist() == [True, False, False, False]
 
 
 def test_no_points_no_views(pair: Scene):
-    assert vote(np.zeros((0, 3)), pair, [left_half()] * 2, [0, 1], CONFIG).shape == (0,)
-    assert not vote(pair.points, pair, [left_half()] * 2, [], CONFIG).any()
+    assert vote(np.zeros((0, 3)), pair, [left_half()] * 2, [0, 1], OPTIONS).shape == (0,)
+    assert not vote(pair.points, pair, [left_half()] * 2, [], OPTIONS).any()

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from support.analytic import as_trimesh, ball, box, cuboid, ring, scene_of
 
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.scene.crop import parse_crop_box
+
+from .test_extract import mesh_options
 
 HALF_TURNED = np.array([[0.6, 0.8, 0.0, -0.1]])
 
@@ -60,15 +61,15 @@ def test_the_mesh_ends_at_the_crop_box():
     scene, masks = scene_of(ring(16), truth)
     reporter = Reporter(lambda message: None)
     reporter.stage("mesh")
-    config = make_config({"level_steps": 4, "crop_box": "-2 -2 -2 0.25 2 2"})
-    mesh = extract_mesh(field, scene, masks, config, reporter)
+    options = mesh_options({"level_steps": 4, "crop_box": "-2 -2 -2 0.25 2 2"})
+    mesh = extract_mesh(field, scene, masks, options, reporter)
     assert mesh.vertices[:, 0].max() == pytest.approx(0.25, abs=1e-9)
     assert mesh.vertices[:, 0].min() < -0.95
     near = mesh.vertices[(mesh.vertices[:, 0] > 0.1) & (mesh.vertices[:, 0] < 0.24)]
     assert np.minimum(np.abs(np.abs(near[:, 1]) - 0.7), np.abs(np.abs(near[:, 2]) - 0.5)).max() < 0.2  # walls, no lid
     reporter.stage("mesh")
     with pytest.raises(BadInput):
-        extract_mesh(field, scene, masks, make_config({"crop_box": "5 5 5 6 6 6"}), reporter)
+        extract_mesh(field, scene, masks, mesh_options({"crop_box": "5 5 5 6 6 6"}), reporter)
 
 
 def test_values_are_carried_and_new_vertices_take_those_of_the_nearer_end():

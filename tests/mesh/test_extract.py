@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import igl
 import numpy as np
@@ -13,10 +14,16 @@ from support.analytic import as_trimesh, ball, box, cuboid, discs, mesh_of, ring
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.mesh.extract import extract_mesh
+from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.timing import PartTimes
+
+
+def mesh_options(given: dict[str, Any]) -> ExtractionOptions:
+    """What the mesh stage makes of the options of a job."""
+    return make_config(given).algorithm(ExtractionOptions)
 
 
 def reporter(sink=lambda message: None) -> Reporter:
@@ -40,8 +47,8 @@ def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     field, truth = (sphere(800), ball()) if shape == "sphere" else (box(0.12), cuboid())
     scene, masks = scene_of(ring(16), truth)
     seen, times = [], PartTimes()
-    config = make_config({"surface": surface, "level_steps": 5})
-    mesh = extract_mesh(field, scene, masks, config, reporter(seen.append), times)
+    options = mesh_options({"surface": surface, "level_steps": 5})
+    mesh = extract_mesh(field, scene, masks, options, reporter(seen.append), times)
     closed = as_trimesh(mesh)
     assert closed.is_watertight and closed.is_winding_consistent and closed.body_count == 1
     assert 0.9 < closed.volume / as_trimesh(truth).volume < 1.25
@@ -64,7 +71,7 @@ def test_same_input_same_mesh_for_any_number_of_threads():
     results = []
     for threads in (1, 3):
         library.set_threads(threads)
-        results.append(extract_mesh(sphere(200), scene, masks, make_config({"level_steps": 3}), reporter()))
+        results.append(extract_mesh(sphere(200), scene, masks, mesh_options({"level_steps": 3}), reporter()))
     library.set_threads(0)
     assert np.array_equal(results[0].vertices, results[1].vertices)
     assert np.array_equal(results[0].faces, results[1].faces)
@@ -83,9 +90,9 @@ def test_fused_level_moves_onto_the_sparse_points():
         track_uv=np.zeros((3 * count, 2), np.float32),
     )  # fmt: skip
     with_points = replace(masks, point_mask=np.ones(count, bool))
-    config = make_config({"level_steps": 6, "smoothing": 0})
+    options = mesh_options({"level_steps": 6, "smoothing": 0})
     radius = [
-        np.median(np.linalg.norm(extract_mesh(sphere(800), scene, m, config, reporter()).vertices, axis=1))
+        np.median(np.linalg.norm(extract_mesh(sphere(800), scene, m, options, reporter()).vertices, axis=1))
         for m in (replace(masks, point_mask=np.zeros(count, bool)), with_points)
     ]
     assert abs(radius[1] - 1.02) < 0.006 and abs(radius[0] - 1.02) > abs(radius[1] - 1.02)
@@ -94,14 +101,14 @@ def test_fused_level_moves_onto_the_sparse_points():
 def test_confidence_tells_seen_from_made_up():
     views = ring(12)
     scene, masks = scene_of(views, ball(1.1))
-    mesh = extract_mesh(sphere(500), scene, masks, make_config({"level_steps": 3}), reporter())
+    mesh = extract_mesh(sphere(500), scene, masks, mesh_options({"level_steps": 3}), reporter())
     seen, trust = mesh.values["views"], mesh.values["confidence"]
     assert seen.shape == trust.shape == (len(mesh.vertices),) and (seen > 0).mean() > 0.95
     # The photos of this scene are blank: seen often enough, but nothing in them to compare.
     assert np.allclose(trust, 0.5 * np.minimum(seen / 3, 1))
     opposite = [v for v in range(12) if views[v].centre[0] > 0]
     half = replace(masks, used=np.isin(np.arange(12), opposite))
-    mesh = extract_mesh(sphere(500), scene, half, make_config({"level_steps": 3}), reporter())
+    mesh = extract_mesh(sphere(500), scene, half, mesh_options({"level_steps": 3}), reporter())
     towards = mesh.vertices[:, 0] / np.linalg.norm(mesh.vertices, axis=1)
     assert mesh.values["views"][towards > 0.7].mean() > mesh.values["views"][towards < 0.0].mean() + 1
 
@@ -114,7 +121,7 @@ def test_floaters_and_bubbles_go():
     inner.positions = inner.positions * 0.4
     inner.log_scales -= float(np.log(2.5))
     scene, masks = scene_of(ring(12), ball(1.7))
-    mesh = extract_mesh(joined(sphere(500), speck, inner), scene, masks, make_config({"level_steps": 3}), reporter())
+    mesh = extract_mesh(joined(sphere(500), speck, inner), scene, masks, mesh_options({"level_steps": 3}), reporter())
     radius = np.linalg.norm(mesh.vertices, axis=1)
     assert radius.min() > 0.8 and radius.max() < 1.25 and as_trimesh(mesh).body_count == 1
 
@@ -126,8 +133,8 @@ def test_masks_cut_away_what_is_not_building():
     neighbour.log_scales -= float(np.log(2.5))
     scene, masks = scene_of(ring(12), ball())
     for screening in (True, False):
-        config = make_config({"level_steps": 3, "screening": screening})
-        mesh = extract_mesh(joined(sphere(500), neighbour), scene, masks, config, reporter())
+        options = mesh_options({"level_steps": 3, "screening": screening})
+        mesh = extract_mesh(joined(sphere(500), neighbour), scene, masks, options, reporter())
         assert mesh.vertices[:, 0].max() < 1.3
 
 
@@ -138,14 +145,14 @@ def test_a_neighbour_in_the_masks_that_nobody_clicked_goes_and_is_spoken_of():
     both = trimesh.util.concatenate([as_trimesh(ball()), as_trimesh(ball(0.4)).apply_translation([2.2, 0, 0])])
     views = ring(12, radius=6.0)
     scene, masks = scene_of(views, mesh_of(both))
-    config, said = make_config({"level_steps": 3}), []
+    options, said = mesh_options({"level_steps": 3}), []
     for middle, reach in ((0.0, 1.3), (2.2, 2.9)):
         clicks = [np.zeros((0, 2), np.float32)] * 12
         for side in (3, 9):  # from where neither hides the other
             spots = views[side].project(np.array([[middle, 0, 0], [0, 0, 0]]))[0]
             clicks[side] = spots.astype(np.float32)
         field = joined(sphere(500), neighbour)
-        mesh = extract_mesh(field, scene, replace(masks, clicks=tuple(clicks)), config, reporter(said.append))
+        mesh = extract_mesh(field, scene, replace(masks, clicks=tuple(clicks)), options, reporter(said.append))
         assert reach - 0.3 < mesh.vertices[:, 0].max() < reach
     (warning,) = [m["text"] for m in said if m["type"] == "warning"]
     assert "apart from everything that was clicked" in warning
@@ -153,8 +160,8 @@ def test_a_neighbour_in_the_masks_that_nobody_clicked_goes_and_is_spoken_of():
 
 def test_face_count_is_kept():
     scene, masks = scene_of(ring(8), ball())
-    config = make_config({"level_steps": 2, "max_faces": 1500})
-    assert 1000 < len(extract_mesh(sphere(300), scene, masks, config, reporter()).faces) <= 1500
+    options = mesh_options({"level_steps": 2, "max_faces": 1500})
+    assert 1000 < len(extract_mesh(sphere(300), scene, masks, options, reporter()).faces) <= 1500
 
 
 def empty_field() -> Gaussians:
@@ -176,7 +183,7 @@ def flat_points() -> Gaussians:
 def test_one_gaussian_is_a_blob_or_a_clear_message(surface):
     scene, masks = scene_of(ring(8), ball())
     try:
-        mesh = extract_mesh(one_gaussian(), scene, masks, make_config({"surface": surface}), reporter())
+        mesh = extract_mesh(one_gaussian(), scene, masks, mesh_options({"surface": surface}), reporter())
         assert np.isfinite(mesh.vertices).all()
     except BadInput as error:
         assert str(error).endswith(".")
@@ -184,21 +191,21 @@ def test_one_gaussian_is_a_blob_or_a_clear_message(surface):
 
 def test_what_cannot_be_meshed_is_said_in_one_sentence():
     scene, masks = scene_of(ring(8), ball())
-    config = make_config({})
+    options = mesh_options({})
     with pytest.raises(BadInput, match="no Gaussians"):
-        extract_mesh(empty_field(), scene, masks, config, reporter())
+        extract_mesh(empty_field(), scene, masks, options, reporter())
     far = sphere(50)
     far.positions = far.positions + torch.tensor([0.0, 0.0, 30.0])
     with pytest.raises(BadInput, match="vote against every Gaussian"):
-        extract_mesh(far, scene, masks, config, reporter())
+        extract_mesh(far, scene, masks, options, reporter())
     with pytest.raises(BadInput, match="surface"):
-        extract_mesh(flat_points(), scene, masks, config, reporter())
+        extract_mesh(flat_points(), scene, masks, options, reporter())
     with pytest.raises(BadInput, match="usable mask"):
-        extract_mesh(sphere(50), scene, replace(masks, used=np.zeros(8, bool)), config, reporter())
+        extract_mesh(sphere(50), scene, replace(masks, used=np.zeros(8, bool)), options, reporter())
     faint = sphere(50)
     faint.opacity_logits[:] = -30.0
     with pytest.raises(BadInput, match="opaque enough"):
-        extract_mesh(faint, scene, masks, config, reporter())
+        extract_mesh(faint, scene, masks, options, reporter())
 
 
 def test_broken_and_doubled_gaussians_do_no_harm():
@@ -206,7 +213,7 @@ def test_broken_and_doubled_gaussians_do_no_harm():
     field.positions[::50] = float("nan")
     field.log_scales[1::50] = float("inf")
     scene, masks = scene_of(ring(8), ball())
-    mesh = extract_mesh(field, scene, masks, make_config({"level_steps": 3}), reporter())
+    mesh = extract_mesh(field, scene, masks, mesh_options({"level_steps": 3}), reporter())
     assert np.isfinite(mesh.vertices).all() and as_trimesh(mesh).volume > 3.5
 
 
@@ -215,7 +222,7 @@ def test_cancelling_stops_the_stage():
     stopped.cancel()
     scene, masks = scene_of(ring(4), ball())
     with pytest.raises(Cancelled):
-        extract_mesh(sphere(50), scene, masks, make_config({}), stopped)
+        extract_mesh(sphere(50), scene, masks, mesh_options({}), stopped)
 
 
 def test_voting_views_leave_out_what_is_held_out_or_unused():
@@ -229,9 +236,9 @@ def test_voting_views_leave_out_what_is_held_out_or_unused():
 def test_screening_follows_its_switches():
     scene, masks = scene_of(ring(8), ball())
     field = joined(sphere(100), discs([[0.0, 1.9, 0], [1.8, 0, 0.3]], [[0.0, 0, 1]] * 2, 0.1))
-    assert len(screen(field, scene, masks, make_config({}))) == 100
-    assert len(screen(field, scene, masks, make_config({"screening": False}))) == 102
-    assert len(screen(field, scene, masks, make_config({"use_masks": False}))) == 102
+    assert len(screen(field, scene, masks, mesh_options({}).screening)) == 100
+    assert len(screen(field, scene, masks, mesh_options({"screening": False}).screening)) == 102
+    assert len(screen(field, scene, masks, mesh_options({"use_masks": False}).screening)) == 102
 
 
 @pytest.mark.parametrize("surface", ["fused", "opacity"])
@@ -240,8 +247,8 @@ def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
     from mgf_engine.mesh.extract import find_trusted_views, surface_field
 
     scene, masks = scene_of(ring(8), ball())
-    config = make_config({"surface": surface})
-    field = surface_field(sphere(200), find_trusted_views(scene, masks, config), config, reporter())
+    options = mesh_options({"surface": surface})
+    field = surface_field(sphere(200), find_trusted_views(scene, masks, options), options, reporter())
     points = np.random.default_rng(0).normal(size=(1000, 3))
     shares: list[float] = []
     whole = field.classify(points), field.known(points)

@@ -14,14 +14,17 @@ from mgf_engine.geometry.clean import smooth
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
+from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.extract import extract_mesh, find_trusted_views
+from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.tsdf import Photos
 
-from .test_extract import make_config, reporter
+from .test_extract import mesh_options, reporter
 
 FINE = 6  # subdivisions of the ball
+UNSMOOTHED = FusionOptions(smoothing=SmoothingOptions(strength=0.0))  # what matching alone does
 
 
 def painted(view, plain: bool = False) -> np.ndarray:
@@ -55,7 +58,7 @@ def refined(setting, plain: bool, rounds: int = 1):
     greys = [painted(view, plain) for view in views]
     near = [[k for k in (n - 1, n + 1) if 0 <= k < len(views)] for n in range(len(views))]
     shares: list[float] = []
-    mesh = refine(dented, views, verdicts, Photos(lambda k: greys[k], near), rounds, shares.append)
+    mesh = refine(dented, views, verdicts, Photos(lambda k: greys[k], near), rounds, shares.append, UNSMOOTHED)
     assert shares == sorted(shares) and (not rounds or 0.5 < shares[-1] <= 1)
     return mesh
 
@@ -100,7 +103,7 @@ def test_a_thin_bar_does_not_shrink(setting):
     width = 1.25 * ground_pixels(bar, views).mean()
     thin = replace(bar, vertices=bar.vertices * (width, width, 1.0))
     greys = [painted(view, plain=True) for view in views]
-    refined_bar = refine(thin, views, verdicts, Photos(lambda k: greys[k], [[] for _ in views]), 1)
+    refined_bar = refine(thin, views, verdicts, Photos(lambda k: greys[k], [[] for _ in views]), 1, fusion=UNSMOOTHED)
     before, after, smoothed = (as_trimesh(mesh).volume for mesh in (thin, refined_bar, smooth(thin, 2)))
     assert smoothed < 0.93 * before and after > 0.98 * before
 
@@ -121,11 +124,11 @@ def test_no_round_changes_nothing(setting):
 def test_the_stage_refines_only_where_photos_are_matched():
     views = [camera((4.0 * np.cos(a), 4.0 * np.sin(a), 1.0), name=f"{a}.png") for a in np.arange(0, 6, 0.5)]
     scene, masks = scene_of(views, ball(1.05))
-    assert find_trusted_views(scene, masks, make_config({"match_photos": False})).photos is None
-    assert find_trusted_views(scene, masks, make_config({"surface": "opacity"})).photos is not None
+    assert find_trusted_views(scene, masks, mesh_options({"match_photos": False})).photos is None
+    assert find_trusted_views(scene, masks, mesh_options({"surface": "opacity"})).photos is not None
     rough = {"smoothing": 0, "face_error": 0.0, "refine_rounds": 0}
-    plain = extract_mesh(sphere(400), scene, masks, make_config(rough), reporter())
-    mesh = extract_mesh(sphere(400), scene, masks, make_config({**rough, "refine_rounds": 1}), reporter())
+    plain = extract_mesh(sphere(400), scene, masks, mesh_options(rough), reporter())
+    mesh = extract_mesh(sphere(400), scene, masks, mesh_options({**rough, "refine_rounds": 1}), reporter())
     assert len(mesh.faces) == len(plain.faces) and not np.array_equal(mesh.vertices, plain.vertices)
 
 
@@ -141,7 +144,7 @@ def test_either_surface_is_matched_and_refined_and_knows_its_confidence():
         {"refine_rounds": 1},
     ]
     bare, known, matched, moved = (
-        extract_mesh(sphere(400), scene, masks, make_config({**given, **step}), reporter()) for step in steps
+        extract_mesh(sphere(400), scene, masks, mesh_options({**given, **step}), reporter()) for step in steps
     )
     assert not bare.values
     for mesh in (known, matched, moved):

@@ -20,7 +20,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
-from mgf_engine.masks.points import Votes, chosen_voters, pixel_at, track_votes, vote
+from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of, vegetation_probability
 from mgf_engine.masks.propagation.label_graph import LabelGraph
@@ -99,7 +99,7 @@ class _Work:
     def __init__(
         self, scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter
     ) -> None:
-        self.options = config.algorithm(PropagationOptions)
+        self.options, self.vote_options = config.algorithm(PropagationOptions), config.algorithm(VoteOptions)
         self.scene, self.prompts, self.segmenter = scene, prompts, segmenter
         self.config, self.reporter = config, reporter
         self.threads = config.threads or cores()
@@ -182,7 +182,8 @@ class _Work:
 
     def _accepted(self, scene: Scene, voters: list[int]) -> NDArray[np.bool_]:
         """Points of the scene, or of the full one, that the voters' masks accept."""
-        return vote(scene.points, scene, self.labels, voters, self.config, np.arange(len(scene.points)))
+        rows = np.arange(len(scene.points))
+        return vote(scene.points, scene, self.labels, voters, self.vote_options, rows, self.threads)
 
     def _second_vote(self) -> NDArray[np.float64]:
         """Compare each mask with what all others say about its points; make it again where they differ.
@@ -191,7 +192,7 @@ class _Work:
             [V], share of each photo's points on which the others still disagree.
         """
         result = np.zeros(len(self.views))
-        votes = track_votes(self.scene, self.labels, list(self.views), self.config.vote_dilation)
+        votes = track_votes(self.scene, self.labels, list(self.views), self.vote_options.dilation)
         for index, disagreement in self._parallel(lambda i: self._made_again(i, votes), self.views):
             result[index] = disagreement
             self.reporter.check()
@@ -217,7 +218,7 @@ class _Work:
         points = self.owner[here]
         if not len(points):
             return 0.0, self.probability.points > 0.5
-        own = track_votes(self.scene, self.labels, [index], self.config.vote_dilation)
+        own = track_votes(self.scene, self.labels, [index], self.vote_options.dilation)
         others = Votes(votes.inside - own.inside, votes.outside - own.outside)
         known = others.inside + others.outside > 0
         accepted = np.where(known, others.inside > others.outside, self.probability.points > 0.5)
@@ -242,12 +243,12 @@ class _Work:
             if explained is not None:
                 point_mask = self._accepted(self.scene, voters)
                 doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in explained)]
-        if self.config.voters != "all":
-            point_mask = self._accepted(self.scene, chosen_voters(self.scene, voters, self.config))
+        if self.vote_options.voters != "all":
+            point_mask = self._accepted(self.scene, choose_voters(self.scene, voters, self.vote_options))
         clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
         return Propagation(
-            masks, reasons, self._prompt_messages(doubts), consistency(self.scene, masks, self.config.vote_dilation)
+            masks, reasons, self._prompt_messages(doubts), consistency(self.scene, masks, self.vote_options.dilation)
         )
 
     def _finish_masks(self, accepted: NDArray[np.bool_], voters: list[int]) -> set[tuple[int, int]] | None:

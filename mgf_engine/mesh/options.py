@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Options of the mesh extraction: of all its steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.config import job_option
+from mgf_engine.mesh.colors import ColorOptions
+from mgf_engine.mesh.component_filter import ComponentFilterOptions
+from mgf_engine.mesh.fusion_options import FusionOptions
+from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions
+from mgf_engine.mesh.mask_votes import MaskVoteOptions
+from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions
+from mgf_engine.mesh.plane_detection import PlanarOptions
+from mgf_engine.mesh.refine import RefinementOptions
+from mgf_engine.mesh.screening import ScreeningOptions
+from mgf_engine.mesh.tetrahedra import TetrahedraOptions
+from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions
+
+
+@dataclass(frozen=True)
+class ExtractionOptions:
+    """All options of the mesh extraction: those that belong to no single step, of the job, and of the steps."""
+
+    calibration_error: float = parameter(
+        1.0, "Reprojection error below which a sparse point calibrates the level of the surface", "px"
+    )
+    calibration_track: int = parameter(3, "Minimum number of photos that observed such a point", low=1)
+    neighbours: int = parameter(4, "Number of photos that each photo's depths are matched with", low=1)
+    opacity_reach: float = parameter(2.0, "Maximum distance that an opacity surface moves to the matched depths", "px")
+    made_up: float = parameter(
+        0.005, "Area up to which a patch that no view shows may stay, as a share of the mesh's area", high=1
+    )
+    small_hole: int = parameter(60, "Length of the rim below which a hole is closed", "ground px")
+
+    device: str = job_option("device")
+    use_masks: bool = job_option("use_masks")
+    crop_box: str = job_option("crop_box")
+    dilation: int = job_option("screening_dilation")
+    visual_hull: bool = job_option("visual_hull")
+    surface: str = job_option("surface")
+    match_photos: bool = job_option("match_photos")
+    refine_rounds: int = job_option("refine_rounds")
+    calibrate_level: bool = job_option("calibrate_level")
+    opacity_level: float = job_option("opacity_level")
+    level_steps: int = job_option("level_steps")
+    merge_flat: bool = job_option("merge_flat")
+    drop_unseen: bool = job_option("drop_unseen")
+    face_votes: bool = job_option("face_votes")
+    fill_holes: bool = job_option("fill_holes")
+    span_dents: bool = job_option("span_dents")
+    smoothing: int = job_option("smoothing")
+    flatten: bool = job_option("flatten")
+    face_error: float = job_option("face_error")
+    color_error: float = job_option("color_error")
+    max_faces: int = job_option("max_faces")
+    min_component: float = job_option("min_component")
+    close_bottom: bool = job_option("close_bottom")
+
+    screening: ScreeningOptions = ScreeningOptions()
+    tetrahedra: TetrahedraOptions = TetrahedraOptions()
+    fusion: FusionOptions = FusionOptions()
+    clustering: PlanarClusteringOptions = PlanarClusteringOptions()
+    volumes: UnobservedVolumeOptions = UnobservedVolumeOptions()
+    votes: MaskVoteOptions = MaskVoteOptions()
+    components: ComponentFilterOptions = ComponentFilterOptions()
+    refinement: RefinementOptions = RefinementOptions()
+    planes: PlanarOptions = PlanarOptions()
+    colors: ColorOptions = ColorOptions()
+    fill: LowConfidenceFillOptions = LowConfidenceFillOptions()
