@@ -11,7 +11,7 @@ from mgf_engine.model.mesh import Mesh
 
 
 def clip(mesh: Mesh, planes: NDArray[np.float64]) -> Mesh:
-    """The part of the mesh on the inner side of every plane; cuts stay open.
+    """Cut a mesh to the inner side of every plane; cuts stay open.
 
     Args:
         planes: [K, 4]; a point p is inside when ``n . p + d >= 0``.

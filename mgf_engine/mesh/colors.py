@@ -38,7 +38,7 @@ class ColorOptions:
 
 
 def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
-    """Unit normals [N, 3], faces weighted by area."""
+    """Compute unit normals of the vertices [N, 3], faces weighted by area."""
     total = mesh.adjacency.vertex_normals(mesh.vertices)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1.0)
@@ -52,7 +52,7 @@ def color_from_photos(
     progress: Callable[[float], None] = lambda share: None,
     options: ColorOptions = ColorOptions(),
 ) -> Mesh:
-    """The mesh with a colour at each vertex.
+    """Colour the vertices of a mesh from the photos that show them.
 
     Args:
         views: cameras whose photos may be used.
@@ -105,7 +105,7 @@ def _samples(
 def sample(
     image: NDArray[np.uint8], at: NDArray[np.float64], interpolation: int = cv2.INTER_LINEAR
 ) -> NDArray[np.uint8]:
-    """Colours [n, 3] of a picture at pixels [n, 2] (top-left centre at 0.5, 0.5), at the edge its last."""
+    """Sample the colours [n, 3] of a picture at pixels [n, 2] (top-left centre at 0.5, 0.5), clamped at the edge."""
     rows = max(1, -(-len(at) // STRIP))
     maps = np.zeros((rows * STRIP, 2), np.float32)
     maps[: len(at)] = np.nan_to_num(at - 0.5, nan=-1.0)

@@ -37,7 +37,7 @@ def faces_near_clicks(
     clicks: Sequence[NDArray[np.floating]],
     options: ComponentFilterOptions = ComponentFilterOptions(),
 ) -> NDArray[np.bool_]:
-    """Faces of the parts that were clicked, and of those near to them, or near to such, bool [F].
+    """Find the faces of parts that were clicked, and of those near to them, or near to such, bool [F].
 
     Args:
         mesh: normalised frame.

@@ -28,7 +28,7 @@ NO_MEMORY = "Not enough memory to reduce the mesh; lower max_gaussians or the re
 
 
 def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
-    """Size of a pixel of the nearest view that each vertex faces, in the mesh's units, float32 [N].
+    """Compute the size of a pixel of the nearest view that each vertex faces, in the mesh's units, float32 [N].
 
     What may stand between is not looked at: such a pixel is at worst smaller than the ones that show the vertex.
     Where none of the nearest views is faced, the very nearest counts; without views all get zero.
@@ -66,7 +66,7 @@ def reduce_faces(
     color_tolerance: float = -1.0,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Mesh:
-    """The mesh with fewer faces: as few as the tolerances allow, and at most ``most``.
+    """Reduce a mesh to as few faces as the tolerances allow, and at most ``most``.
 
     Manifold meshes stay manifold, holes and parts stay as many as they are, rims stay where they are. Where ``most``
     cannot be met within the tolerances they are loosened, those of colours first.

@@ -66,7 +66,7 @@ def make_depth_maps(
     device: torch.device = CPU,
     prior: Known | None = None,
 ) -> list[DepthMap]:
-    """Depth maps of all views: each as shown, moved to where its photo and its neighbours' look most alike, smoothed.
+    """Make the depth maps of all views: rendered, matched with neighbouring photos, smoothed.
 
     Args:
         show: number of a view -> the surface it shows; asked once for each while it is needed.
@@ -133,7 +133,7 @@ def _match(asked: _Asked, options: FusionOptions) -> DepthMap:
 def render_surface(
     gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None, options: TsdfOptions = TsdfOptions()
 ) -> Surface:
-    """What the field shows in a view, where it covers the pixel at all, with the photo's brightness beside it."""
+    """Render the surface of the field in a view, with the photo's brightness beside it."""
     with torch.no_grad():
         seen = render(gaussians, Camera.from_view(view), sh_degree=0).cpu()
     assert seen.median is not None and seen.normal is not None
@@ -148,7 +148,7 @@ def render_surface(
 def depth_map(
     surface: Surface, mask: NDArray[np.uint8], matched: Matched, options: TsdfOptions = TsdfOptions()
 ) -> DepthMap:
-    """A rendered surface as the fusion asks for it, with its matched depth and how far each pixel may be trusted."""
+    """Make the depth map of a surface for the fusion, with its matched depth and the weight of each pixel."""
     view, normal, depth = surface.view, surface.normal, matched.depth
     trust = options.unmatched if matched.trust is None else matched.trust
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx

@@ -17,7 +17,7 @@ _PATTERNS = {
 def divide_long_edges(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], longest: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
-    """Vertices [M, 3], faces [G, 3] without an edge longer than ``longest``, and the face each comes from, [G].
+    """Divide the edges longer than ``longest``; returns vertices [M, 3], faces [G, 3] and the face each comes from [G].
 
     An edge that two faces share is divided in both, so that they stay neighbours.
     """

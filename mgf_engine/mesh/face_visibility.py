@@ -84,7 +84,7 @@ def count_pixels(mesh: Mesh, views: Sequence[View], labels: Labels | None = None
 def count_uncovered(
     mesh: Mesh, left: NDArray[np.bool_], counts: PixelCounts, views: Sequence[View], labels: Labels | None = None
 ) -> PixelCounts:
-    """What :func:`count_pixels` finds once only some faces are left; it draws only where one of the others was seen.
+    """Count as :func:`count_pixels` once some faces are gone; draws only where one of the others was seen.
 
     Args:
         left: bool [F], at least one face. What is counted of the others has no meaning.

@@ -18,12 +18,12 @@ HULL_FEW = 2  # and more than this many (fewer, where fewer see it on the buildi
 
 
 def outside_hull(background: NDArray[np.integer], seen: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Points outside the visual hull, from how many views call them background and how many building, bool [N]."""
+    """Find points outside the visual hull by how many views call them background and how many building, bool [N]."""
     return background > np.maximum(HULL_SHARE * (background + seen), np.minimum(HULL_FEW, seen))
 
 
 def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
-    """A label map as the opacity field reads it: OUTSIDE only where background is certain, ``dilation`` px away."""
+    """Convert a label map for the fields: OUTSIDE only where background is certain, ``dilation`` px away."""
     known = (labels != BACKGROUND).astype(np.uint8)
     if dilation > 0:
         size = 2 * dilation + 1
@@ -36,5 +36,5 @@ def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
 
 
 def judging_masks(scene: Scene, masks: MaskSet, views: Sequence[int], dilation: int) -> list[NDArray[np.uint8]]:
-    """Masks of ``views`` as the fields of this package read them."""
+    """Convert the label maps of ``views`` for the fields, see :func:`judging_mask`."""
     return [judging_mask(masks.labels[i], dilation) for i in views]

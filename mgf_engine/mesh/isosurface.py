@@ -54,7 +54,7 @@ _ORDER = _even_orders()
 
 
 def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArray[np.float64]) -> Crossing:
-    """The crossing edges and the faces between them.
+    """March the tetrahedra: find the crossing edges and the faces between them.
 
     Args:
         tetrahedra: int32 [T, 4], positive volume.

@@ -38,7 +38,7 @@ def cut_background(
     left: NDArray[np.bool_] | None = None,
     options: MaskVoteOptions = MaskVoteOptions(),
 ) -> Mesh:
-    """The mesh without faces that lie on background in most of the pixels that see them.
+    """Remove the faces that lie on background in most of the pixels that see them.
 
     Args:
         views: photos that vote, normalised frame.

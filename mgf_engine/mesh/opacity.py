@@ -133,7 +133,7 @@ def _share_of(progress: Progress, part: slice, count: int) -> Progress:
 
 
 def spread_order(centres: NDArray[np.float64]) -> list[int]:
-    """Indices [V] so that every beginning of the list is spread out (farthest from the mean first, ties by index)."""
+    """Order centres [V, 3] by farthest-point sampling, the farthest from the mean first; returns indices [V]."""
     if len(centres) == 0:
         return []
     first = int(np.linalg.norm(centres - centres.mean(0), axis=1).argmax())

@@ -32,7 +32,7 @@ Elements = dict[int, list[int]]
 
 
 def named_parts(masks_folder: Path, scene: Scene) -> dict[str, Elements]:
-    """The parts in ``parts.json`` that the user named; empty where there are none or the file is gone."""
+    """Read the parts in ``parts.json`` that the user named; empty where there are none or the file is gone."""
     try:
         listed = json.loads((masks_folder / "parts.json").read_text(encoding="utf-8"))["parts"]
         entries = [(str(p["name"]), [(str(n), int(label)) for n, label in p["elements"]]) for p in listed]
@@ -50,7 +50,7 @@ def named_parts(masks_folder: Path, scene: Scene) -> dict[str, Elements]:
 
 
 def face_parts(mesh: Mesh, scene: Scene, masks: MaskSet, parts: Sequence[Elements]) -> NDArray[np.uint8]:
-    """The part of each face, uint8 [F]: 0 for none, k + 1 for ``parts[k]``.
+    """Find the part of each face by the photos' labels, uint8 [F]: 0 for none, k + 1 for ``parts[k]``.
 
     Args:
         mesh: normalised frame.

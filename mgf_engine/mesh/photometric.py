@@ -92,7 +92,7 @@ def without_match(surface: Surface) -> Matched:
 
 
 def match_surface(first: Surface, others: Sequence[Surface], options: MatchOptions = MatchOptions()) -> Matched:
-    """The depth of ``first`` where its photo and the neighbours' agree best among those searched."""
+    """Match the depth of ``first`` where its photo and the neighbours' correlate best among the depths tried."""
     pixels = np.flatnonzero(first.depth.ravel() > 0).astype(np.int32)
     likeness, precision, parallax = (np.zeros(first.depth.size, np.float32) for _ in range(3))
     depth = first.depth.ravel().copy()

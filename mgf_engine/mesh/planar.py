@@ -17,7 +17,7 @@ from mgf_engine.model.mesh import Mesh
 
 
 def flatten(mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOptions()) -> Mesh:
-    """The mesh with its planar parts in their planes; no face comes, goes or turns over.
+    """Project the planar parts of a mesh onto their planes; no face comes, goes or turns over.
 
     Args:
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].

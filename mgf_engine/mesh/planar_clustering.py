@@ -36,7 +36,7 @@ class PlanarClusteringOptions:
 
 
 def merge_flat(mesh: Mesh, views: Sequence[View], options: PlanarClusteringOptions = PlanarClusteringOptions()) -> Mesh:
-    """The mesh with one vertex in place of all that lie in one plane and one cell.
+    """Merge the vertices that lie in one plane and one cell.
 
     Args:
         views: at least one, in the mesh's frame; they tell how large a pixel is.
@@ -51,7 +51,7 @@ def merge_flat(mesh: Mesh, views: Sequence[View], options: PlanarClusteringOptio
 
 
 def nearest_pixels(points: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.float64]:
-    """Size of a pixel of the nearest view at each point [N, 3], in their units, [N]."""
+    """Compute the size of a pixel of the nearest view at each point [N, 3], in their units, [N]."""
     distance, nearest = cKDTree([view.centre for view in views]).query(points, workers=-1)
     sizes: NDArray[np.float64] = distance / np.array([max(view.fx, view.fy) for view in views])[nearest]
     return sizes
@@ -63,7 +63,7 @@ def merge_cells(
     tolerance: NDArray[np.floating],
     options: PlanarClusteringOptions = PlanarClusteringOptions(),
 ) -> Mesh:
-    """One round of :func:`merge_flat`.
+    """Merge once, see :func:`merge_flat`.
 
     Args:
         cell: number of each vertex's cell, [N].

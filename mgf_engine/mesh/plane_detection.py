@@ -75,7 +75,7 @@ class Planes:
     label: NDArray[np.int32]
 
     def distances(self, points: NDArray[np.float64], plane: NDArray[np.integer]) -> NDArray[np.float64]:
-        """Signed distances of points [K, 3] from the planes with these numbers [K], in the mesh's units."""
+        """Compute signed distances of points [K, 3] from the planes with these numbers [K], in the mesh's units."""
         return np.asarray(np.einsum("ij,ij->i", points, self.normals[plane]) - self.offsets[plane])
 
 
@@ -111,7 +111,7 @@ def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> Planes:
-    """The planes of a finished mesh, which may have large faces: those are divided, and their own normals count.
+    """Find the planes of a finished mesh; large faces are divided, and their own normals count.
 
     Args:
         pixel: size of a ground pixel in the mesh's units.
@@ -127,7 +127,7 @@ def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> P
 
 
 def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
-    """Planes of at least ``least_area``, the most even places first."""
+    """Find planes of at least ``least_area``, the most even places first."""
     label = np.full(len(faces.area), -1, np.int32)
     found: list[tuple[NDArray[np.float64], float, float]] = []
     refused: list[tuple[NDArray[np.float64], float]] = []

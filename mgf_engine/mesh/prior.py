@@ -56,7 +56,7 @@ class Prior:
         return face_normals(self.mesh)
 
     def seen_from(self, view: View, grey: NDArray[np.uint8]) -> tuple[Surface, Array]:
-        """What a view shows of it, and how sure that is, [H, W]."""
+        """Render the prior from a view; returns its surface and its strength, [H, W]."""
         buffers = render_mesh(self.mesh, view)
         surface = visible_surface(buffers.depth, buffers.face, self.normals, view, grey)
         sure = np.where(surface.depth > 0, self.sure[np.maximum(buffers.face, 0)], 0).astype(np.float32)
@@ -66,7 +66,7 @@ class Prior:
 def visible_surface(
     depth: Array, face: NDArray[np.int32], normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]
 ) -> Surface:
-    """What a view sees of a mesh from the front, by depth and face of each pixel.
+    """Render a mesh from a view by depth and face of each pixel; front faces only.
 
     Args:
         normals: unit normal of each face, [F, 3].
@@ -83,7 +83,7 @@ def visible_surface(
 
 
 def combine_surfaces(field: Surface, prior: Surface, sure: Array, options: PriorOptions = PriorOptions()) -> Surface:
-    """The field's surface with the prior where both are one and its plane is sure, or where the field shows nothing."""
+    """Combine field and prior: the prior where both are one and its plane is sure, or the field shows nothing."""
     same = np.abs(field.depth - prior.depth) * field.view.fx < options.same * prior.depth
     take = (prior.depth > 0) & ((same & (sure >= options.sure)) | (field.depth == 0))
     depth = np.where(take, prior.depth, field.depth).astype(np.float32)
@@ -96,7 +96,7 @@ def choose_depths(
     search: MatchOptions, match: Callable[[Surface, Sequence[Surface], MatchOptions], Matched] = match_surface,
     options: PriorOptions = PriorOptions(),
 ) -> tuple[Surface, Matched]:  # fmt: skip
-    """The surface of a view and its matched depth, each pixel from the field or from the prior.
+    """Choose surface and matched depth of a view, each pixel from the field or from the prior.
 
     Args:
         field: as :func:`combine_surfaces` gives it, with ``matched`` as it was matched.

@@ -40,7 +40,7 @@ def smooth_map(
 
 
 def second_difference(values: Array, axis: int) -> Array:
-    """Second differences along an axis, which is shorter by two."""
+    """Compute second differences along an axis, which becomes shorter by two."""
     v = values if axis == 0 else values.T
     d = v[:-2] - 2 * v[1:-1] + v[2:]
     return d if axis == 0 else d.T

@@ -15,7 +15,7 @@ RADIUS = 2
 def depth_steps(
     pixels: NDArray[np.int32], depth: Array, between: Sequence[Array], length: float, limit: float
 ) -> Array:
-    """Relative change [N] of the inverse depth that moves ``pixels`` by ``length`` in the photo where they move most.
+    """Compute the relative change [N] of the inverse depth that moves ``pixels`` by ``length`` in the other photo.
 
     Args:
         depth: of the first photo, [H, W].

@@ -42,7 +42,7 @@ class RefinementOptions:
     smoothing: int = parameter(2, "Number of rounds that smooth the moves of the vertices")
 
     def narrowed(self, fusion: FusionOptions) -> FusionOptions:
-        """Options of the fusion with the smaller steps and the narrower band of the refinement."""
+        """Narrow the options of the fusion to the steps and the band of the refinement."""
         match = replace(fusion.match, steps=self.steps, pixels=self.pixels)
         return replace(fusion, match=match, tsdf=replace(fusion.tsdf, band=self.band))
 
@@ -57,7 +57,7 @@ def refine(
     fusion: FusionOptions = FusionOptions(),
     options: RefinementOptions = RefinementOptions(),
 ) -> Mesh:
-    """The mesh with its vertices where the photos agree about it.
+    """Move the vertices of a mesh to where the photos agree about them.
 
     Args:
         views: normalised frame.
@@ -73,7 +73,7 @@ def refine(
 
 
 def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]) -> Surface:
-    """What a view sees of the mesh from the front.
+    """Render the front of the mesh in a view.
 
     Args:
         normals: unit normal of each face, [F, 3].
@@ -109,7 +109,7 @@ def onto_surface(
     pixel: NDArray[np.float32],
     options: RefinementOptions = RefinementOptions(),
 ) -> Mesh:
-    """Every vertex moved along its normal onto the surface of ``field``, where that is near enough.
+    """Move every vertex along its normal onto the surface of ``field``, where that is near enough.
 
     The moves are smoothed, not the surface: it keeps its edges, and bars of a few pixels do not shrink.
 

@@ -81,7 +81,7 @@ def beside_surface(
     box: CropBox | None = None,
     options: TetrahedraOptions = TetrahedraOptions(),
 ) -> TetraPoints:
-    """The points, and others on both sides of a surface where no Gaussian spans any: it can be taken there, too.
+    """Add points on both sides of a surface where no Gaussian spans any, so that the level set can follow it.
 
     Args:
         pixel: size of a pixel at the building.

@@ -77,7 +77,7 @@ class TsdfField:
         return np.where(np.isnan(signed), INVALID, np.where(signed > 0, FREE, SOLID)).astype(np.uint8)
 
     def signed(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.float32]:
-        """How far points [N, 3] lie in front of the surface, [N], as :func:`isosurface.find_level` wants it.
+        """Compute how far points [N, 3] lie in front of the surface, [N], as :func:`isosurface.find_level` wants it.
 
         In half bands between -1 and 1; plus or minus infinity where masks or the votes of views decide, NaN where no
         view knows.
@@ -111,7 +111,7 @@ class TsdfField:
         return self.offset * self.band
 
     def distance(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
-        """How far points [N, 3] lie in front of the surface, in half bands, -1..1, [N]; NaN where no view knows."""
+        """Compute signed distances of points [N, 3] in half bands, -1..1, [N], + in front; NaN where no view knows."""
 
         def off(sample: NDArray[np.void]) -> NDArray[np.float32]:
             return np.where(sample["weight"] > 0, _distance(sample) - self.offset, np.nan).astype(np.float32)
@@ -119,7 +119,7 @@ class TsdfField:
         return _joined(self._ask(points, off), np.float32)
 
     def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """What the views show near points [N, 3] of a surface.
+        """Sample what the views show near points [N, 3] of a surface.
 
         Returns:
             ``confirmed``: whether at least one view really shows a surface there, bool [N]. ``views``: how many do,
@@ -186,7 +186,7 @@ def fuse_gaussians(
     hull: bool = True,
     options: FusionOptions = FusionOptions(),
 ) -> TsdfField:
-    """The field's own surface as the cameras that judge see it, normalised frame.
+    """Fuse the depth maps of a field, as the trusted views see it, into a signed distance (normalised frame).
 
     Args:
         photos: where given, the depths are first moved to where the photos look most alike.

@@ -43,7 +43,7 @@ def drop_unobserved(
     free: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
     options: UnobservedVolumeOptions = UnobservedVolumeOptions(),
 ) -> Mesh:
-    """The mesh without patches that are not confirmed and have free space close behind them.
+    """Remove the patches that are not confirmed and have free space close behind them.
 
     Args:
         confirmed: [N], vertices that photos show.
