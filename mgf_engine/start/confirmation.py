@@ -19,7 +19,12 @@ _BLOCK = 1 << 15  # points whose neighbours are looked at together, which bounds
 
 
 def confirmed_share(
-    views: StartViews, depths: Depths, points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], o: DenseOptions
+    views: StartViews,
+    depths: Depths,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    seen: Sequence[NDArray[np.int64]],
+    o: DenseOptions,
 ) -> NDArray[np.float64]:
     """Compute the share of the photos that ought to see each point and do.
 
@@ -27,7 +32,7 @@ def confirmed_share(
     angle, or its own depth lies before the point.
 
     Args:
-        points: [N, 3], normalised frame.
+        points, normals: [N, 3], normalised frame; normals of either sign.
         seen: of each point, positions of the views that see it.
 
     Returns:
@@ -37,7 +42,6 @@ def confirmed_share(
         return np.zeros(0)
     count = np.array([len(s) for s in seen])
     towards = _mean_directions(points, np.concatenate(seen), count, views.centres)
-    normals = surface_normals(points, o.normal_neighbours)
     expected = np.zeros(len(points), np.int64)
     for number, centre in enumerate(views.centres):
         direction = _unit(centre - points)
@@ -49,7 +53,7 @@ def confirmed_share(
 
 def surface_normals(points: NDArray[np.float64], neighbours: int) -> NDArray[np.float64]:
     """Unit normals of points [N, 3] by principal components of their neighbours, of either sign; [N, 3]."""
-    tree, parts = cKDTree(points), []
+    tree, parts = cKDTree(points), [np.zeros((0, 3))]
     for begin in range(0, len(points), _BLOCK):
         near = tree.query(points[begin : begin + _BLOCK], min(neighbours, len(points)))[1]
         parts.append(principal_normals(points, near.reshape(len(near), -1)))

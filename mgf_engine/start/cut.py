@@ -150,8 +150,7 @@ def cut_surface(
     sink = solid / _ONE + o.volume * shape.volumes / views.pixel**3 * (1 - outside)
     source = np.where(shut, _SURE, free / _ONE)
     graph = _Graph(shape, face / _ONE, evidence, views.pixel, o)
-    inside = graph.inside(source, sink)
-    first, _ = graph.surface(inside)
+    first, _ = graph.surface(graph.cut(source, sink))
     check()
     at, direction = _uncovered(views, first)
     begin = _entry(at, direction, low, high)
@@ -163,7 +162,7 @@ def cut_surface(
         "mgf_pull_rays", len(at), shape.reference, at, direction, shut.astype(np.uint8), float(o.cover),
         float(o.short * views.pixel), pulled,
     )  # fmt: skip
-    inside = graph.inside(source, sink + pulled / _ONE)
+    inside = graph.cut(np.zeros(len(sink)), pulled / _ONE)
     log.info(
         "start: %d points, %d tetrahedra, %d inside, %d mask pixels uncovered at first",
         len(points), len(sink), inside.sum(), len(at),
@@ -242,16 +241,19 @@ class _Graph:
             on = (self.bits >> np.uint64(n)) & np.uint64(1) == 1
             factor[on] = np.minimum(factor[on], min(1.0, o.flat / strength**o.slope))
         cost = o.area * area * factor
-        self.costs = there + cost, back + cost
+        self.graph = maxflow.Graph[float](len(shape.corners), len(self.cell))
+        self.graph.add_nodes(len(shape.corners))
+        self.graph.add_edges(self.cell, self.other, there + cost, back + cost)
 
-    def inside(self, source: Array, sink: Array) -> NDArray[np.bool_]:
-        """Find the inside tetrahedra by the minimum cut; capacities [T] from outside and to inside."""
-        graph = maxflow.Graph[float](len(source), len(self.cell))
-        graph.add_nodes(len(source))
-        graph.add_grid_tedges(np.arange(len(source)), source, sink)
-        graph.add_edges(self.cell, self.other, *self.costs)
-        graph.maxflow()
-        return np.asarray(graph.get_grid_segments(np.arange(len(source))))
+    def cut(self, source: Array, sink: Array) -> NDArray[np.bool_]:
+        """Add capacities [T] from outside and to inside, and find the inside tetrahedra by the minimum cut, bool [T].
+
+        The flow of an earlier cut stays valid, so that a second one only adds what the added capacities let through.
+        """
+        every = np.arange(len(source))
+        self.graph.add_grid_tedges(every, source, sink)
+        self.graph.maxflow()
+        return np.asarray(self.graph.get_grid_segments(every))
 
     def surface(self, inside: NDArray[np.bool_]) -> tuple[Mesh, NDArray[np.uint64]]:
         """The faces between inside and outside, outward."""

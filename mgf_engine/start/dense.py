@@ -15,17 +15,23 @@ from mgf_engine.masks.geometry.visual_hull import with_hull_points
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.depths import Depths, match_photos
-from mgf_engine.start.confirmation import confirmed_share
-from mgf_engine.start.options import DenseOptions
+from mgf_engine.start.confirmation import confirmed_share, surface_normals
+from mgf_engine.start.options import DenseOptions, PointSmoothingOptions
+from mgf_engine.start.smoothing import smooth_points
 from mgf_engine.start.views import StartViews
 
 _BATCH = 8  # photos whose points are added up together
 
 
 def dense_points(
-    views: StartViews, masks: MaskSet, o: DenseOptions, threads: int, check: Callable[[], None]
+    views: StartViews,
+    masks: MaskSet,
+    o: DenseOptions,
+    smoothing: PointSmoothingOptions,
+    threads: int,
+    check: Callable[[], None],
 ) -> DensePoints:
-    """Match the photos: one point per voxel of ``o.size`` px that enough of the photos confirm."""
+    """Match the photos: one point per voxel of ``o.size`` px that enough of the photos confirm, smoothed."""
     scene, kept = with_hull_points(views.scene, masks, views.indices)
     inside = lambda i: building(masks.labels[i])  # noqa: E731
     depths = match_photos(scene, views.indices, kept, inside, o.neighbours, o.longest_side, threads, check)
@@ -39,10 +45,20 @@ def dense_points(
         if len(parts) > _BATCH:
             parts = [VoxelSums.joined(parts)]
     points, seen = VoxelSums.joined(parts).means(o.least_points, o.seen_share)
-    share = confirmed_share(views, depths, points, seen, o)
+    normals = surface_normals(points, o.normal_neighbours)
+    share = confirmed_share(views, depths, points, normals, seen, o)
     enough = np.flatnonzero(share >= o.least_share)
     weight = o.weight * np.minimum(share[enough] / o.full_share, 1) ** 2
-    return DensePoints(points[enough], [seen[n] for n in enough], weight)
+    smooth, normals = smooth_points(points[enough], normals[enough], views.pixel, smoothing, threads)
+    confirmed = DensePoints(smooth, [seen[n] for n in enough], weight, normals)
+    return _towards_views(confirmed, views.centres)
+
+
+def _towards_views(dense: DensePoints, centres: NDArray[np.float64]) -> DensePoints:
+    """The same with normals turned towards the views that see each point, on average."""
+    middle = np.array([centres[s].mean(0) for s in dense.seen]).reshape(-1, 3)
+    away = ((middle - dense.points) * dense.normals).sum(1) < 0
+    return replace(dense, normals=np.where(away[:, None], -dense.normals, dense.normals))
 
 
 def _confirmed(
@@ -82,11 +98,13 @@ class DensePoints:
         points: [N, 3], normalised frame.
         seen: of each, positions of the views that see it.
         weight: of each one's rays, [N].
+        normals: unit vectors towards the views, [N, 3].
     """
 
     points: NDArray[np.float64]
     seen: list[NDArray[np.int64]]
     weight: NDArray[np.float64]
+    normals: NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,17 @@ class DenseOptions:
 
 
 @dataclass(frozen=True)
+class PointSmoothingOptions:
+    """Smoothing of points by stereo."""
+
+    rounds: int = parameter(1, "Number of times that points are moved onto planes through their neighbours; 0 for none")
+    neighbours: int = parameter(20, "Number of neighbours through which each plane is laid", low=3)
+    radius: float = parameter(4.0, "Standard deviation of their weight by distance", "px", low=0.01)
+    offset: float = parameter(2.0, "Standard deviation of their weight by distance from the plane", "px", low=0.01)
+    most: float = parameter(6.0, "Maximum distance that a point is moved at a time", "px")
+
+
+@dataclass(frozen=True)
 class CutOptions:
     """Weights of the minimum cut; a ray to a point on a line weighs 1."""
 
@@ -103,8 +114,11 @@ class CutOptions:
     flat: float = parameter(0.2, "Factor on that cost on the strongest plane")
     slope: float = parameter(0.25, "Exponent of a plane's strength: its factor is flat / strength^slope")
     soft: float = parameter(1.0, "Uncertainty of points along their rays", "px")
-    depth: float = parameter(2.0, "Depth behind a point that counts as inside", "px")
-    behind: float = parameter(0.3, "Weight of that inside, as a share of the weight of the ray")
+    depth: float = parameter(3.0, "Depth behind a point that counts as inside", "px")
+    behind: float = parameter(1.0, "Weight of that inside, as a share of the weight of the ray")
+    off_surface: float = parameter(
+        6.0, "Distance behind points by stereo of points that give thin parts a volume; 0 for none", "px"
+    )
     well_inside: float = parameter(4.0, "Distance from the mask's rim from which points count as inside behind", "px")
     cover: float = parameter(0.2, "Weight of the ray of a mask pixel that the surface leaves uncovered")
     short: float = parameter(12.0, "Length of such a ray in the hull beyond which it weighs less", "px", low=0.1)
@@ -121,6 +135,7 @@ class StartOptions:
     segments: SegmentOptions = SegmentOptions()
     planes: PlaneOptions = PlaneOptions()
     dense: DenseOptions = DenseOptions()
+    smoothing: PointSmoothingOptions = PointSmoothingOptions()
     cut: CutOptions = CutOptions()
 
 
@@ -131,5 +146,6 @@ def start_options(config: Config) -> StartOptions:
         config.algorithm(SegmentOptions),
         config.algorithm(PlaneOptions),
         config.algorithm(DenseOptions),
+        config.algorithm(PointSmoothingOptions),
         config.algorithm(CutOptions),
     )

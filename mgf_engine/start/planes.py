@@ -13,6 +13,9 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from mgf_engine.start.lines import Line
 from mgf_engine.start.options import PlaneOptions
 
+_PARALLEL_COSINE = 0.97  # planes that hardly meet have no common place
+_MEETING_RCOND = 0.05  # singular values below this share of the largest do not move a point
+
 
 @dataclass(frozen=True)
 class LinePlanes:
@@ -197,22 +200,39 @@ def snap(
         The points and which planes each lies on, bool [N, K].
     """
     distance, out = planes.distances(points), points.copy()
-    on = np.abs(distance) < near[:, None]
-    normals = planes.planes[:, :3]
-    single = on.sum(1) == 1
-    which = on[single].argmax(1) if single.any() else np.zeros(0, int)
-    out[single] -= distance[single, which][:, None] * normals[which]
-    for n in np.flatnonzero(on.sum(1) > 1):
-        rows: list[int] = []
-        for k in np.argsort(np.abs(distance[n])):
-            if not on[n, k] or len(rows) == 3:
-                break
-            if all(abs(normals[k] @ normals[r]) < 0.97 for r in rows):
-                rows.append(int(k))
-        move = -np.linalg.lstsq(normals[rows], distance[n, rows], rcond=0.05)[0]
-        if np.linalg.norm(move) < 2 * near[n]:
-            out[n] += move
+    rows = _meeting(distance, np.abs(distance) < near[:, None], planes.planes[:, :3])
+    for count in range(1, 4):
+        of = np.flatnonzero((rows >= 0).sum(1) == count)
+        combinations, which = np.unique(rows[of, :count], axis=0, return_inverse=True)
+        if not len(of):
+            continue
+        solve = np.linalg.pinv(planes.planes[combinations, :3], rcond=_MEETING_RCOND)
+        move = -np.einsum("nik,nk->ni", solve[which.ravel()], np.take_along_axis(distance[of], rows[of, :count], 1))
+        near_enough = np.linalg.norm(move, axis=1) < 2 * near[of]
+        out[of[near_enough]] += move[near_enough]
     return out, np.abs(planes.distances(out)) < 0.1 * near[:, None]
+
+
+def _meeting(distance: NDArray[np.float64], on: NDArray[np.bool_], normals: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Up to three planes that each point is moved onto: the nearest first, none nearly parallel to one before it.
+
+    Args:
+        distance: of points from planes, [N, K].
+        on: whether each point may be moved onto each plane, bool [N, K].
+        normals: of the planes, [K, 3].
+
+    Returns:
+        Numbers of planes, -1 for none, [N, 3].
+    """
+    result = np.full((len(distance), 3), -1)
+    parallel = np.abs(normals @ normals.T) >= _PARALLEL_COSINE
+    left = np.where(on, np.abs(distance), np.inf)
+    for k in range(3 if left.shape[1] else 0):
+        nearest = left.argmin(1)
+        found = np.isfinite(left[np.arange(len(left)), nearest])
+        result[found, k] = nearest[found]
+        left[found] = np.where(parallel[nearest[found]], np.inf, left[found])
+    return result
 
 
 def plane_points(

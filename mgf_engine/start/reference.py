@@ -122,3 +122,34 @@ def count_outside(points: Array, projections: Array, outside: NDArray[np.uint8],
             if at is not None and (at >= 0).all() and at[0] < distance.shape[1] and at[1] < distance.shape[0]:
                 result[n] += distance[int(at[1]), int(at[0])] > 8 * margin
     return result
+
+
+def smooth_point(
+    points: Array, row: int, neighbours: NDArray[np.int64], radius: float, offset: float, most: float
+) -> tuple[Array, Array]:
+    """A point [3] moved onto the plane through its neighbours (rows of points), and that plane's unit normal [3]."""
+    near = points[neighbours]
+    normal = np.linalg.svd(near - near.mean(0))[2][2]
+    away, along = near - points[row], (near - points[row]) @ normal
+    weight = np.exp(-(away**2).sum(1) / (2 * radius**2))
+    mean = float((weight * along).sum() / weight.sum())
+    for _ in range(2):
+        robust = weight * np.exp(-((along - mean) ** 2) / (2 * offset**2))
+        mean = float((robust * along).sum() / robust.sum())
+    return points[row] + np.clip(mean, -most, most) * normal, normal
+
+
+def snap(points: Array, planes: Array, near: Array) -> Array:
+    """Points [N, 3] moved as by :func:`mgf_engine.start.planes.snap` onto planes [K, 4]."""
+    normals, distance, out = planes[:, :3], points @ planes[:, :3].T + planes[:, 3], points.copy()
+    for n in range(len(points)):
+        rows: list[int] = []
+        for k in np.argsort(np.abs(distance[n])):
+            if abs(distance[n, k]) >= near[n] or len(rows) == 3:
+                break
+            if all(abs(normals[k] @ normals[r]) < 0.97 for r in rows):
+                rows.append(int(k))
+        if rows:
+            move = -np.linalg.lstsq(normals[rows], distance[n, rows], rcond=0.05)[0]
+            out[n] += move if np.linalg.norm(move) < 2 * near[n] else 0
+    return out

@@ -75,7 +75,7 @@ def start_surface(
         lines = find_lines(find_segments(views, options.segments, threads))
     reporter.check()
     with times.part("dense"):
-        dense = dense_points(views, masks, options.dense, threads, reporter.check)
+        dense = dense_points(views, masks, options.dense, options.smoothing, threads, reporter.check)
     with times.part("planes"):
         evidence = gather(views, lines, dense, options)
     reporter.check()
@@ -103,9 +103,9 @@ def gather(views: StartViews, lines: Sequence[Line], dense: DensePoints, options
         raise BadInput(
             "The photos show too few edges and points on the building for a surface; add photos that overlap more."
         )
-    shaping = _shaping(views, planes, lines, dense.points, options)
+    shaping = _shaping(views, planes, lines, dense, options)
     groups += [(points, [np.zeros(0, np.int64)] * len(points), np.zeros(len(points)), o.near) for points in shaping]
-    log.info("start: %d planes; points on lines, sparse, dense, creases, planes: %s", len(planes.planes),
+    log.info("start: %d planes; points on lines, sparse, dense, creases, planes, behind, apart: %s", len(planes.planes),
              [len(points) for points, *_ in groups])  # fmt: skip
     points = np.concatenate([g[0] for g in groups])
     near = np.concatenate([np.full(len(g[0]), g[3] * pixel) for g in groups])
@@ -117,16 +117,30 @@ def gather(views: StartViews, lines: Sequence[Line], dense: DensePoints, options
 
 
 def _shaping(
-    views: StartViews, planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], options: StartOptions
+    views: StartViews, planes: LinePlanes, lines: Sequence[Line], dense: DensePoints, options: StartOptions
 ) -> list[NDArray[np.float64]]:
-    """Points on creases and planes in the hull, and coarse ones in all of it: what no photo shows has a volume, too."""
+    """Points in the hull on creases and planes, behind those by stereo, and coarse ones in all of it.
+
+    Tetrahedra behind the points of a thin part would else reach to the wall behind it and be crossed by rays to that.
+    What no photo shows has a volume, too.
+    """
     o, pixel = options.planes, views.pixel
     in_hull = lambda p: views.outside_views(p, options.cut.margin, 2) < 2  # noqa: E731
-    points, owner = plane_points(planes, lines, dense, pixel, o)
+    points, owner = plane_points(planes, lines, dense.points, pixel, o)
     kept = in_hull(points)
     points, owner = points[kept], owner[kept]
     creases = crease_points(planes, points, owner, o.crease * pixel, 1.2 * o.grid * pixel)
-    return [creases[in_hull(creases)], points, _apart(views.cells, [dense, points])]
+    behind = _off_surface(dense, options.cut.off_surface * pixel)
+    return [creases[in_hull(creases)], points, behind[in_hull(behind)], _apart(views.cells, [dense.points, points])]
+
+
+def _off_surface(dense: DensePoints, distance: float) -> NDArray[np.float64]:
+    """Points ``distance`` behind those by stereo (as Carr et al. 2001 bound a surface) and as far apart, [N, 3]."""
+    if distance <= 0:
+        return np.zeros((0, 3))
+    points = dense.points - distance * dense.normals
+    voxel = np.floor(points / distance).astype(np.int64)
+    return points[np.sort(np.unique(voxel, axis=0, return_index=True)[1])]
 
 
 def _apart(cells: NDArray[np.float64], others: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:

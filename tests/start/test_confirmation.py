@@ -38,6 +38,9 @@ def wall() -> np.ndarray:
     return np.stack([x.ravel(), 0 * x.ravel(), z.ravel()], 1)
 
 
+NORMALS = surface_normals(wall(), OPTIONS.normal_neighbours)
+
+
 def scene(cameras: list[View], maps: dict[int, np.ndarray]) -> tuple[Any, Depths]:
     """What the photos and their depth maps are asked for; every pixel is in the mask."""
     labels = [np.ones((SIZE, SIZE), np.uint8)] * len(cameras)
@@ -57,15 +60,15 @@ def seen_by(*views: int) -> list[np.ndarray]:
 
 def test_all_photos_that_look_at_a_point_ought_to_see_it() -> None:
     views, depths = scene(ROUND, {})
-    np.testing.assert_allclose(confirmed_share(views, depths, wall(), seen_by(1, 2), OPTIONS), 2 / 5)
-    np.testing.assert_allclose(confirmed_share(views, depths, wall(), seen_by(0, 1, 2, 3, 4), OPTIONS), 1)
+    np.testing.assert_allclose(confirmed_share(views, depths, wall(), NORMALS, seen_by(1, 2), OPTIONS), 2 / 5)
+    np.testing.assert_allclose(confirmed_share(views, depths, wall(), NORMALS, seen_by(0, 1, 2, 3, 4), OPTIONS), 1)
 
 
 def test_a_photo_whose_depth_lies_before_a_point_need_not_see_it() -> None:
     near, far, unknown = (np.full((SIZE, SIZE), z, np.float32) for z in (1.0, 9.0, 0.0))
     for depth, expected in ((near, 2 / 4), (far, 2 / 5), (unknown, 2 / 5)):
         views, depths = scene(ROUND, {4: depth})
-        np.testing.assert_allclose(confirmed_share(views, depths, wall(), seen_by(1, 2), OPTIONS), expected)
+        np.testing.assert_allclose(confirmed_share(views, depths, wall(), NORMALS, seen_by(1, 2), OPTIONS), expected)
 
 
 def test_photos_that_look_along_the_surface_need_not_see_it() -> None:
@@ -73,27 +76,28 @@ def test_photos_that_look_along_the_surface_need_not_see_it() -> None:
     views, depths = scene([*ROUND, along], {})
     wide = replace(OPTIONS, largest_angle=90.0)
     middle = np.abs(wall()).max(1) < 0.3
-    share = confirmed_share(views, depths, wall(), seen_by(1, 2), wide)
+    share = confirmed_share(views, depths, wall(), NORMALS, seen_by(1, 2), wide)
     np.testing.assert_allclose(share[middle], 2 / 5)
-    share = confirmed_share(views, depths, wall(), seen_by(1, 2), replace(wide, grazing_angle=89.9))
+    share = confirmed_share(views, depths, wall(), NORMALS, seen_by(1, 2), replace(wide, grazing_angle=89.9))
     np.testing.assert_allclose(share[middle], 2 / 6)
 
 
 def test_photos_from_far_aside_or_beyond_their_frame_need_not_see_it() -> None:
     aside, away = view([3.0, -1.5, 0.0]), view([0.0, -3.0, 0.0], at=(0, -9, 0))
     views, depths = scene([*ROUND, aside, away], {})
-    np.testing.assert_allclose(confirmed_share(views, depths, wall(), seen_by(2), OPTIONS), 1 / 5)
+    np.testing.assert_allclose(confirmed_share(views, depths, wall(), NORMALS, seen_by(2), OPTIONS), 1 / 5)
 
 
 def test_background_is_not_expected_to_see_it() -> None:
     views, depths = scene(ROUND, {})
     views.labels = [*views.labels[:4], np.zeros((SIZE, SIZE), np.uint8)]
-    np.testing.assert_allclose(confirmed_share(views, depths, wall(), seen_by(1), OPTIONS), 1 / 4)
+    np.testing.assert_allclose(confirmed_share(views, depths, wall(), NORMALS, seen_by(1), OPTIONS), 1 / 4)
 
 
 def test_no_points_have_no_share() -> None:
     views, depths = scene(ROUND, {})
-    assert confirmed_share(views, depths, np.zeros((0, 3)), [], OPTIONS).shape == (0,)
+    assert confirmed_share(views, depths, np.zeros((0, 3)), np.zeros((0, 3)), [], OPTIONS).shape == (0,)
+    assert surface_normals(np.zeros((0, 3)), 40).shape == (0, 3)
 
 
 @pytest.mark.parametrize("axis", range(3))
