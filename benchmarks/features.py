@@ -21,6 +21,9 @@ _FILTER = 2.0  # px of a point's error; half of COLMAP's own, for small photos
 _FEWEST = 3  # photos of a model
 _TIED = 1e-4  # metres; closer than this counts as exact
 
+# COLMAP tells of every photo what it does; only what goes wrong is of interest.
+pycolmap.logging.minloglevel = int(pycolmap.logging.WARNING)
+
 
 def match_features(folder: Path, camera: Frame, lens: Lens = _NO_LENS) -> Path:
     """SIFT features of ``folder/images`` matched exhaustively; returns the database.

@@ -6,7 +6,7 @@ import re
 import bpy
 
 from .common.addon import NAME
-from .common.text import draw_sentence, tr
+from .common.text import draw_sentence, draw_value, tr
 from .engine import operators
 from .engine.environment import managed_environment, python_of
 from .engine.install import has_nvidia
@@ -142,10 +142,10 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             *rows, (verdict, _) = _report_lines(task.output) or [("", "")]
             draw_sentence(box, verdict, "CHECKMARK")
             for name, value in rows:
-                split = box.split(factor=0.3 if value else 1.0)
-                split.label(text=name, translate=False)
                 if value:
-                    split.label(text=value, translate=False)
+                    draw_value(box, name, value)
+                else:
+                    box.label(text=name, translate=False)
             if task.note:
                 draw_sentence(layout, task.note, "INFO")
 

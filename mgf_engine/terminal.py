@@ -85,10 +85,14 @@ def _sentence(message: Message) -> str | None:
         where = f" (log: {message['log']})" if message["log"] else ""
         return f"Error: {message['text']}{where}"
     if kind == "result":
-        figures = ", ".join(f"{k} {v}" for k, v in message["figures"].items())
+        figures = ", ".join(f"{k} {v}" for k, v in message["figures"].items() if v is not None)
         files = "\n".join(f"  {name}: {path}" for name, path in message["files"].items())
         return f"Done. {figures}\n{files}"
     return None
+
+
+def _left(message: Message) -> str:
+    return "" if message["seconds_left"] is None else f"{duration(message['seconds_left'])} left"
 
 
 class _Plain:
@@ -105,7 +109,7 @@ class _Plain:
             tenth = int(message["fraction"] * 10)
             if tenth > self._tenth:
                 self._tenth = tenth
-                text = f"  {message['fraction']:4.0%}  {duration(message['seconds_left'])} left  {_figures(message)}"
+                text = f"  {message['fraction']:4.0%}  {_left(message)}  {_figures(message)}".rstrip()
         if text is not None:
             print(text, file=sys.stderr, flush=True)
 
@@ -132,7 +136,7 @@ class _Bar:
             if message["cached"]:
                 self._progress.update(self._task, completed=1.0, left="done earlier")
         elif kind == "progress" and self._task is not None:
-            left = "" if message["fraction"] >= 1 else f"{duration(message['seconds_left'])} left"
+            left = "" if message["fraction"] >= 1 else _left(message)
             self._progress.update(self._task, completed=message["fraction"], left=left, figures=_figures(message))
         elif kind in ("result", "failed"):
             self._progress.stop()

@@ -66,7 +66,7 @@ def test_every_style_shows_every_message(style: str, capsys) -> None:
     reporter.stage("masks")
     reporter.progress(0.5, None, photos=1)
     reporter.warning("Something [odd] happened")
-    reporter.send("result", path="j", files={"mesh": "m"}, figures={"psnr": 1})
+    reporter.send("result", path="j", files={"mesh": "m"}, figures={"psnr": None, "faces": 8})
     reporter.send("failed", code=2, text="Why", log=None)
     out = capsys.readouterr()
     if style == "json":
@@ -75,6 +75,8 @@ def test_every_style_shows_every_message(style: str, capsys) -> None:
         assert (out.out, out.err) == ("", "Error: Why\n")
     else:
         assert "Something [odd] happened" in out.err
+        assert "Done. faces 8\n" in out.out + out.err and "None" not in out.out + out.err
+        assert "? left" not in out.out + out.err
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(None, "?"), (3.2, "3 s"), (75, "1 min 15 s"), (3900, "1 h 5 min")])

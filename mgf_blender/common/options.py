@@ -134,7 +134,10 @@ def _annotation(option: dict[str, Any]) -> Any:
     """The ``bpy.props`` definition of one option."""
     unit = f" ({option['unit']})" if option["unit"] else ""
     default = default_of(option["name"], OPTIONS["preset"]["default"])
-    common = {"name": title(option["name"]), "description": _in_titles(option["help"]) + unit, "default": default}
+    name = title(option["name"]) + (unit if option["unit"] == "GB" else "")
+    common = {"name": name, "description": _in_titles(option["help"]) + unit, "default": default}
+    if option["unit"] == "px":
+        common["subtype"] = "PIXEL"  # Blender writes it behind the number
     limits = {k: option[v] for k, v in (("min", "low"), ("max", "high")) if option[v] is not None}
     if option["choices"]:
         items = [(c, title(c), _choice_help(option["name"], c)) for c in option["choices"]]
@@ -145,7 +148,7 @@ def _annotation(option: dict[str, Any]) -> Any:
     if option["type"] == "int":
         return bpy.props.IntProperty(**common, **{k: int(v) for k, v in limits.items()})
     if option["type"] == "float":
-        return bpy.props.FloatProperty(**common, **limits, precision=3)
+        return bpy.props.FloatProperty(**common, **limits, precision=1 if option["unit"] == "GB" else 3)
     subtype = {"file": "FILE_PATH", "folder": "DIR_PATH"}.get(option["path"], "NONE")
     return bpy.props.StringProperty(**common, subtype=subtype)
 

@@ -53,14 +53,23 @@ def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str) -> None:
         column.label(text=line, icon="BLANK1" if i and icon != "NONE" else icon, translate=False)
 
 
-def _fits_here() -> Callable[[str], bool]:
-    """Whether a text fits beside an icon in a box of the panel that is being drawn."""
+def draw_value(layout: bpy.types.UILayout, name: str, value: str, name_share: float = 0.3) -> None:
+    """A name and its value beside it, on as many lines as it needs."""
+    for i, line in enumerate(wrapped(value, _fits_here(1 - name_share))):
+        split = layout.split(factor=name_share)
+        split.label(text="" if i else name, translate=False)
+        split.label(text=line, translate=False)
+
+
+def _fits_here(share: float = 1.0) -> Callable[[str], bool]:
+    """Whether a text fits beside an icon in a box of the panel that is being drawn, or in a share of it."""
     context = bpy.context
     if context.region is None:  # no window
-        return lambda text: len(text) <= _LETTERS
+        return lambda text: len(text) <= share * _LETTERS
     import blf  # of the bpy package, which must come first
 
     scale, styles = context.preferences.system.ui_scale, context.preferences.ui_styles
     room = context.region.width - scale * _MARGINS.get(context.region.type, _MARGINS["UI"])
+    room *= share
     blf.size(0, (styles[0].widget.points if styles else 11.0) * scale)
     return lambda text: blf.dimensions(0, text)[0] <= room

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
 
 from mgf_engine.masks.geometry.visual_hull import with_hull_points
 from mgf_engine.model.masks import MaskSet, building
@@ -37,7 +38,7 @@ def dense_points(
     depths = match_photos(scene, views.indices, kept, inside, o.neighbours, o.longest_side, threads, check)
     numbers = [n for n, i in enumerate(views.indices) if i in depths.maps]
     size = o.size * views.pixel
-    parts = [VoxelSums.of(np.zeros((0, 3)), np.zeros((0, len(views.views)), bool), views.low, size)]
+    parts = [VoxelSums.of(np.zeros((0, 3)), csr_array((0, len(views.views)), dtype=np.uint32), views.low, size)]
     for found in parallel_map(
         lambda n: VoxelSums.of(*_confirmed(views, depths, n, o), views.low, size), numbers, threads
     ):
@@ -63,19 +64,20 @@ def _towards_views(dense: DensePoints, centres: NDArray[np.float64]) -> DensePoi
 
 def _confirmed(
     views: StartViews, depths: Depths, number: int, o: DenseOptions
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Points [N, 3] of one photo and which views saw them, bool [N, V]."""
+) -> tuple[NDArray[np.float64], csr_array]:
+    """Points [N, 3] of one photo and which views saw them, ones in [N, V]."""
     photo = depths.photos[views.indices[number]]
     height, width = photo.grey.shape
     color = cv2.resize(views.scene.photo(views.indices[number]), (width, height), interpolation=cv2.INTER_AREA)
     light = cv2.cvtColor(color.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)[..., 0]
     _, points = depths.points(views.indices[number], photo.inside & (_texture(light) > o.texture))
     points = points[((points > views.low) & (points < views.high)).all(1)]
-    seen = np.zeros((len(points), len(views.views)), bool)
-    for other in np.flatnonzero(views.angles[number] < o.largest_angle):
-        seen[:, other] = depths.confirms(views.indices[other], points)
-    seen[:, number] = True
-    keep = seen.sum(1) > o.confirmed_by
+    others = [int(n) for n in np.flatnonzero(views.angles[number] < o.largest_angle) if n != number]
+    rows = [np.arange(len(points)), *(np.flatnonzero(depths.confirms(views.indices[n], points)) for n in others)]
+    view = np.repeat([number, *others], [len(part) for part in rows])
+    row = np.concatenate(rows)
+    seen = csr_array((np.ones(len(row), np.uint32), (row, view)), shape=(len(points), len(views.views)))
+    keep = np.bincount(row, minlength=len(points)) > o.confirmed_by
     return points[keep], seen[keep]
 
 
@@ -115,27 +117,25 @@ class VoxelSums:
         key: index of each voxel in the grid, ascending, int64 [C, 3].
         total: sum of its points, [C, 3].
         count: number of its points, [C].
-        votes: how many of them each view saw, uint32 [C, V].
+        votes: how many of them each view saw, uint32 [C, V]; most saw none, so it is sparse.
     """
 
     key: NDArray[np.int64]
     total: NDArray[np.float64]
     count: NDArray[np.int64]
-    votes: NDArray[np.unsignedinteger]
+    votes: csr_array
 
     @classmethod
-    def of(
-        cls, points: NDArray[np.float64], seen: NDArray[np.bool_], low: NDArray[np.float64], size: float
-    ) -> VoxelSums:
-        """Add up points [N, 3] in voxels of a size; ``seen``: which views saw each, bool [N, V]."""
+    def of(cls, points: NDArray[np.float64], seen: csr_array, low: NDArray[np.float64], size: float) -> VoxelSums:
+        """Add up points [N, 3] in voxels of a size; ``seen``: ones where a view saw a point, uint32 [N, V]."""
         key = np.floor((points - low) / size).astype(np.int64)
-        return cls(key, points, np.ones(len(points), np.int64), seen.view(np.uint8))._summed()
+        return cls(key, points, np.ones(len(points), np.int64), seen)._summed()
 
     @classmethod
     def joined(cls, parts: Sequence[VoxelSums]) -> VoxelSums:
         """Add up voxels of one grid."""
-        whole = ([getattr(part, field.name) for part in parts] for field in fields(cls))
-        return cls(*map(np.concatenate, whole))._summed()
+        key, total, count = (np.concatenate([getattr(p, name) for p in parts]) for name in ("key", "total", "count"))
+        return cls(key, total, count, vstack([part.votes for part in parts], format="csr"))._summed()
 
     def _summed(self) -> VoxelSums:
         """One entry for each voxel."""
@@ -143,14 +143,16 @@ class VoxelSums:
         key = self.key[order]
         start = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(1)][: len(key)])
         if not len(start):
-            return replace(self, votes=self.votes.astype(np.uint32))
+            return self
         total, count = (np.add.reduceat(values[order], start) for values in (self.total, self.count))
-        return VoxelSums(key[start], total, count, np.add.reduceat(self.votes[order], start, dtype=np.uint32))
+        members = csr_array((np.ones(len(key), np.uint32), order, np.r_[start, len(key)]), (len(start), len(key)))
+        return VoxelSums(key[start], total, count, members @ self.votes)
 
     def means(self, least: int = 2, seen_share: float = 0.4) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
         """Mean points of voxels that hold ``least`` points, and the views that saw more than a share of each."""
-        share = (self.votes > seen_share * self.count[:, None]) & (self.count >= least)[:, None]
-        keep = share.any(1)
-        rows, number = np.nonzero(share[keep])
-        mean = self.total[keep] / self.count[keep, None]
-        return mean, np.split(number, np.searchsorted(rows, np.arange(1, keep.sum()))) if keep.any() else []
+        votes = self.votes.sorted_indices()
+        row = np.repeat(np.arange(len(self.count)), np.diff(votes.indptr))
+        enough = (votes.data > seen_share * self.count[row]) & (self.count[row] >= least)
+        kept, first = np.unique(row[enough], return_index=True)
+        mean = self.total[kept] / self.count[kept, None]
+        return mean, np.split(votes.indices[enough].astype(np.int64), first[1:]) if len(kept) else []

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from mgf_engine.start.dense import VoxelSums, _texture
 from mgf_engine.start.options import DenseOptions
@@ -26,6 +29,10 @@ def test_it_is_the_gradient_where_that_is_least() -> None:
     assert _texture(noise)[5:-5, 5:-5].min() > DenseOptions.texture
 
 
+def sparse(seen: np.ndarray) -> csr_array:
+    return csr_array(seen, dtype=np.uint32)
+
+
 def scattered(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Points in 4 x 4 x 4 voxels of size 1, about eight in each, and which of five views saw them."""
     rng = np.random.default_rng(seed)
@@ -34,7 +41,7 @@ def scattered(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_voxels_hold_means_and_the_views_that_saw_enough_of_their_points() -> None:
     points, seen = scattered()
-    mean, views = VoxelSums.of(points, seen, np.full(3, -2.0), 1.0).means()
+    mean, views = VoxelSums.of(points, sparse(seen), np.full(3, -2.0), 1.0).means()
     cell = np.floor(points + 2).astype(int)
     expected = {}
     for key in {tuple(c) for c in cell}:
@@ -50,14 +57,26 @@ def test_voxels_hold_means_and_the_views_that_saw_enough_of_their_points() -> No
 def test_voxels_of_photos_one_by_one_are_those_of_all_together() -> None:
     points, seen = scattered()
     low = np.full(3, -2.0)
-    parts = [VoxelSums.of(points[k::3], seen[k::3], low, 1.0) for k in range(3)]
+    parts = [VoxelSums.of(points[k::3], sparse(seen[k::3]), low, 1.0) for k in range(3)]
     mean, views = VoxelSums.joined([parts[0], VoxelSums.joined(parts[1:])]).means()
-    expected_mean, expected_views = VoxelSums.of(points, seen, low, 1.0).means()
+    expected_mean, expected_views = VoxelSums.of(points, sparse(seen), low, 1.0).means()
     np.testing.assert_allclose(mean, expected_mean)
     assert [v.tolist() for v in views] == [v.tolist() for v in expected_views]
 
 
 def test_no_points_make_no_voxels() -> None:
-    mean, views = VoxelSums.of(np.zeros((0, 3)), np.zeros((0, 5), bool), np.zeros(3), 1.0).means()
+    mean, views = VoxelSums.of(np.zeros((0, 3)), csr_array((0, 5), dtype=np.uint32), np.zeros(3), 1.0).means()
     assert mean.shape == (0, 3)
     assert views == []
+
+
+def test_views_that_saw_nothing_take_no_memory() -> None:
+    rng, count, views = np.random.default_rng(1), 20_000, 600
+    points = rng.uniform(-2, 2, (count, 3))
+    saw = np.repeat(np.arange(count), 8), rng.integers(0, views, 8 * count)
+    seen = csr_array((np.ones(8 * count, np.uint32), saw), shape=(count, views))
+    tracemalloc.start()
+    parts = [VoxelSums.of(points, seen, np.full(3, -2.0), 0.02) for _ in range(8)]
+    VoxelSums.joined(parts).means()
+    assert tracemalloc.get_traced_memory()[1] < 0.25 * 8 * 4 * count * views
+    tracemalloc.stop()

@@ -73,3 +73,10 @@ def test_tooltips_call_options_by_their_names_in_the_panel(addon):
     for prop in shown:
         words = set(re.findall(r"[a-z]+(?:_[a-z]+)+", prop.description))
         assert not words & set(options.OPTIONS), prop.identifier
+
+
+def test_numbers_say_their_unit_in_the_panel(addon):
+    shown = addon.options.bl_rna.properties
+    assert shown["memory"].name == "Memory (GB)" and shown["memory"].precision == 1
+    pixels = {name for name, option in options.OPTIONS.items() if option["unit"] == "px"}
+    assert pixels >= {"resolution", "texture_size"} and all(shown[name].subtype == "PIXEL" for name in pixels)

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from mgf_blender.common.text import wrapped
+from layouts import Recorder
+
+from mgf_blender.common.text import draw_value, wrapped
 
 
 def short(text: str) -> bool:
@@ -23,3 +25,11 @@ def test_long_words_are_broken_and_nothing_is_lost():
 
 def test_a_panel_too_narrow_for_a_letter_still_ends():
     assert wrapped("ab c", lambda text: False) == ["a", "b", "c"]
+
+
+def test_a_long_value_is_broken_beside_its_name():
+    recorder = Recorder()
+    value = "random walker, which needs no weights; 'mgf weights' fetches those of EfficientSAM (41 MB)"
+    draw_value(recorder, "segmenter of the masks", value)
+    name, *lines = [text for text, _ in recorder.texts]
+    assert name == "segmenter of the masks" and len(lines) > 1 and " ".join(lines) == value

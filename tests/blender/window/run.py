@@ -27,10 +27,10 @@ from first_steps import install_engine, install_extension, use_environment
 
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
 IMPORT, CROP, MARK = 50, 71, 195
-RECONSTRUCT, RESUME, RESULTS = 475, 533, 605  # with a photo marked; the last with a finished job
-SHOW_RENDER = 544  # while training
+RECONSTRUCT, RESUME, RESULTS = 500, 558, 630  # with a photo marked; the last with a finished job
+SHOW_RENDER = 569  # while training
 PAINT, SHOW, ROW = 203, 272, 23  # in the Results panel, the other panels closed
-POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 320
+POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 346
 FIRST_FILE, FILE_ROW = (1177, 364), 20  # icons in a File Browser in place of the Properties editor
 SIDE = 0.915  # of the small button at the end of a row, as a share of the sidebar's width
 
