@@ -54,6 +54,9 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("exposure", "scene", "Exposure and white balance of the photos", "scene.exposure:ExposureOptions"),
     Algorithm("scene_checks", "scene", "Photos and points of another place", "scene.validation:ValidationOptions"),
     # masks
+    Algorithm("neighbour_views", "masks", "Choice of the photos that are matched with each other", "scene.neighbours:NeighbourOptions"),
+    Algorithm("stereo", "masks", "Depth of photos by semi-global matching", "scene.stereo:StereoOptions"),
+    Algorithm("mask_hull", "masks", "Visual hull of the masks that stands in for missing sparse points", "masks.geometry.visual_hull:MaskHullOptions"),
     Algorithm("random_walker", "masks", "Label propagation from clicks to all photos and points", "masks.propagation.random_walker_options:RandomWalkerOptions", also=("preview",)),
     Algorithm("sky", "masks", "Sky regions and the skyline", "masks.propagation.sky_regions:SkyOptions", also=("preview",)),
     Algorithm("sky_holes", "masks", "Sky that shows through the building", "masks.refinement.sky_holes:SkyHoleOptions"),
@@ -100,6 +103,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("photometric", "mesh", "Refinement of depth maps by matching photos", "mesh.photometric:MatchOptions"),
     Algorithm("depth_smoothing", "mesh", "Smoothing of matched depth maps", "mesh.depth_smoothing:SmoothingOptions"),
     Algorithm("prior", "mesh", "Choice between the field and the starting surface", "mesh.prior:PriorOptions"),
+    Algorithm("visual_hull", "mesh", "Visual hull that is carved from the mesh", "mesh.hull:HullOptions"),
     Algorithm("tsdf", "mesh", "Fusion of depth maps into a signed distance", "mesh.fusion_options:TsdfOptions"),
     Algorithm("mesh_refinement", "mesh", "Photometric refinement of the mesh", "mesh.refine:RefinementOptions"),
     Algorithm("planar", "mesh", "Projection of planar regions", "mesh.plane_detection:PlanarOptions", also=("drawings", "models")),

@@ -2,7 +2,7 @@
 """Dense starting points: stereo between neighbouring views inside the masks, kept where views agree.
 
 Sparse points leave blank walls bare; the field would have to grow there from far away. Semi-global matching
-between neighbours gives depth in seconds, and only what several pairs say alike becomes a starting point.
+between neighbours gives depth in seconds, and only points that another photo's depth confirms become starting points.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.visual_hull import points_to_match
+from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, points_to_match
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.scene.depths import Depths, match_photos
+from mgf_engine.scene.depths import Depths, Matching, match_photos
+from mgf_engine.scene.stereo import StereoOptions
 from mgf_engine.system import cores
 
 
@@ -32,6 +33,9 @@ class DensePointOptions:
     longest_side: int = parameter(
         500, "Longest side of the matched photos; more adds points that are averaged anyway", "px", low=16
     )
+
+    stereo: StereoOptions = StereoOptions()
+    hull: MaskHullOptions = MaskHullOptions()
 
 
 def dense_points(
@@ -59,8 +63,9 @@ def dense_points(
     """
     threads = threads or cores()
     inside = lambda i: building(masks.labels[i])  # noqa: E731
-    told, kept = points_to_match(scene, masks, views)
-    depths = match_photos(told, views, kept, inside, options.neighbours, options.longest_side, threads, reporter.check)
+    matching = Matching(options.neighbours, options.longest_side, options.stereo)
+    scene_to_match, kept = points_to_match(scene, masks, views, options.hull)
+    depths = match_photos(scene_to_match, views, kept, inside, matching, threads, reporter.check)
     agreed = parallel_map(lambda i: _agreed(i, depths, scene), depths.maps, threads)
     found = [f for f in agreed if len(f[0])]
     if not found:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.contact_sheet import write_contact_sheet
-from mgf_engine.masks.geometry.visual_hull import hull_cells
+from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_cells
 from mgf_engine.masks.parts import Part, PartOptions, add_elements, tie_parts
 from mgf_engine.masks.points import VoteOptions, choose_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, read_prompts
@@ -190,7 +190,8 @@ def _check(scene: Scene, result: Propagation, config: Config) -> None:
     if result.masks.point_mask.any():
         return
     if config.start == "surface" and config.use_masks:
-        hull_cells(scene, result.masks, np.flatnonzero(result.masks.used).tolist())
+        used = np.flatnonzero(result.masks.used).tolist()
+        hull_cells(scene, result.masks, used, config.algorithm(MaskHullOptions))
     else:
         raise BadInput(
             "No sparse point lies on the building, and this start needs some: choose start=surface, or check that "

@@ -187,7 +187,7 @@ def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions 
         [scene.views[i] for i in chosen],
         judging_masks(scene, masks, chosen, options.dilation),
         [masks.labels[i] for i in chosen],
-        _photos(scene, masks, chosen, options.neighbours) if options.match_photos else None,
+        _photos(scene, masks, chosen, options) if options.match_photos else None,
     )
 
 
@@ -207,18 +207,19 @@ def surface_field(
     if options.surface == "fused" or options.match_photos or options.drop_unseen or options.span_dents:
         fused = fuse_gaussians(
             gaussians, trusted.views, trusted.verdicts, trusted.photos,
-            lambda share: reporter.progress(_RENDERED * share), prior, options.visual_hull, options.fusion,
+            lambda share: reporter.progress(_RENDERED * share), prior, options.fusion,
         )  # fmt: skip
         if options.surface == "fused":
             return fused
     return OpacityField(
-        gaussians, trusted.views, trusted.verdicts, options.opacity_level, 1, hull=options.visual_hull, evidence=fused
+        gaussians, trusted.views, trusted.verdicts, options.opacity_level, 1, options.fusion.tsdf.hull, fused
     )
 
 
-def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], neighbours: int) -> Photos:
+def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], options: ExtractionOptions) -> Photos:
     position = {view: number for number, view in enumerate(chosen)}
-    pairs = matching_views(*points_to_match(scene, masks, chosen), chosen, neighbours)
+    scene_to_match, kept = points_to_match(scene, masks, chosen, options.mask_hull)
+    pairs = matching_views(scene_to_match, kept, chosen, options.neighbours, options.matching)
 
     def grey(number: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)

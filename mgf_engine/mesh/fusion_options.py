@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions
+from mgf_engine.mesh.hull import HullOptions
 from mgf_engine.mesh.photometric import MatchOptions
 from mgf_engine.mesh.prior import PriorOptions
 
@@ -38,6 +39,8 @@ class TsdfOptions:
         "Views with a surface just before a point that outvote those that see it free, per square of their number",
     )
     calibration_points: int = parameter(50, "Minimum number of sparse points that calibrate the level", low=1)
+
+    hull: HullOptions = HullOptions()
 
 
 @dataclass(frozen=True)

@@ -1,25 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The visual hull: which points the masks leave for the building, and the masks that views judge with."""
+"""Judge points by masks: what lies outside the visual hull is free, whatever the depths say."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
+from mgf_engine.config import job_option
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet
 from mgf_engine.model.scene import Scene
 from mgf_engine.raster import points as kernel
 
-HULL_SHARE = 0.25  # a point is outside the visual hull when more than this share of its views call it background,
-HULL_FEW = 2  # and more than this many (fewer, where fewer see it on the building)
+
+@dataclass(frozen=True)
+class HullOptions:
+    """Options of the visual hull that is carved (``visual_hull``)."""
+
+    share: float = parameter(
+        0.25, "Share of the photos that must call a point background for it to be free, of those that judge it", high=1
+    )
+    views: int = parameter(2, "Number of photos that may call a point background that as many show on the building")
+    carve: bool = job_option("visual_hull")
 
 
-def outside_hull(background: NDArray[np.integer], seen: NDArray[np.integer]) -> NDArray[np.bool_]:
+def outside_hull(
+    background: NDArray[np.integer], seen: NDArray[np.integer], options: HullOptions = HullOptions()
+) -> NDArray[np.bool_]:
     """Find points outside the visual hull by how many views call them background and how many building, bool [N]."""
-    return background > np.maximum(HULL_SHARE * (background + seen), np.minimum(HULL_FEW, seen))
+    return background > np.maximum(options.share * (background + seen), np.minimum(options.views, seen))
 
 
 def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.hull import outside_hull
+from mgf_engine.mesh.hull import HullOptions, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.gaussians import Gaussians
@@ -40,7 +40,7 @@ class OpacityField:
         masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
         level: opacity at which the surface is taken (eq. 26).
         agree: how many views must look through to a point before it is free; 1 is the minimum of eq. 25.
-        hull: whether what several masks call background is free, whatever the field says.
+        hull: whether and where the visual hull is free, whatever the field says.
         evidence: the same surface from depth maps, which tells what the views really show.
     """
 
@@ -51,7 +51,7 @@ class OpacityField:
         masks: Sequence[NDArray[np.uint8]],
         level: float,
         agree: int,
-        hull: bool = True,
+        hull: HullOptions = HullOptions(),
         evidence: TsdfField | None = None,
     ) -> None:
         order = spread_order(np.array([v.centre for v in views]))
@@ -122,8 +122,8 @@ class OpacityField:
             seen += verdict == kernel.SEEN
         state = np.full(len(points), SOLID, np.uint8)
         state[seen == 0] = INVALID
-        if self.hull:
-            state[outside_hull(background, seen)] = FREE
+        if self.hull.carve:
+            state[outside_hull(background, seen, self.hull)] = FREE
         return state, seen
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import job_option
+from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
 from mgf_engine.mesh.colors import ColorOptions
 from mgf_engine.mesh.component_filter import ComponentFilterOptions
 from mgf_engine.mesh.fusion_options import FusionOptions
@@ -18,6 +19,7 @@ from mgf_engine.mesh.refine import RefinementOptions
 from mgf_engine.mesh.screening import ScreeningOptions
 from mgf_engine.mesh.tetrahedra import TetrahedraOptions
 from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions
+from mgf_engine.scene.neighbours import NeighbourOptions
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,6 @@ class ExtractionOptions:
     use_masks: bool = job_option("use_masks")
     crop_box: str = job_option("crop_box")
     dilation: int = job_option("screening_dilation")
-    visual_hull: bool = job_option("visual_hull")
     surface: str = job_option("surface")
     match_photos: bool = job_option("match_photos")
     refine_rounds: int = job_option("refine_rounds")
@@ -59,6 +60,8 @@ class ExtractionOptions:
     min_component: float = job_option("min_component")
     close_bottom: bool = job_option("close_bottom")
 
+    mask_hull: MaskHullOptions = MaskHullOptions()
+    matching: NeighbourOptions = NeighbourOptions()
     screening: ScreeningOptions = ScreeningOptions()
     tetrahedra: TetrahedraOptions = TetrahedraOptions()
     fusion: FusionOptions = FusionOptions()

@@ -63,11 +63,11 @@ class TsdfField:
 
     Args:
         maps: as :func:`mgf_engine.mesh.depth_maps.make_depth_maps` makes them.
-        hull: whether what several masks call background is free, whatever the depths say.
+        options: of the fusion, and whether and where the visual hull is free, whatever the depths say.
     """
 
-    def __init__(self, maps: list[DepthMap], options: TsdfOptions = TsdfOptions(), hull: bool = True) -> None:
-        self.maps, self.options, self.hull = maps, options, hull
+    def __init__(self, maps: list[DepthMap], options: TsdfOptions = TsdfOptions()) -> None:
+        self.maps, self.options = maps, options
         self.offset, self.band = 0.0, options.band
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
@@ -88,8 +88,8 @@ class TsdfField:
             result[sample["behind"] >= self.options.outvoted * sample["judging"] ** 2] = -np.inf
             unknown = sample["weight"] == 0
             result[unknown] = np.where(sample["covered"][unknown] > 0, -np.inf, np.nan)
-            if self.hull:
-                result[outside_hull(sample["outside"], sample["seen"])] = np.inf
+            if self.options.hull.carve:
+                result[outside_hull(sample["outside"], sample["seen"], self.options.hull)] = np.inf
             return np.asarray(result, np.float32)
 
         return _joined(self._ask(points, verdict, progress), np.float32)
@@ -102,7 +102,7 @@ class TsdfField:
         """
 
         def near_level(sample: NDArray[np.void]) -> NDArray[np.float32]:
-            known = (sample["weight"] > 0) & ~outside_hull(sample["outside"], sample["seen"])
+            known = (sample["weight"] > 0) & ~outside_hull(sample["outside"], sample["seen"], self.options.hull)
             distance = _distance(sample)[known]
             return distance[np.abs(distance) < 0.9]
 
@@ -183,7 +183,6 @@ def fuse_gaussians(
     photos: Photos | None = None,
     progress: Progress = lambda share: None,
     prior: Prior | None = None,
-    hull: bool = True,
     options: FusionOptions = FusionOptions(),
 ) -> TsdfField:
     """Fuse the depth maps of a field, as the trusted views see it, into a signed distance (normalised frame).
@@ -191,7 +190,6 @@ def fuse_gaussians(
     Args:
         photos: where given, the depths are first moved to where the photos look most alike.
         prior: a surface known before the field, used with ``photos`` only.
-        hull: as :class:`TsdfField` takes it.
         options: of the matching, the smoothing and the fusion.
     """
 
@@ -206,4 +204,4 @@ def fuse_gaussians(
         show, masks, photos.neighbours if photos else (), options, progress, gaussians.positions.device,
         known if prior is not None and photos is not None else None,
     )  # fmt: skip
-    return TsdfField(maps, options.tsdf, hull)
+    return TsdfField(maps, options.tsdf)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth of photos from their neighbours: where structure from motion found no point, flat walls and roofs still match.
+"""Compute depth maps of photos: flat walls and roofs match even where structure from motion found no point.
 
-Each photo is matched with a few neighbours (``stereo.py``); what its pairs say alike is its depth, and what another
-photo's depth confirms is a point of the scene.
+Each photo is matched with a few neighbours (``stereo.py``). The depth on which its pairs agree is its own, and a pixel
+whose depth another photo's depth map confirms is a point of the scene.
 """
 
 from __future__ import annotations
@@ -17,27 +17,50 @@ from numpy.typing import NDArray
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.neighbours import matching_views, point_sets
-from mgf_engine.scene.stereo import Photo, pair_depth
+from mgf_engine.scene.stereo import Photo, StereoOptions, pair_depth
 
-TOLERANCE = 0.008  # relative difference of depth at which two views agree
+
+@dataclass(frozen=True)
+class Matching:
+    """How photos are matched.
+
+    Attributes:
+        neighbours: number of others that each photo is matched with.
+        longest_side: px; larger photos are reduced.
+        stereo: options of the choice of neighbours and of each pair.
+    """
+
+    neighbours: int
+    longest_side: int
+    stereo: StereoOptions = StereoOptions()
 
 
 @dataclass(frozen=True)
 class Depths:
-    """Depths of some views.
+    """Depth maps of some views.
 
     Attributes:
         photos: by view, at the resolution they were matched at.
         neighbours: by view, those it was matched with.
         maps: by view, float32 [h, w], its own z in normalised units, 0 where unknown; none of views that no pair fits.
+        tolerance: difference up to which two depths agree, as a share of the depth.
     """
 
     photos: dict[int, Photo]
     neighbours: dict[int, list[int]]
     maps: dict[int, NDArray[np.float32]]
+    tolerance: float
 
     def points(self, index: int, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """The wanted pixels [h, w] of a view that a neighbour confirms: (row, column) [N, 2], points [N, 3]."""
+        """Find the points of a view that a neighbour confirms.
+
+        Args:
+            index: the view.
+            wanted: the pixels to look at, bool [h, w].
+
+        Returns:
+            (row, column) of the pixels [N, 2], and points [N, 3] in the normalised frame.
+        """
         photo, depth = self.photos[index], self.maps[index]
         rows, columns = np.nonzero((depth > 0) & wanted)
         pixels = np.c_[columns + 0.5, rows + 0.5, np.ones(len(rows))]
@@ -49,26 +72,29 @@ class Depths:
         return np.stack([rows, columns], 1)[keep], points[keep]
 
     def confirms(self, index: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell whether a view's depth confirms points [N, 3], bool [N]."""
-        if index not in self.maps:
-            return np.zeros(len(points), bool)
-        view = self.photos[index].view
-        z = points @ view.rotation[2] + view.translation[2]
-        seen = self.depth_at(index, points)
-        return (seen > 0) & (np.abs(seen - z) < TOLERANCE * z)
+        """Tell whether a view's depth map has a depth where points [N, 3] project, and it is theirs, bool [N]."""
+        z, seen = self._compare(index, points)
+        return (seen > 0) & (np.abs(seen - z) < self.tolerance * z)
 
-    def depth_at(self, index: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Depth of a view that has a map where points [N, 3] project, 0 where it is unknown, [N]."""
-        photo, depth = self.photos[index], self.maps[index]
-        local = points @ photo.view.rotation.T + photo.view.translation
-        z = local[:, 2]
-        uv = local @ photo.intrinsics.T / np.maximum(z, 1e-9)[:, None]
+    def hides(self, index: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell whether a view's depth map lies before points [N, 3] by more than twice the tolerance, bool [N]."""
+        z, seen = self._compare(index, points)
+        return (seen > 0) & (z - seen > 2 * self.tolerance * z)
+
+    def _compare(self, index: int, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the depth of points [N, 3] in a view and that of its map where they project, 0 for unknown, [N]."""
+        view = self.photos[index].view
+        local = points @ view.rotation.T + view.translation
+        z, seen = local[:, 2], np.zeros(len(points))
+        if index not in self.maps:
+            return z, seen
+        depth = self.maps[index]
+        uv = local @ self.photos[index].intrinsics.T / np.maximum(z, 1e-9)[:, None]
         column, row = np.floor(uv[:, 0]), np.floor(uv[:, 1])
         height, width = depth.shape
         inside = (z > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        seen = np.zeros(len(points), np.float64)
         seen[inside] = depth[row[inside].astype(int), column[inside].astype(int)]
-        return seen
+        return z, seen
 
 
 def match_photos(
@@ -76,43 +102,51 @@ def match_photos(
     views: Sequence[int],
     kept: NDArray[np.bool_],
     inside: Callable[[int], NDArray[np.bool_]] | None,
-    neighbours: int,
-    longest_side: int,
+    matching: Matching,
     threads: int,
     check: Callable[[], None],
 ) -> Depths:
-    """Depths of ``views`` from each other.
+    """Compute the depth maps of views from each other.
 
     Args:
+        scene: photos, cameras and sparse points.
+        views: indices of the views.
         kept: [P], sparse points that tell which views are neighbours and how far away things are.
         inside: view -> bool [H, W], the pixels that are wanted; None for all.
-        neighbours: how many others each view is matched with.
-        longest_side: px; larger photos are reduced for matching.
+        matching: how.
+        threads: number of worker threads.
         check: called between pairs; may raise to cancel.
     """
-    read = parallel_map(lambda i: photo_at(scene, i, inside and inside(i), longest_side), views, threads)
+    read = parallel_map(lambda i: photo_at(scene, i, inside and inside(i), matching.longest_side), views, threads)
     photos = dict(zip(views, read, strict=True))
-    chosen = matching_views(scene, kept, views, neighbours)
+    chosen = matching_views(scene, kept, views, matching.neighbours, matching.stereo.neighbours)
     pairs = [(i, j) for i in views for j in chosen[i]]
     sets = point_sets(scene, kept)
 
-    def matched(row: int) -> NDArray[np.float32] | None:
+    def match_pair(row: int) -> NDArray[np.float32] | None:
         i, j = pairs[row]
-        return pair_depth(photos[i], photos[j], scene.points[np.intersect1d(sets[i], sets[j])])
+        return pair_depth(photos[i], photos[j], scene.points[np.intersect1d(sets[i], sets[j])], matching.stereo)
 
     found: dict[int, list[NDArray[np.float32]]] = {i: [] for i in views}
-    for row, depth in enumerate(parallel_map(matched, range(len(pairs)), threads)):
+    for row, depth in enumerate(parallel_map(match_pair, range(len(pairs)), threads)):
         check()
         if depth is not None:
             found[pairs[row][0]].append(depth)
-    matched_views = [i for i in views if found[i]]
-    merged = parallel_map(lambda i: _merge(found[i]), matched_views, threads)
-    maps = dict(zip(matched_views, merged, strict=True))
-    return Depths(photos, chosen, maps)
+    matched = [i for i in views if found[i]]
+    tolerance = matching.stereo.tolerance
+    merged = parallel_map(lambda i: _merge(found[i], 2 * tolerance), matched, threads)
+    return Depths(photos, chosen, dict(zip(matched, merged, strict=True)), tolerance)
 
 
 def photo_at(scene: Scene, index: int, inside: NDArray[np.bool_] | None, longest_side: int) -> Photo:
-    """The photo of a view reduced to ``longest_side``, with the pixels that are wanted [H, W]; None for all."""
+    """Read the photo of a view for stereo.
+
+    Args:
+        scene: photos and cameras.
+        index: the view.
+        inside: pixels whose depth is wanted, bool [H, W]; None for all.
+        longest_side: px; a larger photo is reduced.
+    """
     view = scene.views[index]
     factor = min(1.0, longest_side / max(view.width, view.height))
     size = (max(1, round(view.width * factor)), max(1, round(view.height * factor)))
@@ -126,8 +160,8 @@ def photo_at(scene: Scene, index: int, inside: NDArray[np.bool_] | None, longest
     return Photo(view, grey, wanted > 0, intrinsics)
 
 
-def _merge(depths: list[NDArray[np.float32]]) -> NDArray[np.float32]:
-    """Median of the depths that agree with it, 0 where pairs contradict each other or none speaks."""
+def _merge(depths: list[NDArray[np.float32]], tolerance: float) -> NDArray[np.float32]:
+    """Average the depths [h, w] of a photo's pairs that agree with their median; 0 where at most half of them do."""
     stack = np.stack(depths)
     known = stack > 0
     if len(stack) == 1:
@@ -135,7 +169,7 @@ def _merge(depths: list[NDArray[np.float32]]) -> NDArray[np.float32]:
     rank = np.maximum(known.sum(0) - 1, 0) // 2
     middle = np.take_along_axis(np.sort(np.where(known, stack, np.inf), axis=0), rank[None], axis=0)[0]
     middle = np.where(known.any(0), middle, 0)
-    near = known & (np.abs(stack - middle) < 2 * TOLERANCE * middle)
+    near = known & (np.abs(stack - middle) < tolerance * middle)
     votes = near.sum(0)
     mean = (stack * near).sum(0) / np.maximum(votes, 1)
     return np.where((votes >= 1) & (votes * 2 > known.sum(0)), mean, 0).astype(np.float32)

@@ -1,32 +1,52 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which photos to match with which: views that share sparse points under an angle that shows depth."""
+"""Choose the photos to match with each other: those that share sparse points under an angle that shows depth."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.model.scene import Scene
 
-ANGLES = (2.0, 10.0, 35.0)  # degrees between rays: least, best, most
-LEAST_SHARED = 20  # sparse points two views must share
-LEAST_SCORE = 0.45  # of the best neighbour's: those that fit far worse mislead more often than they help
+
+@dataclass(frozen=True)
+class NeighbourOptions:
+    """Options of the choice of photos that are matched with each other."""
+
+    angles: tuple[float, float, float] = parameter(
+        (2.0, 10.0, 35.0), "Smallest, best and largest angle between the rays of two photos to a point", "degrees",
+        high=180,
+    )  # fmt: skip
+    least_shared: int = parameter(20, "Minimum number of sparse points that two photos share", low=1)
+    least_score: float = parameter(0.45, "Minimum score of a photo, as a share of the best one's score", high=1)
 
 
 def matching_views(
-    scene: Scene, kept: NDArray[np.bool_], views: Sequence[int], count: int, best_angle: float = ANGLES[1]
+    scene: Scene,
+    kept: NDArray[np.bool_],
+    views: Sequence[int],
+    count: int,
+    options: NeighbourOptions = NeighbourOptions(),
 ) -> dict[int, list[int]]:
-    """For each of ``views`` up to ``count`` others of them that are worth matching with, best first.
+    """Choose for each view up to ``count`` others to match it with.
 
     Args:
+        scene: cameras, sparse points and their observations.
         kept: [P], the sparse points that count.
-        best_angle: degrees between the rays of two photos to a point; larger shows depth better, smaller
-            matches better.
+        views: indices of the views to choose for and from.
+        count: maximum number of neighbours of a view.
+        options: angles, and how well a neighbour must fit.
+
+    Returns:
+        view -> its neighbours, best first.
     """
-    shared, angle = _overlap(scene, kept, views)
-    return {i: _best(shared[n], angle[n], views, count, best_angle) for n, i in enumerate(views)}
+    shared, angle = _overlap(scene, kept, views, options.least_shared)
+    return {i: [views[k] for k in _best(shared[n], angle[n], count, options)] for n, i in enumerate(views)}
 
 
 def point_sets(scene: Scene, kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
@@ -38,9 +58,13 @@ def point_sets(scene: Scene, kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]
 
 
 def _overlap(
-    scene: Scene, kept: NDArray[np.bool_], views: Sequence[int]
+    scene: Scene, kept: NDArray[np.bool_], views: Sequence[int], least_shared: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Per pair of views: how many kept points both observed, and the median angle between their rays (degrees)."""
+    """Compute per pair of views how many kept points both observed, and the median angle between their rays.
+
+    Returns:
+        counts [V, V], 0 below ``least_shared``, and angles [V, V] in degrees.
+    """
     sets = point_sets(scene, kept)
     count = len(views)
     shared, angle = np.zeros((count, count)), np.zeros((count, count))
@@ -50,7 +74,7 @@ def _overlap(
     # same point in later views follow each one.
     point = np.concatenate([sets[i] for i in views])
     view = np.repeat(np.arange(count), [len(sets[i]) for i in views])
-    rays = np.concatenate([_rays(scene.points[sets[i]] - scene.views[i].centre) for i in views])
+    rays = np.concatenate([unit_vectors(scene.points[sets[i]] - scene.views[i].centre) for i in views])
     by_point = np.argsort(point, kind="stable")
     place = np.empty(len(point), np.int64)
     place[by_point] = np.arange(len(point))
@@ -61,7 +85,7 @@ def _overlap(
         steps = np.arange(len(first)) - np.repeat(np.cumsum(later) - later, later)
         other = by_point[place[first] + 1 + steps]
         number = np.bincount(view[other], minlength=count)
-        enough = number[view[other]] >= LEAST_SHARED
+        enough = number[view[other]] >= least_shared
         first, other = first[enough], other[enough]
         b, middle = _medians(view[other], np.einsum("ni,ni->n", rays[first], rays[other]))
         shared[a, b] = shared[b, a] = number[b]
@@ -70,23 +94,19 @@ def _overlap(
 
 
 def _medians(group: NDArray[np.int64], values: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The groups that occur and the median of the values (-1 to 1) of each."""
+    """Return the groups that occur and the median of the values (-1 to 1) of each."""
     values = values[np.argsort(4.0 * group + values)]  # four times as fast as np.lexsort
     found, size = np.unique(group, return_counts=True)
     start = np.cumsum(size) - size
     return found, (values[start + (size - 1) // 2] + values[start + size // 2]) / 2
 
 
-def _rays(away: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit directions [N, 3]."""
-    return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12), np.float64)
-
-
 def _best(
-    shared: NDArray[np.float64], angle: NDArray[np.float64], views: Sequence[int], count: int, best_angle: float
-) -> list[int]:
-    least, _, most = ANGLES
-    fits = (shared >= LEAST_SHARED) & (angle >= least) & (angle <= most)
-    score = np.where(fits, np.sqrt(shared) * np.exp(-(np.log(np.maximum(angle, 1e-3) / best_angle) ** 2)), 0)
+    shared: NDArray[np.float64], angle: NDArray[np.float64], count: int, options: NeighbourOptions
+) -> NDArray[np.int64]:
+    """Return the positions of the best neighbours of one view, best first, by shared points and angles [V] each."""
+    least, best, most = options.angles
+    fits = (shared >= options.least_shared) & (angle >= least) & (angle <= most)
+    score = np.where(fits, np.sqrt(shared) * np.exp(-(np.log(np.maximum(angle, 1e-3) / best) ** 2)), 0)
     order = np.argsort(-score, kind="stable")[:count]
-    return [views[k] for k in order if score[k] > LEAST_SCORE * score[order[0]]]
+    return order[score[order] > options.least_score * score[order[:1]]]

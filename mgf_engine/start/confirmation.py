@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many of the photos that ought to see a stereo point do: what mirrors show, single pairs agree on alone."""
+"""Compute how many of the photos that ought to see a stereo point do.
+
+Single pairs agree on what a mirror shows; photos from other places contradict them.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.geometry.normals import principal_normals
+from mgf_engine.geometry.normals import principal_normals, unit_vectors
 from mgf_engine.model.masks import building
-from mgf_engine.scene.depths import TOLERANCE, Depths
+from mgf_engine.scene.depths import Depths
 from mgf_engine.start.options import DenseOptions
 from mgf_engine.start.views import StartViews
 
@@ -32,8 +35,12 @@ def confirmed_share(
     angle, or its own depth lies before the point.
 
     Args:
-        points, normals: [N, 3], normalised frame; normals of either sign.
+        views: cameras and masks.
+        depths: the depth maps.
+        points: [N, 3], normalised frame.
+        normals: unit vectors of either sign, [N, 3].
         seen: of each point, positions of the views that see it.
+        o: angles from which a photo need not see a point.
 
     Returns:
         [N], above 0, at most 1.
@@ -44,15 +51,15 @@ def confirmed_share(
     towards = _mean_directions(points, np.concatenate(seen), count, views.centres)
     expected = np.zeros(len(points), np.int64)
     for number, centre in enumerate(views.centres):
-        direction = _unit(centre - points)
+        direction = unit_vectors(centre - points)
         aside = (direction * towards).sum(1) < np.cos(np.radians(o.largest_angle))
         grazing = np.abs((direction * normals).sum(1)) < np.cos(np.radians(o.grazing_angle))
-        expected += _unhidden(views, depths, number, points) & ~aside & ~grazing
+        expected += _shows(views, depths, number, points) & ~aside & ~grazing
     return count / np.maximum(expected, count)
 
 
 def surface_normals(points: NDArray[np.float64], neighbours: int) -> NDArray[np.float64]:
-    """Unit normals of points [N, 3] by principal components of their neighbours, of either sign; [N, 3]."""
+    """Compute unit normals of points [N, 3] by principal components of their neighbours, of either sign, [N, 3]."""
     tree, parts = cKDTree(points), [np.zeros((0, 3))]
     for begin in range(0, len(points), _BLOCK):
         near = tree.query(points[begin : begin + _BLOCK], min(neighbours, len(points)))[1]
@@ -63,26 +70,30 @@ def surface_normals(points: NDArray[np.float64], neighbours: int) -> NDArray[np.
 def _mean_directions(
     points: NDArray[np.float64], view: NDArray[np.int64], count: NDArray[np.int64], centres: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """From each point to the views that see it, on average; ``count`` of the views ``view`` belong to each."""
+    """Return unit vectors from points to the views that see them, on average.
+
+    Args:
+        points: [N, 3].
+        view: positions of the views that see the points, those of one point beside each other.
+        count: how many of them belong to each point, [N].
+        centres: of the views, [V, 3].
+
+    Returns:
+        [N, 3].
+    """
     owner = np.repeat(np.arange(len(points)), count)
     total = np.zeros_like(points)
-    np.add.at(total, owner, _unit(centres[view] - points[owner]))
-    return _unit(total)
+    np.add.at(total, owner, unit_vectors(centres[view] - points[owner]))
+    return unit_vectors(total)
 
 
-def _unhidden(views: StartViews, depths: Depths, number: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether a view's mask holds each point, and its depth does not lie before it, bool [N]."""
+def _shows(views: StartViews, depths: Depths, number: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which points [N, 3] a view's mask holds and its depth map does not hide, bool [N]."""
     view, index = views.views[number], views.indices[number]
     uv, z = view.project(points)
     column, row = np.floor(uv).astype(np.int64).T
     result = (z > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
     result[result] = building(views.labels[number])[row[result], column[result]]
-    if index in depths.maps:
-        here = np.flatnonzero(result)
-        known = depths.depth_at(index, points[here])
-        result[here] = (known <= 0) | (z[here] - known <= 2 * TOLERANCE * z[here])
+    here = np.flatnonzero(result)
+    result[here] = ~depths.hides(index, points[here])
     return result
-
-
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))

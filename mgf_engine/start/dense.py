@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dense points by stereo where photos have texture and others confirm them, with the views that saw them."""
+"""Find dense points by stereo where photos have texture and others confirm them, with the views that saw them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.sparse import csr_array, vstack
 from mgf_engine.masks.geometry.visual_hull import with_hull_points
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.scene.depths import Depths, match_photos
+from mgf_engine.scene.depths import Depths, Matching, match_photos
 from mgf_engine.start.confirmation import confirmed_share, surface_normals
 from mgf_engine.start.options import DenseOptions, PointSmoothingOptions
 from mgf_engine.start.smoothing import smooth_points
@@ -32,10 +32,21 @@ def dense_points(
     threads: int,
     check: Callable[[], None],
 ) -> DensePoints:
-    """Match the photos: one point per voxel of ``o.size`` px that enough of the photos confirm, smoothed."""
-    scene, kept = with_hull_points(views.scene, masks, views.indices)
-    inside = lambda i: building(masks.labels[i])  # noqa: E731
-    depths = match_photos(scene, views.indices, kept, inside, o.neighbours, o.longest_side, threads, check)
+    """Match the photos: one point per voxel of ``o.size`` px that enough of the photos confirm, smoothed.
+
+    Args:
+        views: cameras and masks at working size.
+        masks: the building in each photo.
+        o: matching, voxels and confirmation.
+        smoothing: of the points.
+        threads: number of worker threads.
+        check: called between photos; may raise to cancel.
+    """
+    scene, kept = with_hull_points(views.scene, masks, views.indices, o.hull)
+    depths = match_photos(
+        scene, views.indices, kept, lambda i: building(masks.labels[i]),
+        Matching(o.neighbours, o.longest_side, o.stereo), threads, check,
+    )  # fmt: skip
     numbers = [n for n, i in enumerate(views.indices) if i in depths.maps]
     size = o.size * views.pixel
     parts = [VoxelSums.of(np.zeros((0, 3)), csr_array((0, len(views.views)), dtype=np.uint32), views.low, size)]
@@ -56,7 +67,7 @@ def dense_points(
 
 
 def _towards_views(dense: DensePoints, centres: NDArray[np.float64]) -> DensePoints:
-    """The same with normals turned towards the views that see each point, on average."""
+    """Turn the normals towards the views that see each point, on average."""
     middle = np.array([centres[s].mean(0) for s in dense.seen]).reshape(-1, 3)
     away = ((middle - dense.points) * dense.normals).sum(1) < 0
     return replace(dense, normals=np.where(away[:, None], -dense.normals, dense.normals))
@@ -65,7 +76,7 @@ def _towards_views(dense: DensePoints, centres: NDArray[np.float64]) -> DensePoi
 def _confirmed(
     views: StartViews, depths: Depths, number: int, o: DenseOptions
 ) -> tuple[NDArray[np.float64], csr_array]:
-    """Points [N, 3] of one photo and which views saw them, ones in [N, V]."""
+    """Return the points [N, 3] of one photo that others confirm, and which views saw them, ones in [N, V]."""
     photo = depths.photos[views.indices[number]]
     height, width = photo.grey.shape
     color = cv2.resize(views.scene.photo(views.indices[number]), (width, height), interpolation=cv2.INTER_AREA)
@@ -82,10 +93,10 @@ def _confirmed(
 
 
 def _texture(light: NDArray[Any]) -> NDArray[np.float32]:
-    """Root mean square of the gradient in the direction in which it is least, per px within 7 x 7 px, [H, W].
+    """Compute the root mean square of the gradient within 7 x 7 px in its weakest direction, per px, [H, W].
 
-    The smaller eigenvalue of the structure tensor (Shi and Tomasi 1994): along a straight edge nothing tells how far
-    away it is, and edges have points of their own.
+    The smaller eigenvalue of the structure tensor (Shi and Tomasi 1994): a straight edge matches anywhere along itself,
+    and lines have points of their own.
     """
     # OpenCV's tensor is of Sobel differences over a length of two pixels.
     least = np.maximum(cv2.cornerMinEigenVal(light, 7, ksize=3), 0)
@@ -127,7 +138,14 @@ class VoxelSums:
 
     @classmethod
     def of(cls, points: NDArray[np.float64], seen: csr_array, low: NDArray[np.float64], size: float) -> VoxelSums:
-        """Add up points [N, 3] in voxels of a size; ``seen``: ones where a view saw a point, uint32 [N, V]."""
+        """Add up points in voxels.
+
+        Args:
+            points: [N, 3].
+            seen: ones where a view saw a point, uint32 [N, V].
+            low: corner of the grid, [3].
+            size: of a voxel.
+        """
         key = np.floor((points - low) / size).astype(np.int64)
         return cls(key, points, np.ones(len(points), np.int64), seen)._summed()
 
@@ -138,7 +156,7 @@ class VoxelSums:
         return cls(key, total, count, vstack([part.votes for part in parts], format="csr"))._summed()
 
     def _summed(self) -> VoxelSums:
-        """One entry for each voxel."""
+        """Add up the entries of each voxel."""
         order = np.lexsort(self.key.T)
         key = self.key[order]
         start = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(1)][: len(key)])
@@ -149,7 +167,7 @@ class VoxelSums:
         return VoxelSums(key[start], total, count, members @ self.votes)
 
     def means(self, least: int = 2, seen_share: float = 0.4) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-        """Mean points of voxels that hold ``least`` points, and the views that saw more than a share of each."""
+        """Return the mean points [N, 3] of voxels with at least ``least`` points, and the views that saw each."""
         votes = self.votes.sorted_indices()
         row = np.repeat(np.arange(len(self.count)), np.diff(votes.indptr))
         enough = (votes.data > seen_share * self.count[row]) & (self.count[row] >= least)

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lines in space from edges that three or more photos show, and points on them with the views that saw them."""
+"""Find lines in space from edges that three or more photos show, and points on them with the views that saw them."""
 
 from __future__ import annotations
 
+import ctypes
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.native.library import parallel
+from mgf_engine.start.options import SegmentOptions
 from mgf_engine.start.segments import Segments
 
 log = logging.getLogger("mgf")
@@ -21,9 +24,9 @@ class Line:
     """A line in space.
 
     Attributes:
-        ends: [2, 3].
+        ends: [2, 3], normalised frame.
         views: positions of the views that show it, [M].
-        shown: what each of them shows, from the first end, [M, 2].
+        shown: stretch that each of them shows, as distances from the first end, [M, 2].
     """
 
     ends: NDArray[np.float64]
@@ -38,7 +41,7 @@ class Line:
 
 
 def neighbours_of(segments: Segments) -> NDArray[np.int32]:
-    """The photos each photo is compared with, nearest in angle first, -1 for none, [V, count]."""
+    """Choose the photos each photo is compared with, nearest in angle first, -1 for none, [V, count]."""
     angles, (least, most) = segments.views.angles, segments.options.angles
     fits = np.where((angles > least) & (angles < most), angles, np.inf)
     order = np.argsort(fits, 1, kind="stable")[:, : segments.options.neighbours]
@@ -48,7 +51,11 @@ def neighbours_of(segments: Segments) -> NDArray[np.int32]:
 def match_segments(
     segments: Segments, neighbours: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each segment the line [S, 2, 3] that most neighbours see, and the sum of their supports [S]; 0 for none."""
+    """Find for each segment the line that most neighbours see (kernel ``mgf_match_segments``).
+
+    Returns:
+        lines [S, 2, 3], and the sum of their neighbours' supports [S]; 0 for none.
+    """
     lines, score = np.zeros((len(segments.ends), 2, 3)), np.zeros(len(segments.ends))
     box = np.ascontiguousarray(np.stack([segments.views.low, segments.views.high]))
     sine = float(np.sin(np.radians(segments.options.angles[0])))
@@ -62,11 +69,16 @@ def match_segments(
 def fit_segments(
     segments: Segments, own: NDArray[np.int32], lines: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float32], NDArray[np.float64]]:
-    """Lines [N, 2, 3] of the segments ``own`` [N] where all photos want them.
+    """Fit lines to all segments that support them (kernel ``mgf_fit_segments``).
+
+    Args:
+        segments: of all photos.
+        own: the segments that the lines come from, [N].
+        lines: where the fit begins, [N, 2, 3].
 
     Returns:
         lines [N, 2, 3]; the segment of each photo that supports each, -1 for none, [N, V]; its residual in px [N, V];
-        and what of the line it shows, [N, V, 2].
+        and the stretch of the line that it shows, [N, V, 2].
     """
     count, views = len(own), len(segments.views.views)
     lines, rows = np.ascontiguousarray(lines).copy(), np.zeros((count, views), np.int32)
@@ -78,14 +90,13 @@ def fit_segments(
     return lines, rows, residuals, ends
 
 
-def _by_reference(segments: Segments) -> object:
-    import ctypes
-
+def _by_reference(segments: Segments) -> ctypes.c_void_p:
+    """Return the address of the segments' table."""
     return ctypes.c_void_p(ctypes.addressof(segments.table))
 
 
 def find_lines(segments: Segments) -> list[Line]:
-    """The lines of a building, strongest first; each explains at least three segments that no earlier one does."""
+    """Find the lines of a building, strongest first; each explains enough segments that no earlier one does."""
     o, lengths = segments.options, segments.lengths
     hypotheses, score = match_segments(segments, neighbours_of(segments))
     own = np.flatnonzero(score > o.least_score).astype(np.int32)
@@ -105,14 +116,24 @@ def _unexplained(
     fitted: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float32], NDArray[np.float64]],
     used: NDArray[np.bool_],
 ) -> list[Line]:
-    """Those of the fitted lines that pass; marks the segments they explain in ``used``."""
+    """Keep the fitted lines that explain enough segments that no line before them does.
+
+    Args:
+        segments: of all photos.
+        own: the segment that each line comes from, [N].
+        fitted: as :func:`fit_segments` returns them.
+        used: whether a line explains each segment, bool [S]; those that the kept lines explain are marked.
+    """
     o, views = segments.options, segments.views
     lines, rows, residuals, ends = fitted
     good = (rows >= 0) & (residuals < o.residual)
     candidates = (good.sum(1) >= o.least_views) & np.take_along_axis(good, segments.view[own][:, None], 1)[:, 0]
     share = np.linspace(0, 1, 9)
     at = lines[:, None, 0] + share[None, :, None] * (lines[:, None, 1] - lines[:, None, 0])
-    outside = views.outside_views(at.reshape(-1, 3), 2.0, o.outside_views).reshape(len(own), -1) >= o.outside_views
+    outside = (
+        views.outside_views(at.reshape(-1, 3), o.outside_margin, o.outside_views).reshape(len(own), -1)
+        >= o.outside_views
+    )
     candidates &= (outside.mean(1) <= o.outside_share) & (np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > 1e-9)
     result = []
     for n in np.flatnonzero(candidates):
@@ -128,7 +149,7 @@ def _unexplained(
 
 
 def _spread(line: NDArray[np.float64], centres: NDArray[np.float64]) -> float:
-    """The largest angle between the planes through a line [2, 3] and cameras [M, 3], degrees."""
+    """Compute the largest angle between the planes through a line [2, 3] and cameras [M, 3], degrees."""
     d = line[1] - line[0]
     d = d / np.linalg.norm(d)
     to = centres - line.mean(0)
@@ -138,14 +159,24 @@ def _spread(line: NDArray[np.float64], centres: NDArray[np.float64]) -> float:
 
 
 def line_points(
-    lines: list[Line], step: float, pixel: float, least: int = 3
+    lines: Sequence[Line], pixel: float, o: SegmentOptions
 ) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Points every ``step`` where at least ``least`` views show a line [N, 3], and positions of those views."""
+    """Place points every ``o.step`` px where enough views show a line.
+
+    Args:
+        lines: normalised frame.
+        pixel: size of a pixel at the building.
+        o: ``step``, ``least_views`` and ``shortest_line``.
+
+    Returns:
+        points [N, 3], and positions of the views that show each.
+    """
     points: list[NDArray[np.float64]] = []
     seen: list[NDArray[np.int64]] = []
+    step, least = o.step * pixel, o.least_views
     for line in lines:
         low, high = np.sort(line.shown[:, 0])[least - 1], np.sort(line.shown[:, 1])[-least]
-        if high - low < 2 * pixel:
+        if high - low < o.shortest_line * pixel:
             continue
         at = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
         cover = (line.shown[:, 0] <= at[:, None] + 0.5 * step) & (line.shown[:, 1] >= at[:, None] - 0.5 * step)

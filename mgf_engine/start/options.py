@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
+from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
+from mgf_engine.scene.stereo import StereoOptions
 
 
 @dataclass(frozen=True)
@@ -16,12 +18,19 @@ class ViewOptions:
     longest_side: int = parameter(750, "Longest side of the photos", "px", low=16)
     padding: float = parameter(0.3, "Space around the points, as a share of their box's longest side")
     least_track: int = parameter(3, "Minimum number of photos that observed a sparse point", low=1)
+    track_share: float = parameter(0.66, "Share of those photos whose masks must hold the point", high=1)
+    percentiles: tuple[float, float] = parameter(
+        (2.0, 98.0), "Percentiles of the sparse points between which the building lies", high=100
+    )
     hull_views: int = parameter(4, "Number of masks that call a cell outside, for the hull that masks are tested with")
     hull_cells: int = parameter(60, "Number of cells of that hull along its longest side", low=1)
     distrust_factor: float = parameter(
         3.0, "Share of the hull that a mask may cut off, as a factor of the median of all masks"
     )
     distrust_share: float = parameter(0.02, "Share of the hull that each mask may cut off", high=1)
+    hull_margin: float = parameter(2.0, "Distance from a mask from which it calls a cell of that hull outside", "px")
+
+    hull: MaskHullOptions = MaskHullOptions()
 
 
 @dataclass(frozen=True)
@@ -31,6 +40,10 @@ class SegmentOptions:
     shortest: float = parameter(10.0, "Minimum length of a segment", "px")
     most: int = parameter(600, "Maximum number of segments per photo; the longest are kept", low=1)
     margin: int = parameter(6, "Distance from the mask up to which segments count", "px")
+    side: tuple[float, float] = parameter((2.0, 4.0), "Distances from an edge between which its colours are read", "px")
+    along: tuple[float, float] = parameter(
+        (0.15, 0.85), "Places along an edge between which its colours are read, as shares of its length", high=1
+    )
     neighbours: int = parameter(14, "Number of photos that each photo is compared with", low=1)
     angles: tuple[float, float] = parameter(
         (4.0, 55.0), "Angle between the viewing directions of two compared photos", "degrees", high=180
@@ -43,7 +56,10 @@ class SegmentOptions:
     residual: float = parameter(1.0, "Maximum residual of a segment that supports the fitted line", "px")
     spread: float = parameter(10.0, "Minimum angle between two rays to a line", "degrees")
     outside_views: int = parameter(2, "Number of masks that must call a point of a line outside", low=1)
+    outside_margin: float = parameter(2.0, "Distance from a mask from which a point of a line is outside", "px")
     outside_share: float = parameter(0.3, "Share of a line that may lie outside", high=1)
+    step: float = parameter(4.0, "Distance between the points on a line", "px", low=0.5)
+    shortest_line: float = parameter(2.0, "Minimum length of a line that gets points", "px")
 
 
 @dataclass(frozen=True)
@@ -51,6 +67,18 @@ class PlaneOptions:
     """Planes through lines."""
 
     near: float = parameter(1.0, "Maximum distance of a line from its plane", "px")
+    near_sparse: float = parameter(2.0, "Such distance of a sparse point that moves onto a plane, as a factor of near")
+    near_dense: float = parameter(1.5, "Such distance of a stereo point that moves onto a plane, as a factor of near")
+    longest_move: float = parameter(2.0, "Maximum move of a point onto several planes, as a factor of its distance")
+    on_plane: float = parameter(
+        0.1, "Distance from a plane up to which a moved point lies on it, as a share of that distance", high=1
+    )
+    common_cosine: float = parameter(
+        0.97, "Cosine between the normals of two planes from which no point moves onto both", high=1
+    )
+    common_rank: float = parameter(
+        0.05, "Singular value, as a share of the largest, up to which a point does not move along a direction", high=1
+    )
     most: int = parameter(62, "Maximum number of planes", low=1, high=62)
     least: float = parameter(40.0, "Minimum length of lines that a plane carries", "px")
     grid: float = parameter(12.0, "Distance between the points on a plane", "px", low=1)
@@ -60,14 +88,32 @@ class PlaneOptions:
     direction_angle: float = parameter(3.0, "Maximum angle between a line and its dominant direction", "degrees")
     direction_share: float = parameter(0.04, "Minimum share of all line length along a dominant direction", high=1)
     directions: int = parameter(8, "Maximum number of dominant directions")
+    direction_sine: float = parameter(
+        0.5, "Minimum sine of the angle between the two dominant directions of a plane", high=1
+    )
     parallel: float = parameter(4.0, "Maximum angle between two lines that count as parallel", "degrees")
+    apart: float = parameter(5.0, "Minimum distance of two parallel lines that make a plane", "px")
     crossing: float = parameter(15.0, "Minimum angle between two lines that count as crossing", "degrees")
     along: float = parameter(2.0, "Maximum angle between a line and a plane of two dominant directions", "degrees")
     candidates: int = parameter(4000, "Maximum number of pairs of lines that are tried", low=1)
     regular_weight: float = parameter(2.0, "Weight of planes along two dominant directions")
     longest: float = parameter(100.0, "Length up to which a line counts", "px")
+    carried: tuple[float, float] = parameter(
+        (0.7, 0.1), "Weight of a line that one stronger plane carries, and of one that several carry", high=1
+    )
+    cross_factor: float = parameter(
+        3.0, "Line length that counts, as a factor of the length of the lines that cross the longest one"
+    )
+    regular_share: float = parameter(
+        0.5, "Share of the line length that counts in any case on planes along two dominant directions", high=1
+    )
+    strength_share: float = parameter(0.2, "Share of the line length that counts in any case in the strength", high=1)
+    strongest: int = parameter(3, "Number of the strongest planes whose mean strength counts as 1", low=1)
     same_cosine: float = parameter(0.9995, "Minimum cosine between the normals of two planes that are one", high=1)
     same_distance: float = parameter(0.5, "Maximum distance of two planes that are one", "px")
+    layer_cosine: float = parameter(0.995, "Minimum cosine between the normals of such parallel planes", high=1)
+    crease_sine: float = parameter(0.25, "Minimum sine of the angle between planes that meet in a crease", high=1)
+    crease_reach: float = parameter(1.2, "Distance of a crease from the points of its planes, as a factor of grid")
     contradiction_radius: float = parameter(10.0, "Radius in which stereo points contradict a plane", "px")
     contradiction_points: int = parameter(4, "Minimum number of stereo points that contradict", low=1)
     contradiction_distance: float = parameter(2.0, "Median distance from which stereo points contradict", "px")
@@ -92,6 +138,9 @@ class DenseOptions:
     least_share: float = parameter(0.5, "Minimum share of the photos that ought to see a point and do", high=1)
     full_share: float = parameter(0.9, "Such share from which a point counts in full", low=0.01, high=1)
     weight: float = parameter(0.3, "Weight of a ray to a point; one to a point on a line weighs 1")
+
+    stereo: StereoOptions = StereoOptions()
+    hull: MaskHullOptions = MaskHullOptions()
 
 
 @dataclass(frozen=True)
@@ -125,6 +174,11 @@ class CutOptions:
     outside_views: int = parameter(2, "Number of masks that must call a point outside", low=1)
     margin: float = parameter(1.5, "Distance from the mask from which a point is outside", "px")
     outside_share: float = parameter(0.5, "Share of a tetrahedron outside from which all of it is outside", high=1)
+    least_points: int = parameter(20, "Minimum number of points that photos show, for a surface to be found", low=4)
+    merge: float = parameter(0.5, "Side of the cubes in which points are one", "px", low=0.01)
+    padding: float = parameter(
+        0.5, "Space around the points up to points that are outside, as a share of the longest side", low=0.01
+    )
 
 
 @dataclass(frozen=True)

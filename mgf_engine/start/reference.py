@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plain twins of the kernels of the starting surface, float64, one item at a time, for tests."""
+"""References of the kernels of the starting surface: float64, one item at a time, for tests."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.start.cut import Tetrahedra
+from mgf_engine.start.options import PlaneOptions
 from mgf_engine.start.segments import Segments
+from mgf_engine.start.tetrahedra import Tetrahedra
 
 Array = NDArray[np.float64]
 
 
 def _projected(p: Array, x: Array) -> Array | None:
+    """Project a point [3] to pixels [2] by a matrix [3, 4]; None behind the camera."""
     w = p[2, :3] @ x + p[2, 3]
     return None if w <= 0 else (p[:2, :3] @ x + p[:2, 3]) / w
 
 
 def _image_line(segments: Segments, view: int, line: Array) -> tuple[Array, Array, float] | None:
-    """Start, unit direction and length in pixels of a line's projection; None where it has none to speak of."""
+    """Project a line [2, 3]: start, unit direction and length in pixels; None below 4 px or behind the camera."""
     a, b = (_projected(segments.views.projections[view], x) for x in line)
     if a is None or b is None or np.linalg.norm(b - a) < 4:
         return None
@@ -49,7 +51,7 @@ def same_colour(segments: Segments, n: int, m: int) -> bool:
 
 
 def vote(segments: Segments, view: int, line: Array, n: int) -> tuple[int, float]:
-    """The segment of a photo that fits a line of segment ``n`` best, and its score; -1, 0 for none."""
+    """Find the segment of a photo that fits a line of segment ``n`` best, and its score; -1, 0 for none."""
     rows = range(segments.first[view], segments.first[view + 1])
     scores = [support(segments, m, line, segments.options.reach) * same_colour(segments, n, m) for m in rows]
     best = int(np.argmax(scores)) if scores else -1
@@ -57,7 +59,7 @@ def vote(segments: Segments, view: int, line: Array, n: int) -> tuple[int, float
 
 
 def match_segment(segments: Segments, n: int, neighbours: NDArray[np.int32]) -> tuple[Array, float]:
-    """The line [2, 3] of a segment that most neighbours see, and the sum of their supports; score 0 for none."""
+    """Find the line [2, 3] of a segment that most neighbours see, and the sum of their supports; 0 for none."""
     best, score, view = np.zeros((2, 3)), 0.0, int(segments.view[n])
     others = [int(v) for v in neighbours[view] if v >= 0]
     for other in others:
@@ -72,7 +74,7 @@ def match_segment(segments: Segments, n: int, neighbours: NDArray[np.int32]) -> 
 
 
 def line_of(segments: Segments, n: int, m: int) -> Array | None:
-    """The line that two segments make, None outside of the box or where it is badly known."""
+    """Intersect the planes of two segments: a line [2, 3]; None outside of the box or at a small angle."""
     p, q = segments.normals[n], segments.normals[m]
     if np.linalg.norm(np.cross(p, q)) < np.sin(np.radians(segments.options.angles[0])):
         return None
@@ -87,8 +89,17 @@ def line_of(segments: Segments, n: int, m: int) -> Array | None:
 
 
 def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple[int, list[tuple[int, int, float]]]:
-    """The cell of the camera and (cell, face, share of the weight) of every face a point's ray passes, by brute force:
-    all faces of all tetrahedra are intersected with the segment."""
+    """Cast a point's ray by brute force: all faces of all tetrahedra are intersected with the segment.
+
+    Args:
+        shape: the tetrahedra.
+        point: number of the point.
+        centre: of the camera, [3].
+        soft: uncertainty of the point along the ray.
+
+    Returns:
+        The tetrahedron of the camera, and (tetrahedron, face, share of the weight) of every face that the ray passes.
+    """
     origin = shape.points[point]
     d = centre - origin
     length = float(np.linalg.norm(d))
@@ -114,7 +125,7 @@ def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple
 
 
 def count_outside(points: Array, projections: Array, outside: NDArray[np.uint8], margin: float) -> NDArray[np.int64]:
-    """As :func:`mgf_engine.start.views.count_outside`, not bounded."""
+    """Count as :func:`mgf_engine.start.views.count_outside` does, without a bound."""
     result = np.zeros(len(points), np.int64)
     for p, distance in zip(projections, outside, strict=True):
         for n, x in enumerate(points):
@@ -127,7 +138,19 @@ def count_outside(points: Array, projections: Array, outside: NDArray[np.uint8],
 def smooth_point(
     points: Array, row: int, neighbours: NDArray[np.int64], radius: float, offset: float, most: float
 ) -> tuple[Array, Array]:
-    """A point [3] moved onto the plane through its neighbours (rows of points), and that plane's unit normal [3]."""
+    """Move a point onto the plane through its neighbours as the kernel ``mgf_smooth_points`` does.
+
+    Args:
+        points: [N, 3].
+        row: the point's number.
+        neighbours: numbers of its neighbours.
+        radius: standard deviation of their weight by distance.
+        offset: standard deviation of their weight by distance from the plane.
+        most: longest move.
+
+    Returns:
+        The point [3] and the plane's unit normal [3].
+    """
     near = points[neighbours]
     normal = np.linalg.svd(near - near.mean(0))[2][2]
     away, along = near - points[row], (near - points[row]) @ normal
@@ -139,17 +162,17 @@ def smooth_point(
     return points[row] + np.clip(mean, -most, most) * normal, normal
 
 
-def snap(points: Array, planes: Array, near: Array) -> Array:
-    """Points [N, 3] moved as by :func:`mgf_engine.start.planes.snap` onto planes [K, 4]."""
+def snap_to_planes(points: Array, planes: Array, near: Array, o: PlaneOptions) -> Array:
+    """Move points [N, 3] onto planes [K, 4] as :func:`mgf_engine.start.planes.snap_to_planes` does."""
     normals, distance, out = planes[:, :3], points @ planes[:, :3].T + planes[:, 3], points.copy()
     for n in range(len(points)):
         rows: list[int] = []
         for k in np.argsort(np.abs(distance[n])):
             if abs(distance[n, k]) >= near[n] or len(rows) == 3:
                 break
-            if all(abs(normals[k] @ normals[r]) < 0.97 for r in rows):
+            if all(abs(normals[k] @ normals[r]) < o.common_cosine for r in rows):
                 rows.append(int(k))
         if rows:
-            move = -np.linalg.lstsq(normals[rows], distance[n, rows], rcond=0.05)[0]
-            out[n] += move if np.linalg.norm(move) < 2 * near[n] else 0
+            move = -np.linalg.lstsq(normals[rows], distance[n, rows], rcond=o.common_rank)[0]
+            out[n] += move if np.linalg.norm(move) < o.longest_move * near[n] else 0
     return out

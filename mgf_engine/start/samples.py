@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points with normals on the starting surface, as dense as the field needs them."""
+"""Sample points with normals on the starting surface, as dense as the field needs them."""
 
 from __future__ import annotations
 
@@ -27,13 +27,23 @@ class SampleOptions:
         0.8, "Minimum distance of two points as a share of the spacing; 0.8 gives as many points as a grid"
     )
     least_views: int = parameter(2, "Minimum number of photos that show a point", low=1)
+    depth_tolerance: float = parameter(
+        0.01, "Difference of depth up to which a photo shows a point, as a share of the depth", low=1e-6
+    )
     least_facing: float = parameter(0.05, "Minimum cosine between a face's normal and the viewing direction", high=1)
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Points [N, 3], ``spacing`` apart, with the face [N] each lies on, outward unit normals [N, 3] and colours uint8
-    [N, 3]."""
+    """Samples of a surface.
+
+    Attributes:
+        points: [N, 3], normalised frame.
+        faces: the face that each lies on, [N].
+        normals: outward unit normals, [N, 3].
+        colors: uint8 [N, 3].
+        spacing: their distance from each other.
+    """
 
     points: NDArray[np.float64]
     faces: NDArray[np.int64]
@@ -51,7 +61,17 @@ def sample_surface(
     seed: int = 0,
     options: SampleOptions = SampleOptions(),
 ) -> Samples:
-    """Points on what the photos ``indices`` show of a surface, about ``spacing`` apart, and at most about ``most``."""
+    """Sample the faces of a surface that photos show.
+
+    Args:
+        mesh: normalised frame.
+        scene: photos and cameras.
+        indices: the photos.
+        most: approximate maximum number of samples; ``spacing`` grows for that.
+        spacing: distance between samples.
+        seed: of the random points.
+        options: of the sampling.
+    """
     shown = _shown(mesh, scene, indices)
     mesh = Mesh(mesh.vertices, mesh.faces[shown], mesh.colors)
     area = face_areas(mesh)
@@ -67,7 +87,17 @@ def sample_surface(
 def sample_poisson_disk(
     mesh: Mesh, spacing: float, generator: np.random.Generator, options: SampleOptions = SampleOptions()
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Faces [N] and points on them [N, 3], about ``spacing`` apart (Poisson disks)."""
+    """Sample a mesh by Poisson disks.
+
+    Args:
+        mesh: any.
+        spacing: approximate distance between samples.
+        generator: of the random points.
+        options: of the sampling.
+
+    Returns:
+        faces [N] and points on them [N, 3].
+    """
     area = face_areas(mesh)
     total = np.cumsum(area)
     count = int(np.ceil(options.candidates * total[-1] / spacing**2))
@@ -82,9 +112,12 @@ def sample_poisson_disk(
 
 
 def poisson_disk_subset(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
-    """Numbers of points [N, 3] of which no two are nearer than ``radius`` and to which none can be added.
+    """Choose points of [N, 3] of which no two are nearer than ``radius`` and to which none can be added.
 
-    Of points that are all in each other's way the first stays (Luby's maximal independent set).
+    Of points that are all nearer to each other the first stays (Luby's maximal independent set).
+
+    Returns:
+        Their numbers, ascending.
     """
     pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
     state = np.zeros(len(points), np.int8)  # 0: not decided, 1: stays, -1: goes
@@ -101,7 +134,7 @@ def poisson_disk_subset(points: NDArray[np.float64], radius: float) -> NDArray[n
 
 
 def _shown(mesh: Mesh, scene: Scene, indices: Sequence[int]) -> NDArray[np.bool_]:
-    """Faces that at least one photo shows from the front, bool [F]."""
+    """Tell which faces at least one photo shows from the front, bool [F]."""
     result, normals = np.zeros(len(mesh.faces), bool), face_normals(mesh)
     middle = mesh.vertices[mesh.faces].mean(1)
     for i in indices:
@@ -120,7 +153,20 @@ def _colors(
     spacing: float,
     options: SampleOptions,
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Mean colours ``spacing`` around points [N, 3] in the photos that show them; whether enough do, bool [N]."""
+    """Average the colours around points in the photos that show them.
+
+    Args:
+        mesh: what hides points from photos.
+        scene: photos and cameras.
+        indices: the photos.
+        points: on the mesh, [N, 3].
+        normals: outward, [N, 3].
+        spacing: side of the square that each point stands for.
+        options: which photos show a point.
+
+    Returns:
+        colours uint8 [N, 3], and whether enough photos show each point, bool [N].
+    """
     total, weight, views = np.zeros((len(points), 3)), np.zeros(len(points)), np.zeros(len(points), int)
     for i in indices:
         view = scene.views[i]
@@ -132,7 +178,7 @@ def _colors(
         framed = (depth > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
         rows, at, depth = rows[framed], (row[framed].astype(int), column[framed].astype(int)), depth[framed]
         surface = render_mesh(mesh, view).depth[at]
-        shown = (surface > 0) & (np.abs(surface - depth) < 0.01 * depth)
+        shown = (surface > 0) & (np.abs(surface - depth) < options.depth_tolerance * depth)
         if not shown.any():
             continue
         size = max(1, round(spacing * view.fx / float(np.median(depth[shown]))))  # px that a sample stands for

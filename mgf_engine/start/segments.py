@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Straight edges in photos: detection, the colours beside them, and the table that the kernels search."""
+"""Detect straight edges in photos, with the colours beside them and the table that the kernels search."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from mgf_engine.native.parallel import parallel_map
 from mgf_engine.start.options import SegmentOptions
 from mgf_engine.start.views import StartViews
 
-_SIDE = np.linspace(2.0, 4.0, 3)  # px beside the edge where its colours are read,
-_ALONG = np.linspace(0.15, 0.85, 7)  # and where along it
+_COLOUR_PLACES = 3, 7  # where the colours beside an edge are read: steps away from it, and along it
 _CELL = 8.0  # px, of the grid that tells which segments pass near a pixel
 _POINTERS = ("ends", "sides", "rays", "normals", "view", "projection", "centre", "first", "grid", "cell", "near")
 
@@ -28,7 +27,7 @@ class Segments:
     """Edges of all photos; ``S`` segments, ``V`` views, those of one photo beside each other.
 
     Attributes:
-        ends: float64 [S, 4], x1 y1 x2 y2 in pixels; the brighter side always on the same hand.
+        ends: float64 [S, 4], x1 y1 x2 y2 in pixels, in the order that has the brighter side on the same hand.
         sides: float32 [S, 2, 3], Lab of the brighter and the darker side.
         rays: float64 [S, 2, 3], unit directions of the ends in the normalised frame.
         view: int32 [S].
@@ -47,7 +46,7 @@ class Segments:
 
     @property
     def lengths(self) -> NDArray[np.float64]:
-        """Pixels, [S]."""
+        """Lengths in pixels, [S]."""
         return np.hypot(*(self.ends[:, 2:] - self.ends[:, :2]).T)
 
     @cached_property
@@ -58,7 +57,11 @@ class Segments:
 
     @cached_property
     def grid(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-        """Columns, rows and first cell of each photo's grid [V, 3]; where cells begin [C + 1] in the segments' list."""
+        """The grids of cells that tell which segments pass near a pixel.
+
+        Columns, rows and first cell of each photo's grid [V, 3]; where each cell begins in the list of segments
+        [C + 1]; and that list.
+        """
         reach = self.options.reach + 0.5
         size = np.array([[np.ceil(v.width / _CELL), np.ceil(v.height / _CELL)] for v in self.views.views], np.int64)
         base = np.concatenate([[0], np.cumsum(size.prod(1))])
@@ -81,7 +84,7 @@ class Segments:
 
     @cached_property
     def table(self) -> Any:
-        """As ``native/csrc/image/segments.c`` takes it (struct Segments); holds on to its arrays."""
+        """The ``struct Segments`` of ``native/csrc/image/segments.c``; it keeps its arrays alive."""
         grid, cell, near = self.grid
         arrays: tuple[NDArray[Any], ...] = (
             self.ends, self.sides, self.rays, self.normals, self.view, self.views.projections, self.views.centres,
@@ -98,7 +101,7 @@ class Segments:
 
 
 def find_segments(views: StartViews, options: SegmentOptions, threads: int) -> Segments:
-    """The edges of all photos in and beside their masks."""
+    """Detect the edges of all photos in and beside their masks."""
     found = list(parallel_map(lambda n: _detect(views, n, options), range(len(views.views)), threads))
     first = np.cumsum([0, *(len(ends) for ends, _ in found)]).astype(np.int32)
     ends = np.concatenate([ends for ends, _ in found])
@@ -109,14 +112,14 @@ def find_segments(views: StartViews, options: SegmentOptions, threads: int) -> S
 
 
 def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit directions [N, 3] in the normalised frame of pixels [N, 2] of views ``number`` [N]."""
+    """Return unit directions [N, 3] in the normalised frame of pixels [N, 2] of views ``number`` [N]."""
     inverse = np.stack([np.linalg.inv(p[:, :3]) for p in views.projections])
     rays = np.einsum("nij,nj->ni", inverse[number], np.c_[uv, np.ones(len(uv))])
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
 def _detect(views: StartViews, number: int, o: SegmentOptions) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Ends [N, 4] and colours of both sides [N, 2, 3] of a photo's longest edges."""
+    """Detect a photo's longest edges; returns their ends [N, 4] and the Lab colours of both sides [N, 2, 3]."""
     photo = views.photo(number)
     lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2Lab), np.float32)
     grey = np.clip(lab[..., 0] * 2.55, 0, 255).astype(np.uint8)
@@ -134,7 +137,7 @@ def _detect(views: StartViews, number: int, o: SegmentOptions) -> tuple[NDArray[
     wanted = wanted[np.argsort(-length[wanted], kind="stable")[: o.most]]
     ends, along = ends[wanted], along[wanted]
     across = np.stack([-along[:, 1], along[:, 0]], 1) / length[wanted, None]
-    sides = np.stack([_side_colours(lab, ends, along, sign * across) for sign in (1, -1)], 1)
+    sides = np.stack([_side_colours(lab, ends, along, sign * across, o) for sign in (1, -1)], 1)
     flip = sides[:, 0, 0] < sides[:, 1, 0]
     ends[flip] = ends[flip][:, [2, 3, 0, 1]]
     sides[flip] = sides[flip][:, ::-1]
@@ -142,12 +145,28 @@ def _detect(views: StartViews, number: int, o: SegmentOptions) -> tuple[NDArray[
 
 
 def _side_colours(
-    lab: NDArray[np.float32], ends: NDArray[np.float64], along: NDArray[np.float64], across: NDArray[np.float64]
+    lab: NDArray[np.float32],
+    ends: NDArray[np.float64],
+    along: NDArray[np.float64],
+    across: NDArray[np.float64],
+    o: SegmentOptions,
 ) -> NDArray[np.float32]:
-    """Median colours [N, 3] beside edges."""
+    """Compute the median colours beside edges.
+
+    Args:
+        lab: the photo, [H, W, 3].
+        ends: of the edges, px, [N, 4].
+        along: from the first end to the second, [N, 2].
+        across: unit vectors towards the side, [N, 2].
+        o: where the colours are read.
+
+    Returns:
+        [N, 3].
+    """
     if not len(ends):
         return np.zeros((0, 3), np.float32)
-    at = ends[:, None, None, :2] + _ALONG[None, :, None, None] * along[:, None, None]
-    places = (at + _SIDE[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32)
+    away, share = (np.linspace(*span, count) for span, count in zip((o.side, o.along), _COLOUR_PLACES, strict=True))
+    at = ends[:, None, None, :2] + share[None, :, None, None] * along[:, None, None]
+    places = (at + away[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32)
     read = cv2.remap(lab, places[..., 0] - 0.5, places[..., 1] - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(np.median(read, 1), np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Smoothing of stereo points by robust moving least squares: each moves onto a plane through its neighbours.
+"""Smooth stereo points by robust moving least squares: each moves onto a plane through its neighbours.
 
 Matching in whole steps of disparity scatters points by a pixel or two along their rays. A surface through all of them
 is pitted, and rays to those that lie too deep cut through thin parts. Neighbours far from the plane weigh little, so
@@ -22,8 +22,11 @@ def smooth_points(
     """Move points onto planes through their neighbours (kernel ``mgf_smooth_points``).
 
     Args:
-        points, normals: [N, 3], normalised frame; normals are returned as they are if ``o.rounds`` is 0.
+        points: [N, 3], normalised frame.
+        normals: [N, 3], returned as they are if ``o.rounds`` is 0.
         pixel: size of a pixel at the building.
+        o: number of rounds, neighbours and their weights.
+        threads: number of worker threads.
 
     Returns:
         The points [N, 3] and the unit normals [N, 3] of those planes, of either sign.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The starting surface as a file: the field stage leaves it to the mesh stage."""
+"""Write and read a starting surface: the field stage leaves it to the mesh stage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def write_start(surface: StartSurface, path: Path) -> None:
 
 
 def read_start(path: Path) -> StartSurface | None:
-    """The surface that was written; None where there is none, or none that can be used."""
+    """Read a starting surface; None where there is none, or none that can be used."""
     if not path.exists():
         return None
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The photos, cameras and masks of one building as the starting surface uses them, at its working size."""
+"""Prepare photos, cameras and masks of one building for the starting surface, at its working size."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.rasterize import scaled_view
-from mgf_engine.masks.geometry.visual_hull import FEW, hull_cells
+from mgf_engine.masks.geometry.visual_hull import hull_cells
 from mgf_engine.model.masks import BACKGROUND, MaskSet, building
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.library import parallel
@@ -22,7 +22,7 @@ from mgf_engine.start.options import ViewOptions
 
 @dataclass(frozen=True)
 class StartViews:
-    """What the steps of the starting surface ask of the scene; ``V`` views, in the normalised frame.
+    """The ``V`` views that a starting surface is made from, in the normalised frame.
 
     Attributes:
         indices: their numbers in the scene.
@@ -65,7 +65,7 @@ class StartViews:
         return np.asarray(np.degrees(np.arccos(np.clip(away @ away.T, -1, 1))))
 
     def photo(self, number: int) -> NDArray[np.uint8]:
-        """RGB at working size, uint8 [H, W, 3]."""
+        """Read a photo at working size, RGB, uint8 [H, W, 3]."""
         view, photo = self.views[number], self.scene.photo(self.indices[number])
         if photo.shape[:2] == (view.height, view.width):
             return photo
@@ -77,7 +77,7 @@ class StartViews:
 
 
 def projection(view: View) -> NDArray[np.float64]:
-    """[3, 4], pixels of points in the normalised frame."""
+    """Return the matrix [3, 4] that takes points in the normalised frame to pixels."""
     return np.asarray(view.intrinsics @ np.c_[view.rotation, view.translation])
 
 
@@ -85,7 +85,18 @@ def count_outside(
     points: NDArray[np.float64], projections: NDArray[np.float64], outside: NDArray[np.uint8], margin: float,
     enough: int = 255,
 ) -> NDArray[np.uint8]:  # fmt: skip
-    """Count views that call each point outside (kernel ``mgf_count_outside``); arguments as in :class:`StartViews`."""
+    """Count views that call each point outside (kernel ``mgf_count_outside``).
+
+    Args:
+        points: [N, 3], normalised frame.
+        projections: [V, 3, 4], points to pixels.
+        outside: distances outside of the masks in eighths of a pixel, uint8 [V, H, W].
+        margin: px from the mask from which a point is outside.
+        enough: count up to which views are asked.
+
+    Returns:
+        uint8 [N].
+    """
     result = np.zeros(len(points), np.uint8)
     points, (views, height, width) = np.ascontiguousarray(points, dtype=np.float64), outside.shape
     parallel(
@@ -96,7 +107,13 @@ def count_outside(
 
 
 def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOptions) -> StartViews:
-    """The views ``indices`` of a scene for the starting surface.
+    """Prepare views of a scene for the starting surface.
+
+    Args:
+        scene: photos, cameras and sparse points.
+        masks: the building in each photo.
+        indices: the views.
+        o: working size, and which points and masks count.
 
     Raises:
         BadInput: few sparse points lie on the building, and its masks have no place in common.
@@ -108,12 +125,12 @@ def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOpt
         size = (view.width, view.height)
         views.append(view)
         labels.append(np.asarray(cv2.resize(masks.labels[i], size, interpolation=cv2.INTER_NEAREST), np.uint8))
-    points, seen = _points_of(scene, masks, indices, o.least_track)
-    low, high, cells = _box(scene, masks, indices, points)
+    points, seen = _points_of(scene, masks, indices, o)
+    low, high, cells = _box(scene, masks, indices, points, o)
     pad = o.padding * float((high - low).max())
     middle = (low + high) / 2
     pixel = float(np.median([np.linalg.norm(view.centre - middle) / view.fx for view in views]))
-    if len(points) >= FEW:
+    if len(points) >= o.hull.least_points:
         pixel = _pixel(points, seen, views)
     outside = _outside(labels)
     result = StartViews(scene, list(indices), views, labels, outside, points, seen, pixel, low - pad, high + pad, cells)
@@ -123,28 +140,38 @@ def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOpt
 
 
 def _box(
-    scene: Scene, masks: MaskSet, indices: Sequence[int], points: NDArray[np.float64]
+    scene: Scene, masks: MaskSet, indices: Sequence[int], points: NDArray[np.float64], o: ViewOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Box around the sparse points and the visual hull (plain parts have no points), and the hull's cells.
+    """Compute the box around the sparse points and the visual hull, since plain parts have no points.
+
+    Args:
+        scene: the cameras.
+        masks: the building in each photo.
+        indices: the views.
+        points: sparse points on the building, [N, 3].
+        o: which of them count.
+
+    Returns:
+        low and high corner [3], and the hull's cells [C, 3], none where the masks have no place in common.
 
     Raises:
         BadInput: few points, and masks that have no place in common.
     """
-    if len(points) < FEW:
-        cells, _ = hull_cells(scene, masks, indices)
+    if len(points) < o.hull.least_points:
+        cells, _ = hull_cells(scene, masks, indices, o.hull)
         return cells.min(0), cells.max(0), cells
-    low, high = np.percentile(points, [2, 98], axis=0)
+    low, high = np.percentile(points, o.percentiles, axis=0)
     try:
-        cells, _ = hull_cells(scene, masks, indices)
+        cells, _ = hull_cells(scene, masks, indices, o.hull)
     except BadInput:
         return low, high, np.zeros((0, 3))
     return np.minimum(low, cells.min(0)), np.maximum(high, cells.max(0)), cells
 
 
 def _points_of(
-    scene: Scene, masks: MaskSet, indices: Sequence[int], least_track: int
+    scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOptions
 ) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Sparse points that enough of the views saw inside of their masks [N, 3], and positions of those views."""
+    """Return the sparse points that enough views saw inside of their masks [N, 3], and positions of those views."""
     position = np.full(len(scene.views), -1)
     position[list(indices)] = np.arange(len(indices))
     number, point = position[scene.track_view], scene.track_point
@@ -156,12 +183,13 @@ def _points_of(
     used = (number >= 0) & masks.point_mask[point]
     track = np.bincount(point[used], minlength=len(scene.points))
     agree = np.bincount(point[used & inside], minlength=len(scene.points))
-    kept = np.flatnonzero((track >= least_track) & (agree > 0.66 * track))
+    kept = np.flatnonzero((track >= o.least_track) & (agree > o.track_share * track))
     seen = [np.unique(number[a:b][used[a:b]]) for a, b in zip(scene.track_start[kept], scene.track_start[kept + 1])]  # noqa: B905
     return scene.points[kept], seen
 
 
 def _pixel(points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], views: Sequence[View]) -> float:
+    """Return the median size of a pixel at points [N, 3] in the views that saw them."""
     number = np.concatenate(seen)
     owner = np.repeat(np.arange(len(points)), [len(s) for s in seen])
     size = np.zeros(len(number))
@@ -172,7 +200,7 @@ def _pixel(points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], views
 
 
 def _outside(labels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Distance outside of each mask in eighths of a pixel; ignored pixels are not outside."""
+    """Compute the distance outside of each mask in eighths of a pixel; ignored pixels are not outside."""
     height, width = (max(label.shape[k] for label in labels) for k in range(2))
     result = np.zeros((len(labels), height, width), np.uint8)
     for out, label in zip(result, labels, strict=True):
@@ -182,7 +210,7 @@ def _outside(labels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
 
 
 def _distrusted(views: StartViews, o: ViewOptions) -> list[int]:
-    """Masks that cut off parts of the building.
+    """Find masks that cut off parts of the building.
 
     The coarse hull of what few masks call outside holds the building even where single masks fail. A mask that calls
     far more of it outside than the others do is not trusted; one at a time, and at most half of them.
@@ -191,7 +219,7 @@ def _distrusted(views: StartViews, o: ViewOptions) -> list[int]:
     axes = [np.arange(a, b, step) for a, b in zip(views.low, views.high, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     each = zip(views.projections, views.outside, strict=True)
-    says = np.stack([count_outside(cells, p[None].copy(), d[None], 2.0) > 0 for p, d in each])
+    says = np.stack([count_outside(cells, p[None].copy(), d[None], o.hull_margin) > 0 for p, d in each])
     trusted = np.ones(len(says), bool)
     while trusted.sum() > len(says) / 2:
         inside = says[trusted].sum(0) < min(o.hull_views, len(says))

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from support.analytic import ball, camera, ring, scene_of, sphere
 
-from mgf_engine.mesh.hull import judging_mask, judging_masks, outside_hull
+from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
+from mgf_engine.mesh.hull import HullOptions, judging_mask, judging_masks, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import OpacityField, spread_order
 from mgf_engine.mesh.tsdf import fuse_gaussians
@@ -13,6 +14,8 @@ from mgf_engine.model.masks import IGNORE
 from mgf_engine.raster.points import IGNORE as UNKNOWN_PIXEL
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
 from mgf_engine.raster.reference_points import opacity_of_points
+
+UNCARVED = HullOptions(carve=False)
 
 
 @pytest.fixture(scope="module")
@@ -106,8 +109,8 @@ def test_the_level_is_calibrated_on_points_of_the_surface(setting):
 def test_without_the_hull_background_frees_nothing(setting):
     field, views, masks = setting
     blank = [np.full_like(m, OUTSIDE) if i < 8 else m for i, m in enumerate(masks)]
-    assert OpacityField(field, views, blank, 0.5, 1, hull=False).classify(np.zeros((1, 3)))[0] == SOLID
-    fused = fuse_gaussians(field, views, blank, hull=False)
+    assert OpacityField(field, views, blank, 0.5, 1, UNCARVED).classify(np.zeros((1, 3)))[0] == SOLID
+    fused = fuse_gaussians(field, views, blank, options=FusionOptions(TsdfOptions(hull=UNCARVED)))
     assert fused.classify(np.zeros((1, 3)))[0] == SOLID
 
 

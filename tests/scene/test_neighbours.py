@@ -32,7 +32,7 @@ def scene(tmp_path: Path) -> Scene:
 def test_overlap_is_that_of_the_points_both_photos_observed(scene: Scene) -> None:
     kept = np.random.default_rng(1).random(300) < 0.8
     views = [0, 1, 3, 4]
-    shared, angle = neighbours._overlap(scene, kept, views)
+    shared, angle = neighbours._overlap(scene, kept, views, 20)
     for a, i in enumerate(views):
         for b, j in enumerate(views):
             both = set(scene.track_point[scene.observations(i)]) & set(scene.track_point[scene.observations(j)])
@@ -59,18 +59,18 @@ def test_a_photo_alone_has_no_neighbours(scene: Scene, views: list[int]) -> None
     assert neighbours.matching_views(scene, np.zeros(300, bool), views, 3) == {i: [] for i in views}
 
 
-def test_too_few_shared_points_make_no_pair(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(neighbours, "ANGLES", (0.0, 10.0, 180.0))
-    monkeypatch.setattr(neighbours, "LEAST_SCORE", 0.0)
+def test_too_few_shared_points_make_no_pair(scene: Scene) -> None:
+    options = neighbours.NeighbourOptions(angles=(0.0, 10.0, 180.0), least_score=0.0)
     views, everything = list(range(len(scene.views))), np.ones(300, bool)
-    found = neighbours.matching_views(scene, everything, views, 2)
+    found = neighbours.matching_views(scene, everything, views, 2, options)
     assert all(len(found[i]) == 2 and i not in found[i] for i in views)
     few = np.arange(300) < 30  # any two photos share about a quarter of them
-    assert not any(neighbours.matching_views(scene, few, views, 2).values())
+    assert not any(neighbours.matching_views(scene, few, views, 2, options).values())
 
 
 def test_neighbours_that_fit_far_worse_than_the_best_are_left_out() -> None:
     shared, angle = np.array([400.0, 400.0, 400.0, 40.0]), np.array([10.0, 12.0, 30.0, 10.0])
-    assert neighbours._best(shared, angle, [5, 6, 7, 8], 4, 10.0) == [5, 6]
-    assert neighbours._best(shared[2:], angle[2:], [7, 8], 4, 10.0) == [8, 7]  # where there are none that fit better
-    assert neighbours._best(shared, angle + 30, [5, 6, 7, 8], 4, 10.0) == []
+    best = lambda *pair: neighbours._best(*pair, 4, neighbours.NeighbourOptions()).tolist()  # noqa: E731
+    assert best(shared, angle) == [0, 1]
+    assert best(shared[2:], angle[2:]) == [1, 0]  # where there are none that fit better
+    assert best(shared, angle + 30) == []

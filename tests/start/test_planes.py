@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""LinePlanes through lines, and the points that shape the tetrahedra."""
+"""Planes through lines, and the points that shape the tetrahedra."""
 
 from __future__ import annotations
 
@@ -7,8 +7,15 @@ import numpy as np
 
 from mgf_engine.start import reference
 from mgf_engine.start.lines import Line, line_points
-from mgf_engine.start.options import PlaneOptions
-from mgf_engine.start.planes import LinePlanes, crease_points, dominant_directions, find_planes, plane_points, snap
+from mgf_engine.start.options import PlaneOptions, SegmentOptions
+from mgf_engine.start.planes import (
+    LinePlanes,
+    crease_points,
+    dominant_directions,
+    find_planes,
+    plane_points,
+    snap_to_planes,
+)
 
 PIXEL = 0.01
 
@@ -45,7 +52,7 @@ def test_directions_are_those_of_the_lines() -> None:
 def test_points_snap_to_the_common_place_of_their_planes() -> None:
     planes = LinePlanes(np.array([[0, 0, 1.0, 0], [1.0, 0, 0, 0]]), [], np.ones(2))
     points = np.array([[0.005, 3, 0.004], [0.5, 3, 0.004], [0.5, 3, 0.5]])
-    moved, on = snap(points, planes, np.full(3, 0.01))
+    moved, on = snap_to_planes(points, planes, np.full(3, 0.01), PlaneOptions())
     np.testing.assert_allclose(moved, [[0, 3, 0], [0.5, 3, 0], [0.5, 3, 0.5]], atol=1e-12)
     np.testing.assert_array_equal(on, [[True, True], [True, False], [False, False]])
 
@@ -57,10 +64,10 @@ def test_points_among_many_planes_move_as_those_of_the_twin() -> None:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     planes = np.c_[normals, rng.normal(scale=0.05, size=40)]
     points, near = rng.uniform(-0.3, 0.3, (400, 3)), rng.choice([0.01, 0.05], 400)
-    moved, _ = snap(points, LinePlanes(planes, [], np.ones(40)), near)
+    moved, _ = snap_to_planes(points, LinePlanes(planes, [], np.ones(40)), near, PlaneOptions())
     assert (np.linalg.norm(moved - points, axis=1) > 0).mean() > 0.5
-    np.testing.assert_allclose(moved, reference.snap(points, planes, near), atol=1e-9)
-    unmoved, on = snap(points, LinePlanes(np.zeros((0, 4)), [], np.zeros(0)), near)
+    np.testing.assert_allclose(moved, reference.snap_to_planes(points, planes, near, PlaneOptions()), atol=1e-9)
+    unmoved, on = snap_to_planes(points, LinePlanes(np.zeros((0, 4)), [], np.zeros(0)), near, PlaneOptions())
     np.testing.assert_array_equal(unmoved, points)
     assert on.shape == (400, 0)
 
@@ -80,18 +87,25 @@ def test_a_plane_is_covered_by_points_but_not_where_dense_ones_lie_beside_it() -
 
 
 def test_creases_lie_on_both_planes() -> None:
+    o = PlaneOptions(grid=12.0, crease=5.0, crease_reach=1.0)
     planes = LinePlanes(np.array([[0, 0, 1.0, 0], [1.0, 0, 0, 0]]), [], np.ones(2))
     grid = np.stack(np.meshgrid(np.arange(0, 1, 0.1), np.arange(0, 1, 0.1), indexing="ij"), -1).reshape(-1, 2)
     flat = np.c_[grid, np.zeros(len(grid))]
     points = np.concatenate([flat, flat[:, [2, 1, 0]]])
-    found = crease_points(planes, points, np.repeat([0, 1], len(flat)), 0.05, 0.12)
+    found = crease_points(planes, points, np.repeat([0, 1], len(flat)), PIXEL, o)
     assert len(found) > 15 and np.abs(found[:, [0, 2]]).max() < 1e-9
     apart = points + np.repeat([[0.5, 0, 0], [0, 0, 0.5]], len(flat), axis=0)
-    assert not len(crease_points(planes, apart, np.repeat([0, 1], len(flat)), 0.05, 0.12))
+    assert not len(crease_points(planes, apart, np.repeat([0, 1], len(flat)), PIXEL, o))
 
 
 def test_points_of_a_line_lie_where_three_views_show_it() -> None:
     part = Line(np.array([[0.0, 0, 0], [1, 0, 0]]), np.arange(4), np.array([[0, 1], [0, 1], [0.5, 1], [0.6, 1.0]]))
-    points, seen = line_points([part], 0.05, PIXEL)
+    points, seen = line_points([part], PIXEL, SegmentOptions(step=5.0))
     assert points[:, 0].min() >= 0.44 and points[:, 0].max() <= 1.0 + 1e-9
     assert {len(s) for s in seen} == {3, 4} and len(seen) == len(points)
+
+
+def test_lines_of_two_views_get_points_where_two_suffice() -> None:
+    part = Line(np.array([[0.0, 0, 0], [1, 0, 0]]), np.arange(2), np.array([[0, 1], [0.5, 1.0]]))
+    points, seen = line_points([part], PIXEL, SegmentOptions(least_views=2))
+    assert points[:, 0].min() > 0.45 and {len(s) for s in seen} == {2}

@@ -11,10 +11,10 @@ from mgf_engine.geometry.delaunay import delaunay
 from mgf_engine.native import library
 from mgf_engine.native.library import parallel
 from mgf_engine.start import reference
-from mgf_engine.start.cut import Tetrahedra, _positive
 from mgf_engine.start.lines import fit_segments, match_segments, neighbours_of
 from mgf_engine.start.options import SegmentOptions, ViewOptions
 from mgf_engine.start.segments import Segments, find_segments, pixel_rays
+from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
 from mgf_engine.start.views import StartViews, count_outside, start_views
 
 
@@ -79,7 +79,7 @@ def test_points_outside_of_masks_are_counted_as_by_the_twin(views: StartViews, v
 @pytest.fixture(scope="module")
 def shape() -> Tetrahedra:
     points = np.random.default_rng(2).random((40, 3))
-    return Tetrahedra(points, _positive(points, delaunay(points)))
+    return Tetrahedra(points, orient_positive(points, delaunay(points)))
 
 
 def test_neighbours_share_three_corners(shape: Tetrahedra) -> None:

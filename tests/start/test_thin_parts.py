@@ -12,8 +12,8 @@ from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.scene import View
 from mgf_engine.start.cut import cut_surface
 from mgf_engine.start.dense import DensePoints
+from mgf_engine.start.evidence import gather_evidence
 from mgf_engine.start.options import StartOptions
-from mgf_engine.start.surface import gather
 from mgf_engine.start.views import StartViews
 
 PIXEL = 0.01
@@ -65,7 +65,7 @@ def views() -> StartViews:
 def column_share(views: StartViews, options: StartOptions) -> float:
     """Share of the column's middle that the middle camera sees within 5 px of its depth."""
     dense = column_and_wall(views.views)
-    mesh, _ = cut_surface(views, gather(views, [], dense, options), options.cut, lambda: None)
+    mesh, _ = cut_surface(views, gather_evidence(views, [], dense, options), options.cut, lambda: None)
     view = views.views[4]
     depth = render_mesh(mesh, view).depth[25:-25, WIDTH // 2 - 3 : WIDTH // 2 + 3]
     return float((np.abs(depth - (4 - BEFORE - RADIUS)) < 5 * PIXEL).mean())

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.depths import Depths, match_photos
+from mgf_engine.scene.depths import Depths, Matching, match_photos
+from mgf_engine.scene.stereo import StereoOptions
 
 Flags = NDArray[np.bool_]
 
@@ -39,6 +40,8 @@ class DensifyOptions:
     step: float = parameter(0.04, "Relative change of depth that is a step")
     confirmed: int = parameter(3, "Number of photos that must see a point", low=1)
 
+    stereo: StereoOptions = StereoOptions()
+
 
 def densify_points(
     scene: Scene,
@@ -57,9 +60,8 @@ def densify_points(
         A scene whose first points are those of ``scene``; their observations come first, too.
     """
     views = range(len(scene.views))
-    depths = match_photos(
-        scene, views, np.ones(len(scene.points), bool), None, options.neighbours, options.longest_side, threads, check
-    )
+    matching = Matching(options.neighbours, options.longest_side, options.stereo)
+    depths = match_photos(scene, views, np.ones(len(scene.points), bool), None, matching, threads, check)
     bare = {
         i: ~_around(scene, i, depths, options) & ~_beside(leafy(i), depths.photos[i].grey.shape, options) for i in views
     }

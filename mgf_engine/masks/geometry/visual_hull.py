@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The visual hull: where in space the building can be, by its masks alone; it stands in for missing sparse points.
+"""Carve the visual hull of the masks: where in space the building can be. It stands in for missing sparse points.
 
 Photos straight down on shingles, or of plain walls, share few points on the building. The cells of the hull's surface
 tell which photos see the same of it and how far away it is, as points would.
@@ -8,35 +8,51 @@ tell which photos see the same of it and how far away it is, as points would.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 
-FEW = 100  # sparse points on a building; with fewer the hull's cells stand in for them
-_CELLS = 48  # along the longest side of the box
-_OUTSIDE = 0.15  # share of the photos that may call a cell of the building outside
-_LEAST = 2  # photos that must see a cell on the building
-_ROUNDS = 3  # in which the box shrinks to what is found
+_FEWEST = 8  # sparse points that bound the box in which the hull is looked for
 
 
-def hull_cells(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[NDArray[np.float64], float]:
-    """Centres [N, 3] of the cells that the masks of ``views`` leave to the building, and the cells' size.
+@dataclass(frozen=True)
+class MaskHullOptions:
+    """Options of the visual hull that stands in for missing sparse points."""
+
+    least_points: int = parameter(
+        100, "Number of sparse points on the building below which cells of the hull stand in for them"
+    )
+    cells: int = parameter(48, "Number of cells along the longest side of the hull's box", low=4)
+    rounds: int = parameter(3, "Number of times that the hull is carved, each time in the box of the one before", low=1)
+    outside_share: float = parameter(0.15, "Share of the photos that may call a cell of the hull outside", high=1)
+    least_views: int = parameter(2, "Minimum number of photos that show a cell on the building", low=1)
+    percentiles: tuple[float, float] = parameter(
+        (3.0, 97.0), "Percentiles of the sparse points between which the first box lies", high=100
+    )
+    padding: float = parameter(0.2, "Space around them, as a share of the longest side")
+
+
+def hull_cells(
+    scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
+) -> tuple[NDArray[np.float64], float]:
+    """Return the centres [N, 3] of the cells that the masks of ``views`` leave to the building, and the cells' size.
 
     Raises:
         BadInput: the masks have no place in common.
     """
-    low, high = _seen_box(scene, views)
-    for _ in range(_ROUNDS):
-        size = float((high - low).max()) / _CELLS
+    low, high = _seen_box(scene, views, options)
+    for _ in range(options.rounds):
+        size = float((high - low).max()) / options.cells
         axes = [np.arange(a + size / 2, b + size / 2, size) for a, b in zip(low, high, strict=True)]
         cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-        found = cells[_on_building(cells, scene, masks, views, size)]
+        found = cells[_on_building(cells, scene, masks, views, size, options)]
         if not len(found):
             raise BadInput(
                 "The masks have no common volume: no point in space lies inside most of them; check the masks, the "
@@ -46,11 +62,27 @@ def hull_cells(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[NDAr
     return found, size
 
 
-def with_hull_points(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[Scene, NDArray[np.bool_]]:
-    """The scene and which of its points are on the building, [P]; cells of the hull as points where those are few."""
-    if np.count_nonzero(masks.point_mask) >= FEW:
+def with_hull_points(
+    scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
+) -> tuple[Scene, NDArray[np.bool_]]:
+    """Return a scene with enough points on the building: cells of the hull stand in for them where they are few.
+
+    Args:
+        scene: cameras and sparse points.
+        masks: the building in each photo.
+        views: indices of the views whose masks carve the hull.
+        options: of the hull.
+
+    Returns:
+        The scene, its points replaced by the hull's where they are few, and which of its points lie on the building,
+        bool [P].
+
+    Raises:
+        BadInput: few points, and masks that have no place in common.
+    """
+    if np.count_nonzero(masks.point_mask) >= options.least_points:
         return scene, masks.point_mask
-    cells, size = hull_cells(scene, masks, views)
+    cells, size = hull_cells(scene, masks, views, options)
     cells = cells[_surface(cells, size)]
     tracks = [_inside(cells, scene, masks, i) for i in views]
     point, number = np.nonzero(np.stack(tracks, 1))
@@ -68,16 +100,25 @@ def with_hull_points(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tupl
     return hull, np.ones(len(cells), bool)
 
 
-def hull_agreement(scene: Scene, masks: MaskSet, others: Sequence[int], index: int) -> float | None:
+def hull_agreement(
+    scene: Scene, masks: MaskSet, others: Sequence[int], index: int, options: MaskHullOptions = MaskHullOptions()
+) -> float | None:
     """Compute the intersection over union of a mask and the visual hull of the other views' masks.
+
+    Args:
+        scene: the cameras.
+        masks: the building in each photo.
+        others: indices of the views whose masks carve the hull.
+        index: the view whose mask is compared with it.
+        options: of the hull.
 
     Returns:
         0..1; None where the others leave no hull, or none of it lies in this view's frame.
     """
-    if len(others) < _LEAST:
+    if len(others) < options.least_views:
         return None
     try:
-        cells, size = hull_cells(scene, masks, others)
+        cells, size = hull_cells(scene, masks, others, options)
     except BadInput:
         return None
     view = scene.views[index]
@@ -95,36 +136,43 @@ def hull_agreement(scene: Scene, masks: MaskSet, others: Sequence[int], index: i
     return float((mask & hull & known).sum() / max(int(((mask | hull) & known).sum()), 1))
 
 
-def points_to_match(scene: Scene, masks: MaskSet, views: Sequence[int]) -> tuple[Scene, NDArray[np.bool_]]:
-    """As :func:`with_hull_points`, but the few points that there are where the masks have no place in common.
+def points_to_match(
+    scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
+) -> tuple[Scene, NDArray[np.bool_]]:
+    """Return a scene as :func:`with_hull_points` does, and as it is where the masks have no place in common.
 
     For stereo, which can do without: photos that share no points are matched with none.
     """
     try:
-        return with_hull_points(scene, masks, views)
+        return with_hull_points(scene, masks, views, options)
     except BadInput:
         return scene, masks.point_mask
 
 
-def _seen_box(scene: Scene, views: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A box of what the photos look at: sparse points if there are any, the cameras' own common place in any case."""
+def _seen_box(
+    scene: Scene, views: Sequence[int], options: MaskHullOptions
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the box, low and high [3], of the sparse points; of what all cameras look at where there are few."""
     centres = np.stack([scene.views[i].centre for i in views])
     axes = np.stack([scene.views[i].rotation[2] for i in views])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     middle = np.linalg.lstsq(across.sum(0), np.einsum("vij,vj->i", across, centres), rcond=1e-6)[0]
-    around = [middle - 1, middle + 1]
-    if len(scene.points) >= 8:
-        around = [*np.percentile(scene.points, [3, 97], axis=0), *around[:0]]
-    corners = np.stack(around)
-    low, high = corners.min(0), corners.max(0)
-    pad = 0.2 * float((high - low).max())
+    low, high = middle - 1, middle + 1
+    if len(scene.points) >= _FEWEST:
+        low, high = np.percentile(scene.points, options.percentiles, axis=0)
+    pad = options.padding * float((high - low).max())
     return low - pad, high + pad
 
 
 def _on_building(
-    cells: NDArray[np.float64], scene: Scene, masks: MaskSet, views: Sequence[int], size: float
+    cells: NDArray[np.float64],
+    scene: Scene,
+    masks: MaskSet,
+    views: Sequence[int],
+    size: float,
+    options: MaskHullOptions,
 ) -> NDArray[np.bool_]:
-    """Cells that enough masks call building and few outside, bool [N]."""
+    """Tell which cells [N, 3] enough masks call building and few outside, bool [N]."""
     inside, outside = np.zeros(len(cells), np.int32), np.zeros(len(cells), np.int32)
     for i in views:
         view, labels = scene.views[i], masks.labels[i]
@@ -136,11 +184,11 @@ def _on_building(
         beside = cv2.distanceTransform((labels == BACKGROUND).astype(np.uint8), cv2.DIST_L2, 3)[at]
         inside[framed] += building(labels)[at] | ((beside > 0) & (beside <= reach))
         outside[framed] += beside > reach
-    return (inside >= _LEAST) & (outside <= _OUTSIDE * (inside + outside))
+    return (inside >= options.least_views) & (outside <= options.outside_share * (inside + outside))
 
 
 def _surface(cells: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
-    """Cells with a free neighbour, bool [N]."""
+    """Tell which cells [N, 3] have a free neighbour, bool [N]."""
     key = np.round((cells - cells.min(0)) / size).astype(int) + 1
     full = np.zeros(key.max(0) + 2, bool)
     full[tuple(key.T)] = True
@@ -149,7 +197,7 @@ def _surface(cells: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
 
 
 def _inside(cells: NDArray[np.float64], scene: Scene, masks: MaskSet, index: int) -> NDArray[np.bool_]:
-    """Cells on the near side of the building that a photo shows inside its mask, bool [N]."""
+    """Tell which cells [N, 3] a photo shows inside its mask and on the near side of the building, bool [N]."""
     view = scene.views[index]
     uv, depth = view.project(cells)
     column, row = np.floor(uv[:, 0]).astype(int), np.floor(uv[:, 1]).astype(int)

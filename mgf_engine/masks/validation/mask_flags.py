@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.visual_hull import hull_agreement
+from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_agreement
 from mgf_engine.masks.points import track_votes
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
@@ -24,6 +24,8 @@ class FlagOptions:
         0.3, "Agreement with the visual hull of the other photos below which a mask without points is left out", high=1
     )
     least_building: float = parameter(0.005, "Minimum share of a photo that the building covers", high=1)
+
+    hull: MaskHullOptions = MaskHullOptions()
 
 
 def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
@@ -77,7 +79,7 @@ def flag_by_masks(
     for index in np.flatnonzero(~judged).tolist():
         if float(building(masks.labels[index]).mean()) < options.least_building:
             continue
-        share = hull_agreement(scene, masks, [i for i in used if i != index], index)
+        share = hull_agreement(scene, masks, [i for i in used if i != index], index, options.hull)
         low = share is not None and share < options.hull_below
         result[index] = f"the other photos' masks agree with it only to {share:.0%}" if low else ""
     return result

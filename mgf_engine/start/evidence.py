@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Gather the evidence for the starting surface: points with the views that saw them, and points that only shape it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mgf_engine.errors import BadInput
+from mgf_engine.start.dense import DensePoints
+from mgf_engine.start.lines import Line, line_points
+from mgf_engine.start.options import StartOptions
+from mgf_engine.start.planes import LinePlanes, crease_points, find_planes, plane_points, snap_to_planes
+from mgf_engine.start.views import StartViews
+
+log = logging.getLogger("mgf")
+_VIEWS = 1 << 16  # more views than there are
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Points that the surface may pass through, and what photos and planes say about them.
+
+    Attributes:
+        points: [N, 3], normalised frame.
+        seen: positions of the views that saw each; none for points that only shape the tetrahedra.
+        weight: of each point's rays, [N].
+        planes: uint64 [N], bit k is set for points on plane k.
+        strength: 0..1 of each plane, [K].
+    """
+
+    points: Array
+    seen: Sequence[NDArray[np.int64]]
+    weight: Array
+    planes: NDArray[np.uint64]
+    strength: Array
+
+
+class _Group(NamedTuple):
+    """Points [N, 3] of one kind, the views that saw each, the weight of their rays [N], and how far they snap."""
+
+    points: Array
+    seen: Sequence[NDArray[np.int64]]
+    weight: Array
+    near: float
+
+
+def gather_evidence(views: StartViews, lines: Sequence[Line], dense: DensePoints, options: StartOptions) -> Evidence:
+    """Gather points on lines, sparse and stereo points, and Steiner points, all moved onto the planes near by.
+
+    Args:
+        views: cameras, masks and sparse points.
+        lines: in the normalised frame.
+        dense: points by stereo.
+        options: of the lines, the planes and the cut.
+
+    Raises:
+        BadInput: hardly any points.
+    """
+    o, pixel = options.planes, views.pixel
+    planes = find_planes(lines, pixel, o)
+    on_lines, lines_seen = line_points(lines, pixel, options.segments)
+    groups = [
+        _Group(on_lines, lines_seen, np.ones(len(on_lines)), o.near),
+        _Group(views.points, views.seen, np.ones(len(views.points)), o.near_sparse * o.near),
+        _Group(dense.points, dense.seen, dense.weight, o.near_dense * o.near),
+    ]
+    if sum(len(group.points) for group in groups) < options.cut.least_points:
+        raise BadInput(
+            "The photos show too few edges and points on the building for a surface; add photos that overlap more."
+        )
+    for points in _steiner_points(views, planes, lines, dense, options):
+        groups.append(_Group(points, [np.zeros(0, np.int64)] * len(points), np.zeros(len(points)), o.near))
+    log.info("start: %d planes; points on lines, sparse, dense, creases, planes, behind, in the hull: %s",
+             len(planes.planes), [len(group.points) for group in groups])  # fmt: skip
+    near = np.concatenate([np.full(len(group.points), group.near * pixel) for group in groups])
+    points, on = snap_to_planes(np.concatenate([group.points for group in groups]), planes, near, o)
+    bits = (on.astype(np.uint64) << np.arange(on.shape[1], dtype=np.uint64)).sum(1, dtype=np.uint64)
+    weight, seen = np.concatenate([group.weight for group in groups]), [s for group in groups for s in group.seen]
+    return _merge(
+        Evidence(points, seen, weight, bits, _relative_strength(planes, o.strongest)), options.cut.merge * pixel
+    )
+
+
+def _steiner_points(
+    views: StartViews, planes: LinePlanes, lines: Sequence[Line], dense: DensePoints, options: StartOptions
+) -> list[Array]:
+    """Place points that only shape the tetrahedra: on creases and planes, behind stereo points, coarse in the hull.
+
+    Tetrahedra behind the points of a thin part would else reach to the wall behind it and be crossed by rays to that.
+    What no photo shows has a volume, too.
+
+    Args:
+        views: cameras and masks.
+        planes: through the lines.
+        lines: which the planes' members number.
+        dense: points by stereo.
+        options: of the planes and the cut.
+
+    Returns:
+        points [N, 3] of each of the four kinds.
+    """
+    o, pixel = options.planes, views.pixel
+
+    def in_hull(points: Array) -> NDArray[np.bool_]:
+        enough = options.cut.outside_views
+        return views.outside_views(points, options.cut.margin, enough) < enough
+
+    points, owner = plane_points(planes, lines, dense.points, pixel, o)
+    kept = in_hull(points)
+    points, owner = points[kept], owner[kept]
+    creases = crease_points(planes, points, owner, pixel, o)
+    behind = _off_surface(dense, options.cut.off_surface * pixel)
+    coarse = _coarse_cells(views.cells, [dense.points, points])
+    return [creases[in_hull(creases)], points, behind[in_hull(behind)], coarse]
+
+
+def _off_surface(dense: DensePoints, distance: float) -> Array:
+    """Place points ``distance`` behind those by stereo (as Carr et al. 2001 bound a surface) and as far apart."""
+    if distance <= 0:
+        return np.zeros((0, 3))
+    points = dense.points - distance * dense.normals
+    voxel = np.floor(points / distance).astype(np.int64)
+    return points[np.sort(np.unique(voxel, axis=0, return_index=True)[1])]
+
+
+def _coarse_cells(cells: Array, others: Sequence[Array]) -> Array:
+    """Take every second cell [C, 3] in each direction that has no other point within its size."""
+    if len(cells) < 2:
+        return cells
+    size = float(np.diff(np.unique(cells[:, 0].round(9))).min(initial=np.inf))
+    if not np.isfinite(size):
+        return cells
+    number = np.round((cells - cells.min(0)) / size).astype(int)
+    coarse = cells[(number % 2 == 0).all(1)]
+    tree = cKDTree(np.concatenate(others))
+    return coarse[tree.query(coarse, distance_upper_bound=2 * size)[0] == np.inf] if tree.n else coarse
+
+
+def _relative_strength(planes: LinePlanes, strongest: int) -> Array:
+    """Divide the planes' strengths by the mean of the strongest, 0..1, [K]."""
+    if not len(planes.strength):
+        return planes.strength
+    return np.clip(planes.strength / np.sort(planes.strength)[-strongest:].mean(), 1e-3, 1)
+
+
+def _merge(evidence: Evidence, size: float) -> Evidence:
+    """Merge the points of each cube of ``size``: the first one, all their views, the largest weight."""
+    points, seen = evidence.points, evidence.seen
+    key = np.round((points - points.min(0)) / size).astype(np.int64)
+    spans = key.max(0) + 1
+    _, first, group = np.unique(
+        (key[:, 0] * spans[1] + key[:, 1]) * spans[2] + key[:, 2], return_index=True, return_inverse=True
+    )
+    largest = np.zeros(len(first))
+    np.maximum.at(largest, group, evidence.weight)
+    count = np.array([len(s) for s in seen])
+    pair = np.unique(np.repeat(group, count) * _VIEWS + np.concatenate([np.zeros(0, np.int64), *seen]))
+    owner, number = np.divmod(pair, _VIEWS)
+    together = np.split(number, np.searchsorted(owner, np.arange(1, len(first))))
+    return Evidence(points[first], together, largest, evidence.planes[first], evidence.strength)
