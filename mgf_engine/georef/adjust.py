@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lets control points shape the scene while it is made, before any photo is undistorted."""
+"""Let control points shape the scene while it is made, before any photo is undistorted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mgf_engine.config import Config
-from mgf_engine.georef.bundle import adjusted_to_control
+from mgf_engine.georef.bundle import PlacedControl, adjust_to_control
 from mgf_engine.georef.control import read_control
 from mgf_engine.georef.doubts import check_points
 from mgf_engine.georef.fit_control import fit_control
@@ -30,8 +30,10 @@ def fit_to_control(
     points and marks is said where the georeference is found, from the scene that this leads to.
 
     Args:
+        model: cameras, poses, points and tracks.
         scene: made of the model, with all its images as views.
         rebuilt: makes such a scene of a model.
+        config: files of the points, and options.
         reporter: for a warning where the adjustment fails, and the request to cancel.
 
     Raises:
@@ -46,7 +48,8 @@ def fit_to_control(
     for limits, robust in ((bent, True), (options.point, False)):
         placed, failed = place_points(scene, control.marks, options.mark)
         fit = fit_control(scene, control.points, placed, failed, up_from_cameras(scene), limits)
-        found = adjusted_to_control(model, scene, control, placed, fit, config.resolution, reporter, robust, options)
+        points = PlacedControl(control, placed, fit)
+        found = adjust_to_control(model, scene, points, config.resolution, reporter, options, robust=robust)
         if found is model:
             break
         model, scene = found, rebuilt(found)

@@ -26,7 +26,7 @@ from mgf_engine.georef.bundle_worker import KNOWN
 from mgf_engine.georef.control import CONTROL, Control
 from mgf_engine.georef.crs import SURVEY
 from mgf_engine.georef.fit_control import ControlFit, mark_error
-from mgf_engine.georef.options import GeoreferenceOptions
+from mgf_engine.georef.options import ControlAdjustmentOptions, GeoreferenceOptions
 from mgf_engine.georef.triangulate import Placed
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
@@ -40,6 +40,21 @@ Array = NDArray[np.float64]
 log = logging.getLogger("mgf")
 _MEDIAN_OF_RAYLEIGH = 1.1774  # of lengths of errors, whose x and y have standard deviation 1
 COMMAND = (sys.executable, "-m", "mgf_engine.georef.bundle_worker")
+
+
+@dataclass(frozen=True)
+class PlacedControl:
+    """Control points and where they lie in a scene.
+
+    Attributes:
+        control: points and marks of the user.
+        placed: the points in the normalised frame, by name.
+        fit: similarity of the scene to the points.
+    """
+
+    control: Control
+    placed: dict[str, Placed]
+    fit: ControlFit
 
 
 @dataclass(frozen=True)
@@ -59,28 +74,28 @@ class Known:
     marks: tuple[tuple[int, Array], ...]
 
 
-def adjusted_to_control(
+def adjust_to_control(
     model: SparseModel,
     scene: Scene,
-    control: Control,
-    placed: dict[str, Placed],
-    fit: ControlFit,
+    points: PlacedControl,
     resolution: int,
     reporter: Reporter,
-    robust: bool = False,
     options: GeoreferenceOptions = GeoreferenceOptions(),
+    *,
+    robust: bool = False,
 ) -> SparseModel:
     """Adjust the shape of a model to the control points that fit; it stays in its own frame.
 
     Where the adjustment fails the model stays as it is, and a warning says so.
 
     Args:
+        model: cameras, poses, points and tracks.
         scene: made of the model; its views are the model's images, in the same order.
-        placed, fit: its points and the similarity, from before.
+        points: the control points.
         resolution: longest side of the working photos, in whose pixels errors are counted.
         reporter: for the warning and the request to cancel.
-        robust: points far from their places count less, relative to the median distance of all.
         options: accuracies and losses.
+        robust: points far from their places count less, relative to the median distance of all.
 
     Raises:
         BadInput: the package for it is missing.
@@ -90,27 +105,19 @@ def adjusted_to_control(
             f"Moving the cameras to control points needs the package pyceres, which is not installed; get it by "
             f"{SURVEY}, or give --no-control-adjust."
         )
-    to_world = _similarity(fit, scene)
-    with np.errstate(all="ignore"):
+    to_world = _similarity(points.fit, scene)
+    with np.errstate(all="ignore"):  # points behind cameras
         here = moved(model, to_world)
         errors = projection_errors(here, resolution)
-    sound = np.isfinite(errors) & (errors < OUTLIER)
-    chosen = choose_observations(here, sound)
-    sigma = (
-        max(options.adjustment.least_sigma, float(np.median(errors[chosen])) / _MEDIAN_OF_RAYLEIGH)
-        if len(chosen)
-        else 0.0
-    )
-    known = _known(model, scene, control, placed, fit, sigma, options.point.mark_accuracy)
+    chosen = choose_observations(here, np.isfinite(errors) & (errors < OUTLIER))
+    sigma = _sigma(errors[chosen], options.adjustment)
+    known = _known_points(model, scene, points, sigma, options.point.mark_accuracy)
     if not len(chosen) or len(known) < 3:
         return model
     larger, first = _with_points(here, known)
     observations = np.concatenate([chosen, np.arange(first, len(larger.points.image_ids))])
     task = Task(larger, resolution, observations, np.arange(len(larger.points.ids)), sigma)
-    off = np.array([np.abs((k.position - k.target) / k.sd).max() for k in known])
-    control_loss = max(options.adjustment.control_loss, float(np.median(off))) if robust else np.inf
-    loss = max(options.adjustment.least_loss, options.adjustment.loss * sigma)
-    found = _in_a_process(task, known, loss, control_loss, reporter)
+    found = _in_a_process(task, known, _losses(known, sigma, options.adjustment, robust), reporter)
     if found is None:
         return model
     result = moved(_without_points(found, here), to_world.inverse())
@@ -122,15 +129,29 @@ def adjusted_to_control(
     return result
 
 
+def _sigma(errors: Array, options: ControlAdjustmentOptions) -> float:
+    """Estimate the standard deviation of an observation from lengths of errors [N], working pixels."""
+    return max(options.least_sigma, float(np.median(errors)) / _MEDIAN_OF_RAYLEIGH) if len(errors) else 0.0
+
+
+def _losses(
+    known: Sequence[Known], sigma: float, options: ControlAdjustmentOptions, robust: bool
+) -> tuple[float, float]:
+    """Return the scales of Cauchy's loss: of observations in working pixels, of coordinates in standard deviations."""
+    off = np.array([np.abs((k.position - k.target) / k.sd).max() for k in known])
+    control = max(options.control_loss, float(np.median(off))) if robust else np.inf
+    return max(options.least_loss, options.loss * sigma), control
+
+
 def _in_a_process(
-    task: Task, known: Sequence[Known], loss: float, control_loss: float, reporter: Reporter
+    task: Task, known: Sequence[Known], losses: tuple[float, float], reporter: Reporter
 ) -> SparseModel | None:
-    """The adjusted model from :mod:`bundle_worker`; None where that failed, after a warning."""
+    """Adjust the model by :mod:`bundle_worker`; None where that failed, after a warning."""
     with tempfile.TemporaryDirectory(prefix="mgf-") as name:
         folder = Path(name)
         write_task(task, folder / TASK)
         targets, sd = np.array([k.target for k in known]), np.array([k.sd for k in known])
-        np.savez(folder / KNOWN, targets=targets, sd=sd, loss=np.array([loss, control_loss]))
+        np.savez(folder / KNOWN, targets=targets, sd=sd, loss=np.array(losses))
         code = run_worker([*COMMAND, name], reporter.check)
         if code != 0:
             reporter.warning(
@@ -142,32 +163,34 @@ def _in_a_process(
 
 
 def _similarity(fit: ControlFit, scene: Scene) -> pycolmap.Sim3d:
-    """Scene frame -> world less the offset of the fit."""
+    """Return the similarity from the model's frame to the world less the offset of the fit."""
     frame, scale = scene.to_normalised, float(np.cbrt(np.linalg.det(fit.matrix[:3, :3])))
     turn = fit.matrix[:3, :3] / scale @ frame.rotation
     place = fit.matrix[:3, :3] @ frame.translation + fit.matrix[:3, 3]
     return pycolmap.Sim3d(scale * frame.scale, pycolmap.Rotation3d(turn), place)
 
 
-def _known(
-    model: SparseModel,
-    scene: Scene,
-    control: Control,
-    placed: dict[str, Placed],
-    fit: ControlFit,
-    sigma: float,
-    mark_accuracy: float,
+def _known_points(
+    model: SparseModel, scene: Scene, points: PlacedControl, sigma: float, mark_accuracy: float
 ) -> list[Known]:
-    """The control points that took part in the fit.
+    """Prepare the control points that took part in the fit.
 
-    COLMAP's problem takes marks for as good as its own observations (``sigma`` working pixels); what they are worse
+    COLMAP's problem weighs marks like its own observations (``sigma`` working pixels); the part by which they are worse
     is added to the accuracy of the coordinates.
+
+    Args:
+        model: whose images and cameras hold the marks.
+        scene: made of the model.
+        points: the control points.
+        sigma: standard deviation of an observation, working pixels.
+        mark_accuracy: standard deviation of a mark, pixels of the photos as taken.
     """
+    fit = points.fit
     scale = float(np.cbrt(np.linalg.det(fit.matrix[:3, :3])))
     used = {row.point.name for row in fit.rows if row.used}
     found = []
-    for point in (p for p in control.points if p.role == CONTROL and p.name in used):
-        own, marks = placed[point.name], []
+    for point in (p for p in points.control.points if p.role == CONTROL and p.name in used):
+        own, marks = points.placed[point.name], []
         for mark, good in zip(own.marks, own.good, strict=True):
             view, camera = scene.views[mark.view], model.cameras[model.images[mark.view].camera_id]
             factor = np.array([camera.width / view.original_width, camera.height / view.original_height])
@@ -183,7 +206,7 @@ def _known(
 
 
 def _with_points(model: SparseModel, known: Sequence[Known]) -> tuple[SparseModel, int]:
-    """The model with the control points as its last points, and where their observations begin."""
+    """Return the model with the control points as its last points, and where their observations begin."""
     points, extra = model.points, {index: [] for index in range(len(model.images))}  # type: ignore[var-annotated]
     image_ids, keypoint, counts = [], [], []
     for item in known:
@@ -213,7 +236,7 @@ def _with_points(model: SparseModel, known: Sequence[Known]) -> tuple[SparseMode
 
 
 def _without_points(model: SparseModel, before: SparseModel) -> SparseModel:
-    """Cameras, poses and points of an enlarged model on the one it was made of."""
+    """Return the model that an enlarged one was made of, with the cameras, poses and points of the latter."""
     images = tuple(
         replace(image, quaternion=now.quaternion, translation=now.translation)
         for image, now in zip(before.images, model.images, strict=True)

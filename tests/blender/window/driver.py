@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import time
 from pathlib import Path
 
+REPO = Path(__file__).resolve().parents[3]
 WIDTH, HEIGHT = 1400, 900
 
 
@@ -18,6 +20,17 @@ def holds(test, state: dict) -> bool:
         return bool(state and test(state))
     except (KeyError, IndexError, TypeError):
         return False
+
+
+def open_with_addon(blender: str, out: Path, **environment: str) -> Window:
+    """Open a Blender whose user has the add-on of this checkout installed and enabled; arguments of :class:`Window`."""
+    addon = out / "user" / "extensions" / "user_default" / "mgf"
+    shutil.rmtree(out / "user", ignore_errors=True)
+    shutil.copytree(REPO / "mgf_blender", addon)
+    shutil.copyfile(REPO / "blender_manifest.toml", addon / "blender_manifest.toml")
+    window = Window(blender, out, **environment)
+    window.tell('py bpy.ops.preferences.addon_enable(module="bl_ext.user_default.mgf")')
+    return window
 
 
 class Window:

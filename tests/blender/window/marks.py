@@ -21,9 +21,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import synthetic
-from driver import HEIGHT, Window
+from driver import HEIGHT, Window, open_with_addon
 
-REPO = Path(__file__).resolve().parents[3]
 SIZE, TARGET = (4000, 3000), (1733, 1211)  # of the photo, and its bright pixel: column and row
 GROUND, BRIGHT = (60, 90, 120), (40, 250, 80)
 AWAY, SIDE = 28, 176  # of the magnifier, see georef/magnifier.py
@@ -38,10 +37,7 @@ def main() -> int:
     out = args.out.absolute()
     shutil.rmtree(out, ignore_errors=True)
     photo = write_photo(out / "photo.png")
-    addon = out / "user" / "extensions" / "user_default" / "mgf"
-    shutil.copytree(REPO / "mgf_blender", addon)
-    shutil.copyfile(REPO / "blender_manifest.toml", addon / "blender_manifest.toml")
-    window = Window(args.blender, out)
+    window = open_with_addon(args.blender, out)
     try:
         begin(window, photo)
         mark(window)
@@ -63,8 +59,7 @@ def write_photo(path: Path) -> Path:
 
 
 def begin(window: Window, photo: Path) -> None:
-    """The add-on on, the photo in the list and in the Image Editor, a control point chosen, the point tool active."""
-    window.tell('py bpy.ops.preferences.addon_enable(module="bl_ext.user_default.mgf")')
+    """Put the photo in the list and in the Image Editor, choose a control point, activate the point tool."""
     window.tell(
         f"py m = window.scene.mgf; p = m.photos.add(); p.name, p.file = 'photo.png', {str(photo)!r};"
         f"p.width, p.height = {SIZE};"

@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from driver import Window
+from driver import REPO, Window, open_with_addon
 
 from benchmarks.buildings import BUILDINGS
 from benchmarks.camera_path import Ring, plan
@@ -37,7 +37,6 @@ from benchmarks.town import write_photos
 from benchmarks.town_painted import paint_views
 from benchmarks.truth import write_truth
 
-REPO = Path(__file__).resolve().parents[3]
 PANELS = ("georef", "drawings", "models")
 SPEC = SceneSpec(
     building="half_timber", photos=20, width=720, rings=(Ring(0.55, 5.5, 16.0, 5.0), Ring(0.45, 14.0, 14.0, 5.0))
@@ -57,12 +56,7 @@ def main() -> int:
     if not (job / "models" / "models.json").is_file():
         make_scene(out)
         make_job(engine, scene, job)
-    user = out / "user"
-    shutil.rmtree(user, ignore_errors=True)
-    addon = user / "extensions" / "user_default" / "mgf"
-    shutil.copytree(REPO / "mgf_blender", addon)
-    shutil.copyfile(REPO / "blender_manifest.toml", addon / "blender_manifest.toml")
-    window = Window(args.blender, out, MGF_ENGINE_PYTHON=str(engine))
+    window = open_with_addon(args.blender, out, MGF_ENGINE_PYTHON=str(engine))
     try:
         begin(window, scene, job)
         for name in PANELS:
@@ -116,10 +110,9 @@ def make_job(engine: Path, scene: Path, job: Path) -> None:
 
 
 def begin(window: Window, scene: Path, job: Path) -> None:
-    """The add-on on, the job in the scene where it truly is, and no panel of ours in the sidebar."""
+    """Import the job, place it where it truly is, and take all our panels out of the sidebar."""
     ops = "bpy.ops.mgf"
     for text in (
-        'bpy.ops.preferences.addon_enable(module="bl_ext.user_default.mgf")',
         "bpy.context.preferences.system.use_region_overlap = False",
         "[bpy.data.objects.remove(o) for o in list(bpy.data.objects)]",
         f"{ops}.import_colmap(filepath={str(scene)!r})",

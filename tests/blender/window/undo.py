@@ -18,9 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import synthetic
-from driver import Window
-
-REPO = Path(__file__).resolve().parents[3]
+from driver import Window, open_with_addon
 
 
 def main() -> int:
@@ -32,10 +30,7 @@ def main() -> int:
     out = args.out.absolute()
     shutil.rmtree(out, ignore_errors=True)
     house = synthetic.write_house(out / "house")
-    addon = out / "user" / "extensions" / "user_default" / "mgf"
-    shutil.copytree(REPO / "mgf_blender", addon)
-    shutil.copyfile(REPO / "blender_manifest.toml", addon / "blender_manifest.toml")
-    window = Window(args.blender, out)
+    window = open_with_addon(args.blender, out)
     try:
         begin(window)
         for name, command, test in steps(house):
@@ -50,9 +45,8 @@ def main() -> int:
 
 
 def begin(window: Window) -> None:
-    """The add-on on, an empty scene, our tab in the sidebar."""
+    """Empty the scene and show our tab in the sidebar."""
     window.tell('py bpy.context.preferences.view.filebrowser_display_type = "SCREEN"')
-    window.tell('py bpy.ops.preferences.addon_enable(module="bl_ext.user_default.mgf")')
     window.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
     window.tell('py bpy.ops.ed.undo_push(message="empty")')
     window.tell("editor VIEW_3D")

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files of clicks of a town's buildings: automatic ones are replaced, those that somebody made or changed stay."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.errors import BadInput
+from mgf_engine.system import json_text
+from mgf_engine.town.hulls import BY_HAND
+from mgf_engine.town.plan import CLICKS, Building
+from mgf_engine.town.submodel import write_if_changed
+
+#: Digests of automatic clicks of a building: those that are there, and those that were about to take their place.
+AUTOMATIC = "automatic.json"
+
+
+def write_clicks(building: Building, folder: Path, earlier: dict[str, str]) -> None:
+    """Write the clicks of a building; automatic ones are known as such even where the plan ends in the middle.
+
+    Args:
+        building: its clicks.
+        folder: of the building.
+        earlier: as :func:`read_automatic` returns it.
+    """
+    if not building.by_hand:
+        known, new = _automatic(folder, earlier), digest(building.clicks)
+        there = digest(_read_clicks(folder / CLICKS)) if (folder / CLICKS).is_file() else ""
+        if new not in known:
+            write_if_changed(folder / AUTOMATIC, json_text(sorted({there} & known | {new})))
+    write_if_changed(folder / CLICKS, json_text(building.clicks, indent=1))
+
+
+def with_hand_clicks(
+    building: Building, folder: Path, by_hand: Path | None, earlier: dict[str, str], names: set[str]
+) -> Building:
+    """Return the building with clicks by hand in the place of automatic ones, where there are some.
+
+    Args:
+        building: with automatic clicks.
+        folder: of the building; its clicks are by hand where they are none that were written automatically.
+        by_hand: folder with ``ID.json``; these win.
+        earlier: as :func:`read_automatic` returns it.
+        names: of the scene's photos.
+
+    Raises:
+        BadInput: a file cannot be read, or names a photo that is none of the scene's.
+    """
+    own = folder / CLICKS
+    given = None if by_hand is None else by_hand / f"{building.hull.id}.json"
+    clicks = None
+    if given is not None and given.is_file():
+        clicks = _read_clicks(given)
+    elif own.is_file():
+        found = _read_clicks(own)
+        clicks = found if digest(found) not in _automatic(folder, earlier) else None
+    if not clicks:
+        return building
+    strange = sorted(set(clicks) - names)
+    if strange:
+        raise BadInput(f"'{given or own}' names the photo '{strange[0]}', which the scene does not have; correct it.")
+    return replace(building, hull=replace(building.hull, state=BY_HAND, reason=""), clicks=clicks, by_hand=True)
+
+
+def read_automatic(file: Path) -> dict[str, str]:
+    """Read the digest of each building's automatic clicks from ``buildings.json``; none where it cannot be used."""
+    try:
+        rows = json.loads(file.read_text(encoding="utf-8"))["buildings"]
+        return {str(row["id"]): str(row["automatic"]) for row in rows}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def digest(clicks: dict[str, Any]) -> str:
+    """Return the SHA-256 of clicks, empty for none."""
+    return hashlib.sha256(json.dumps(clicks, sort_keys=True).encode()).hexdigest() if clicks else ""
+
+
+def _automatic(folder: Path, earlier: dict[str, str]) -> set[str]:
+    """Return the digests of the automatic clicks that were written for a building, or were about to be."""
+    try:
+        marked = {str(each) for each in json.loads((folder / AUTOMATIC).read_text(encoding="utf-8"))}
+    except (OSError, ValueError, TypeError):
+        marked = set()
+    return marked | {earlier.get(folder.name, "")}
+
+
+def _read_clicks(path: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        if not isinstance(data, dict):
+            raise ValueError("no entries of photos")
+        return data
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadInput(f"The clicks '{path}' cannot be read ({error}); correct or delete the file.") from error
