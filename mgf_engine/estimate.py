@@ -178,10 +178,10 @@ def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str
     if needed <= budget:
         return ""
     flags = remedy(config, photos, budget, stages)
-    cure = f"{flags} would make it fit" if flags else "no smaller photos would make it fit"
+    cure = f"{flags} would make it fit, or allow" if flags else "no option would make it fit: allow"
     return (
         f"The stage '{found.largest}' will need about {needed / GB:.1f} GB of memory, and the job may use "
-        f"{budget / GB:.1f} GB; {cure}, or allow more with --memory."
+        f"{budget / GB:.1f} GB; {cure} more with --memory."
     )
 
 

@@ -8,6 +8,7 @@ input gives the same mesh with any budget.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import sys
 import threading
 from pathlib import Path
@@ -15,6 +16,7 @@ from types import TracebackType
 
 import psutil
 
+from mgf_engine.errors import BadInput
 from mgf_engine.subprocesses import RUNNING
 from mgf_engine.system import peak_memory
 
@@ -24,6 +26,8 @@ USUAL = 0.75
 _SAMPLE_SECONDS = 0.5
 _CGROUPS = Path("/sys/fs/cgroup")
 _allowed = 0.0
+_scratch: Path | None = None
+_strict = False
 
 
 def free_memory() -> int:
@@ -59,10 +63,20 @@ def budget_of(gigabytes: float, free: int | None = None) -> float:
     return gigabytes * GB if gigabytes else USUAL * (free_memory() if free is None else free)
 
 
-def allow(budget: float) -> None:
-    """Set the bytes that this process may use from now on; see :func:`share`."""
-    global _allowed
-    _allowed = budget
+def allow(budget: float, folder: Path | None = None, strict: bool = False) -> None:
+    """Set the bytes that this process may use from now on, see :func:`share`.
+
+    Args:
+        folder: for what does not fit into memory.
+        strict: whether work that cannot stay below is to be refused, see :func:`require`.
+    """
+    global _allowed, _scratch, _strict
+    _allowed, _scratch, _strict = budget, folder, strict
+
+
+def scratch() -> Path | None:
+    """Return the folder for what does not fit into memory; None outside of a job."""
+    return _scratch
 
 
 def allowed() -> float:
@@ -82,8 +96,42 @@ def at_once(bytes_each: float) -> int:
     """
     if not bytes_each:
         return sys.maxsize
-    left = _allowed - psutil.Process().memory_info().rss if _allowed else budget_of(0.0)
-    return max(1, int(0.5 * left / bytes_each))
+    return max(1, int(0.5 * _left() / bytes_each))
+
+
+def fits_beside(size: float) -> bool:
+    """Tell whether work of ``size`` bytes may run beside other work: whether it fits into half of what is left."""
+    return size <= 0.5 * _left()
+
+
+def require(size: float, what: str, cure: str) -> None:
+    """Make room for ``size`` bytes that are needed at once.
+
+    Raises:
+        BadInput: the user's limit does not leave them.
+    """
+    if sys.platform.startswith("linux"):
+        with contextlib.suppress(OSError, AttributeError):  # other libraries than glibc's give back at once
+            ctypes.CDLL(None).malloc_trim(0)
+    if _strict and size > _left():
+        raise BadInput(
+            f"{what} need about {size / GB:.1f} GB of memory beside the {_taken() / GB:.1f} GB that the job holds, and "
+            f"it may use {_allowed / GB:.1f} GB; {cure}, or allow more with --memory."
+        )
+
+
+def _left() -> float:
+    """Bytes that the process may still take, its workers counted."""
+    return _allowed - _taken() if _allowed else budget_of(0.0)
+
+
+def _taken() -> int:
+    """Bytes that this process and its workers take now."""
+    taken = psutil.Process().memory_info().rss
+    for worker in tuple(RUNNING):
+        with contextlib.suppress(psutil.Error):
+            taken += psutil.Process(worker).memory_info().rss
+    return taken
 
 
 class MemoryMonitor:
@@ -114,11 +162,7 @@ class MemoryMonitor:
             self._sample()
 
     def _sample(self) -> None:
-        taken = psutil.Process().memory_info().rss
-        for worker in tuple(RUNNING):
-            with contextlib.suppress(psutil.Error):
-                taken += psutil.Process(worker).memory_info().rss
-        self.peak = max(self.peak, taken)
+        self.peak = max(self.peak, _taken())
 
 
 def _forget_peak() -> bool:

@@ -15,6 +15,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.estimate import Photos, Took, estimate, inspect_photos, learn, shortage, with_clicks
 from mgf_engine.job import Job
+from mgf_engine.masks.prompts import no_clicks
 from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
 from mgf_engine.messages import Reporter
 from mgf_engine.stages import STAGE_NAMES, outputs, stage_named
@@ -40,6 +41,8 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     prepare(job.config, reporter)
     lost = job.lost(until)
     to_run = [name for name in stages if name in lost or not job.done(name)]
+    if "masks" in to_run and job.config.use_masks and not (job.inputs.clicks or job.masks):
+        raise no_clicks()  # before the cameras are found, which can take long
     photos = _look_ahead(job, to_run, reporter) if to_run else None
     for place, name in enumerate(stages):
         reporter.check()
@@ -101,7 +104,7 @@ def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos | Non
     """
     from mgf_engine.model.photo_cache import PHOTOS, ROOM
 
-    allow(budget_of(job.config.memory))
+    allow(budget_of(job.config.memory), job.folder, strict=bool(job.config.memory))
     PHOTOS.room = share(0.1, ROOM)
     try:
         photos = with_clicks(inspect_photos(job.source, job.folder), job.inputs.clicks)

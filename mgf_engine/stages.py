@@ -107,7 +107,7 @@ STAGES: tuple[Stage, ...] = (
         inputs="photos",
         outputs=(Output("scene"), Output("scene/scene.npz", proof=True)),
         cost={
-            "cpu": {"": 0.25, "photos taken": 0.043, "photos pixels": 0.046, "unplaced": 1.0, "pairs": 0.05},
+            "cpu": {"": 0.2, "photos taken": 0.06, "photos pixels": 0.06, "unplaced": 1.0, "pairs": 0.05},
             "serial": 0.3,
             "bytes": {"": 0.42e9, "photos pixels": 3.5e6, "threads taken": 17e6},
         },
@@ -128,7 +128,7 @@ STAGES: tuple[Stage, ...] = (
             Output("masks/contact_sheet.jpg", "masks"),
         ),
         cost={
-            "cpu": {"photos": 0.25, "photos pixels": 0.7},
+            "cpu": {"photos": 0.2, "photos pixels": 0.9},
             "serial": 0.15,
             "bytes": {"": 0.53e9, "photos pixels": 11e6, "threads pixels": 80e6},
         },
@@ -149,7 +149,7 @@ STAGES: tuple[Stage, ...] = (
         ),
         cost={
             "cpu": {
-                "": 1.3, "surface": 7.9, "photos pixels": 0.1,
+                "": 3.2, "surface": 7.2,
                 "passes": 0.0104, "passes gaussians": 0.085, "passes pixels": 0.02,
             },
             "serial": 0.15,
@@ -171,7 +171,7 @@ STAGES: tuple[Stage, ...] = (
             Output("mesh_parts.npz", kept=True, manifest="parts"),
         ),
         cost={
-            "cpu": {"": 5.5, "building": 4.8, "photos building": 0.08},
+            "cpu": {"": 6.0, "building": 5.2, "photos building": 0.05},
             "serial": 0.15,
             "bytes": {"": 0.35e9, "building": 0.18e9, "gaussians": 1.2e9, "threads pixels": 40e6},
         },
@@ -202,7 +202,7 @@ STAGES: tuple[Stage, ...] = (
             Output(MANIFEST, proof=True),
         ),
         cost={
-            "cpu": {"": 1.3, "photos pixels": 0.08, "building": 0.6, "measured pixels": 0.85},
+            "cpu": {"": 1.3, "photos pixels": 0.08, "building": 0.5, "measured pixels": 0.85},
             "serial": 0.3,
             "bytes": {"": 0.25e9, "building": 0.01e9, "gaussians": 0.85e9, "texture": 6e6, "threads pixels": 280e6},
         },

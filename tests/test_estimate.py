@@ -36,13 +36,14 @@ from mgf_engine.stages import STAGE_NAMES
 
 SOUTH, HERZJESU, WHITE = Photos(64, (1000, 747)), Photos(25, (1000, 667)), Photos(40, (750, 500))
 SMOKE, DEMO = Photos(24, (320, 213)), Photos(30, (480, 320))
+SLATE, SHEET, TOWER = Photos(35, (500, 333)), Photos(36, (500, 333)), Photos(36, (600, 400))
 #: Jobs that were measured with two threads (docs/scale.md): photos, share of the building by clicks and by masks,
 #: options, CPU seconds and peak GB of each stage.
 MEASURED = [
-    (SMOKE, (0.50, 0.51), {"preset": "quick"}, [(0.3, 0.43), (5.4, 0.52), (9.0, 0.75), (14.2, 0.92), (2.1, 0.71)]),
+    (SMOKE, (0.49, 0.51), {"preset": "quick"}, [(0.3, 0.43), (5.4, 0.52), (9.0, 0.75), (14.2, 0.92), (2.1, 0.71)]),
     (DEMO, (0.42, 0.43), {"preset": "draft"}, [(0.7, 0.45), (11.2, 0.58), (40.9, 0.99), (18.3, 1.37), (3.5, 0.84)]),
-    (WHITE, (0.27, 0.17), {"preset": "quick"}, [(1.9, 0.50), (18.6, 0.77), (16.1, 0.89), (17.8, 1.27), (4.2, 0.81)]),
-    (WHITE, (0.27, 0.17), {"preset": "draft"}, [(1.9, 0.50), (18.0, 0.76), (39.7, 0.94), (18.5, 1.47), (4.6, 0.98)]),
+    (WHITE, (0.20, 0.17), {"preset": "quick"}, [(1.9, 0.50), (18.6, 0.77), (16.1, 0.89), (17.8, 1.27), (4.2, 0.81)]),
+    (WHITE, (0.20, 0.17), {"preset": "draft"}, [(1.9, 0.50), (18.0, 0.76), (39.7, 0.94), (18.5, 1.47), (4.6, 0.98)]),
     (
         HERZJESU,
         (0.68, 0.81),
@@ -52,6 +53,12 @@ MEASURED = [
     (HERZJESU, (0.68, 0.82), {"preset": "quick"}, [(1.5, 0.48), (14.1, 0.74), (57.8, 1.61), (49.5, 2.12), (5.7, 1.10)]),
     (SOUTH, (0.43, 0.48), {"preset": "quick"}, [(3.3, 0.53), (33.7, 0.89), (134.0, 2.52), (124.5, 3.70), (11.7, 1.20)]),
     (SOUTH, (0.43, 0.48), {"preset": "draft"}, [(3.4, 0.53), (33.4, 0.90), (206.9, 2.52), (137.5, 4.57), (14.6, 1.73)]),
+]
+#: The same on another machine, on which the scenes above take 1.33 times as long; divided by that.
+MEASURED += [
+    (SLATE, (0.20, 0.21), {"preset": "quick"}, [(0.9, 0.46), (13.5, 0.57), (12.8, 0.79), (13.2, 1.04), (3.0, 0.69)]),
+    (SHEET, (0.50, 0.35), {"preset": "quick"}, [(1.1, 0.46), (13.7, 0.56), (11.8, 0.75), (20.6, 1.13), (3.1, 0.75)]),
+    (TOWER, (0.25, 0.22), {"preset": "quick"}, [(1.1, 0.47), (18.7, 0.62), (15.9, 0.92), (17.9, 1.19), (3.5, 0.80)]),
 ]
 TELLING = 3.0  # CPU seconds: shorter stages are mostly their start
 
@@ -76,16 +83,16 @@ def test_the_photos_of_a_scene_are_counted_without_reading_them(house: House, tm
 
 @pytest.mark.parametrize(("photos", "shares", "given", "took"), MEASURED)
 def test_measured_jobs(photos: Photos, shares: tuple[float, float], given: dict, took: list[tuple[float, float]]):
-    """Each stage within 1.5 times once there are masks; from clicks alone all stages together, within 1.8 times."""
+    """Each stage within 1.6 times once there are masks; from clicks alone all stages together within 1.4 times."""
     config = make_config({"threads": 2, **given})
     of_clicks, of_masks = (quantities(config, replace(photos, building=share)) for share in shares)
     for stage, (cpu, gigabytes) in zip(STAGE_NAMES, took, strict=True):
         assert 1 / 1.5 < bytes_of(stage, of_masks) / GB / gigabytes < 1.5, stage
         if cpu > TELLING:
-            assert 1 / 1.5 < amount(COSTS["stages"][stage]["cpu"], of_masks) / cpu < 1.5, stage
+            assert 1 / 1.6 < amount(COSTS["stages"][stage]["cpu"], of_masks) / cpu < 1.6, stage
     seconds = sum(amount(COSTS["stages"][stage]["cpu"], of_clicks) for stage in STAGE_NAMES)
     memory = max(bytes_of(stage, of_clicks) for stage in STAGE_NAMES) / GB
-    assert 1 / 1.5 < seconds / sum(cpu for cpu, _ in took) < 1.8  # the clicks on white_house lie far apart
+    assert 1 / 1.4 < seconds / sum(cpu for cpu, _ in took) < 1.4
     assert 1 / 1.5 < memory / max(gigabytes for _, gigabytes in took) < 1.5
 
 
@@ -153,7 +160,7 @@ def test_the_remedy_makes_it_fit_and_a_milder_one_would_not(share: float) -> Non
 
 def test_nothing_helps_below_what_the_engine_itself_takes() -> None:
     text = shortage(make_config(), Photos(60, (4000, 3000)), 0.1 * GB)
-    assert "no smaller photos would make it fit, or allow more with --memory" in text
+    assert "no option would make it fit: allow more with --memory" in text
 
 
 def test_a_job_that_cannot_fit_is_refused_before_it_works(house: House, tmp_path: Path, capsys) -> None:
@@ -163,6 +170,13 @@ def test_a_job_that_cannot_fit_is_refused_before_it_works(house: House, tmp_path
     messages = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert "and the job may use 0.2 GB" in messages[-1]["text"]
     assert not any(m["type"] == "stage" for m in messages) and not (job / "scene").exists()
+
+
+def test_a_job_without_clicks_is_refused_before_the_cameras_are_found(house: House, tmp_path: Path, capsys) -> None:
+    assert main(["reconstruct", str(house.folder), "--out", str(tmp_path / "job"), "--progress", "json"]) == 2
+    messages = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert messages[-1]["text"].startswith("There are no clicks on the building; give --prompts FILE")
+    assert not any(m["type"] == "stage" for m in messages)
 
 
 def test_a_job_says_first_what_it_will_take(house: House, tmp_path: Path, capsys) -> None:

@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: Packages and modules of ``mgf_engine``, from the bottom up: each may import those before it.
 ORDER = (
-    *("system", "errors", "stages", "subprocesses", "timing", "memory", "morton", "safe_npz", "sampling"),
+    *("system", "errors", "stages", "subprocesses", "timing", "memory", "spill", "morton", "safe_npz", "sampling"),
     *("images", "output_folder"),
     *("option_values", "algorithm_table", "algorithms", "costs", "config", "option_list"),  # options
     *("messages", "terminal", "reported"),  # reports

@@ -20,7 +20,7 @@ from mgf_engine.masks.contact_sheet import write_contact_sheet
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_cells
 from mgf_engine.masks.parts import Part, PartOptions, add_elements, tie_parts
 from mgf_engine.masks.points import VoteOptions, choose_voters, pixel_at, vote
-from mgf_engine.masks.prompts import Prompts, PromptsFile, read_prompts
+from mgf_engine.masks.prompts import Prompts, PromptsFile, no_clicks, read_prompts
 from mgf_engine.masks.propagation.propagate import Propagation, propagate
 from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
@@ -43,7 +43,6 @@ log = logging.getLogger("mgf")
 
 ELEMENT_BYTES = 90  # per pixel of a photo whose parts are looked for
 SLIP = 10  # px that a click may lie beside the building
-_NO_CLICKS = "There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks."
 
 
 @plain_opencv()
@@ -78,7 +77,7 @@ def build_masks(
         reporter.send("segmenter", segmenter=segmenter.name, text=notice(segmenter.name))
         result = propagate(scene, clicks, segmenter, config, reporter)
     else:
-        raise BadInput(_NO_CLICKS)
+        raise no_clicks()
     _check(scene, result, config)
     masks, parts = result.masks, list[Part]()
     parts_clicked = any(photo.parts for photo in clicks.values())

@@ -29,6 +29,11 @@ _SHAPE = '{"photo": {"positive": [[u, v], ...], "negative": [[u, v], ...], "part
 _LARGEST_FILE = 32 << 20  # bytes; a thousand clicks on each of a thousand photos take less
 
 
+def no_clicks() -> BadInput:
+    """Return what to raise where nothing says which building is meant."""
+    return BadInput("There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks.")
+
+
 def _none() -> Points:
     return np.zeros((0, 2))
 

@@ -22,6 +22,7 @@ from mgf_engine.native.parallel import parallel_map
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.device import each_view
 from mgf_engine.raster.points import INSIDE, NEAR
+from mgf_engine.spill import Spill
 
 CPU = torch.device("cpu")
 FAR = 1e6  # depth of what lies behind everything
@@ -65,6 +66,7 @@ def make_depth_maps(
     progress: Progress = lambda share: None,
     device: torch.device = CPU,
     prior: Known | None = None,
+    spill: Spill | None = None,
 ) -> list[DepthMap]:
     """Make the depth maps of all views: rendered, matched with neighbouring photos, smoothed.
 
@@ -75,6 +77,7 @@ def make_depth_maps(
         options: of the matching, the smoothing and the fusion.
         device: where ``show`` draws.
         prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
+        spill: where their pixels are kept; in memory when None.
     """
     near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
     asked = _views_with_neighbours(show, masks, near, options.prior, device, prior)
@@ -82,7 +85,7 @@ def make_depth_maps(
     maps: list[DepthMap] = []
     for found in parallel_map(lambda view: _match(view, options), asked, bytes_each=each):
         progress(len(maps) / len(masks))
-        maps.append(found)
+        maps.append(found if spill is None else replace(found, pixels=spill.keep(found.pixels)))
     return maps
 
 

@@ -28,6 +28,7 @@ from mgf_engine.native.library import parallel
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.points import NEAR
+from mgf_engine.spill import Spill
 
 CHUNK = 1 << 16  # points that are asked at a time, which bounds the memory
 
@@ -64,10 +65,11 @@ class TsdfField:
     Args:
         maps: as :func:`mgf_engine.mesh.depth_maps.make_depth_maps` makes them.
         options: of the fusion, and whether and where the visual hull is free, whatever the depths say.
+        spill: what keeps the pixels of the maps, where anything does.
     """
 
-    def __init__(self, maps: list[DepthMap], options: TsdfOptions = TsdfOptions()) -> None:
-        self.maps, self.options = maps, options
+    def __init__(self, maps: list[DepthMap], options: TsdfOptions = TsdfOptions(), spill: Spill | None = None) -> None:
+        self.maps, self.options, self.spill = maps, options, spill
         self.offset, self.band = 0.0, options.band
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
@@ -157,6 +159,8 @@ class TsdfField:
         starts = range(0, len(points), CHUNK)
         for start, result in zip(starts, parallel_map(one, starts), strict=True):
             progress(min(start + CHUNK, len(points)) / len(points))
+            if self.spill is not None:
+                self.spill.release()
             yield result
 
     def _view_struct(self, m: DepthMap) -> tuple[Any, ...]:
@@ -200,8 +204,9 @@ def fuse_gaussians(
         assert prior is not None and photos is not None
         return prior.seen_from(views[number], photos.grey(number))
 
+    spill = Spill()
     maps = make_depth_maps(
         show, masks, photos.neighbours if photos else (), options, progress, gaussians.positions.device,
-        known if prior is not None and photos is not None else None,
+        known if prior is not None and photos is not None else None, spill,
     )  # fmt: skip
-    return TsdfField(maps, options.tsdf)
+    return TsdfField(maps, options.tsdf, spill)

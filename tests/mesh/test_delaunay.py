@@ -4,11 +4,14 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
+from mgf_engine import memory
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.geometry import delaunay
 from mgf_engine.geometry.delaunay import begun
+from mgf_engine.subprocesses import RUNNING
 
 
 def nothing() -> None:
@@ -100,3 +103,25 @@ with delaunay.begun(np.random.default_rng(0).normal(size=(50, 3))) as made:
 """
     done = subprocess.run([sys.executable, "-c", job], capture_output=True, text=True, process_group=0)
     assert done.returncode == 3, done.stderr
+
+
+def test_what_does_not_fit_below_the_users_limit_is_refused() -> None:
+    memory.allow(psutil.Process().memory_info().rss + 1e5, strict=True)
+    words = r"tetrahedra of 500 points need about 0.0 GB .* lower max_gaussians or resolution, or allow more"
+    try:
+        with begun(points(500)) as made, pytest.raises(BadInput, match=words):
+            made(nothing)
+    finally:
+        memory.allow(0.0)
+
+
+@pytest.mark.parametrize("short", [False, True])
+def test_where_memory_is_short_the_process_begins_when_it_is_asked_for(short: bool) -> None:
+    memory.allow(1.0 if short else 1e12)
+    try:
+        with begun(points(500)) as made:
+            assert bool(RUNNING) != short
+            assert np.array_equal(made(nothing), delaunay.delaunay(points(500)))
+        assert not RUNNING
+    finally:
+        memory.allow(0.0)

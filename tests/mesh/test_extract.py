@@ -11,6 +11,7 @@ import torch
 import trimesh
 from support.analytic import as_trimesh, ball, box, cuboid, discs, mesh_of, ring, scene_of, sphere
 
+from mgf_engine import memory
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.mesh.extract import extract_mesh
@@ -288,3 +289,23 @@ def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
     field = tsdf.fuse_gaussians(sphere(100), views, judging_masks(scene, masks, range(24), 1), photos)
     library.set_threads(0)
     assert len(field.maps) == len(alive) == 24 and most <= 4 + 2 * (2 + 1)  # those made ahead twice over
+
+
+def test_depth_maps_in_a_file_give_the_same_surface(tmp_path) -> None:
+    views = ring(12)
+    scene, masks = scene_of(views, ball())
+    from mgf_engine.mesh import tsdf
+    from mgf_engine.mesh.hull import judging_masks
+
+    judged = judging_masks(scene, masks, range(12), 1)
+    points = np.random.default_rng(0).uniform(-1, 1, (200_000, 3))
+    try:
+        memory.allow(1e12, tmp_path)
+        kept = tsdf.fuse_gaussians(sphere(100), views, judged)
+        memory.allow(1e5, tmp_path)
+        spilled = tsdf.fuse_gaussians(sphere(100), views, judged)
+    finally:
+        memory.allow(0.0)
+    in_file = [not m.pixels.flags.writeable for m in spilled.maps]
+    assert sum(in_file) > 6 and all(m.pixels.flags.writeable for m in kept.maps)
+    np.testing.assert_array_equal(kept.signed(points), spilled.signed(points))
