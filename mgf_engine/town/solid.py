@@ -11,14 +11,19 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mgf_engine.errors import EXIT_DONE, explain
-from mgf_engine.georef.model import read_georeference
+from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.system import cpu_seconds, write_json
+from mgf_engine.town.hulls import GONE
+from mgf_engine.town.plan_files import read_plan
 from mgf_engine.town.worker import JOB
+
+if TYPE_CHECKING:
+    import shapely
 
 CITYJSON, DONE = "solid.city.json", "solid.json"
 
@@ -37,20 +42,35 @@ def make_solid(folder: Path, georeference_of: Path) -> dict[str, Any]:
     from mgf_engine.job_folder import with_algorithms_of_job
     from mgf_engine.models.cityjson import make_cityjson
     from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
+    from mgf_engine.town.view_selection import BuildingViewOptions
 
     began, cpu = time.perf_counter(), cpu_seconds()
     config = with_algorithms_of_job(folder / JOB, {})
     survey = read_survey(folder / JOB, read_georeference(georeference_of), config.algorithm(UpOptions))
     (folder / CITYJSON).unlink(missing_ok=True)
     try:
-        solid = build_solid(survey, options=config.algorithm(SolidOptions))
+        reach = config.algorithm(BuildingViewOptions).party_wall * float(read_plan(georeference_of)["metre"])
+        taken = ground_of_neighbours(georeference_of, folder.resolve().name, survey.georeference, reach)
+        solid = build_solid(survey, options=config.algorithm(SolidOptions), taken=taken)
     except NoSolid as reason:
         return {"lod": None, "reason": str(reason)}
     write_json(folder / CITYJSON, make_cityjson(solid, survey, folder.name))
     return {
         "lod": solid.level, "faces": len(solid.faces), "volume": round(solid.volume, 2),
+        "party_walls": solid.party, "unseen_walls": solid.unseen["wall"],
         "seconds": round(time.perf_counter() - began, 1), "cpu_seconds": round(cpu_seconds() - cpu, 1),
     }  # fmt: skip
+
+
+def ground_of_neighbours(town: Path, name: str, georeference: Georeference, reach: float) -> shapely.Geometry:
+    """Footprints of the other buildings of a town with so much around them, local frame; not of what is torn down."""
+    import shapely
+
+    features = json.loads((town / "buildings.geojson").read_text(encoding="utf-8"))["features"]
+    others = [f["geometry"] for f in features if f["properties"]["id"] != name and f["properties"]["state"] != GONE]
+    shapes = shapely.from_geojson([json.dumps(geometry) for geometry in others])
+    local = shapely.transform(shapes, lambda places: places - np.array(georeference.offset[:2]))
+    return shapely.union_all(shapely.buffer(local, reach))
 
 
 def merge_cityjson(parts: list[dict[str, Any]], title: str) -> dict[str, Any]:

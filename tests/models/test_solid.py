@@ -16,6 +16,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 from mgf_engine.drawings.load import read_survey
@@ -95,6 +96,22 @@ def test_walls_alone_give_a_block_and_a_sentence(survey: Survey) -> None:
     solid = build_solid(of(survey, Mesh(mesh.vertices, mesh.faces[upright], mesh.colors)))
     assert solid.level == 1 and roofs(solid) == 1 and faults_of(solid, 1e-6) == []
     assert solid.unseen[ROOF] > 0.7 and solid.unseen[WALL] < 0.2
+
+
+def test_walls_against_neighbours_need_no_mesh(survey: Survey) -> None:
+    """A house in a row: more than 40 % of its walls are party walls, which nobody sees."""
+    mesh = building(BUILDINGS["shed roof"], step=0.1)
+    shown = np.abs(of(survey, mesh).normals[:, 1]) < 0.9
+    middle = of(survey, Mesh(mesh.vertices, mesh.faces[shown], mesh.colors))
+    with pytest.raises(NoSolid, match=r"of its walls$"):
+        build_solid(middle)
+    rows = [shapely.box(-3, y - 4, 3, y + 4).buffer(1.0) for y in (-6, 6)]
+    solid = build_solid(middle, taken=shapely.union_all(rows))
+    assert faults_of(solid, 1e-6) == [] and solid.level == 2
+    assert solid.volume == pytest.approx(volume(BUILDINGS["shed roof"]), rel=0.02)
+    assert solid.party > 0.5 and solid.unseen[WALL] < 0.1
+    with pytest.raises(NoSolid, match=r"beside the .* against neighbours"):
+        build_solid(middle, taken=rows[0].intersection(shapely.box(-9, -9, 0, 9)))
 
 
 def test_one_wall_makes_no_solid(survey: Survey) -> None:

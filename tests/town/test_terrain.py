@@ -14,7 +14,8 @@ import shapely
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.rasterize import face_normals
-from mgf_engine.town.solid import merge_cityjson
+from mgf_engine.georef.model import Georeference
+from mgf_engine.town.solid import ground_of_neighbours, merge_cityjson
 from mgf_engine.town.terrain import TerrainOptions, ground_surface
 
 HOUSE = shapely.box(-6, -5, 6, 5)
@@ -101,3 +102,16 @@ def test_solids_are_one_file_that_keeps_to_the_schema() -> None:
         assert len(used) == 8 and places[used].min(0) == pytest.approx(corner, abs=1e-6)
         assert places[used].max(0) == pytest.approx(np.add(corner, (5, 5, 3)), abs=1e-6)
     assert town["metadata"]["geographicalExtent"] == [691000.0, 5333990.0, 500.0, 691045.0, 5334005.0, 505.0]
+
+
+def test_the_ground_of_neighbours_is_that_of_what_stands_there(tmp_path: Path) -> None:
+    places = {"own": ("ready", 0), "next": ("ready", 10), "gone": ("nothing there", 20)}
+    features = [
+        {"type": "Feature", "properties": {"id": name, "state": state},
+         "geometry": json.loads(shapely.to_geojson(shapely.box(500 + x, 900, 510 + x, 910)))}
+        for name, (state, x) in places.items()
+    ]  # fmt: skip
+    (tmp_path / "buildings.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    taken = ground_of_neighbours(tmp_path, "own", Georeference(offset=(500.0, 900.0, 0.0)), 1.0)
+    assert shapely.contains_xy(taken, [9.5, 15, 20.5], [5, 5, 5]).all()
+    assert not shapely.contains_xy(taken, [5, 22, 15], [5, 5, 12]).any()

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
@@ -43,16 +44,23 @@ class NoSolid(Exception):
     """The mesh does not enclose a building; the message says why."""
 
 
-def build_solid(survey: Survey, detail: float | None = None, options: SolidOptions = SolidOptions()) -> Solid:
+def build_solid(
+    survey: Survey,
+    detail: float | None = None,
+    options: SolidOptions = SolidOptions(),
+    taken: shapely.Geometry | None = None,
+) -> Solid:
     """Build the solid of a survey, checked and measured.
 
     Args:
         detail: steps and offsets below this size are left out; None takes it from photos and size.
+        taken: ground of the neighbours and so much around it as their walls may lie beside the map, local frame. What
+            lies there is a party wall, which nobody can see, and no reason to refuse the solid.
 
     Raises:
         NoSolid: there is none.
     """
-    evidence = gather_evidence(survey, detail, options.evidence)
+    evidence = gather_evidence(survey, detail, options.evidence, taken)
     if evidence.inside.sum() * evidence.grid.resolution**2 < 4 * evidence.detail**2:
         raise NoSolid("the mesh covers no ground")
     level = 2 if _roof_seen(evidence) >= options.roof_seen else 1
@@ -60,13 +68,13 @@ def build_solid(survey: Survey, detail: float | None = None, options: SolidOptio
         solid = _make(evidence, level, options)
         faults = faults_of(solid, 0.1 * evidence.detail)
         if not faults:
-            return _checked(_measured(solid, survey, evidence, level, options), options)
-        evidence = gather_evidence(survey, options.coarser * evidence.detail, options.evidence)
+            return _checked(_measured(solid, survey, evidence, level, options, taken), options)
+        evidence = gather_evidence(survey, options.coarser * evidence.detail, options.evidence, taken)
     if level == 2:
         solid = _make(evidence, 1, options)
         faults = faults_of(solid, 0.1 * evidence.detail)
         if not faults:
-            return _checked(_measured(solid, survey, evidence, 1, options), options)
+            return _checked(_measured(solid, survey, evidence, 1, options, taken), options)
     raise NoSolid(faults[0])
 
 
@@ -86,7 +94,14 @@ def _make(evidence: Evidence, level: int, options: SolidOptions) -> Solid:
     return make_polyhedron(cells, label, slopes, evidence.ground, evidence.lines)
 
 
-def _measured(solid: Solid, survey: Survey, evidence: Evidence, level: int, options: SolidOptions) -> Solid:
+def _measured(
+    solid: Solid,
+    survey: Survey,
+    evidence: Evidence,
+    level: int,
+    options: SolidOptions,
+    taken: shapely.Geometry | None,
+) -> Solid:
     """The solid with what is known about it."""
     faces, owner = triangles(solid)
     surface, mesh = Surface(solid.vertices, faces.astype(np.int64)), _mesh_surface(survey)
@@ -98,11 +113,17 @@ def _measured(solid: Solid, survey: Survey, evidence: Evidence, level: int, opti
     turned = (mesh.normals(nearest) * surface.normals(triangle)).sum(1) < options.facing
     far = turned | (squared > (options.seen_distance * evidence.detail) ** 2)
     kinds = np.array([face.kind for face in solid.faces])[owner[triangle]]
-    unseen = {str(kind): round(float(far[kinds == kind].mean()), 4) for kind in (ROOF, WALL)}
+    party = (kinds == WALL) & (False if taken is None else shapely.contains_xy(taken, on_solid[:, :2]))
+    unseen = {str(kind): _mean(far[(kinds == kind) & ~party]) for kind in (ROOF, WALL)}
     return replace(
         solid, level=level, ground=evidence.ground, ground_from=evidence.ground_from, detail=evidence.detail,
         volume=volume_of(solid), deviation=deviation_of(_distances(surface, points)), unseen=unseen,
+        party=_mean(party[kinds == WALL], 0.0),
     )  # fmt: skip
+
+
+def _mean(values: NDArray[np.bool_], of_none: float = 1.0) -> float:
+    return round(float(values.mean()), 4) if len(values) else of_none
 
 
 def _checked(solid: Solid, options: SolidOptions) -> Solid:
@@ -112,7 +133,8 @@ def _checked(solid: Solid, options: SolidOptions) -> Solid:
         NoSolid: they are.
     """
     if solid.unseen.get(WALL, 1.0) > options.unseen_walls:
-        raise NoSolid(f"the mesh has {1 - solid.unseen.get(WALL, 1.0):.0%} of its walls")
+        free = "its walls" if solid.party == 0 else f"its walls beside the {solid.party:.0%} against neighbours"
+        raise NoSolid(f"the mesh has {1 - solid.unseen.get(WALL, 1.0):.0%} of {free}")
     return solid
 
 

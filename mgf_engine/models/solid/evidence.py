@@ -9,6 +9,7 @@ from itertools import pairwise
 import cv2
 import igl
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import binary_opening, median_filter
 
@@ -19,6 +20,7 @@ from mgf_engine.drawings.project import Grid, plan_grid, render_grid
 from mgf_engine.drawings.regions import LOOSE, RegionOptions, Regions, find_regions, survey_planes
 from mgf_engine.drawings.trace import trace
 from mgf_engine.mesh.plane_detection import PlanarOptions
+from mgf_engine.model.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -93,12 +95,16 @@ class Evidence:
 
 
 def gather_evidence(
-    survey: Survey, detail: float | None = None, options: EvidenceOptions = EvidenceOptions()
+    survey: Survey,
+    detail: float | None = None,
+    options: EvidenceOptions = EvidenceOptions(),
+    taken: shapely.Geometry | None = None,
 ) -> Evidence:
     """Read all that the mesh tells.
 
     Args:
         detail: steps and offsets below this size are left out; None takes it from photos and size.
+        taken: ground of the neighbours, as :func:`mgf_engine.models.solid.build.build_solid` takes it.
     """
     size = float(np.linalg.norm(np.ptp(survey.mesh.vertices[:, :2], axis=0)))
     if detail is None:
@@ -110,7 +116,8 @@ def gather_evidence(
     height = np.where(seen.face >= 0, seen.before, np.nan).astype(np.float64)
     bottom = float(np.percentile(survey.mesh.vertices[:, 2], 0.5))
     top = float(np.nanpercentile(height, 90)) if np.isfinite(height).any() else float(survey.mesh.vertices[:, 2].max())
-    inside = _footprint(survey, height, grid, detail, bottom, top, options)
+    closed = survey.mesh if taken is None else hang_party_walls(survey.mesh, taken, bottom)
+    inside = _footprint(closed, height, grid, detail, bottom, top, options)
     upper = height[np.isfinite(height) & (height > bottom + options.inside_height * (top - bottom))]
     block = float(np.median(upper)) if len(upper) else top
     label, slopes = _roofs(regions, inside, options)
@@ -125,8 +132,28 @@ def gather_evidence(
     )  # fmt: skip
 
 
+def hang_party_walls(mesh: Mesh, taken: shapely.Geometry, bottom: float) -> Mesh:
+    """The mesh with a vertical wall below each open edge that lies on the ground of neighbours, down to ``bottom``.
+
+    Where nobody sees a party wall the mesh ends at the rim of the roof, and does not wind around what is below it.
+    """
+    edges = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
+    _, which, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    rim = edges[count[which.ravel()] == 1]
+    rim = rim[shapely.contains_xy(taken, mesh.vertices[rim].mean(1)[:, :2])]
+    used, ends = np.unique(rim, return_inverse=True)
+    a, b = (ends.reshape(-1, 2) + len(mesh.vertices)).T  # their feet
+    feet = mesh.vertices[used].copy()
+    feet[:, 2] = np.minimum(feet[:, 2], bottom)
+    walls = np.concatenate([np.stack([rim[:, 1], rim[:, 0], a], 1), np.stack([rim[:, 1], a, b], 1)])
+    return Mesh(
+        np.concatenate([mesh.vertices, feet]), np.concatenate([mesh.faces, walls]).astype(np.int32),
+        np.concatenate([mesh.colors, mesh.colors[used]]),
+    )  # fmt: skip
+
+
 def _footprint(
-    survey: Survey, height: Array, grid: Grid, detail: float, bottom: float, top: float, options: EvidenceOptions
+    mesh: Mesh, height: Array, grid: Grid, detail: float, bottom: float, top: float, options: EvidenceOptions
 ) -> NDArray[np.bool_]:
     """Where the building stands: the mesh winds around places half way up to what is seen from above.
 
@@ -139,7 +166,7 @@ def _footprint(
     over = height[np.ix_(row, column)]
     level = bottom + options.inside_height * (np.where(np.isfinite(over), over, top) - bottom)
     points = np.column_stack([at.reshape(-1, 2), level.ravel()])
-    winding = igl.fast_winding_number(survey.mesh.vertices, survey.mesh.faces.astype(np.int64), points)
+    winding = igl.fast_winding_number(mesh.vertices, mesh.faces.astype(np.int64), points)
     inside = binary_opening(median_filter(np.asarray(winding).reshape(level.shape) > options.winding, 3), iterations=1)
     wide = cv2.resize(inside.astype(np.uint8), (grid.width, grid.height), interpolation=cv2.INTER_NEAREST)
     return np.asarray(wide > 0)

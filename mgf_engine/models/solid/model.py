@@ -43,7 +43,8 @@ class Solid:
         detail: size below which steps and offsets were left out.
         volume: in cubic units.
         deviation: of the mesh above the ground from the solid.
-        unseen: share of the area of each kind of face that no mesh lies near.
+        unseen: share of the area of each kind of face that no mesh lies near; party walls do not count.
+        party: share of the area of the walls that lies against neighbours.
     """
 
     vertices: Array
@@ -55,6 +56,7 @@ class Solid:
     volume: float = 0.0
     deviation: Deviation | None = None
     unseen: dict[str, float] = field(default_factory=dict)
+    party: float = 0.0
 
     def normal(self, face: SolidFace) -> Array:
         """Return outward unit normal of a face, [3] (Newell)."""
