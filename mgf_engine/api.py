@@ -100,7 +100,7 @@ def reconstruct(
         BadInput: an input or option cannot be used, or the folder holds something else.
     """
     reporter = _reporter(on_message)
-    with Job.start(Path(out), Path(scene), _path(prompts), _path(masks), options, resume) as job:
+    with Job.start(Path(out), Path(scene), _path(prompts), _path(masks), options, resume=resume) as job:
         run_job(job, reporter)
         files = {name: Path(path) for name, path in result_files(job).items()}
         return Reconstruction(job.folder, files, job.stages[STAGE_NAMES[-1]]["figures"])

@@ -11,9 +11,10 @@ import os
 import shutil
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mgf_engine.algorithms import algorithms_schema
 from mgf_engine.cli_arguments import make_parser
@@ -24,6 +25,9 @@ from mgf_engine.option_list import algorithms_text, options_text
 from mgf_engine.reported import send_failed, watch_for_cancel
 from mgf_engine.stages import STAGE_NAMES
 from mgf_engine.terminal import drop_output, make_sink, prepare_streams
+
+if TYPE_CHECKING:
+    from mgf_engine.job import Job
 
 #: For numpy and torch, which read it when they are loaded: the engine's own threads take every core, and threads of
 #: libraries that wait for work by spinning take them away again (half of the time of the masks).
@@ -52,12 +56,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: list[str]) -> int:
+    """Run the command that the arguments name; returns the exit code."""
     if args[:1] == ["bench"]:
         return _bench_command(args[1:])
     parsed = make_parser().parse_args(args)
     if parsed.command in ("reconstruct", *STAGE_NAMES):
         return _job_command(parsed)
-    return int(_OTHER_COMMANDS[parsed.command](parsed))
+    if parsed.command in _JOB_COMMANDS:
+        return _function(_JOB_COMMANDS[parsed.command])(parsed, _given_options(parsed))
+    return _function(_COMMANDS[parsed.command])(parsed)
 
 
 def _bench_command(args: list[str]) -> int:
@@ -79,7 +86,7 @@ def _bench_command(args: list[str]) -> int:
 
 
 def _given_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Options from --config, then --set, then flags; the later wins."""
+    """Collect the options from --config, then --set, then flags; the later wins."""
     given = read_config(args.config) if args.config else {}
     given.update(option_pairs(args.set))
     names = {f.name for f in option_fields()}
@@ -92,6 +99,7 @@ def _given_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _job_command(args: argparse.Namespace) -> int:
+    """Run a job up to the stage that the command names; returns the exit code."""
     reporter = Reporter(make_sink(args.progress))
     log_path: Path | None = None
     try:
@@ -109,15 +117,16 @@ def _job_command(args: argparse.Namespace) -> int:
         return _fail(reporter, error, log_path)
 
 
-def _open_job(args: argparse.Namespace) -> Any:
+def _open_job(args: argparse.Namespace) -> Job:
+    """Open the job that the arguments ask for."""
     from mgf_engine.job import Job
 
     resume = args.resume or args.command in STAGE_NAMES
-    return Job.start(args.out, args.scene, args.prompts, args.masks, _given_options(args), resume)
+    return Job.start(args.out, args.scene, args.prompts, args.masks, _given_options(args), resume=resume)
 
 
 def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> int:
-    """Say in one sentence why the job ends early; the traceback of a fault goes to the log."""
+    """Report in one sentence why the job ends early, and log a fault's traceback; returns the exit code."""
     code, text = explain(error)
     log = logging.getLogger("mgf")
     if code == EXIT_FAULT:
@@ -132,6 +141,7 @@ def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> in
 
 
 def _log_to(path: Path) -> Path:
+    """Write the log to a file from now on, in the place of an earlier one."""
     log = logging.getLogger("mgf")
     log.setLevel(logging.INFO)
     log.propagate = False
@@ -145,6 +155,7 @@ def _log_to(path: Path) -> Path:
 
 
 def _options_command(args: argparse.Namespace) -> int:
+    """Print the options as text or JSON."""
     if args.algorithms:
         print(json.dumps(algorithms_schema(), indent=1) if args.json else algorithms_text(_columns()))
         return EXIT_DONE
@@ -157,11 +168,12 @@ def _options_command(args: argparse.Namespace) -> int:
 
 
 def _columns() -> int:
-    """Width of the terminal in characters."""
+    """Return the width of the terminal in characters."""
     return shutil.get_terminal_size((100, 24)).columns
 
 
 def _estimate_command(args: argparse.Namespace) -> int:
+    """Print the time and memory that a job will take."""
     from mgf_engine.config import make_config
     from mgf_engine.estimate import as_data, as_table, estimate, inspect_photos, with_clicks
     from mgf_engine.masks.prompts import PromptsFile
@@ -177,6 +189,7 @@ def _estimate_command(args: argparse.Namespace) -> int:
 
 
 def _doctor_command(args: argparse.Namespace) -> int:
+    """Print whether everything a job needs is there; returns the exit code."""
     if args.card:
         from mgf_engine.field.cuda_check import check_card
 
@@ -187,6 +200,7 @@ def _doctor_command(args: argparse.Namespace) -> int:
 
 
 def _weights_command(args: argparse.Namespace) -> int:
+    """Download or copy the weights of EfficientSAM."""
     from mgf_engine.masks.segmenters.download import copy_weights, download_weights
 
     if args.source is not None:
@@ -201,72 +215,29 @@ def _weights_command(args: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
-def _evaluate_command(args: argparse.Namespace) -> int:
-    from mgf_engine.evaluation.command import evaluate_command
-
-    return evaluate_command(args)
-
-
-def _drawings_command(args: argparse.Namespace) -> int:
-    from mgf_engine.drawings.command import drawings_command
-
-    return drawings_command(args)
-
-
-def _models_command(args: argparse.Namespace) -> int:
-    from mgf_engine.models.command import models_command
-
-    return models_command(args)
-
-
-def _preview_command(args: argparse.Namespace) -> int:
-    from mgf_engine.masks.preview import preview_command
-
-    return preview_command(args)
-
-
-def _clean_command(args: argparse.Namespace) -> int:
-    from mgf_engine.clean import clean_command
-
-    return clean_command(args)
-
-
-def _georef_command(args: argparse.Namespace) -> int:
-    from mgf_engine.georef.command import georef_command
-
-    return georef_command(args)
-
-
-def _buildings_command(args: argparse.Namespace) -> int:
-    from mgf_engine.town.command import buildings_command
-
-    return buildings_command(args, _given_options(args))
-
-
-def _town_command(args: argparse.Namespace) -> int:
-    from mgf_engine.town.run import town_command
-
-    return town_command(args, _given_options(args))
-
-
-def _suggest_command(args: argparse.Namespace) -> int:
-    from mgf_engine.town.suggest import suggest_command
-
-    return suggest_command(args, _given_options(args))
-
-
-_OTHER_COMMANDS = {
-    "town": _town_command,
-    "suggest-clicks": _suggest_command,
-    "buildings": _buildings_command,
-    "georef": _georef_command,
-    "clean": _clean_command,
-    "doctor": _doctor_command,
-    "drawings": _drawings_command,
-    "models": _models_command,
-    "estimate": _estimate_command,
-    "options": _options_command,
-    "weights": _weights_command,
-    "evaluate": _evaluate_command,
-    "preview": _preview_command,
+#: Command -> the function that runs it, imported when it is needed.
+_COMMANDS = {
+    "options": "cli:_options_command",
+    "estimate": "cli:_estimate_command",
+    "doctor": "cli:_doctor_command",
+    "weights": "cli:_weights_command",
+    "evaluate": "evaluation.command:evaluate_command",
+    "drawings": "drawings.command:drawings_command",
+    "models": "models.command:models_command",
+    "preview": "masks.preview:preview_command",
+    "clean": "clean:clean_command",
+    "georef": "georef.command:georef_command",
 }
+#: The same for commands that start jobs of their own; they are called with the options given for these, too.
+_JOB_COMMANDS = {
+    "buildings": "town.command:buildings_command",
+    "town": "town.run:town_command",
+    "suggest-clicks": "town.suggest:suggest_command",
+}
+
+
+def _function(place: str) -> Callable[..., int]:
+    """Import a function named as ``module:function`` inside the package."""
+    module, _, name = place.partition(":")
+    found: Callable[..., int] = getattr(import_module(f"mgf_engine.{module}"), name)
+    return found

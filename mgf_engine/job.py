@@ -77,6 +77,7 @@ class Job:
         prompts: Path | None = None,
         masks: Path | None = None,
         given: dict[str, Any] | None = None,
+        *,
         resume: bool = False,
     ) -> Job:
         """Make a job folder, or take up the one that is there when ``resume`` is set.
@@ -104,7 +105,7 @@ class Job:
         make_folder(folder)
         acquire(lock, folder)
         try:
-            job = plan()  # anew: what another process finished until it let go of the lock is on record now
+            job = plan()  # again: another process may have finished stages before it released the lock
             tables = {name: value for name in TABLES if (value := getattr(job.config, name))}
             job.inputs = read_inputs(job.source, job.prompts, job.masks, folder, tables)
             job.keys = job._make_keys()
@@ -126,7 +127,7 @@ class Job:
         given: dict[str, Any],
         resume: bool,
     ) -> Job:
-        """The job that :meth:`start` asks for, with what the folder's job file says; nothing is written."""
+        """Return the job that :meth:`start` asks for, with what the folder's job file says; nothing is written."""
         stages: dict[str, dict[str, Any]] = {}
         if resume and (source is None or (folder / "job.json").exists()):
             earlier = read_job(folder)
@@ -149,7 +150,7 @@ class Job:
         self.close()
 
     def close(self) -> None:
-        """Let other processes use the folder."""
+        """Release the folder for other processes."""
         self._lock.release()
 
     def path(self, *parts: str) -> Path:
@@ -157,6 +158,7 @@ class Job:
         return self.folder.joinpath(*parts)
 
     def _make_keys(self) -> dict[str, str]:
+        """Hash for each stage what decides its result: its inputs, its options and the key of the stage before."""
         result: dict[str, str] = {}
         before = f"format {FORMAT}"
         for stage in STAGES:
@@ -183,13 +185,13 @@ class Job:
         return lost
 
     def _complete(self, stage: Stage) -> bool:
-        """Whether the stage's results are there, with those that an option asked for."""
+        """Tell whether the stage's results are there, with those that an option asked for."""
         wanted = [files for option, files in stage.on_request.items() if getattr(self.config, option)]
         files = [*stage.proofs, *(name for names in wanted for name in names)]
         return all(self.path(name).exists() for name in files) and (MANIFEST not in files or delivered(self.folder))
 
     def forget(self, stage: str) -> None:
-        """Have the stage run again at the next occasion."""
+        """Drop the record of a stage, so that the next run does it again."""
         self.stages.pop(stage, None)
         self.save()
 
@@ -276,6 +278,7 @@ class Job:
         return [*found, self.inputs.tables] if self.adjusts_to_control else found
 
     def _outlines(self) -> Any:
+        """Return what the masks are made from: the user's masks, or else the clicks; None without masks."""
         if not self.config.use_masks:
             return None
         if self.inputs.masks is not None:  # they win over clicks
@@ -296,7 +299,7 @@ class Job:
 
 
 def _with_whole_paths(given: dict[str, Any]) -> dict[str, Any]:
-    """Options that name files with absolute paths: a job may be taken up from another folder."""
+    """Make the paths of options that name files absolute: a job may be resumed from another folder."""
     return {k: str(Path(v).resolve()) if k in TABLES and isinstance(v, str) and v else v for k, v in given.items()}
 
 

@@ -38,8 +38,8 @@ SCHEMA_VERSION = 1
 #: Rough share of a whole job each stage takes, to draw one overall bar where there is no estimate.
 STAGE_SHARE = {stage.name: stage.share for stage in STAGES}
 
-_TELLING = 5.0  # seconds: shorter stages say nothing of the machine
-_PACES = (0.3, 3.0)
+_LEAST_SECONDS = 5.0  # expected for a stage: shorter ones do not measure the machine's pace
+_PACES = (0.3, 3.0)  # bounds of that pace, as a factor of the estimate
 
 Message = dict[str, Any]
 Sink = Callable[[Message], None]
@@ -120,7 +120,7 @@ class Reporter:
         self.send("preview", stage=self.stage_name, path=path, title=title)
 
     def warning(self, text: str) -> None:
-        """Say one sentence the user should read: the cause and the cure."""
+        """Send one sentence that the user should read: the cause and the cure."""
         log.warning(text)
         self.warnings.append(text)
         self.send("warning", text=text)
@@ -140,7 +140,7 @@ class Reporter:
             raise Cancelled("Cancelled; run again with --resume to continue.")
 
     def _job_left(self, fraction: float, stage_left: float | None) -> float | None:
-        """Seconds until the last stage ends, as far as anything tells."""
+        """Estimate the seconds until the last stage ends; None without an estimate of the job."""
         if not self.expected:
             return None
         if stage_left is None:
@@ -149,14 +149,14 @@ class Reporter:
         return stage_left + self._pace * sum(self.expected.get(name, 0.0) for name in later)
 
     def _learn_pace(self) -> None:
-        """The estimate may be wrong, and the machine busy: what the stage before took tells of those to come."""
+        """Correct the estimates of later stages by what the last stage took, since the machine may be busy."""
         expected = self.expected.get(self.stage_name, 0.0)
-        if expected >= _TELLING:
+        if expected >= _LEAST_SECONDS:
             taken = time.monotonic() - self._stage_started
             self._pace = min(_PACES[1], max(_PACES[0], taken / expected))
 
     def _whole(self, fraction: float) -> float:
-        """Share of the whole job that is done."""
+        """Return the share of the whole job that is done."""
         self._reached = self._begun_at + (1.0 - self._begun_at) * self._overall(fraction)
         return self._reached
 

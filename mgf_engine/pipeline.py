@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The stages in order, each reading what the one before left in the job folder."""
+"""Run the stages in order; each reads the results of earlier ones from the job folder."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from mgf_engine.system import cores, cpu_seconds
 from mgf_engine.terminal import duration
 
 log = logging.getLogger("mgf")
-#: CPU seconds: what shorter jobs took is mostly their start.
-TELLING = 30.0
+#: CPU seconds: shorter jobs, which mostly start up, measure no speed.
+_LEAST_CPU_SECONDS = 30.0
 
 
 def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
@@ -43,14 +43,14 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     to_run = [name for name in stages if name in lost or not job.done(name)]
     if "masks" in to_run and job.config.use_masks and not (job.inputs.clicks or job.masks):
         raise no_clicks()  # before the cameras are found, which can take long
-    photos = _look_ahead(job, to_run, reporter) if to_run else None
+    photos = _estimate_job(job, to_run, reporter) if to_run else None
     for place, name in enumerate(stages):
         reporter.check()
         reporter.stage(name, cached=name not in to_run)
         if name in to_run:
             _run_stage(job, name, reporter)
             if name == "masks" and photos is not None:
-                photos = _look_again(job, photos, list(stages[place + 1 :]), reporter)
+                photos = _update_estimate(job, photos, list(stages[place + 1 :]), reporter)
     speed = learn_from(job, photos) if photos is not None and to_run == list(STAGE_NAMES) else None
     reporter.send(
         "result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"], speed=speed
@@ -77,7 +77,7 @@ def prepare(config: Config, reporter: Reporter) -> None:
     log.info("kernel variant %s", variant())  # loads the kernels: better now than after the first stages
     choice = choose_device(config.device)
     log.info("%s", choice.text)
-    # A surprise is a warning, which the panel shows and the report keeps; it need not be read twice.
+    # A surprise becomes a warning, which the panel shows and the report keeps; the message need not repeat it.
     text = "Device: CPU." if choice.surprising else choice.text
     reporter.send("device", device=choice.device.type, text=text)
     if choice.surprising:
@@ -93,11 +93,11 @@ def prepare(config: Config, reporter: Reporter) -> None:
     cv2.setRNGSeed(config.seed)
 
 
-def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos | None:
-    """Say what the stages to come will take, and set how much memory they may use.
+def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> Photos | None:
+    """Report what the stages to come will take, and set how much memory they may use.
 
     Returns:
-        The photos; None where they cannot be looked at: whichever stage needs them says why.
+        The photos; None where they cannot be read: the stage that needs them reports why.
 
     Raises:
         BadInput: they need more memory than the user allows.
@@ -124,18 +124,19 @@ def _look_ahead(job: Job, stages: list[str], reporter: Reporter) -> Photos | Non
     return photos
 
 
-def _look_again(job: Job, photos: Photos, stages: list[str], reporter: Reporter) -> Photos:
-    """The same once the masks tell how much of the photos the building fills, before the long work begins."""
+def _update_estimate(job: Job, photos: Photos, stages: list[str], reporter: Reporter) -> Photos:
+    """Estimate again when the masks have shown how much of the photos the building fills; returns the photos."""
     if not stages:
         return photos
     before, photos = photos, _with_masks(job, photos)
     reporter.expect(estimate(job.config, photos, stages).seconds)
-    if not shortage(job.config, before, allowed(), stages):  # else it has been said
+    if not shortage(job.config, before, allowed(), stages):  # else the user was warned before
         _check_memory(job, photos, stages, reporter)
     return photos
 
 
 def _with_masks(job: Job, photos: Photos) -> Photos:
+    """Set the share of the photos that the building fills, if the masks of the job are made."""
     share_of_building = job.stages.get("masks", {}).get("figures", {}).get("building")
     return photos if share_of_building is None else replace(photos, building=float(share_of_building))
 
@@ -154,13 +155,14 @@ def learn_from(job: Job, photos: Photos) -> float | None:
     from mgf_engine.raster.device import choose_device
 
     took = {name: Took(float(entry["seconds"]), float(entry["cpu_seconds"])) for name, entry in job.stages.items()}
-    too_short = sum(t.cpu_seconds for t in took.values()) < TELLING
+    too_short = sum(t.cpu_seconds for t in took.values()) < _LEAST_CPU_SECONDS
     if too_short or choose_device(job.config.device).device.type != "cpu":
         return None
     return learn(job.config, photos, took)
 
 
 def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
+    """Run one stage and record what it took."""
     key = job.begin(name)
     log.info("stage %s begins", name)
     started, cpu_before = time.perf_counter(), cpu_seconds()

@@ -214,7 +214,7 @@ def test_commands_without_a_job_end_in_a_sentence_too(monkeypatch, capsys, error
     def fail(args: object) -> int:
         raise error
 
-    monkeypatch.setitem(cli._OTHER_COMMANDS, "doctor", fail)
+    monkeypatch.setattr(cli, "_doctor_command", fail)
     assert main(["doctor"]) == code
     said = capsys.readouterr().err
     assert part in said.splitlines()[-1] and "--resume" not in said

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the first Gaussians lie: on the starting surface, on dense points by stereo, or on sparse points alone."""
+"""Place the first Gaussians: on the starting surface, on dense points by stereo, or on sparse points alone."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
 from mgf_engine.morton import along_curve
 from mgf_engine.start.options import start_options
-from mgf_engine.start.samples import SampleOptions, sample_surface
+from mgf_engine.start.samples import SampleOptions, Samples, sample_surface
 from mgf_engine.start.store import FILE, write_start
-from mgf_engine.start.surface import start_surface
+from mgf_engine.start.surface import StartSurface, start_surface
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,12 @@ def start_field(
     """Make the first Gaussians, as the option ``start`` says.
 
     Args:
+        scene: photos, cameras and sparse points.
+        masks: the building in each photo.
+        views: indices of the training views.
+        config: of the job.
         folder: where the starting surface is left for the mesh stage.
+        reporter: for warnings and the request to cancel.
 
     Raises:
         BadInput: too few points lie on the building.
@@ -65,7 +70,10 @@ def start_field(
     (folder / FILE).unlink(missing_ok=True)
     if config.start == "surface" and config.use_masks:
         try:
-            parts = _on_surface(scene, masks, views, limit, options, config, folder, reporter)
+            surface = start_surface(scene, masks, views, reporter, config.threads, start_options(config))
+            write_start(surface, folder / FILE)
+            parts = _on_surface(surface, scene, views, limit, config)
+            reporter.check()
         except BadInput as error:
             reporter.warning(f"No starting surface could be made; training starts from points. {error}")
     if not parts:
@@ -81,45 +89,54 @@ def start_field(
     )
 
 
-def _on_surface(
-    scene: Scene,
-    masks: MaskSet,
-    views: list[int],
-    limit: int,
-    options: StartPointOptions,
-    config: Config,
-    folder: Path,
-    reporter: Reporter,
-) -> list[_Points]:
-    """Samples of the starting surface, and the points by stereo that lie beside it."""
-    surface = start_surface(scene, masks, views, reporter, config.threads, start_options(config))
-    write_start(surface, folder / FILE)
-    samples = sample_surface(
-        surface.mesh, scene, views, limit, options.spacing * surface.pixel, config.seed, config.algorithm(SampleOptions)
-    )
-    reporter.check()
+def _on_surface(surface: StartSurface, scene: Scene, views: list[int], limit: int, config: Config) -> list[_Points]:
+    """Sample the starting surface, and add the points by stereo that lie beside it.
+
+    Args:
+        surface: to sample.
+        scene: photos and cameras.
+        views: the photos that show what is sampled.
+        limit: maximum number of points.
+        config: of the job.
+
+    Raises:
+        BadInput: no photo shows the surface.
+    """
+    options = config.algorithm(StartPointOptions)
+    spacing = options.spacing * surface.pixel
+    samples = sample_surface(surface.mesh, scene, views, limit, spacing, config.seed, config.algorithm(SampleOptions))
     if len(samples.points) < 4:
         raise BadInput("No photo shows the surface that edges and planes make.")
     found = [_Points(samples.points, samples.colors, samples.points + samples.normals, samples.normals)]
     if len(surface.dense):
-        away, nearest = cKDTree(samples.points).query(surface.dense)
-        off = np.abs(((surface.dense - samples.points[nearest]) * samples.normals[nearest]).sum(1))
-        far = (off > options.offset * surface.pixel) | (away > 2 * max(samples.spacing, options.offset * surface.pixel))
-        beside = np.flatnonzero(far)[: max(0, limit - len(samples.points))]
-        seen, points = surface.seen[beside], surface.dense[beside]
-        centres = np.stack([view.centre for view in scene.views])
-        colors = np.zeros((len(points), 3), np.uint8)
-        for i in np.unique(seen):
-            rows, view = np.flatnonzero(seen == i), scene.views[i]
-            uv = np.floor(view.project(points[rows])[0]).astype(int)
-            column, row = np.clip(uv, 0, [view.width - 1, view.height - 1]).T
-            colors[rows] = scene.photo(i)[row, column]
-        found.append(_Points(points, colors, centres[seen], np.full(points.shape, np.nan)))
+        beside = _beside_samples(surface, samples, options.offset)[: max(0, limit - len(samples.points))]
+        found.append(_stereo_points(surface, scene, beside))
     return found
 
 
+def _beside_samples(surface: StartSurface, samples: Samples, offset: float) -> NDArray[np.int64]:
+    """Find the surface's points by stereo that lie more than ``offset`` px from it; returns their numbers."""
+    away, nearest = cKDTree(samples.points).query(surface.dense)
+    off = np.abs(((surface.dense - samples.points[nearest]) * samples.normals[nearest]).sum(1))
+    reach = offset * surface.pixel
+    return np.flatnonzero((off > reach) | (away > 2 * max(samples.spacing, reach)))
+
+
+def _stereo_points(surface: StartSurface, scene: Scene, rows: NDArray[np.int64]) -> _Points:
+    """Return points by stereo of a surface, by their numbers [N], with the colours of photos that saw them."""
+    seen, points = surface.seen[rows], surface.dense[rows]
+    centres = np.stack([view.centre for view in scene.views])
+    colors = np.zeros((len(points), 3), np.uint8)
+    for i in np.unique(seen):
+        mine, view = np.flatnonzero(seen == i), scene.views[i]
+        uv = np.floor(view.project(points[mine])[0]).astype(int)
+        column, row = np.clip(uv, 0, [view.width - 1, view.height - 1]).T
+        colors[mine] = scene.photo(i)[row, column]
+    return _Points(points, colors, centres[seen], np.full(points.shape, np.nan))
+
+
 def _sparse(scene: Scene, masks: MaskSet, config: Config) -> _Points:
-    """The masked points P', or all points (ablation b), at most as many as there may be Gaussians."""
+    """Choose the masked points P', or all points (ablation b), at most as many as there may be Gaussians."""
     index = np.flatnonzero(masks.point_mask if config.masked_points else np.ones(len(scene.points), bool))
     if len(index) > config.max_gaussians:
         generator = np.random.default_rng(config.seed)
