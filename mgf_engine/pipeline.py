@@ -41,9 +41,10 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     prepare(job.config, reporter)
     lost = job.lost(until)
     to_run = [name for name in stages if name in lost or not job.done(name)]
-    if "masks" in to_run and job.config.use_masks and not (job.inputs.clicks or job.masks):
-        raise no_clicks()  # before the cameras are found, which can take long
     photos = _estimate_job(job, to_run, reporter) if to_run else None
+    lacks_clicks = job.config.use_masks and not (job.inputs.clicks or job.masks)
+    if photos is not None and "masks" in to_run and lacks_clicks:
+        raise no_clicks()  # before the cameras are found, which can take long
     for place, name in enumerate(stages):
         reporter.check()
         reporter.stage(name, cached=name not in to_run)
