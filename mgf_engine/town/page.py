@@ -20,6 +20,8 @@ from mgf_engine.town.worker import FAILED, FINISHED, PICTURE, RUNNING, STOPPED, 
 #: Colour of what a job is at; buildings without a job have that of their state.
 JOB_COLORS = {WAITING: "#adb5bd", RUNNING: "#1c7ed6", FINISHED: "#2b8a3e", FAILED: "#c92a2a", STOPPED: "#e67700"}
 _WIDTH = 760.0  # of the map, pixels
+_LETTERS = (7.0, 12.0)  # px
+_LETTER = 0.6  # width of a letter over its height, on average
 
 
 def write_page(path: Path, town: Path, rows: list[dict[str, Any]], refresh: int = 0, files: Sequence[str] = ()) -> None:
@@ -68,9 +70,17 @@ def _shapes(town: Path, rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]
             at = (ring - (low[0], high[1])) * (scale, -scale)
             paths.append("M" + " L".join(f"{x:.1f},{y:.1f}" for x, y in at) + "Z")
         middle = (rings[0][:-1].mean(0) - (low[0], high[1])) * (scale, -scale)
-        found.append({"id": row["id"], "path": " ".join(paths), "x": middle[0], "y": middle[1], "color": color_of(row)})
+        found.append({
+            "id": row["id"], "path": " ".join(paths), "x": middle[0], "y": middle[1], "color": color_of(row),
+            "letters": _letters(row["id"], float(np.ptp(rings[0][:, 0])) * scale),
+        })  # fmt: skip
     metres = 10.0 ** np.floor(np.log10(max(0.3 * _WIDTH / scale / metre, 1e-9)))
     return found, float((high - low)[1] * scale), float(metres * metre * scale), f"{metres:g} m"
+
+
+def _letters(name: str, width: float) -> float:
+    """Height of letters in pixels with which a name stays over a building so wide, as far as one can still read it."""
+    return round(float(np.clip(width / (_LETTER * max(len(name), 1)), *_LETTERS)), 1)
 
 
 def _rings(geometry: dict[str, Any]) -> list[Any]:

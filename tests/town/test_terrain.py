@@ -15,6 +15,7 @@ import shapely
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference
+from mgf_engine.town.page import _letters
 from mgf_engine.town.solid import ground_of_neighbours, merge_cityjson
 from mgf_engine.town.terrain import TerrainOptions, ground_surface
 
@@ -115,3 +116,10 @@ def test_the_ground_of_neighbours_is_that_of_what_stands_there(tmp_path: Path) -
     taken = ground_of_neighbours(tmp_path, "own", Georeference(offset=(500.0, 900.0, 0.0)), 1.0)
     assert shapely.contains_xy(taken, [9.5, 15, 20.5], [5, 5, 5]).all()
     assert not shapely.contains_xy(taken, [5, 22, 15], [5, 5, 12]).any()
+
+
+def test_names_on_the_page_stay_over_their_buildings() -> None:
+    assert _letters("villa", 90.0) == 12.0
+    narrow = _letters("terrace_middle", 76.0)
+    assert 7.0 < narrow < 12.0 and narrow * 0.6 * len("terrace_middle") <= 77
+    assert _letters("a name that nothing makes fit", 20.0) == 7.0
