@@ -88,6 +88,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("start_lines", "field", "Edges in photos and lines in space", "start.options:SegmentOptions"),
     Algorithm("start_planes", "field", "Planes through lines", "start.options:PlaneOptions"),
     Algorithm("start_stereo", "field", "Points by stereo", "start.options:DenseOptions"),
+    Algorithm("patch_match", "field", "Depth of photos by PatchMatch stereo", "scene.patch_match:PatchMatchOptions"),
     Algorithm("start_smoothing", "field", "Smoothing of points by stereo", "start.options:PointSmoothingOptions"),
     Algorithm("start_cut", "field", "Minimum cut that makes the starting surface", "start.options:CutOptions"),
     Algorithm("start_samples", "field", "Samples on the starting surface", "start.samples:SampleOptions"),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import parallel
+from mgf_engine.scene.kernel_photos import pack_quads, photo_struct
 
 PATCH_PIXELS = 25  # pixels of a patch, whose depths share one error
 
@@ -61,10 +62,8 @@ class Surface:
 
     @cached_property
     def quads(self) -> NDArray[np.uint32]:
-        """Brightness of each pixel, and in the higher bytes of those right, below and below right of it, [H, W]."""
-        padded = np.pad(self.grey, ((0, 1), (0, 1)), "edge")
-        corners = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
-        return np.ascontiguousarray(np.stack(corners, -1)).view("<u4")[..., 0]
+        """The photo as the kernels read it, [H, W]."""
+        return pack_quads(self.grey)
 
 
 @dataclass(frozen=True)
@@ -128,17 +127,7 @@ def correlations(
 
 
 def _struct(surfaces: Sequence[Surface], first: View) -> NDArray[np.void]:
-    """As ``native/csrc/stereo/match.c`` takes photos with their surfaces (struct Photo)."""
-    rows = [(s.quads.ctypes.data, s.depth.ctypes.data, *s.depth.shape, pixel_transfer(first, s.view)) for s in surfaces]
-    return np.array(rows, [(name, "<i8") for name in ("quads", "depth", "height", "width")] + [("to", "<f8", 12)])
-
-
-def pixel_transfer(first: View, second: View) -> NDArray[np.float64]:
-    """M [3, 3] and b [3], flat [12]: a pixel (x, y) at a depth lies in the second photo at M (x, y, 1) + b / depth."""
-    rotation = second.rotation @ first.rotation.T
-    translation = second.translation - rotation @ first.translation
-    to_second = second.intrinsics
-    return np.concatenate([(to_second @ rotation @ np.linalg.inv(first.intrinsics)).ravel(), to_second @ translation])
+    return photo_struct(first, [(s.quads, s.depth, s.view) for s in surfaces])
 
 
 def _peak(scores: Array, counts: Array, least: float) -> tuple[Array, Array, Array]:

@@ -8,6 +8,7 @@ neighbours beside, above or below each other alike, because the turn may be in t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.model.scene import View
+from mgf_engine.scene.kernel_photos import pack_quads
 from mgf_engine.scene.neighbours import NeighbourOptions
 
 _STEPS = 16  # of a disparity in SGBM per pixel
@@ -69,6 +71,18 @@ class Photo:
     grey: NDArray[np.uint8]
     inside: NDArray[np.bool_]
     intrinsics: NDArray[np.float64]
+
+    @cached_property
+    def quads(self) -> NDArray[np.uint32]:
+        """The photo as the kernels read it, [h, w]."""
+        return pack_quads(self.grey)
+
+    @property
+    def scaled_view(self) -> View:
+        """The camera at the resolution that stereo works at."""
+        (fx, _, cx), (_, fy, cy), _ = self.intrinsics.tolist()
+        height, width = self.grey.shape
+        return replace(self.view, fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)
 
 
 def pair_depth(

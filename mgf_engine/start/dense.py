@@ -16,6 +16,7 @@ from mgf_engine.masks.geometry.visual_hull import with_hull_points
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.depths import Depths, Matching, match_photos
+from mgf_engine.scene.patch_match import improve_depths
 from mgf_engine.start.confirmation import confirmed_share, surface_normals
 from mgf_engine.start.options import DenseOptions, PointSmoothingOptions
 from mgf_engine.start.smoothing import smooth_points
@@ -47,6 +48,7 @@ def dense_points(
         scene, views.indices, kept, lambda i: building(masks.labels[i]),
         Matching(o.neighbours, o.longest_side, o.stereo), threads, check,
     )  # fmt: skip
+    depths = improve_depths(depths, scene, kept, o.stereo.neighbours, o.patch_match, check)
     numbers = [n for n, i in enumerate(views.indices) if i in depths.maps]
     size = o.size * views.pixel
     parts = [VoxelSums.of(np.zeros((0, 3)), csr_array((0, len(views.views)), dtype=np.uint32), views.low, size)]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
+from mgf_engine.scene.patch_match import PatchMatchOptions
 from mgf_engine.scene.stereo import StereoOptions
 
 
@@ -140,6 +141,7 @@ class DenseOptions:
     weight: float = parameter(0.3, "Weight of a ray to a point; one to a point on a line weighs 1")
 
     stereo: StereoOptions = StereoOptions()
+    patch_match: PatchMatchOptions = PatchMatchOptions()
     hull: MaskHullOptions = MaskHullOptions()
 
 

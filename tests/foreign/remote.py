@@ -26,6 +26,7 @@ from torch import Tensor
 from mgf_engine.mesh import photometric, tsdf
 from mgf_engine.native import build, library
 from mgf_engine.raster import loss
+from mgf_engine.scene import patch_match
 from mgf_engine.start import cut, lines
 
 HOST = Path(__file__).parent / "host.c"
@@ -115,6 +116,7 @@ _ADDRESSES: list[tuple[Any, str, Callable[..., list[Any]]]] = [
     (tsdf.TsdfField, "_view_struct", lambda self, m: [m.mask, m.pixels, m.rows]),
     (lines, "_by_reference", lambda segments: [segments.table, *segments.table.arrays]),
     (photometric, "_struct", lambda surfaces, first: [a for s in surfaces for a in (s.quads, s.depth)]),
+    (patch_match, "photo_struct", lambda first, photos: [a for p in photos for a in p[:2] if a is not None]),
 ]
 
 

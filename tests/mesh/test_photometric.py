@@ -15,11 +15,11 @@ from mgf_engine.mesh.photometric import (
     Surface,
     correlations,
     match_surface,
-    pixel_transfer,
 )
 from mgf_engine.mesh.reference_photometric import depth_steps, match_depths
 from mgf_engine.model.scene import View
 from mgf_engine.native import library
+from mgf_engine.scene.kernel_photos import pixel_transfer
 
 SIZE, DISTANCE = 64, 5.0
 OPTIONS = MatchOptions()

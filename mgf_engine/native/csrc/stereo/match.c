@@ -7,34 +7,15 @@
 // by side, one in each lane. Four neighbouring pixels of a photo are packed into one word, since fetching them from
 // sixteen places is what takes the time.
 #include "common/export.h"
-#include "common/vector.h"
+#include "stereo/correlate.h"
 
-enum { GROUPS = 4, RADIUS = 2, SIDE = 2 * RADIUS + 1, SAMPLES = SIDE * SIDE, MOST_STEPS = 33 };
-
-// A photo with the surface it shows, [height][width] each; m, b take pixels of the first photo to this one:
-// (u, v, 1) ~ m (x, y, 1) + b / depth.
-typedef struct {
-    const uint32_t *quads;  // brightness 0..255 of a pixel, and in the higher bytes of those right, below, below right
-    const float *depth;     // 0 where unknown
-    int64_t height, width;
-    double m[9], b[3];
-} Photo;
+enum { GROUPS = 4, MOST_STEPS = 33 };
 
 // Sixteen pixels, and the plane through the surface at each: inverse + dx * slope[0] + dy * slope[1] is 1 / depth beside it.
 typedef struct {
     i16 at, good;  // index in the picture; may the lane be used?
     v16 x, y, depth, inverse, slope[2];
 } Pixels;
-
-typedef struct {
-    v16 weight[SAMPLES], grey[SAMPLES];  // is the pixel on the plane? its brightness less the mean, times the weight
-    v16 total, mean, spread;             // sum of weights, mean, square root of the sum of squares about it
-} Patch;
-
-// Where a lane's pixel falls in a photo: (u, v, 1) ~ centre + dx * across + dy * down, for one depth.
-typedef struct {
-    v16 centre[3], across[3], down[3];
-} Homography;
 
 static Pixels load_pixels(const Photo *p, const int32_t *pixels, int64_t count, const float *normals, const float *k) {
     Pixels r;
@@ -110,54 +91,6 @@ static i16 sees(const Photo *o, const Pixels *pixels, const v16 here[3], float h
     return seen & (off < hidden * depth) & (off > -hidden * depth);
 }
 
-// Where a patch falls in a photo: u = at[0] + dx across[0] + dy down[0] pixels from the middle of its first pixel, v alike.
-//
-// The homography is replaced by its derivative at the middle of the patch: what that leaves out goes with the square of
-// the patch's size by the distance, hundredths of a pixel.
-typedef struct {
-    v16 at[2], across[2], down[2];
-    i16 inside;  // lanes that lie in the picture as a whole; the others stand still at one pixel
-} Place;
-
-static Place place_of(const Photo *o, const Homography *h, i16 good) {
-    Place p;
-    p.inside = good & (h->centre[2] > 0.0f);
-    const v16 inverse = 1.0f / choose(p.inside, h->centre[2], splat(1.0f));
-    for (int r = 0; r < 2; r++) {
-        const v16 middle = h->centre[r] * inverse;
-        p.at[r] = middle - 0.5f;
-        p.across[r] = (h->across[r] - middle * h->across[2]) * inverse;
-        p.down[r] = (h->down[r] - middle * h->down[2]) * inverse;
-        const v16 reach = (float)RADIUS * (vmax(p.across[r], -p.across[r]) + vmax(p.down[r], -p.down[r]));
-        const float limit = (float)(r ? o->height : o->width) - 1.0f;
-        p.inside &= (p.at[r] - reach >= 0.0f) & (p.at[r] + reach < limit);
-    }
-    for (int r = 0; r < 2; r++)
-        p.at[r] = keep(p.inside, p.at[r]), p.across[r] = keep(p.inside, p.across[r]), p.down[r] = keep(p.inside, p.down[r]);
-    return p;
-}
-
-// Correlation of the patches with those at `place`; anything in lanes that are not inside.
-static v16 correlate(const Patch *patch, const Place *place, const Photo *o, float texture) {
-    v16 sum = splat(0.0f), squares = splat(0.0f), products = splat(0.0f);
-    for (int k = 0; k < SAMPLES; k++) {
-        const float dx = k % SIDE - RADIUS, dy = k / SIDE - RADIUS;
-        const v16 u = place->at[0] + (dx * place->across[0] + dy * place->down[0]);
-        const v16 v = place->at[1] + (dx * place->across[1] + dy * place->down[1]);
-        const i16 i = __builtin_convertvector(u, i16), j = __builtin_convertvector(v, i16);
-        const v16 a = u - __builtin_convertvector(i, v16), b = v - __builtin_convertvector(j, v16);
-        const i16 quad = gather(o->quads, j * (int32_t)o->width + i);
-        const v16 p = __builtin_convertvector(quad & 255, v16), q = __builtin_convertvector(quad >> 8 & 255, v16);
-        const v16 r = __builtin_convertvector(quad >> 16 & 255, v16), s = __builtin_convertvector(quad >> 24 & 255, v16);
-        const v16 top = p + a * (q - p), bottom = r + a * (s - r), value = top + b * (bottom - top) - patch->mean;
-        const v16 weighted = patch->weight[k] * value;
-        sum += weighted, squares += weighted * value, products += patch->grey[k] * value;
-    }
-    squares -= sum * sum / patch->total;
-    const i16 rich = squares > texture * texture * patch->total;
-    return choose(rich, products / (patch->spread * vsqrt(squares)), splat(-1.0f));
-}
-
 // Relative change of the inverse depth that moves a pixel by `length` where it moves the most, at most `limit`.
 static v16 step_of(const Photo *others, int64_t count, const Pixels *pixels, float length, float limit) {
     v16 most = splat(1e-6f);
@@ -204,9 +137,9 @@ MGF_API void mgf_match_photos(int32_t *next, int64_t n, const int32_t *pixels, c
                 i16 said = sees(others + k, &here, at, hidden);
                 for (int64_t s = 0; s < steps && any(said); s++) {
                     const Homography h = at_depth(others + k, &here, at, 1.0f + (float)(s - steps / 2) * stride);
-                    const Place place = place_of(others + k, &h, said);
+                    const Place place = place_of(others + k, &h, said, 1.0f);
                     said = place.inside;
-                    found[s] = correlate(&patch, &place, others + k, texture);
+                    found[s] = correlate(&patch, &place, others + k, texture, 1.0f);
                 }
                 if (!any(said)) continue;
                 for (int64_t s = 0; s < steps; s++) sum[s] += keep(said, found[s]);

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Improve depth maps by PatchMatch stereo (Bleyer et al. 2011) against several neighbours at once.
+
+Semi-global matching compares pairs of photos on surfaces that face the camera. Here each pixel holds a plane, tries
+those of pixels around it, and keeps the one with which most photos look alike; what a first pass found in all photos, a
+second one holds against each (geometric consistency, Schönberger et al. 2016). A depth counts where the photos look
+very much alike, or where they look alike and semi-global matching says the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.model.scene import Scene
+from mgf_engine.native.library import parallel
+from mgf_engine.scene.depths import Depths
+from mgf_engine.scene.kernel_photos import photo_struct
+from mgf_engine.scene.neighbours import NeighbourOptions, matching_views, point_sets
+from mgf_engine.scene.stereo import Photo
+
+REACH = 5  # px from a pixel to the farthest whose plane it tries; as in csrc/stereo/patch_match.c
+#: struct Search of csrc/stereo/patch_match.c
+SEARCH = [(name, "<f4") for name in ("low", "high", "texture", "contrast", "shift", "tilt", "consistency", "most_off")]
+SEARCH += [("inverse_focal", "<f4", 2), ("best", "<i8"), ("seed", "<i8")]  # type: ignore[list-item]
+Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class PatchMatchOptions:
+    """Options of PatchMatch stereo."""
+
+    neighbours: int = parameter(5, "Number of photos that each photo is matched with", low=1, high=8)
+    rounds: int = parameter(4, "Number of rounds, each with half the random changes; 0 for semi-global matching alone")
+    consistent_rounds: int = parameter(2, "Number of further rounds that hold photos against each other")
+    best: int = parameter(2, "Number of neighbours, the most alike ones, that judge a plane", low=1, high=4)
+    texture: float = parameter(1.5, "Minimum standard deviation of a patch's brightness", "grey levels")
+    contrast: float = parameter(
+        20.0, "Difference of brightness at which a pixel of a patch weighs 1/e", "grey levels", low=1e-3
+    )
+    shift: float = parameter(8.0, "Maximum random change of depth in the first round, as parallax", "px")
+    tilt: float = parameter(1.0, "Maximum random change of slope in the first round, as a tangent")
+    search_margin: float = parameter(
+        0.25, "Search beyond the inverse depths of the sparse points, as a share of their range"
+    )
+    consistency: float = parameter(0.1, "Correlation that each pixel of distance from a neighbour's depth costs")
+    most_off: float = parameter(3.0, "Distance from a neighbour's depth from which it costs no more", "px")
+    held_score: float = parameter(0.4, "Minimum correlation of depths that photos are held against", high=1)
+    sure_score: float = parameter(0.7, "Minimum correlation, less that cost, of a depth that counts", high=1)
+    agreed_score: float = parameter(0.3, "The same where semi-global matching found the same depth", high=1)
+
+
+@dataclass(frozen=True)
+class PixelPlanes:
+    """The planes of the wanted pixels of a photo.
+
+    Attributes:
+        pixels: y * width + x, int32 [N].
+        values: inverse depth in normalised units, its slopes per px to the right and down, and how alike the photos
+            look there (-1 to 1), float32 [4, N].
+        bounds: least and greatest inverse depth.
+    """
+
+    pixels: NDArray[np.int32]
+    values: Array
+    bounds: tuple[float, float]
+
+    def depth(self, shape: tuple[int, int], least: float) -> Array:
+        """Return the depth map [h, w] of the pixels whose score is at least ``least``, 0 elsewhere."""
+        result = np.zeros(shape, np.float32)
+        sure = self.values[3] >= least
+        result.ravel()[self.pixels[sure]] = 1 / self.values[0, sure]
+        return result
+
+
+def improve_depths(
+    depths: Depths,
+    scene: Scene,
+    kept: NDArray[np.bool_],
+    choice: NeighbourOptions,
+    o: PatchMatchOptions,
+    check: Callable[[], None],
+) -> Depths:
+    """Search the planes of all pixels from depth maps by semi-global matching.
+
+    Args:
+        depths: those maps; photos without neighbours or sparse points keep theirs.
+        scene: cameras and sparse points.
+        kept: [P], sparse points that tell which photos are neighbours and how far away things are.
+        choice: of the neighbours.
+        o: the search, and which depths count.
+        check: called between photos; may raise to cancel.
+    """
+    if o.rounds == 0:
+        return depths
+    views = list(depths.photos)
+    chosen = {i: near for i, near in matching_views(scene, kept, views, o.neighbours, choice).items() if near}
+    sets, planes = point_sets(scene, kept), {}
+    for i in chosen:
+        check()
+        begun = _begin(depths.photos[i], depths.maps.get(i), scene.points[sets[i]], o, seed=i)
+        if begun is not None:
+            planes[i] = begun
+            _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(o.rounds), o)
+    for k in range(o.consistent_rounds):
+        held = {i: p.depth(depths.photos[i].grey.shape, o.held_score) for i, p in planes.items()}
+        for i in planes:
+            check()
+            near = [j for j in chosen[i] if j in held]
+            rounds = range(o.rounds // 2 + k, o.rounds // 2 + k + 1)
+            _search(depths.photos[i], [depths.photos[j] for j in near], [held[j] for j in near], planes[i], rounds, o)
+    found = {
+        i: _choose(p, depths.maps.get(i), depths.photos[i].grey.shape, depths.tolerance, o) for i, p in planes.items()
+    }
+    return replace(depths, neighbours={**depths.neighbours, **chosen}, maps={**depths.maps, **found})
+
+
+def _begin(
+    photo: Photo, depth: Array | None, points: NDArray[np.float64], o: PatchMatchOptions, seed: int
+) -> PixelPlanes | None:
+    """Start from a depth map, and at random where it is unknown; None without sparse points or wanted pixels."""
+    z = points @ photo.view.rotation[2] + photo.view.translation[2]
+    height, width = photo.grey.shape
+    rim = np.zeros((height, width), bool)
+    rim[REACH:-REACH, REACH:-REACH] = True
+    pixels = np.flatnonzero(photo.inside & rim).astype(np.int32)
+    if not (z > 0).any() or not len(pixels):
+        return None
+    low, high = np.percentile(1 / z[z > 0], [1, 99])
+    margin = o.search_margin * (high - low)
+    low, high = max(low - margin, low / 2), high + margin
+    inverse = np.random.default_rng(seed).uniform(low, high, len(pixels))
+    if depth is not None:
+        known = depth.ravel()[pixels] > 0
+        inverse[known] = 1 / depth.ravel()[pixels[known]]
+    values = np.zeros((4, len(pixels)), np.float32)
+    values[0], values[3] = np.clip(inverse, low, high), -1
+    return PixelPlanes(pixels, values, (float(values[0].min()), float(values[0].max())))
+
+
+def _search(
+    photo: Photo, others: Sequence[Photo], held: Sequence[Array] | None, planes: PixelPlanes, rounds: range,
+    o: PatchMatchOptions,
+) -> None:  # fmt: skip
+    """Move the planes of a photo, one colour of the checkerboard after the other.
+
+    Args:
+        photo: the photo.
+        others: its neighbours.
+        held: their depth maps, which the planes are held against; None for none.
+        planes: changed in place.
+        rounds: numbers of the rounds.
+        o: the search.
+    """
+    if not others:
+        return
+    height, width = photo.grey.shape
+    fields = np.zeros((4, height * width), np.float32)
+    fields[:, planes.pixels] = planes.values
+    colour = (planes.pixels % width + planes.pixels // width) % 2
+    halves = [np.ascontiguousarray(planes.pixels[colour == c]) for c in (0, 1)]
+    view, maps = photo.scaled_view, held if held is not None else [None] * len(others)
+    first = photo_struct(view, [(photo.quads, None, view)])
+    other = photo_struct(view, [(p.quads, depth, p.scaled_view) for p, depth in zip(others, maps, strict=True)])
+    for number in rounds:
+        for c, half in enumerate(halves):
+            search = search_struct(photo, planes.bounds, len(others), number, c, held is not None, o)
+            parallel("mgf_patch_match", len(half), half, first, other, len(others), search, *fields)
+    planes.values[:] = fields[:, planes.pixels]
+
+
+def search_struct(
+    photo: Photo, bounds: tuple[float, float], others: int, number: int, colour: int, consistent: bool,
+    o: PatchMatchOptions,
+) -> NDArray[np.void]:  # fmt: skip
+    """Return the options of half a round as the kernel takes them."""
+    search, factor = np.zeros(1, SEARCH), 0.5**number
+    search["low"], search["high"] = bounds
+    search["texture"], search["contrast"] = o.texture, o.contrast
+    search["shift"], search["tilt"] = o.shift * factor, o.tilt * factor
+    search["consistency"], search["most_off"] = o.consistency if consistent else 0, o.most_off
+    search["inverse_focal"] = 1 / photo.intrinsics[0, 0], 1 / photo.intrinsics[1, 1]
+    search["best"], search["seed"] = min(o.best, others), 2 * number + colour
+    return search
+
+
+def _choose(
+    planes: PixelPlanes, other: Array | None, shape: tuple[int, int], tolerance: float, o: PatchMatchOptions
+) -> Array:
+    """Return the depth map [h, w] of what is sure, and of what another map says, too."""
+    sure, likely = planes.depth(shape, o.sure_score), planes.depth(shape, o.agreed_score)
+    if other is None:
+        return sure
+    agreed = (likely > 0) & (np.abs(likely - other) < tolerance * likely)
+    return np.where(agreed, likely, sure)
