@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ..common.text import N_, tr
-from .cameras import CameraSpec, add_cameras, fit_render
+from .cameras import PHOTO_KEY, CameraSpec, add_cameras, fit_render
 from .colmap import Model, Photo, read_model
 from .frame import make_frame
 from .locate import find_model, find_photo, find_photo_folder
@@ -49,7 +49,8 @@ def import_scene(
         path: a model file, a model folder or the project folder around it.
         photo_folder: where the photos lie; searched when None.
         upright: turn the scene so that the photos' up is z; False keeps the model's axes.
-        tree: an earlier import to replace; its empty (and so its pose and scale) is kept.
+        tree: an earlier import to replace; its empty (and so its pose and scale) is kept, unless none of its
+            photos is in this scene: then it was another one.
 
     Raises:
         UserError: nothing usable there; the scene is then unchanged.
@@ -59,11 +60,15 @@ def import_scene(
     names = [p.name for p in model.photos]
     photo_folder = photo_folder or find_photo_folder(path, model.folder, names)
     specs = [_spec(p, photo_folder) for p in model.photos]
-    if tree is None:
+    before = set() if tree is None else {o.get(PHOTO_KEY, "") for o in tree.objects("Cameras")}
+    if tree is None or (before and not before & set(names)):
         rotations = np.array([p.rotation for p in model.photos])
         centres = np.array([p.centre for p in model.photos])
         frame = make_frame(model.points.xyz, rotations, centres, upright)
-        tree = Tree.make(scene, _scene_name(path, model), frame)
+        if tree is None:
+            tree = Tree.make(scene, _scene_name(path, model), frame)
+        else:
+            tree.place(_scene_name(path, model), frame)
     for kind in ("Cameras", "Points"):
         tree.clear(kind)
     cameras = add_cameras(tree, specs)

@@ -58,8 +58,8 @@ class MGF_OT_import_colmap(FileOperator):
         if not text:
             raise UserError("No model was chosen; choose a COLMAP model or its folder.")
         path = Path(bpy.path.abspath(text))
-        if not path.exists() and path.parent.is_dir():
-            path = path.parent  # the file browser adds a file name to a folder
+        if not path.exists() and self.directory:
+            path = Path(bpy.path.abspath(self.directory))  # the file browser adds a file name to a folder
         done = bring_in(context.scene, path, self.upright, self.replace, self)
         frame_tree(context, done.tree)
 

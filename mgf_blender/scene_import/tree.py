@@ -40,16 +40,22 @@ class Tree:
         scene.collection.children.link(top)
         root = bpy.data.objects.new(name, None)
         root.empty_display_type = "ARROWS"
-        root.empty_display_size = 0.25 * frame.radius
         root[ROLE_KEY] = "root"
-        root[OFFSET_KEY] = [float(v) for v in frame.offset]
-        root[RADIUS_KEY] = frame.radius
-        root.matrix_world = Matrix(frame.matrix().tolist())
         top.objects.link(root)
         tree = cls(top)
+        tree.place(name, frame)
         for kind in KINDS:
             tree.child(kind)
         return tree
+
+    def place(self, name: str, frame: Frame) -> None:
+        """Give the tree the name and the empty the pose of a scene."""
+        root = self.root
+        self.collection.name = root.name = name
+        root.empty_display_size = 0.25 * frame.radius
+        root[OFFSET_KEY] = [float(v) for v in frame.offset]
+        root[RADIUS_KEY] = frame.radius
+        root.matrix_world = Matrix(frame.matrix().tolist())
 
     @classmethod
     def find(cls, scene: bpy.types.Scene) -> Tree | None:

@@ -33,8 +33,27 @@ def test_every_way_to_name_the_model(addon, house):
         assert len([c for c in bpy.data.collections if c.get("mgf_role") == "tree"]) == 1
         assert Path(addon.source).is_dir()
     bpy.ops.mgf.import_colmap(directory=str(house.folder) + "/", filepath=str(house.folder / "untitled"))
-    with pytest.raises(RuntimeError, match="does not exist"):
-        bpy.ops.mgf.import_colmap(filepath="/nowhere/at/all")
+    for wrong in ("/nowhere/at/all", str(house.folder / "typing mistake")):  # not the model of a folder around it
+        with pytest.raises(RuntimeError, match="does not exist"):
+            bpy.ops.mgf.import_colmap(filepath=wrong)
+
+
+def test_another_scene_in_place_of_an_earlier_one_has_its_own_name_and_pose(addon, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    tree = Tree.find(bpy.context.scene)
+    pose = tree.root.matrix_world.copy()
+    tree.collection.name = "My house"  # the user's own name and pose stay when the same scene is imported again
+    tree.root.location.x += 5
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    assert tree.collection.name == "My house" and tree.root.matrix_world != pose
+    for camera in tree.objects("Cameras"):
+        camera[PHOTO_KEY] = f"of another scene {camera[PHOTO_KEY]}"
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    assert tree.collection.name == tree.root.name == house.folder.name
+    assert np.allclose(tree.root.matrix_world, pose, atol=1e-6)
+
+
+def test_no_path_is_no_model(addon):
     with pytest.raises(RuntimeError, match="No model was chosen"):
         bpy.ops.mgf.import_colmap()
 
