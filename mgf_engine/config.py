@@ -176,7 +176,7 @@ class Config:
         return self.second_level == "on" or (self.second_level == "auto" and used)
 
     def run_length(self, photos: int) -> int:
-        """Iterations of a training on so many photos."""
+        """Compute the number of iterations of a training on this number of photos."""
         return self.iterations or self.passes * min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], photos))
 
 
@@ -339,7 +339,7 @@ def read_config(path: Path) -> dict[str, Any]:
 
 
 def options_schema() -> dict[str, Any]:
-    """All about the options as plain data, for panels and other front ends; ``options`` has an entry for each."""
+    """Return all options as plain data, for panels and other front ends; ``options`` has an entry for each."""
     panel_presets = {name: {k: v for k, v in p.items() if not is_algorithm_option(k)} for name, p in PRESETS.items()}
     entries = [
         {"name": f.name, "type": type(f.default).__name__, "default": f.default, **f.metadata} for f in option_fields()

@@ -151,7 +151,7 @@ def estimate(
 
 
 def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
-    """The least change of options with which a job stays below a budget, as flags; empty where none of those does."""
+    """Find the least change of options that keeps a job below a budget, as flags; empty where none does."""
     for changes in _changes(config, photos):
         if max(estimate(replace(config, **changes), photos, stages, 1.0, 0.0).memory.values()) <= budget:
             return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in changes.items())

@@ -46,7 +46,7 @@ def read_job(folder: Path) -> dict[str, Any]:
 
 
 def with_algorithms_of_job(folder: Path, given: Mapping[str, Any]) -> Config:
-    """The options of the algorithms that a command for a finished job runs with: the job's own, less those given.
+    """Return the options of algorithms for a command on a finished job: the job's own, less those given.
 
     Args:
         given: ``section.name`` -> value; these win.

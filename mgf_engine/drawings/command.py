@@ -25,7 +25,7 @@ NEEDED = {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of ``mgf drawings``."""
+    """Add the arguments of ``mgf drawings``."""
     parser.add_argument("job", type=Path, metavar="JOB", help="job folder with a finished mesh")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where drawings go (default: JOB/drawings)")
     parser.add_argument(

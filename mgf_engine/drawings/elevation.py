@@ -75,7 +75,7 @@ def classify(
 
 
 def meeting_line(regions: Regions, chain: Chain) -> Array | None:
-    """The line (a, b, c) where the planes on both sides meet, (a, b) of length 1; None where they are parallel."""
+    """Intersect the planes on both sides: line (a, b, c), (a, b) of length 1; None where they are parallel."""
     line = regions.slope[chain.low - 1] - regions.slope[chain.high - 1]
     length = float(np.hypot(line[0], line[1]))
     return line / length if length > 1e-6 else None

@@ -83,7 +83,7 @@ def part_shares(
 def part_lines(
     shares: dict[str, NDArray[np.float32]], grid: Grid, options: PartOutlineOptions = PartOutlineOptions()
 ) -> list[Line]:
-    """The outlines of all parts: rectangles with edges in line where they are so but for noise, else polygons."""
+    """Return the outlines of all parts: rectangles, aligned where they differ by noise only, else polygons."""
     boxes, others = part_shapes(shares, options)
     lines = [Line(_polygon(own, x, y, grid, options.straightening), layer_of(name)) for name, own, x, y in others]
     for name, (left, top, right, bottom) in boxes:

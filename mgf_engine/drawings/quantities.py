@@ -101,7 +101,7 @@ def building_rows(survey: Survey, planes: Planes, options: QuantityOptions = Qua
 def wall_deviation(
     survey: Survey, facade: Facade, seen: GridBuffers, options: QuantityOptions = QuantityOptions()
 ) -> NDArray[np.float32]:
-    """How far the wall stands before its own plane of least squares at each pixel, NaN beside the wall, [H, W].
+    """Compute the distance of the wall before its plane of least squares at each pixel, NaN beside it, [H, W].
 
     Args:
         survey: mesh of the job, local frame.
@@ -138,7 +138,7 @@ def deviation_picture(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:
-    """The rows with a heading."""
+    """Write the rows with a heading."""
     text = io.StringIO()
     csv.writer(text).writerows([("of", "quantity", "value", "unit"), *rows])
     with atomic_path(path) as temporary:

@@ -46,8 +46,10 @@ class Cut:
 def section_frames(
     survey: Survey, facades: Sequence[Facade], wanted: Sequence[str], options: SectionOptions = SectionOptions()
 ) -> list[Frame]:
-    """The planes to cut at: level ones ``z=1.2`` above the ground, upright ones ``A=3.5`` from a facade's left end, any
-    others ``NAME=x,y,z,nx,ny,nz`` by a point and a normal of the scene frame.
+    """Return the planes to cut at.
+
+    Level ones are given as ``z=1.2`` above the ground, upright ones as ``A=3.5`` from a facade's left end, any others
+    as ``NAME=x,y,z,nx,ny,nz`` by a point and a normal of the scene frame.
 
     Without any wanted, a plan and two cross-sections through the middle.
 

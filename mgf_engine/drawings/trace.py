@@ -48,7 +48,7 @@ def trace(label: NDArray[np.int32]) -> list[Chain]:
     edges, begin, passed = around.tolist(), start.tolist(), plain.tolist()
 
     def follow(edge: int, node: int) -> list[int]:
-        """The nodes from ``node`` along ``edge`` to the next that is not plain, or round to the first."""
+        """Return the nodes from ``node`` along ``edge`` to the next that is not plain, or round to the first."""
         path = [node]
         while True:
             used[edge] = True

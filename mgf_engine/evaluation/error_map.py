@@ -23,7 +23,7 @@ _FINE = 4  # the truth's long triangles are cut until no edge is longer than thi
 
 
 def write_error_map(path: Path, mesh: Surface, truth: Surface, threshold: float) -> None:
-    """A picture with two rows: the mesh coloured by distance to the truth, the truth by distance to the mesh.
+    """Write a picture with two rows: the mesh coloured by distance to the truth, the truth by distance to the mesh.
 
     Grey blue is right, yellow one threshold away, dark red four thresholds and more.
 

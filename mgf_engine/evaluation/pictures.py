@@ -36,7 +36,7 @@ _KEPT, _ADDED = _look_of_labels()
 
 
 def mask_overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The photo with the building outlined, elements tinted, the surroundings dimmed and ignored pixels violet."""
+    """Draw the photo with the building outlined, elements tinted, the surroundings dimmed and ignored pixels violet."""
     picture = _KEPT[labels] * photo + _ADDED[labels]
     inside = ((labels >= BUILDING) & (labels != IGNORE)).astype(np.uint8)
     width = max(3, round(max(labels.shape) / 250) | 1)

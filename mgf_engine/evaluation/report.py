@@ -142,7 +142,7 @@ def write_report(folder: Path, data: ReportData) -> tuple[Path, Path]:
 
 
 def report_figures(data: ReportData) -> dict[str, Any]:
-    """The content of ``report.json``: every figure of the page, without the pictures; numbers are finite or null.
+    """Return the content of ``report.json``: every figure of the page, no pictures; numbers are finite or null.
 
     Keys: ``format, title, command, seed, config, given, held_out`` and ``training`` (mean scores), ``views`` (scores
     per view), ``counts, stages, seconds, iterations, seconds_per_part, mesh_seconds_per_part, curve, versions, machine,

@@ -41,7 +41,7 @@ def write_scan_picture(path: Path, mesh: Surface, found: ScanDistances, reach: f
 
 
 def cropped(pictures: list[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
-    """The part of all pictures that is not white in one of them, with a margin: all keep one scale."""
+    """Return the part of all pictures that is not white in one of them, with a margin: all keep one scale."""
     drawn = np.any([picture.min(-1) < 250 for picture in pictures], axis=0)
     if not drawn.any():
         return pictures

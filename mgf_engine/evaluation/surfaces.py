@@ -62,7 +62,7 @@ class SeeingCamera:
 
     @classmethod
     def of_image(cls, image: Any, mask: NDArray[np.bool_] | None = None) -> SeeingCamera:
-        """The camera of a registered image of pycolmap; distortion is ignored: it moves pixels, not visibility."""
+        """Return the camera of a registered image of pycolmap; distortion is ignored: it hardly changes visibility."""
         camera, pose = image.camera, image.cam_from_world()
         k = camera.calibration_matrix()
         intrinsics = (k[0, 0], k[1, 1], k[0, 2], k[1, 2])
@@ -130,7 +130,7 @@ class Surface:
         return face, share
 
     def seen_by(self, points: Points, cameras: Sequence[SeeingCamera]) -> NDArray[np.bool_]:
-        """Which points on this surface some camera sees: in front, in frame, in its mask, nothing between; [N]."""
+        """Tell which points on this surface some camera sees: in front, in frame, in its mask, nothing between; [N]."""
         seen = np.zeros(len(points), dtype=bool)
         for camera in cameras:
             left = np.flatnonzero(~seen)

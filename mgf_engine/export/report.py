@@ -96,7 +96,7 @@ def report_job(
 
 
 def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, views: list[ViewReport]) -> float | None:
-    """Adds a picture of the textured mesh to the views with pictures; returns its mean PSNR in held-out photos, dB."""
+    """Add a picture of the textured mesh to the views with pictures; returns its mean PSNR in held-out photos, dB."""
 
     def one(index: int) -> Scores | None:
         picture = draw_textured(mesh, texture, scene.views[index])[0]
@@ -110,7 +110,7 @@ def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, vi
 
 
 def _evenness(mesh: Mesh, scene: Scene) -> Evenness | None:
-    """How even the mesh (normalised frame) is, in working pixels; None where nothing tells their size or no area is."""
+    """Measure the evenness of the mesh (normalised frame), working pixels; None without their size or a plane."""
     points, owner = scene.points, scene.track_point
     seen = [owner[scene.observations(index)] for index in range(len(scene.views))]
     away = [np.linalg.norm(points[s] - v.centre, axis=1) for s, v in zip(seen, scene.views, strict=True)]
@@ -138,7 +138,7 @@ def _view_report(
     shown: bool,
     lpips: Lpips | None = None,
 ) -> ViewReport:
-    """Scores of held-out and shown views; the others only appear in the table, with a note when left out."""
+    """Score and draw a held-out or shown view; others only appear in the table, with a note when left out."""
     view = scene.views[index]
     note = "" if masks.used[index] else "mask too weak, not used"
     report = ViewReport(view.name, index in scene.held_out, note=note)
@@ -203,7 +203,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
 
 
 def _trust(job: Job) -> dict[str, float]:
-    """How far the mesh is to be trusted, where its surface tells (see ``TsdfField.known``)."""
+    """Summarise the confidence of the mesh, where its surface has one (see ``TsdfField.known``)."""
     figures = job.stages["mesh"]["figures"]
     names = {"confidence": "confidence of the mesh (0..1, mean)", "unseen_share": "share of it that no photo shows"}
     return {text: figures[name] for name, text in names.items() if name in figures}

@@ -42,7 +42,7 @@ class Optimiser:
         return self.field
 
     def step(self, rates: dict[str, float], visible: Tensor, sh_rest_share: float) -> None:
-        """One Adam step from the gradients on the leaves.
+        """Take one Adam step from the gradients on the leaves.
 
         Args:
             rates: learning rate per parameter name.

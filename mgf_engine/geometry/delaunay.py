@@ -112,7 +112,7 @@ def delaunay(points: Points, method: str = "tetgen") -> Tetrahedra:
 
 
 def main(count: int) -> int:
-    """The tetrahedra of so many points on stdin, to stdout; exit code 0, or EXIT_BAD_INPUT and a sentence on stderr."""
+    """Read points from stdin, write tetrahedra to stdout; returns 0, or EXIT_BAD_INPUT and writes a sentence."""
     answer = os.dup(1)
     os.dup2(2, 1)  # what tetgen prints goes elsewhere
     points = np.frombuffer(sys.stdin.buffer.read(3 * 8 * count)).reshape(-1, 3)

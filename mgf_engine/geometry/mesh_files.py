@@ -192,7 +192,7 @@ def write_glb(
 
 
 def textured(mesh: Mesh, texture: Texture, picture: Path) -> Any:
-    """A mesh of trimesh with a texture; vertices are doubled where faces find them in several places of the picture."""
+    """Make a textured mesh of trimesh; vertices that lie at several places of the picture are doubled."""
     import trimesh
 
     corner = np.column_stack([mesh.faces.ravel(), texture.uv.reshape(-1, 2)])

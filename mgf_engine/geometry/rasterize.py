@@ -35,7 +35,7 @@ class MeshBuffers:
 
 
 def corners(points: NDArray[np.float64], view: View) -> NDArray[np.float64]:
-    """Where points [N, 3] (normalised frame) appear, [N, 3]: u and v in pixels, 1 / depth; all 0 if not in front."""
+    """Project points [N, 3] (normalised frame), [N, 3]: u and v in pixels, 1 / depth; all 0 if not in front."""
     result = np.empty((len(points), 3))
     points = np.ascontiguousarray(points, dtype=np.float64)
     parallel("mgf_project_vertices", len(points), points, *pose_and_intrinsics(view), NEAR, result)
@@ -78,7 +78,7 @@ def render_parallel(at: NDArray[np.float64], faces: NDArray[np.int32], height: i
 
 
 def draw_triangles(at: NDArray[np.float64], height: int, width: int) -> NDArray[np.int32]:
-    """Which of the triangles [F, 3, 2] (pixels, none over another) covers each pixel's centre; -1 for none, [H, W]."""
+    """Find which triangle of [F, 3, 2] (pixels, none over another) covers each pixel's centre, -1 for none, [H, W]."""
     flat = np.concatenate([at.reshape(-1, 2), np.ones((3 * len(at), 1))], 1)
     return _zbuffer(flat, np.arange(3 * len(at), dtype=np.int32).reshape(-1, 3), height, width)[1]
 

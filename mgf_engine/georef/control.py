@@ -75,7 +75,7 @@ class Control:
     strangers: tuple[str, ...] = ()
 
     def positions(self) -> Array:
-        """Of all points, [N, 3]."""
+        """Return the positions of all points, [N, 3]."""
         return np.array([p.position for p in self.points], np.float64).reshape(-1, 3)
 
 

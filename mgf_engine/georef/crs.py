@@ -103,7 +103,7 @@ class Projection:
         return np.stack([latitude, longitude, height], 1)
 
     def covers(self, points: Array) -> bool:
-        """Whether the area that the CRS is made for holds most of the points; people use a zone a little beyond it."""
+        """Tell whether most of the points lie in the area that the CRS is made for, or a little beyond it."""
         area = self.crs.area_of_use
         if area is None:
             return True
@@ -132,7 +132,7 @@ class Projection:
         )
 
     def wkt(self) -> str:
-        """As ``.prj`` files have it (ESRI's WKT where it can be had)."""
+        """Return the CRS as ``.prj`` files have it (ESRI's WKT where it can be had)."""
         pyproj = proj()
         try:
             return str(self.crs.to_wkt("WKT1_ESRI"))

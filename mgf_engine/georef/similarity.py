@@ -25,7 +25,7 @@ class Direction:
 
 
 def umeyama(source: Array, target: Array, weights: Array | None = None) -> Array:
-    """The similarity [4, 4] that takes ``source`` [N, 3] to ``target`` [N, 3] with the least squares of distances.
+    """Fit the similarity [4, 4] that takes ``source`` [N, 3] to ``target`` [N, 3] by least squares.
 
     Source: Umeyama 1991, eqs. 40-43, with weights [N].
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The masks stage: clicks or masks in, label maps and masked points out."""
+"""Run the masks stage: clicks or masks in, label maps and masked points out."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def build_masks(
 
 
 def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] = log.warning) -> Segmenter:
-    """EfficientSAM where its weights are, else the one that needs none; or what the user asked for.
+    """Choose the segmenter: the one asked for; else EfficientSAM where its weights are, or the one that needs none.
 
     Args:
         folder: its ``embeddings`` are kept there.
@@ -125,7 +125,7 @@ def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] =
 
 
 def _everything(scene: Scene) -> Propagation:
-    """Masks off: every pixel and every point counts."""
+    """Make masks in which every pixel and every point is building, for ``use_masks`` off."""
     labels = tuple(np.full((v.height, v.width), BUILDING, np.uint8) for v in scene.views)
     count = len(scene.views)
     masks = MaskSet(labels, np.ones(count, bool), np.ones(count, np.float32), np.ones(len(scene.points), bool))
@@ -133,7 +133,7 @@ def _everything(scene: Scene) -> Propagation:
 
 
 def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
-    """The user's masks as they are; photos without one stay out of training."""
+    """Read and check the user's masks; photos without one stay out of training."""
     given = read_supplied(masks_folder, scene)
     labels, reasons = [], []
     for view, mask in zip(scene.views, given, strict=True):

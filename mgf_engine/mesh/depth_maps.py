@@ -191,7 +191,7 @@ def _spans(inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.boo
 
 
 def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32], mixed: float) -> NDArray[np.float32]:
-    """The mean depth, which is smooth, where it tells of the same surface as the median, which never mixes two."""
+    """Take the mean depth, which is smooth, where it agrees with the median, which never mixes two surfaces."""
     return np.where(np.abs(mean - median) < mixed * median, mean, median)
 
 

@@ -56,7 +56,7 @@ BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry t
 
 @dataclass(frozen=True)
 class TrustedViews:
-    """The photos whose masks are good enough to say what is solid.
+    """The photos whose masks are good enough to tell solid from free.
 
     Attributes:
         indices: their numbers in the scene.

@@ -30,7 +30,7 @@ class Blocks:
 
     @classmethod
     def of(cls, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Blocks:
-        """The blocks of ``faces`` [F, 3], at least one, between ``vertices`` [N, 3]."""
+        """Make the blocks of ``faces`` [F, 3], at least one, between ``vertices`` [N, 3]."""
         count = -(-len(faces) // SIZE)
         whole = np.pad(faces, ((0, count * SIZE - len(faces)), (0, 0)), "edge")
         points = vertices[whole].reshape(count, 3 * SIZE, 3)
@@ -38,7 +38,7 @@ class Blocks:
         return cls(whole.reshape(count, SIZE, 3), ends[:, _ENDS, np.arange(3)].reshape(-1, 3))
 
     def touching(self, view: View, wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """The blocks that may show at a pixel that is ``wanted``, [H, W]; ascending."""
+        """Return the blocks that may show at a pixel that is ``wanted``, [H, W]; ascending."""
         at = corners(self.boxes, view).reshape(-1, 8, 3)
         front = at[..., 2] > 0
         whole, size = np.reshape(front.all(1), (-1, 1)), np.array([view.width, view.height])

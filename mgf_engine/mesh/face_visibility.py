@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many pixels of all views see each face of a mesh: from which side, and what the masks say there."""
+"""Count the pixels of all views that see each face of a mesh: from which side, and inside which label."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class Picture:
 
     @classmethod
     def of(cls, face: NDArray[np.int32]) -> Picture:
-        """Of the face at each pixel, int32 [H, W], -1 for none."""
+        """Pack the face at each pixel, int32 [H, W], -1 for none."""
         seen = face >= 0
         return cls((face.shape[0], face.shape[1]), np.packbits(seen), face[seen])
 
     def unpacked(self) -> NDArray[np.int32]:
-        """The face at each pixel, int32 [H, W], -1 for none."""
+        """Return the face at each pixel, int32 [H, W], -1 for none."""
         face = np.full(self.shape, -1, np.int32)
         face.ravel()[np.unpackbits(self.seen, count=face.size).view(bool)] = self.faces
         return face

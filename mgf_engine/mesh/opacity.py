@@ -103,7 +103,7 @@ class OpacityField:
         return self.level
 
     def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """What the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.tsdf.TsdfField.known`.
+        """Sample what the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.tsdf.TsdfField.known`.
 
         All are ``confirmed``: eq. 25 does not tell what was seen from what was only not ruled out. Without ``evidence``
         nothing else is known.

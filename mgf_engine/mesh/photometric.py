@@ -85,7 +85,7 @@ class Matched:
 
 
 def without_match(surface: Surface) -> Matched:
-    """The depth as rendered."""
+    """Return the depth as rendered."""
     nothing = np.zeros_like(surface.depth)
     return Matched(surface.depth, nothing, nothing, nothing)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The starting surface beside the field, pixel by pixel: what photos confirm wins, and where they say nothing, it does.
+"""Choose between field and starting surface at each pixel: the one that photos confirm, else the starting surface.
 
 A field trained on colours wanders where a wall is plain, and its depths are as noisy as its Gaussians; planes through
-edges are neither. But planes pass by what stands out from them, and there the photos know better.
+edges are neither. But planes ignore what stands out from them, and there the photos decide.
 """
 
 from __future__ import annotations

@@ -175,7 +175,7 @@ def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[A
 
 
 def _distance(sample: NDArray[np.void]) -> NDArray[np.float32]:
-    """Mean signed distance in half bands, -1..1, positive in front of the surface; 0 where no view says anything."""
+    """Mean signed distance in half bands, -1..1, positive in front of the surface; 0 where no view has a depth."""
     distance: NDArray[np.float32] = sample["sum"] / np.maximum(sample["weight"], 1e-30)
     return distance
 

@@ -30,7 +30,7 @@ class PhotoCache:
         self._lock = threading.Lock()
 
     def get(self, path: Path, read: Callable[[Path], NDArray[np.uint8]]) -> NDArray[np.uint8]:
-        """The photo at ``path``, by ``read`` where it is not held as the file is now; it may not be written to."""
+        """Return the photo at ``path``, read-only; ``read`` reads it where the file is not held or has changed."""
         try:
             found = path.stat()
         except OSError:

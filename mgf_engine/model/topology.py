@@ -54,8 +54,12 @@ class Adjacency:
         return alone.astype(bool)
 
     def fans(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """The fan around its vertex that each corner belongs to, int32 [3 F] in the order of ``corner``, and how many
-        each vertex has, int32 [N]. Fans hang together by edges that two faces use, in opposite directions."""
+        """Find the fans of faces around each vertex: faces joined by edges that two use, in opposite directions.
+
+        Returns:
+            The fan that each corner belongs to, int32 [3 F] in the order of ``corner``, and the number of fans of each
+            vertex, int32 [N].
+        """
         fan, count = np.empty(len(self.corner), np.int32), np.empty(len(self.start) - 1, np.int32)
         parallel("mgf_vertex_fans", len(count), *self._all, fan, count)
         return fan, count

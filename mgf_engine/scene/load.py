@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The scene stage as a whole: from the user's folder to the job's ``scene`` folder."""
+"""Run the scene stage: from the user's folder to the job's ``scene`` folder."""
 
 from __future__ import annotations
 
@@ -121,13 +121,13 @@ def _load(
     scene = _check(scene, working, config, reporter)
     scene = replace(scene, left_out=(*scene.left_out, *found.unplaced))
     _replace(working, folder / "images")
-    PHOTOS.clear()  # nobody asks for them under their old names
+    PHOTOS.clear()  # their files were renamed
     save_scene(scene)
     return scene
 
 
 def _find(source: Path, folder: Path, config: Config, reporter: Reporter) -> _Found:
-    """The user's model, adjusted where it is inconsistent; or one by structure from motion where there is none."""
+    """Read the user's model, adjusted where it is inconsistent; or one by structure from motion where there is none."""
     job = folder.parent
     exclude = folder if source == job or job in source.parents else job
     model_folder = find_model(source, exclude)
@@ -139,7 +139,7 @@ def _find(source: Path, folder: Path, config: Config, reporter: Reporter) -> _Fo
 
 
 def _reconstruct(source: Path, exclude: Path, folder: Path, config: Config, reporter: Reporter) -> _Found:
-    """A model of a folder of photos, by structure from motion; warns of photos that it could not register."""
+    """Make a model of a folder of photos by structure from motion; warns of photos that it could not register."""
     root, names = list_photos(source, exclude)
     options = config.algorithm(SfmOptions)
     model = read_model(reconstruct(root, names, folder, options, reporter, lambda f: f * _SFM_SHARE))
@@ -155,7 +155,7 @@ def _reconstruct(source: Path, exclude: Path, folder: Path, config: Config, repo
 def _place(
     found: _Found, folder: Path, config: Config, reporter: Reporter, adjust: Adjust | None
 ) -> tuple[Scene, list[Photo]]:
-    """The scene of a model, after ``adjust`` moved its cameras, and its photos as they will be undistorted."""
+    """Make the scene of a model, after ``adjust`` moved its cameras, and its photos as they will be undistorted."""
 
     def build(model: SparseModel, reporter: Reporter) -> tuple[Scene, list[Photo]]:
         photos = plan_photos(model, found.paths, config.resolution, reporter)
@@ -164,12 +164,12 @@ def _place(
     scene, photos = build(found.model, reporter)
     if adjust is None:
         return scene, photos
-    quiet = Reporter()  # what planning has to say was said
+    quiet = Reporter()  # the first planning has warned of all there is
     return build(adjust(found.model, scene, lambda model: build(model, quiet)[0], config, reporter), quiet)
 
 
 def _check(scene: Scene, working: Path, config: Config, reporter: Reporter) -> Scene:
-    """The scene without outliers, its working photos at one exposure."""
+    """Remove outliers, and bring the working photos to one exposure."""
     threads = config.threads or cores()
     checks = config.algorithm(ValidationOptions)
     scene = filter_outliers(scene, working, config.holdout_every, reporter, threads, checks)
@@ -182,7 +182,7 @@ def _check(scene: Scene, working: Path, config: Config, reporter: Reporter) -> S
 
 
 def _used(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:
-    """At most ``limit`` views (0: all), those with clicks and then what lies farthest from them."""
+    """Choose at most ``limit`` views (0: all), those with clicks and then those farthest from them."""
     count = len(scene.views)
     if limit == 0 or limit >= count:
         return list(range(count))
@@ -192,7 +192,7 @@ def _used(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:
 
 
 def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: Config) -> Scene:
-    """Cameras, points and tracks in the normalised frame at working resolution.
+    """Make cameras, points and tracks in the normalised frame at working resolution.
 
     Args:
         model: the user's cameras and points.
@@ -231,7 +231,7 @@ def _view(name: str, photo: Photo, rotation: NDArray[np.float64], translation: N
 def _tracks(
     model: SparseModel, photos: list[Photo]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-    """Observations of the points in working pixels, those outside the working photos left out (CSR arrays)."""
+    """Convert observations to working pixels, those outside the working photos left out (CSR arrays)."""
     points = model.points
     slot = {image.id: i for i, image in enumerate(model.images)}
     track_view = np.array([slot[i] for i in points.image_ids.tolist()], np.int32)

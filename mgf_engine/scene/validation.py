@@ -53,7 +53,7 @@ def filter_outliers(
     threads: int = 1,
     options: ValidationOptions = ValidationOptions(),
 ) -> Scene:
-    """Return the scene without stray points and foreign photos; warns about each, and about what is left that is weak.
+    """Remove outlier points and photos of another place; warns of them, and of weaknesses that are left.
 
     Args:
         folder: holds the working photos under their file names, as they were taken (before exposures are evened).
@@ -103,7 +103,7 @@ def _without_foreign(
 def _without_blurred(
     scene: Scene, blurred: list[int], every: int, reporter: Reporter, options: ValidationOptions
 ) -> Scene:
-    """Blurred photos are left out where the others are close enough together without them; else they are named."""
+    """Leave out blurred photos where the others are close enough together without them; else warn of them."""
     if not blurred:
         return scene
     text = f"{len(blurred)} of {len(scene.views)} photos are much less sharp than the others "
@@ -123,7 +123,7 @@ def _names(scene: Scene, views: list[int]) -> str:
 
 
 def reprojection_errors(scene: Scene) -> Array:
-    """Distance between each observation and the projection of its point, working pixels, [T]; inf behind a camera."""
+    """Compute the reprojection error of each observation, working pixels, [T]; inf behind a camera."""
     owner = scene.track_point
     errors = np.empty(len(owner))
     for index, view in enumerate(scene.views):

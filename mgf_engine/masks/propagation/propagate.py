@@ -110,7 +110,7 @@ class _Work:
         self.scores = np.zeros(len(scene.views), np.float32)
 
     def run(self) -> Propagation:
-        """All steps in order."""
+        """Make the masks: regions, probabilities, root masks, vote, child masks, second vote, corrections."""
         superpixels = self.config.algorithm(SuperpixelOptions)
         for index, regions in self._parallel(lambda i: cut_regions(self.scene.photo(i), superpixels), self.views):
             self.regions.append(regions)

@@ -76,7 +76,7 @@ def find_sky(regions: Regions, observed: NDArray[np.int64], options: SkyOptions 
 def draw_skyline(
     lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], options: SkyOptions = SkyOptions()
 ) -> NDArray[np.bool_]:
-    """The mask with its edge against the sky drawn pixel by pixel: regions are coarser than roof edges and chimneys.
+    """Draw the mask's edge against the sky pixel by pixel: regions are coarser than roof edges and chimneys.
 
     Args:
         lab: CIELAB [H, W, 3], see :func:`lab_of`; mask: [H, W]; sky: [H, W], the regions that are sky.

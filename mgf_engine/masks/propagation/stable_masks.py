@@ -29,7 +29,7 @@ def first_clicks(clicks: Clicks) -> list[Clicks]:
 
 
 def merge_masks(masks: Sequence[Mask]) -> Mask:
-    """The mask for all clicks from those of :func:`first_clicks`: the last, with what a click would have lost."""
+    """Merge the masks of :func:`first_clicks`: the last one, with what a later click would have lost."""
     mask = masks[0]
     for later in masks[1:]:
         kept = (mask & later).sum() >= (1 - GIVEN_UP) * mask.sum()
@@ -38,7 +38,7 @@ def merge_masks(masks: Sequence[Mask]) -> Mask:
 
 
 def enforce_clicks(mask: Mask, regions: Regions, clicks: Clicks) -> Mask:
-    """The mask with the region of every click on the building that it leaves out, less those of clicks beside it.
+    """Add the region of every click on the building that a mask leaves out, remove those of clicks beside it.
 
     Where clicks of both kinds lie in one region, each pixel of it follows the nearer.
     """
@@ -53,7 +53,7 @@ def enforce_clicks(mask: Mask, regions: Regions, clicks: Clicks) -> Mask:
 
 
 def set_clicked_pixels(mask: Mask, clicks: Clicks, radius: float = 1.5) -> Mask:
-    """The mask with the pixels right around the clicks as those say; the last word, after any change of its size."""
+    """Set the pixels right around the clicks to their label, as the last step, after any change of size."""
     result = mask.copy()
     y, x = np.mgrid[0 : mask.shape[0], 0 : mask.shape[1]] + 0.5
     nearer = _nearer(mask.shape, clicks)

@@ -49,7 +49,7 @@ class Segmenter(Protocol):
     name: str
 
     def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
-        """The mask of view ``index``, whose photo is RGB uint8 [H, W, 3]; ``attempt`` 1 should ask differently.
+        """Return the mask of view ``index``, whose photo is RGB uint8 [H, W, 3]; ``attempt`` 1 should ask differently.
 
         Args:
             index: of the view.

@@ -124,7 +124,7 @@ def _holes(
 
 
 def describe_misfits(scene: Scene, fit: MaskCoverage) -> list[str]:
-    """One sentence with cause and cure where masks leave out much of the building or take in its surroundings; or none.
+    """Return one sentence where masks leave out much of the building or take in its surroundings; or none.
 
     Only the greater fault is named: where much is wrong, the majority is, too, and each looks like the other.
     """
