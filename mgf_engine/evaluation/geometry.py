@@ -180,12 +180,15 @@ def score_surface(
     """Accuracy, completeness and F1 (eq. 30-32).
 
     Args:
+        mesh: to be judged.
+        truth: to judge it by.
         thresholds: distances that count as right, in the units of the meshes.
         samples: points sampled on each mesh.
         cameras: true points none of them sees are left out; None keeps all.
-        crop: [2, 3] low and high corner; points outside are left out on both sides (for reconstructions that hold
-            more than the truth does).
+        crop: [2, 3] low and high corner; points outside are left out on both sides (for reconstructions that hold more
+            than the truth does).
         align: ``none``, ``rigid`` or ``similarity``: register the mesh first.
+        seed: of the samples.
         leave_out: a part of the truth that is not judged: points of both meshes that it is the nearest part to are left
             out (the paper leaves out Dortmund's steel framework so, section 4.3.1).
         materials: of the truth's faces; None for no scores by material.

@@ -60,9 +60,14 @@ def report_job(
     """Measure and write ``report.html`` and ``report.json``; returns the headline figures.
 
     Args:
-        field, mesh: normalised frame.
+        job: open job.
+        scene: photos, cameras and sparse points.
+        masks: the building in each photo.
+        field: normalised frame.
+        mesh: normalised frame.
         texture: waits for the mesh's texture, which may still be in the making; all files it belongs to are there then.
         fit: where the building is.
+        reporter: for progress, warnings and the request to cancel.
     """
     shown, lpips = _shown_views(scene, masks), find_lpips(Path(job.config.weights) if job.config.weights else None)
 

@@ -57,7 +57,11 @@ def train(
     """Train the field of a building.
 
     Args:
+        scene: photos, cameras and sparse points.
+        masks: the building in each photo.
+        config: of the job.
         folder: where checkpoints go; training resumes from the one it finds.
+        reporter: for progress, warnings and the request to cancel.
 
     Returns:
         The field in the normalised frame and the figures for the report.

@@ -57,9 +57,12 @@ def build_masks(
     """Make the masks of a scene and write them to ``folder``; the photos share the cores, one thread each.
 
     Args:
+        scene: photos, cameras and sparse points.
         prompts: the user's clicks; needed unless masks are given or switched off.
         masks_folder: the user's own masks, one PNG per photo; they win over clicks.
         folder: the job's ``masks`` folder.
+        config: of the job.
+        reporter: for progress, warnings and the request to cancel.
 
     Raises:
         BadInput: no clicks, bad clicks or masks, or nothing left of the building.
@@ -106,6 +109,7 @@ def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] =
     """Choose the segmenter: the one asked for; else EfficientSAM where its weights are, or the one that needs none.
 
     Args:
+        config: of the job: segmenter, weights, device, threads.
         folder: its ``embeddings`` are kept there.
         warn: called with one sentence when a GPU provider fails and the CPU goes on.
 

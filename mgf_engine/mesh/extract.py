@@ -140,7 +140,14 @@ def extract_mesh(
 def move_onto_evidence(
     mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
 ) -> Mesh:
-    """Move the level set of an opacity field onto the matched depth maps; a fused surface stays as it is."""
+    """Move the level set of an opacity field onto the matched depth maps; a fused surface stays as it is.
+
+    Args:
+        mesh: the level set, normalised frame.
+        field: that it was extracted from.
+        trusted: the photos.
+        options: of the extraction.
+    """
     if not (options.match_photos and isinstance(field, OpacityField) and field.evidence is not None):
         return mesh
     reach = RefinementOptions(reach=options.opacity_reach)
@@ -148,7 +155,15 @@ def move_onto_evidence(
 
 
 def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOptions, reporter: Reporter) -> Mesh:
-    """Colour the vertices of a mesh from the photos."""
+    """Colour the vertices of a mesh from the photos.
+
+    Args:
+        mesh: normalised frame.
+        scene: photos, cameras and sparse points.
+        trusted: the photos to take colours from.
+        options: of the colours.
+        reporter: for progress, warnings and the request to cancel.
+    """
     return color_from_photos(
         mesh, trusted.views, lambda i: scene.photo(trusted.indices[i]), [building(label) for label in trusted.labels],
         lambda share: reporter.progress(_REFINED + (_COLORED - _REFINED) * share), options,
@@ -156,7 +171,14 @@ def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOp
 
 
 def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSet, options: ExtractionOptions) -> None:
-    """Set the level of the surface so that it runs through the most reliable sparse points of the building."""
+    """Set the level of the surface so that it runs through the most reliable sparse points of the building.
+
+    Args:
+        field: whose level is set.
+        scene: photos, cameras and sparse points.
+        masks: which tell the points on the building.
+        options: which points are reliable.
+    """
     long_tracks = np.diff(scene.track_start) >= options.calibration_track
     sure = masks.point_mask & (scene.errors < options.calibration_error) & long_tracks
     level = field.calibrate(scene.points[sure])
@@ -201,6 +223,13 @@ def surface_field(
     """Make the field that tells solid from free, as the option ``surface`` says.
 
     The depth maps of a fused surface are made for an opacity surface, too, where anything asks what the views show.
+
+    Args:
+        gaussians: the screened field.
+        trusted: photos and masks.
+        options: of the extraction.
+        reporter: for progress, warnings and the request to cancel.
+        prior: a surface known before the field.
     """
     gaussians = gaussians.to(choose_device(options.device).device)
     fused = None
@@ -251,6 +280,13 @@ def extract_level_set(
 ) -> Mesh:
     """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
 
+    Args:
+        spanned: points of the tetrahedra.
+        tetrahedra: their corners, [T, 4].
+        field: tells solid from free.
+        steps: of the search for the level on each edge.
+        reporter: for progress, warnings and the request to cancel.
+
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
     """
@@ -287,6 +323,10 @@ def clean_level_set(
     """Clean the level set: remove false parts, orient it outward, close small holes, smooth it.
 
     Args:
+        mesh: the level set.
+        field: that it was extracted from.
+        views: the cameras.
+        options: which steps to take, and how.
         labels: label map of each view, where the masks are to vote on the faces.
 
     Raises:
@@ -328,7 +368,15 @@ def keep_clicked_parts(
     reporter: Reporter,
     options: ComponentFilterOptions = ComponentFilterOptions(),
 ) -> Mesh:
-    """Remove the parts that stand apart from all that was clicked; none where the masks are not from clicks."""
+    """Remove the parts that stand apart from all that was clicked; none where the masks are not from clicks.
+
+    Args:
+        mesh: normalised frame.
+        scene: photos, cameras and sparse points.
+        masks: with the clicks that they were made from.
+        reporter: for progress, warnings and the request to cancel.
+        options: how near a click is.
+    """
     if not masks.clicks:
         return mesh
     kept = faces_near_clicks(mesh, scene.views, masks.clicks, options)
@@ -343,7 +391,14 @@ def keep_clicked_parts(
 
 
 def refine_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, reporter: Reporter) -> Mesh:
-    """Move the mesh to where the photos agree about it; only where photos are matched."""
+    """Move the mesh to where the photos agree about it; only where photos are matched.
+
+    Args:
+        mesh: normalised frame.
+        trusted: photos and masks.
+        options: rounds, matching and refinement.
+        reporter: for progress, warnings and the request to cancel.
+    """
     if trusted.photos is None:
         return mesh
     return refine(
@@ -354,7 +409,14 @@ def refine_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, r
 
 
 def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions, reporter: Reporter) -> Mesh:
-    """Reduce the coloured mesh to as few faces as the bounds in the options allow."""
+    """Reduce the coloured mesh to as few faces as the bounds in the options allow.
+
+    Args:
+        mesh: with colours.
+        views: the cameras, which tell the size of a pixel.
+        options: ``max_faces``, ``face_error`` and ``color_error``.
+        reporter: for progress, warnings and the request to cancel.
+    """
     result = reduce_faces(
         mesh, options.max_faces, options.face_error * ground_pixels(mesh, views),
         options.color_error if options.color_error < 256 else -1.0,

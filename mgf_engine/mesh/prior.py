@@ -69,7 +69,10 @@ def visible_surface(
     """Render a mesh from a view by depth and face of each pixel; front faces only.
 
     Args:
+        depth: of the mesh at each pixel, [H, W], 0 for none.
+        face: at each pixel, int32 [H, W], -1 for none.
         normals: unit normal of each face, [F, 3].
+        view: the camera.
         grey: the photo's brightness, [H, W].
     """
     pixels = np.flatnonzero(face >= 0)
@@ -83,7 +86,14 @@ def visible_surface(
 
 
 def combine_surfaces(field: Surface, prior: Surface, sure: Array, options: PriorOptions = PriorOptions()) -> Surface:
-    """Combine field and prior: the prior where both are one and its plane is sure, or the field shows nothing."""
+    """Combine field and prior: the prior where both are one and its plane is sure, or the field shows nothing.
+
+    Args:
+        field: as the field shows it in a view.
+        prior: as the prior shows it there.
+        sure: strength of the prior's planes, 0..1, [H, W].
+        options: when a plane is certain.
+    """
     same = np.abs(field.depth - prior.depth) * field.view.fx < options.same * prior.depth
     take = (prior.depth > 0) & ((same & (sure >= options.sure)) | (field.depth == 0))
     depth = np.where(take, prior.depth, field.depth).astype(np.float32)
@@ -99,8 +109,14 @@ def choose_depths(
     """Choose surface and matched depth of a view, each pixel from the field or from the prior.
 
     Args:
-        field: as :func:`combine_surfaces` gives it, with ``matched`` as it was matched.
+        field: as :func:`combine_surfaces` gives it.
+        prior: as the prior shows it in the view.
+        sure: strength of the prior's planes, 0..1, [H, W].
+        matched: the matched depth of ``field``.
         others: what the neighbours show of the prior.
+        search: steps of the matching.
+        match: matches a surface with its neighbours.
+        options: of the choice.
     """
     known = prior.depth > 0
     apart = known & (np.abs(field.depth - prior.depth) * field.view.fx >= options.same * prior.depth)

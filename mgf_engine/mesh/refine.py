@@ -60,9 +60,14 @@ def refine(
     """Move the vertices of a mesh to where the photos agree about them.
 
     Args:
-        views: normalised frame.
+        mesh: normalised frame.
+        views: the cameras, normalised frame.
         masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
+        photos: their brightness, and which are matched.
+        rounds: number of times.
+        progress: called with the share that is done.
         fusion: options of the matching, the smoothing and the fusion.
+        options: of the refinement.
     """
     for number in range(rounds):
         normals = vertex_normals(mesh)
@@ -76,7 +81,9 @@ def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: N
     """Render the front of the mesh in a view.
 
     Args:
+        mesh: normalised frame.
         normals: unit normal of each face, [F, 3].
+        view: the camera.
         grey: the photo's brightness, [H, W].
     """
     buffers = render_mesh(mesh, view)
@@ -114,8 +121,11 @@ def onto_surface(
     The moves are smoothed, not the surface: it keeps its edges, and bars of a few pixels do not shrink.
 
     Args:
+        mesh: normalised frame.
         normals: of the vertices, [N, 3].
+        field: whose surface it is.
         pixel: size of a pixel at each vertex, [N].
+        options: reach, steps and smoothing.
     """
     shift, reach = np.zeros(len(pixel)), options.reach
     off = np.full(len(pixel), np.nan, np.float32)

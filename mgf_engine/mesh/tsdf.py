@@ -192,7 +192,11 @@ def fuse_gaussians(
     """Fuse the depth maps of a field, as the trusted views see it, into a signed distance (normalised frame).
 
     Args:
+        gaussians: the field.
+        views: the trusted cameras.
+        masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
         photos: where given, the depths are first moved to where the photos look most alike.
+        progress: called with the share that is done.
         prior: a surface known before the field, used with ``photos`` only.
         options: of the matching, the smoothing and the fusion.
     """

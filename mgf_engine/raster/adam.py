@@ -30,10 +30,14 @@ def adam_step(
 
     Args:
         parameter: float32 [N, ...], contiguous; a row is everything behind the first axis, W numbers.
-        gradient, exp_avg, exp_avg_sq: as ``parameter``.
+        gradient: as ``parameter``.
+        exp_avg: first moment m, as ``parameter``.
+        exp_avg_sq: second moment v, as ``parameter``.
         lr: learning rate, or one per number of a row, float32 [W] on the CPU.
         step: number of this step, from 1.
         visible: bool [N]; other rows and their moments stay as they are. None: all rows.
+        betas: decay rates b1, b2 of the moments.
+        eps: added to the root of the second moment.
         active: only the first so many numbers of each row are touched. None: all.
         backend: ``cpu``, ``cuda``, ``cuda-source-on-cpu`` or ``reference`` (plain torch). None: ``cuda`` for parameters
             on a card, else ``cpu``.

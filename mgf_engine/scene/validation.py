@@ -56,8 +56,12 @@ def filter_outliers(
     """Remove outlier points and photos of another place; warns of them, and of weaknesses that are left.
 
     Args:
-        folder: holds the working photos under their file names, as they were taken (before exposures are evened).
-        every: of the option ``holdout_every``.
+        scene: photos, cameras and sparse points.
+        folder: of the working photos under their file names, before exposures are evened.
+        every: the option ``holdout_every``.
+        reporter: for warnings.
+        threads: number of worker threads.
+        options: limits of the checks.
 
     Raises:
         BadInput: fewer than two photos or no points are left.

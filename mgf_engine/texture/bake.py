@@ -38,8 +38,13 @@ def bake(
 
     Args:
         mesh: normalised frame.
+        layout: place of each face in the picture.
         label: [F], the view that paints each face.
+        views: the cameras.
+        corrections: of the colours at seams.
         source: position in ``views`` -> what to paint with.
+        progress: called with the share that is done.
+        options: of the layout.
     """
     face = draw_triangles(layout.at, layout.height, layout.width)
     pixel = np.flatnonzero(face >= 0)

@@ -112,12 +112,15 @@ def make_surface(
     """Make the surface around kept points.
 
     Args:
-        keep: [P].
+        scene: sparse points.
+        shape: spacing, flatness and height of the points.
+        keep: bool [P], points of the building.
         ground: where columns end; None: the lowest points around.
         discs: add a disc around each point whose neighbours are flat.
         overhangs: add what is below all but these, down to the ground; these get discs, and what is astray among them
             is left out. None: no columns.
         coarse: side of the cells, where that is more than half the spacing of the points; finer ones are not seen.
+        options: of the samples.
     """
     if not keep.any():
         return Surface(np.zeros((0, 3)), np.zeros(0), 1.0, 1.0)

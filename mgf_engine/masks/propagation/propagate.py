@@ -87,8 +87,11 @@ def propagate(scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Conf
     """Return masks of every photo from clicks on some.
 
     Args:
+        scene: photos, cameras and sparse points.
         prompts: clicks by view index; at least one on the building.
         segmenter: draws each mask.
+        config: of the job.
+        reporter: for progress, warnings and the request to cancel.
     """
     return _Work(scene, prompts, segmenter, config, reporter).run()
 

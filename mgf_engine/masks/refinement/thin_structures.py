@@ -85,12 +85,15 @@ def find_thin_structures(
     """Find parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
 
     Args:
+        scene: photos, cameras and sparse points.
         prompts: all clicks, doubted ones too.
         labels: per view uint8 [H, W], as drawn so far.
-        sky: view -> bool [H, W], regions that are sky; leafy: view -> float [H, W], how much pixels look like leaves.
+        sky: view -> bool [H, W], regions that are sky.
+        leafy: view -> float [H, W], probability of vegetation.
         accepted: [P], sparse points of the building.
         up: [3], normalised frame.
         ground: on which they stand, if known.
+        options: of the search.
     """
     missed = _missed(prompts, labels, options)
     if len({view for view, _, _ in missed}) < options.photos or accepted.sum() < 10:
