@@ -105,6 +105,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("depth_smoothing", "mesh", "Smoothing of matched depth maps", "mesh.depth_smoothing:SmoothingOptions"),
     Algorithm("prior", "mesh", "Choice between the field and the starting surface", "mesh.prior:PriorOptions"),
     Algorithm("visual_hull", "mesh", "Visual hull that is carved from the mesh", "mesh.hull:HullOptions"),
+    Algorithm("opacity", "mesh", "Surface by the opacity of the field (surface=opacity)", "mesh.opacity:OpacityOptions"),
     Algorithm("tsdf", "mesh", "Fusion of depth maps into a signed distance", "mesh.fusion_options:TsdfOptions"),
     Algorithm("mesh_refinement", "mesh", "Photometric refinement of the mesh", "mesh.refine:RefinementOptions"),
     Algorithm("planar", "mesh", "Projection of planar regions", "mesh.plane_detection:PlanarOptions", also=("drawings", "models")),

@@ -44,7 +44,7 @@ def is_full_disk(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in _FULL_DISK
 
 
-def explain(error: BaseException, resumable: bool = True, again: str = "") -> tuple[int, str]:
+def explain(error: BaseException, *, resumable: bool = True, again: str = "") -> tuple[int, str]:
     """Exit code and sentence of an error.
 
     Args:

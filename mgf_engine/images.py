@@ -69,7 +69,7 @@ def read_info(path: Path) -> PhotoInfo:
     return PhotoInfo(width, height, orientation if 1 <= orientation <= 8 else 1)
 
 
-def read_rgb(path: Path, turn: bool = False) -> NDArray[np.uint8]:
+def read_rgb(path: Path, *, turn: bool = False) -> NDArray[np.uint8]:
     """Decode a picture of any bit depth, grey, palette or alpha to RGB.
 
     Args:

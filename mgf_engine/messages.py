@@ -83,7 +83,7 @@ class Reporter:
         """Set what the stages to come will take, for the time left and the overall bar, which goes on from there."""
         self.expected, self._pace, self._begun_at = dict(seconds), 1.0, self._reached
 
-    def stage(self, name: str, cached: bool = False) -> None:
+    def stage(self, name: str, *, cached: bool = False) -> None:
         """Announce that a stage begins (or that its earlier result is used)."""
         self._learn_pace()
         self.stage_name, self._stage_started, self._last = name, time.monotonic(), 0.0

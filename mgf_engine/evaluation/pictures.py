@@ -72,7 +72,7 @@ def on_white(render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.u
 
 
 def turntable(
-    mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = (480, 360), relief: bool = False
+    mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = (480, 360), *, relief: bool = False
 ) -> list[NDArray[np.uint8]]:
     """Return the mesh (normalised frame) from ``count`` sides; up is where the photographers' cameras say it is.
 
@@ -91,7 +91,7 @@ def turntable(
 
 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:
-    """Cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side."""
+    """Place cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side."""
     up = up_from_cameras(scene)
     centre, radius = _ball(mesh)
     towards = np.mean([view.centre for view in scene.views], axis=0) - centre
@@ -104,7 +104,7 @@ def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int])
 def circle_views(
     mesh: Mesh, up: NDArray[np.float64], side: NDArray[np.float64], count: int, size: tuple[int, int]
 ) -> list[View]:
-    """Cameras on a circle around the mesh, 25 degrees above it.
+    """Place cameras on a circle around the mesh, 25 degrees above it.
 
     Args:
         up: unit direction.

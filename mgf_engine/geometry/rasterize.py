@@ -105,7 +105,7 @@ def face_normals(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def shaded(
-    mesh: Mesh, view: View, color: bool = False, oversample: int = 2, from_side: bool = False
+    mesh: Mesh, view: View, oversample: int = 2, *, color: bool = False, from_side: bool = False
 ) -> NDArray[np.uint8]:
     """Return a picture of the mesh, RGB uint8 [H, W, 3] on white.
 

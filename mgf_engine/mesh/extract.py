@@ -51,7 +51,6 @@ log = logging.getLogger("mgf")
 
 #: Shares of the stage, for the progress bar.
 _RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED, _REFINED, _COLORED = 0.15, 0.22, 0.3, 0.5, 0.6, 0.75, 0.8
-BESIDE_BOX = 0.1  # Gaussians this share of its size beside the crop box carry the surface to where it is cut
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,9 @@ def extract_mesh(
     box = crop_of(options.crop_box, scene)
     with times.part("points"):
         kept = screen(gaussians, scene, masks, options.screening)
-        spanned = tetra_points(kept if box is None else select_near_box(kept, box), options.tetrahedra)
+        spanned = tetra_points(
+            kept if box is None else select_near_box(kept, box, options.beside_box), options.tetrahedra
+        )
         prior = None
         if start is not None and trusted.photos is not None:
             prior = Prior(start.mesh, start.sure)
@@ -240,9 +241,7 @@ def surface_field(
         )  # fmt: skip
         if options.surface == "fused":
             return fused
-    return OpacityField(
-        gaussians, trusted.views, trusted.verdicts, options.opacity_level, 1, options.fusion.tsdf.hull, fused
-    )
+    return OpacityField(gaussians, trusted.views, trusted.verdicts, options.opacity, fused)
 
 
 def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], options: ExtractionOptions) -> Photos:
@@ -256,16 +255,16 @@ def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], options: Extrac
     return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
 
 
-def select_near_box(gaussians: Gaussians, box: CropBox) -> Gaussians:
-    """Select the Gaussians in and closely around the crop box.
+def select_near_box(gaussians: Gaussians, box: CropBox, beside: float) -> Gaussians:
+    """Select the Gaussians in the crop box and up to a share ``beside`` of its size around it.
 
-    They span the tetrahedra; the field that judges keeps the others, or a view of the far side would see through
-    where they were and call the inside of the building free.
+    They span the tetrahedra and carry the surface to where it is cut. The field keeps all others: without them a view
+    of the far side would see through their places and call the inside of the building free.
 
     Raises:
         BadInput: none is there.
     """
-    near = box.contains(gaussians.positions.detach().double().numpy(), BESIDE_BOX)
+    near = box.contains(gaussians.positions.detach().double().numpy(), beside)
     if not near.any():
         raise BadInput("No Gaussian lies in the crop box; enlarge it or move it over the building.")
     return gaussians.select(torch.from_numpy(near))

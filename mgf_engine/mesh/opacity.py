@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The opacity field O(x) (eq. 23-25): what is solid, what is free, what nobody can tell.
+"""The opacity field O(x) (eq. 23-25): what is solid, what is free, what is unknown.
 
 A point is free when a view looks through to it, that is, when the opacity in front of it is below the level in
 the views that see it (eq. 25 takes the minimum over them). Views see a point that lies in front of them, in their
@@ -10,11 +10,14 @@ front of it (the visual hull); one that no view can judge is invalid.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
+from mgf_engine.config import job_option
 from mgf_engine.mesh.hull import HullOptions, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.tsdf import TsdfField
@@ -23,12 +26,26 @@ from mgf_engine.model.scene import View
 from mgf_engine.raster import points as kernel
 from mgf_engine.sampling import farthest_point_sampling
 
-ENOUGH = 50  # triangulated points from which the level is calibrated,
-LEVELS = 0.05, 0.95  # and between which levels
-
 CHUNK = 1 << 22  # points that are asked at a time, which bounds the memory; each chunk projects the field anew
 
 Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class OpacityOptions:
+    """Options of the surface by opacity (``surface=opacity``)."""
+
+    agree: int = parameter(
+        1,
+        "Number of photos that must look through to a point before it is free; 1 is the minimum of eq. 25",
+        low=1,
+        high=2,
+    )
+    calibration_points: int = parameter(50, "Minimum number of sparse points that calibrate the level", low=1)
+    levels: tuple[float, float] = parameter((0.05, 0.95), "Bounds of the calibrated level", high=1)
+
+    level: float = job_option("opacity_level")
+    hull: HullOptions = HullOptions()
 
 
 class OpacityField:
@@ -38,9 +55,7 @@ class OpacityField:
         gaussians: the field, normalised frame.
         views: the cameras that judge.
         masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
-        level: opacity at which the surface is taken (eq. 26).
-        agree: how many views must look through to a point before it is free; 1 is the minimum of eq. 25.
-        hull: whether and where the visual hull is free, whatever the field says.
+        options: opacity at which the surface is taken (eq. 26), and what is free.
         evidence: the same surface from depth maps, which tells what the views really show.
     """
 
@@ -49,15 +64,13 @@ class OpacityField:
         gaussians: Gaussians,
         views: Sequence[View],
         masks: Sequence[NDArray[np.uint8]],
-        level: float,
-        agree: int,
-        hull: HullOptions = HullOptions(),
+        options: OpacityOptions = OpacityOptions(),
         evidence: TsdfField | None = None,
     ) -> None:
         order = spread_order(np.array([v.centre for v in views]))
         self.views = [views[i] for i in order]
         self.masks = [np.ascontiguousarray(masks[i]) for i in order]
-        self.level, self.agree, self.hull, self.evidence = level, agree, hull, evidence
+        self.options, self.level, self.evidence = options, options.level, evidence
         self._kernel = kernel.PointOpacity(gaussians)
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
@@ -74,14 +87,14 @@ class OpacityField:
         lowest = np.full((len(points), 2), 2.0, np.float32)
         for number, (view, mask) in enumerate(zip(self.views, self.masks, strict=True)):
             progress(number / len(self.views))
-            needed = np.minimum(self.agree, seen) - 1
+            needed = np.minimum(self.options.agree, seen) - 1
             open_ = np.flatnonzero((state == SOLID) & (lowest[np.arange(len(points)), needed] >= self.level))
             if len(open_) == 0:
                 break
             part = lowest[open_]
             self._kernel.lower(part, points32[open_], view, mask, 1.0 - self.level)
             lowest[open_] = part
-        needed = np.clip(np.minimum(self.agree, seen) - 1, 0, 1)
+        needed = np.clip(np.minimum(self.options.agree, seen) - 1, 0, 1)
         through = lowest[np.arange(len(points)), needed] < self.level
         state[(state == SOLID) & through] = FREE
         return state
@@ -91,15 +104,15 @@ class OpacityField:
         return np.where(self.classify(points, progress) == SOLID, -np.inf, np.inf).astype(np.float32)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
-        """Put the level at the median opacity (eq. 25) of triangulated points of the surface [N, 3]; returns it."""
+        """Set the level to the median opacity (eq. 25) of triangulated points of the surface [N, 3]; returns it."""
         points32 = np.ascontiguousarray(points, dtype=np.float32)
         state, _ = self._seen(points32)
         lowest = np.full((len(points), 2), 2.0, np.float32)
         for view, mask in zip(self.views, self.masks, strict=True):
             self._kernel.lower(lowest, points32, view, mask)
         found = lowest[(state == SOLID) & (lowest[:, 0] <= 1.0), 0]
-        if len(found) >= ENOUGH:
-            self.level = float(np.clip(np.median(found), *LEVELS))
+        if len(found) >= self.options.calibration_points:
+            self.level = float(np.clip(np.median(found), *self.options.levels))
         return self.level
 
     def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
@@ -122,8 +135,8 @@ class OpacityField:
             seen += verdict == kernel.SEEN
         state = np.full(len(points), SOLID, np.uint8)
         state[seen == 0] = INVALID
-        if self.hull.carve:
-            state[outside_hull(background, seen, self.hull)] = FREE
+        if self.options.hull.carve:
+            state[outside_hull(background, seen, self.options.hull)] = FREE
         return state, seen
 
 

@@ -13,6 +13,7 @@ from mgf_engine.mesh.component_filter import ComponentFilterOptions
 from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions
 from mgf_engine.mesh.mask_votes import MaskVoteOptions
+from mgf_engine.mesh.opacity import OpacityOptions
 from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions
 from mgf_engine.mesh.plane_detection import PlanarOptions
 from mgf_engine.mesh.refine import RefinementOptions
@@ -35,6 +36,9 @@ class ExtractionOptions:
     made_up: float = parameter(
         0.005, "Area up to which a patch that no view shows may stay, as a share of the mesh's area", high=1
     )
+    beside_box: float = parameter(
+        0.1, "Distance beside the crop box up to which Gaussians span the surface, as a share of its size"
+    )
     small_hole: int = parameter(60, "Length of the rim below which a hole is closed", "ground px")
 
     device: str = job_option("device")
@@ -45,7 +49,6 @@ class ExtractionOptions:
     match_photos: bool = job_option("match_photos")
     refine_rounds: int = job_option("refine_rounds")
     calibrate_level: bool = job_option("calibrate_level")
-    opacity_level: float = job_option("opacity_level")
     level_steps: int = job_option("level_steps")
     merge_flat: bool = job_option("merge_flat")
     drop_unseen: bool = job_option("drop_unseen")
@@ -65,6 +68,7 @@ class ExtractionOptions:
     screening: ScreeningOptions = ScreeningOptions()
     tetrahedra: TetrahedraOptions = TetrahedraOptions()
     fusion: FusionOptions = FusionOptions()
+    opacity: OpacityOptions = OpacityOptions()
     clustering: PlanarClusteringOptions = PlanarClusteringOptions()
     volumes: UnobservedVolumeOptions = UnobservedVolumeOptions()
     votes: MaskVoteOptions = MaskVoteOptions()

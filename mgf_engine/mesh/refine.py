@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The finished mesh moved to where the photos agree about it.
+"""Refine the finished mesh: move it to where the photos agree about it.
 
 The depths of a trained field, and the planes on which patches of two photos are compared, are as noisy as its
-Gaussians. The mesh is the mean of what all views say, so compared once more on its own planes, in smaller steps,
-the photos tell its place more sharply. Only places change: no face comes or goes.
+Gaussians. The mesh is the mean of all depth maps: patches on its own faces, compared in smaller steps, place it more
+precisely. Only vertices move; no face is added or removed.
 """
 
 from __future__ import annotations
@@ -71,8 +71,11 @@ def refine(
     """
     for number in range(rounds):
         normals = vertex_normals(mesh)
-        told = lambda share, n=number: progress((n + share) / rounds)  # noqa: E731
-        field = _matched(mesh, normals, views, masks, photos, told, options.narrowed(fusion))  # type: ignore[arg-type]
+
+        def report(share: float, done: int = number) -> None:
+            progress((done + share) / rounds)
+
+        field = _fuse_matched(mesh, normals, views, masks, photos, report, options.narrowed(fusion))
         mesh = onto_surface(mesh, normals, field, ground_pixels(mesh, views), options)
     return mesh
 
@@ -90,7 +93,7 @@ def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: N
     return visible_surface(buffers.depth, buffers.face, normals, view, grey)
 
 
-def _matched(
+def _fuse_matched(
     mesh: Mesh,
     vertex_normal: NDArray[np.float64],
     views: Sequence[View],
@@ -99,7 +102,7 @@ def _matched(
     progress: Callable[[float], None],
     options: FusionOptions,
 ) -> TsdfField:
-    """The mesh as the photos would have it."""
+    """Match the depths of the mesh between the photos, and fuse them into a signed distance."""
     smoothed = vertex_normal[mesh.faces].mean(1)
     normals = smoothed / np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-12)
 

@@ -84,7 +84,7 @@ def library_path(target: str, variant: str) -> Path:
     return LIBRARIES / f"mgf-{target.split('-')[0]}-{variant}{TARGETS[target].suffix}"
 
 
-def build(targets: Iterable[str] = (), variants: Iterable[str] = (), force: bool = False) -> list[Path]:
+def build(targets: Iterable[str] = (), variants: Iterable[str] = (), *, force: bool = False) -> list[Path]:
     """Build every library of the targets that is missing or out of date.
 
     Args:
@@ -154,7 +154,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     targets = list(TARGETS) if "all" in given.targets else given.targets
     try:
-        for path in build(targets, given.variants, given.force):
+        for path in build(targets, given.variants, force=given.force):
             print(path)
     except RuntimeError as error:
         print(error, file=sys.stderr)

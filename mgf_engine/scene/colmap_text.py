@@ -140,8 +140,8 @@ def _each_line(path: Path, parse: Callable[[Callable[[], str]], None]) -> None:
     _check_count(path, count, expected)
 
 
-def _lines(path: Path, strict: bool = True) -> tuple[list[str], int | None]:
-    """All lines of a file, and the count its header comment gives (None without one)."""
+def _lines(path: Path, *, strict: bool = True) -> tuple[list[str], int | None]:
+    """Read all lines of a file, and the count that its header comment gives, None without one."""
     raw = path.read_bytes()
     lines = [decode(line.rstrip(b"\r")) for line in raw.split(b"\n")]
     counts = [int(m.group(1)) for line in lines[:20] if (m := _COUNT.match(line.strip()))]

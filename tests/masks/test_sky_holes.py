@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.masks.propagation.appearance import lab_of
-from mgf_engine.masks.propagation.propagate import PropagationOptions, _Work
+from mgf_engine.masks.propagation.propagate import PropagationOptions, _Propagator
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.sky_silhouette import over_horizon
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
@@ -120,7 +120,7 @@ class _Everywhere:
 def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
     """Unknown pixels do not vote: nothing would say that the air between the bars is empty."""
     _, hut, mast = photograph(VIEW)
-    work = object.__new__(_Work)
+    work = object.__new__(_Propagator)
     work.scene, work.prompts = make_scene(tmp_path, [VIEW]), {}
     work.config, work.options = Config(), PropagationOptions()
     work.owner, work.shape = work.scene.track_point, SimpleNamespace(up=UP)

@@ -8,7 +8,7 @@ from support.analytic import ball, camera, ring, scene_of, sphere
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.hull import HullOptions, judging_mask, judging_masks, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
-from mgf_engine.mesh.opacity import OpacityField, spread_order
+from mgf_engine.mesh.opacity import OpacityField, OpacityOptions, spread_order
 from mgf_engine.mesh.tsdf import fuse_gaussians
 from mgf_engine.model.masks import IGNORE
 from mgf_engine.raster.points import IGNORE as UNKNOWN_PIXEL
@@ -27,7 +27,11 @@ def setting():
 
 def make(kind, setting, agree=1):
     field, views, masks = setting
-    return OpacityField(field, views, masks, 0.5, agree) if kind == "opacity" else fuse_gaussians(field, views, masks)
+    return (
+        OpacityField(field, views, masks, OpacityOptions(agree=agree))
+        if kind == "opacity"
+        else fuse_gaussians(field, views, masks)
+    )
 
 
 @pytest.mark.parametrize("kind", ["opacity", "fused"])
@@ -51,13 +55,13 @@ def test_minimum_over_views_matches_the_twin(setting):
     points = np.random.default_rng(1).normal(size=(60, 3)) * 0.55
     points = points.astype(np.float32).astype(np.float64)
     all_inside = [np.full_like(m, INSIDE) for m in masks]
-    state = OpacityField(field, views, all_inside, 0.5, 1).classify(points)
+    state = OpacityField(field, views, all_inside).classify(points)
     each = np.stack([opacity_of_points(points, field, v, NEAR).numpy() for v in views])
     lowest = each.min(0)
     clear = np.abs(lowest - 0.5) > 1e-3
     assert np.array_equal((state == SOLID)[clear], (lowest >= 0.5)[clear])
     assert 5 < (state == SOLID).sum() < 55
-    second = OpacityField(field, views, all_inside, 0.5, 2).classify(points)
+    second = OpacityField(field, views, all_inside, OpacityOptions(agree=2)).classify(points)
     lowest2 = np.sort(each, 0)[1]
     clear = np.abs(lowest2 - 0.5) > 1e-3
     assert np.array_equal((second == SOLID)[clear], (lowest2 >= 0.5)[clear])
@@ -109,7 +113,7 @@ def test_the_level_is_calibrated_on_points_of_the_surface(setting):
 def test_without_the_hull_background_frees_nothing(setting):
     field, views, masks = setting
     blank = [np.full_like(m, OUTSIDE) if i < 8 else m for i, m in enumerate(masks)]
-    assert OpacityField(field, views, blank, 0.5, 1, UNCARVED).classify(np.zeros((1, 3)))[0] == SOLID
+    assert OpacityField(field, views, blank, OpacityOptions(hull=UNCARVED)).classify(np.zeros((1, 3)))[0] == SOLID
     fused = fuse_gaussians(field, views, blank, options=FusionOptions(TsdfOptions(hull=UNCARVED)))
     assert fused.classify(np.zeros((1, 3)))[0] == SOLID
 

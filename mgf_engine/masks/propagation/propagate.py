@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From clicks on a few photos to a mask of every photo (section 3.1.2 of the paper).
+"""Propagate clicks on a few photos to a mask of every photo (section 3.1.2 of the paper).
 
 Clicks -> probability of all regions and points -> root masks -> vote of the points (eq. 3) -> child masks from the
 points -> a second vote by all photos, which corrects or flags the masks that contradict it.
@@ -75,12 +75,19 @@ class PropagationOptions:
 
 @dataclass(frozen=True)
 class Propagation:
-    """Masks of all photos; per photo why it is flagged (empty: it is fine); sentences the user should read."""
+    """Masks of all photos.
+
+    Attributes:
+        masks: the label maps.
+        reasons: why each photo is flagged, empty where it is not.
+        warnings: sentences that the user should read.
+        consistency: share of the points seen in three photos or more on which all votes agree.
+    """
 
     masks: MaskSet
     reasons: list[str]
     warnings: list[str]
-    consistency: float  # share of the points seen in three photos or more on which all votes agree
+    consistency: float
 
 
 def propagate(scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter) -> Propagation:
@@ -93,11 +100,11 @@ def propagate(scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Conf
         config: of the job.
         reporter: for progress, warnings and the request to cancel.
     """
-    return _Work(scene, prompts, segmenter, config, reporter).run()
+    return _Propagator(scene, prompts, segmenter, config, reporter).run()
 
 
-class _Work:
-    """One run: the scene, its regions, their probabilities, and the masks as they grow."""
+class _Propagator:
+    """State of one run: the scene, its regions, their probabilities, and the masks."""
 
     def __init__(
         self, scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter
@@ -129,7 +136,7 @@ class _Work:
             self.config.algorithm(SkyOptions),
         )  # fmt: skip
         self.walker = LabelPropagation(self.graph, self.config.algorithm(ExtentOptions))
-        doubts = self._drop_doubtful()
+        doubts = self._drop_outlier_prompts()
         self.probability = self.walker.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
         roots = [i for i in self.views if i in self.prompts]
@@ -141,8 +148,8 @@ class _Work:
         disagreement = self._second_vote()
         return self._finish(disagreement, doubts)
 
-    def _drop_doubtful(self) -> list[OutlierPrompt]:
-        """Leave out clicks that the other photos contradict; returns all doubted ones, also those that count."""
+    def _drop_outlier_prompts(self) -> list[OutlierPrompt]:
+        """Leave out clicks that the other photos contradict; returns all that they doubt, also those that are kept."""
         found = find_outlier_prompts(
             self.walker, self.prompts, self.config.seed, self.config.algorithm(PromptOutlierOptions)
         )
@@ -177,32 +184,32 @@ class _Work:
         return make_hints(self.scene, index, clicks, self.regions[index], self.probability, here)
 
     def _vote(self, voters: list[int]) -> NDArray[np.bool_]:
-        """Points the voters' masks accept; the probability decides for points that none of them observed."""
+        """Return the points that the voters' masks accept; probability decides where none of them observed one."""
         kept = self._accepted(self.scene, voters)
         seen = np.zeros(len(kept), bool)
         seen[self.owner[np.isin(self.scene.track_view, voters)]] = True
         return np.where(seen, kept, self.probability.points > 0.5)
 
     def _accepted(self, scene: Scene, voters: list[int]) -> NDArray[np.bool_]:
-        """Points of the scene, or of the full one, that the voters' masks accept."""
+        """Return the points of the scene, or of the full one, that the voters' masks accept."""
         rows = np.arange(len(scene.points))
         return vote(scene.points, scene, self.labels, voters, self.vote_options, rows, self.threads)
 
     def _second_vote(self) -> NDArray[np.float64]:
-        """Compare each mask with what all others say about its points; make it again where they differ.
+        """Compare each mask with the votes of all others on its points; draw it again where they differ.
 
         Returns:
             [V], share of each photo's points on which the others still disagree.
         """
         result = np.zeros(len(self.views))
         votes = track_votes(self.scene, self.labels, list(self.views), self.vote_options.dilation)
-        for index, disagreement in self._parallel(lambda i: self._made_again(i, votes), self.views):
+        for index, disagreement in self._parallel(lambda i: self._redraw_contradicted(i, votes), self.views):
             result[index] = disagreement
             self.reporter.check()
         return result
 
-    def _made_again(self, index: int, votes: Votes) -> float:
-        """Make a mask again where all others contradict it; what they still contradict."""
+    def _redraw_contradicted(self, index: int, votes: Votes) -> float:
+        """Draw a mask again where all others contradict it; returns the share that they still contradict."""
         result, accepted = self._disagreement(index, votes)
         if result <= self.options.disagree_above:
             return result
@@ -216,7 +223,7 @@ class _Work:
         return self._disagreement(index, votes)[0]
 
     def _disagreement(self, index: int, votes: Votes) -> tuple[float, NDArray[np.bool_]]:
-        """Share of this photo's points on which two others or more say otherwise, and what the others accept."""
+        """Return the share of a photo's points that two other masks or more contradict, and the points they accept."""
         here = self.scene.observations(index)
         points = self.owner[here]
         if not len(points):
@@ -236,7 +243,7 @@ class _Work:
         reasons = [
             flag_reason(self.labels[i], float(self.scores[i]), float(disagreement[i]), flags) for i in self.views
         ]
-        reasons = self._without_points(reasons)
+        reasons = self._judge_by_clicks(reasons)
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
         accepted = self._accepted(self.full, voters)
@@ -284,15 +291,15 @@ class _Work:
         messages = PromptMessages(self.graph, self.original, self.labels)
         return messages.sentences(doubts, self.confirmed, ignored=self.prompts is not self.original)
 
-    def _without_points(self, reasons: list[str]) -> list[str]:
-        """The reasons, less what too few points said; clicks judge as well as points do."""
+    def _judge_by_clicks(self, reasons: list[str]) -> list[str]:
+        """Drop the reasons that rest on too few points, and judge those masks by clicks and other masks."""
         kept = self._accepted(self.scene, list(self.views))
         judged = [len(self._seen_points(i, kept)) >= FEWEST_SPOTS or i in self.prompts for i in self.views]
         masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
         return flag_by_masks(self.scene, masks, reasons, np.array(judged), self.config.algorithm(FlagOptions))
 
     def _finish_view(self, index: int, extent: BuildingExtent, accepted: NDArray[np.bool_]) -> None:
-        """The edge of one mask against the sky, what is stray in it, and what stands before it; in place."""
+        """Correct one mask in place: skyline, sky that shows through, stray pieces, plain regions, leaves."""
         view, place = self.scene.views[index], extent.place(index)
         size = (view.width, view.height)
         core = cv2.resize(place.core.astype(np.uint8), size) > 0
@@ -315,7 +322,7 @@ class _Work:
         labels[leaves & ~sky & ~ground] = IGNORE
 
     def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
-        """Draw steelwork that was clicked and no mask has; doubted clicks count, for regions are too coarse for it."""
+        """Draw clicked steelwork that the masks lack; doubted clicks count, since regions are too coarse for it."""
         leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
         found = find_thin_structures(
             self.scene, self.original, self.labels, self._sky, leafy, accepted, up, self.probability.ground,
@@ -355,7 +362,7 @@ class _Work:
         return self._of_regions(index, self.graph.sky > 0) > 0
 
     def _leafy(self, index: int) -> NDArray[np.bool_]:
-        """Regions of a photo that look like leaves, on the reduced photo."""
+        """Find the regions of a photo that look like leaves, on the reduced photo."""
         regions = self.regions[index]
         return np.asarray(vegetation_probability(regions.features)[regions.labels] > self.options.leafy, bool)
 
