@@ -172,7 +172,8 @@ def _geojson(plan: Plan, rows: list[dict[str, Any]]) -> dict[str, Any]:
     for building, row in zip(plan.buildings, rows, strict=True):
         shape = shapely.transform(building.hull.polygon, lambda p: p + np.array(georeference.offset[:2]))
         kept = {key: row[key] for key in ("id", "state", "reason", "height", "area", "points", "candidates", "seen")}
-        properties = {**kept, "photos": len(row["photos"]), **row.get("estimate", {})}
+        # No seconds: what is learned of the machine's speed changes them, and the terrain would be made again.
+        properties = {**kept, "photos": len(row["photos"])}
         geometry = json.loads(shapely.to_geojson(shape))
         features.append({"type": "Feature", "properties": properties, "geometry": geometry})
     data: dict[str, Any] = {"type": "FeatureCollection", "features": features}
