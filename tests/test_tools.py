@@ -30,3 +30,9 @@ def test_every_package_of_an_installation_is_pinned() -> None:
         needs = [Requirement(text) for text in importlib.metadata.requires(name) or []]
         waiting += [need.name for need in needs if need.marker is None or need.marker.evaluate({"extra": ""})]
     assert len(found) > 25 and found - {"mgf-engine"} <= pinned
+
+
+def test_the_kernels_elsewhere_are_tested_by_tests_that_there_are() -> None:
+    root = Path(__file__).parents[1]
+    script = runpy.run_path(str(root / "tools" / "foreign_kernels.py"), run_name="tools")
+    assert [name for name in script["TESTS"] if not (root / "tests" / name).is_file()] == []

@@ -36,6 +36,7 @@ FEW = [
     "tests/masks/test_patch_ncc.py",
     "tests/masks/test_point_surface.py",
     "tests/masks/test_superpixels.py",
+    "tests/scene/test_patch_match.py::test_kernel_equals_its_twin[x86-64-True]",
 ]
 #: They only measure speed, which means nothing in an emulator.
 TIMED = {"mgf_peak", "mgf_peak_operations"}

@@ -15,7 +15,7 @@ from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.native import library
 from mgf_engine.scene import patch_match
 from mgf_engine.scene.depths import Depths
-from mgf_engine.scene.kernel_photos import photo_struct, pixel_transfer
+from mgf_engine.scene.kernel_photos import pixel_transfer
 from mgf_engine.scene.neighbours import NeighbourOptions
 from mgf_engine.scene.patch_match import PatchMatchOptions, PixelPlanes
 from mgf_engine.scene.reference_patch_match import Neighbour, move_planes
@@ -89,8 +89,8 @@ def test_kernel_equals_its_twin(variant: str, consistent: bool) -> None:
         [Neighbour(p.grey, d, pixel_transfer(VIEWS[0], p.view)) for p, d in zip(others, held, strict=True)], search[0],
         fields[:3].reshape(3, HEIGHT, WIDTH).astype(np.float64),
     ).reshape(4, -1)[:, chosen]  # fmt: skip
-    first = photo_struct(VIEWS[0], [(photo.quads, None, VIEWS[0])])
-    other = photo_struct(VIEWS[0], [(p.quads, d, p.view) for p, d in zip(others, held, strict=True)])
+    first = patch_match.photo_struct(VIEWS[0], [(photo.quads, None, VIEWS[0])])
+    other = patch_match.photo_struct(VIEWS[0], [(p.quads, d, p.view) for p, d in zip(others, held, strict=True)])
     library.parallel("mgf_patch_match", len(chosen), chosen, first, other, len(others), search, *fields)
     found = fields[:, chosen]
     # The sums are rounded otherwise, so that where two planes are as good, the other one may be kept.
