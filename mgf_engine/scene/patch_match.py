@@ -35,7 +35,7 @@ class PatchMatchOptions:
     """Options of PatchMatch stereo."""
 
     neighbours: int = parameter(5, "Number of photos that each photo is matched with", low=1, high=8)
-    rounds: int = parameter(4, "Number of rounds, each with half the random changes; 0 for semi-global matching alone")
+    rounds: int = parameter(2, "Number of rounds, each with half the random changes; 0 for semi-global matching alone")
     consistent_rounds: int = parameter(2, "Number of further rounds that hold photos against each other")
     best: int = parameter(2, "Number of neighbours, the most alike ones, that judge a plane", low=1, high=4)
     texture: float = parameter(1.5, "Minimum standard deviation of a patch's brightness", "grey levels")
