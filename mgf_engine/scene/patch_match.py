@@ -3,8 +3,8 @@
 
 Semi-global matching compares pairs of photos on surfaces that face the camera. Here each pixel holds a plane, tries
 those of pixels around it, and keeps the one with which most photos look alike; what a first pass found in all photos, a
-second one holds against each (geometric consistency, Schönberger et al. 2016). A depth counts where the photos look
-very much alike, or where they look alike and semi-global matching says the same.
+second one holds against each (geometric consistency, Schönberger et al. 2016). A depth counts where both matchings find
+it: what only one of them sees is mostly a reflection, or ground at the masks' rims.
 """
 
 from __future__ import annotations
@@ -50,8 +50,10 @@ class PatchMatchOptions:
     consistency: float = parameter(0.1, "Correlation that each pixel of distance from a neighbour's depth costs")
     most_off: float = parameter(3.0, "Distance from a neighbour's depth from which it costs no more", "px")
     held_score: float = parameter(0.4, "Minimum correlation of depths that photos are held against", high=1)
-    sure_score: float = parameter(0.7, "Minimum correlation, less that cost, of a depth that counts", high=1)
-    agreed_score: float = parameter(0.3, "The same where semi-global matching found the same depth", high=1)
+    agreed_score: float = parameter(
+        0.3, "Minimum correlation, less that cost, of a depth that semi-global matching found, too", high=1
+    )
+    sure_score: float = parameter(1.0, "The same of a depth that counts without it; 1 for none", high=1)
 
 
 @dataclass(frozen=True)

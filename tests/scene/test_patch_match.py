@@ -149,9 +149,10 @@ def test_a_depth_counts_when_it_is_sure_or_both_agree() -> None:
     values[0], values[3] = 0.5, [0.8, 0.5, 0.5, 0.1]
     planes = PixelPlanes(pixels, values, (0.1, 1.0))
     other = np.array([[9, 2.001, 2.1, 2.0]], np.float32)
-    found = patch_match._choose(planes, other, (1, 4), 0.008, OPTIONS)
-    np.testing.assert_allclose(found, [[2, 2, 0, 0]])
-    np.testing.assert_allclose(patch_match._choose(planes, None, (1, 4), 0.008, OPTIONS), [[2, 0, 0, 0]])
+    options = replace(OPTIONS, sure_score=0.7)
+    np.testing.assert_allclose(patch_match._choose(planes, other, (1, 4), 0.008, options), [[2, 2, 0, 0]])
+    np.testing.assert_allclose(patch_match._choose(planes, None, (1, 4), 0.008, options), [[2, 0, 0, 0]])
+    np.testing.assert_allclose(patch_match._choose(planes, other, (1, 4), 0.008, OPTIONS), [[0, 2, 0, 0]])
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +189,7 @@ def test_poor_depth_maps_become_better(known: Scene) -> None:
         inner[10:-10, 10:-10] = True
         wrong = [(np.abs(d.maps[i] / truth - 1) > 0.01)[inner & (d.maps[i] > 0)].mean() for d in (before, after)]
         assert wrong[1] < 0.3 * wrong[0]
-        assert (after.maps[i] > 0)[inner].mean() > 0.25  # what the outermost photo shows, two others hardly do
+        assert (after.maps[i] > 0)[inner].mean() > 0.2  # what the outermost photo shows, two others hardly do
     assert before.maps[0] is not after.maps[0]
 
 
