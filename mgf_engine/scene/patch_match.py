@@ -4,7 +4,8 @@
 Semi-global matching compares pairs of photos on surfaces that face the camera. Here each pixel holds a plane, tries
 those of pixels around it, and keeps the one with which most photos look alike; what a first pass found in all photos, a
 second one holds against each (geometric consistency, Schönberger et al. 2016). A depth counts where both matchings find
-it: what only one of them sees is mostly a reflection, or ground at the masks' rims.
+it: what only one of them sees is mostly a reflection, or ground at the masks' rims. Off by default: it gains on shiny
+sheet and loses completeness elsewhere (docs/decisions/035).
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ class PatchMatchOptions:
     """Options of PatchMatch stereo."""
 
     neighbours: int = parameter(5, "Number of photos that each photo is matched with", low=1, high=8)
-    rounds: int = parameter(2, "Number of rounds, each with half the random changes; 0 for semi-global matching alone")
+    rounds: int = parameter(
+        0, "Number of rounds, each with half the random changes; 0 for semi-global matching alone, 2 for shiny sheet"
+    )
     consistent_rounds: int = parameter(2, "Number of further rounds that hold photos against each other")
     best: int = parameter(2, "Number of neighbours, the most alike ones, that judge a plane", low=1, high=4)
     texture: float = parameter(1.5, "Minimum standard deviation of a patch's brightness", "grey levels")

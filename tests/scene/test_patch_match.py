@@ -22,7 +22,7 @@ from mgf_engine.scene.reference_patch_match import Neighbour, move_planes
 from mgf_engine.scene.stereo import Photo
 
 WIDTH, HEIGHT, DISTANCE, TILT = 96, 72, 5.0, 0.5
-OPTIONS = PatchMatchOptions()
+OPTIONS = PatchMatchOptions(rounds=2)
 
 
 @pytest.fixture(params=library.runnable_variants())
