@@ -55,7 +55,7 @@ def move_planes(
                 tries.add(np.array([w - dx * across - dy * down, across, down]))
         step = 1 / max(1e-6, *(_parallax(other.between, x, y, tries.best[0]) for other in others))
         for number in range(3):
-            tries.add(_made_up(tries.best, step, int(pixel), number, search))
+            tries.add(_perturb(tries.best, step, int(pixel), number, search))
         result[:, y, x] = *tries.best, tries.score
     return result
 
@@ -146,7 +146,7 @@ def _parallax(between: Array, x: int, y: int, inverse: float) -> float:
     return float(np.hypot(b[0] * here[2] - b[2] * here[0], b[1] * here[2] - b[2] * here[1]) * inverse / w**2)
 
 
-def _made_up(plane: Array, step: float, pixel: int, number: int, search: np.void) -> Array:
+def _perturb(plane: Array, step: float, pixel: int, number: int, search: np.void) -> Array:
     r = [_at_random(pixel, int(search["seed"]), 4 * number + k) for k in range(3)]
     w = plane[0] * (1 + (search["shift"] * step * r[0] if number != 1 else 0.0))
     tilt = (search["tilt"] if number else 0.0) * w * search["inverse_focal"].astype(np.float64)

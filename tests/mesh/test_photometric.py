@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
+from support.sideways import view_beside
 
 from mgf_engine.mesh.photometric import (
     MatchOptions,
@@ -26,12 +26,7 @@ OPTIONS = MatchOptions()
 
 
 def view(x: float, turn: float = 0.0) -> View:
-    rotation = cv2.Rodrigues(np.array([0.0, turn, 0.02]))[0]
-    centre = np.array([x, 0.1 * x, -DISTANCE])
-    return View(
-        name=f"{x}", file="", original_width=SIZE, original_height=SIZE, width=SIZE, height=SIZE,
-        fx=80.0, fy=84.0, cx=31.0, cy=33.0, rotation=rotation, translation=-rotation @ centre,
-    )  # fmt: skip
+    return view_beside(x, turn, (SIZE, SIZE), (80.0, 84.0), (31.0, 33.0), DISTANCE)
 
 
 def texture(points: np.ndarray) -> np.ndarray:

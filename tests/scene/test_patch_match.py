@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
+from support.sideways import view_beside
 
 from mgf_engine.errors import Cancelled
 from mgf_engine.model.scene import Scene, Similarity, View
@@ -33,12 +33,7 @@ def variant(request: pytest.FixtureRequest) -> Iterator[str]:
 
 
 def view_at(x: float, turn: float) -> View:
-    rotation = cv2.Rodrigues(np.array([0.0, turn, 0.02]))[0]
-    centre = np.array([x, 0.1 * x, -DISTANCE])
-    return View(
-        name=f"{x}", file="", original_width=WIDTH, original_height=HEIGHT, width=WIDTH, height=HEIGHT,
-        fx=120.0, fy=124.0, cx=47.0, cy=37.0, rotation=rotation, translation=-rotation @ centre,
-    )  # fmt: skip
+    return view_beside(x, turn, (WIDTH, HEIGHT), (120.0, 124.0), (47.0, 37.0), DISTANCE)
 
 
 def texture(points: np.ndarray) -> np.ndarray:

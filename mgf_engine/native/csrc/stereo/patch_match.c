@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Depth of a photo by PatchMatch stereo (Bleyer et al. 2011) against several neighbours: each pixel holds a plane, tries
-// those of pixels around it and some of its own made up at random, and keeps the one with which the photos look most
+// those of pixels around it and random perturbations of its own, and keeps the one with which the photos look most
 // alike. Half of the pixels, those of one colour of a checkerboard, are moved at a time by what the others hold (Galliani
 // et al. 2015), so the result does not depend on how the work is shared out.
 //
@@ -8,7 +8,7 @@
 #include "common/export.h"
 #include "stereo/correlate.h"
 
-enum { PIECE = 64, MOST_NEIGHBOURS = 8, MOST_BEST = 4, NEAR = 8, REACH = 5, MADE_UP = 3 };
+enum { PIECE = 64, MOST_NEIGHBOURS = 8, MOST_BEST = 4, NEAR = 8, REACH = 5, PERTURBATIONS = 3 };
 #define SPACING 2.0f
 
 typedef uint32_t u16x __attribute__((vector_size(64), aligned(64)));
@@ -139,7 +139,7 @@ static void keep_better(const Plane *tried, v16 score, Plane *plane, v16 *best) 
 }
 
 // The plane with a random change of its depth, its slope or both.
-static Plane made_up(const Group *g, const Plane *plane, v16 step, const Search *o, int number) {
+static Plane perturb(const Group *g, const Plane *plane, v16 step, const Search *o, int number) {
     Plane tried = *plane;
     if (number != 1) tried.inverse += plane->inverse * o->shift * step * at_random(g->at, o->seed, 4 * number);
     const v16 ratio = tried.inverse / plane->inverse;
@@ -176,8 +176,8 @@ MGF_API void mgf_patch_match(int32_t *next, int64_t n, const int32_t *pixels, co
             }
             v16 most = splat(1e-6f);
             for (int64_t k = 0; k < neighbours; k++) most = vmax(parallax(others + k, g.here[k], plane.inverse), most);
-            for (int k = 0; k < MADE_UP && any(g.good); k++) {
-                const Plane tried = made_up(&g, &plane, 1.0f / most, o, k);
+            for (int k = 0; k < PERTURBATIONS && any(g.good); k++) {
+                const Plane tried = perturb(&g, &plane, 1.0f / most, o, k);
                 keep_better(&tried, score_of(&g, &patch, &tried, others, neighbours, o), &plane, &best);
             }
             for (int64_t l = 0; l < lanes; l++) {
