@@ -183,7 +183,7 @@ def _import(package: str, args: argparse.Namespace) -> None:
 
 
 def _model_source(args: argparse.Namespace) -> Path | None:
-    """The COLMAP model to import: the scene's own, or the one the engine found for a folder of photos."""
+    """Return the COLMAP model to import: the scene's own, or the one the engine found for a folder of photos."""
     found = args.job / "scene" / "sfm" / "model" if args.job is not None else None
     if args.scene is not None and found is not None and (found / "images.bin").is_file():
         return found
@@ -203,7 +203,7 @@ def _picture(package: str, args: argparse.Namespace, scene: Any, tree: Any) -> N
 
 
 def _dress(scene) -> None:
-    """Settings of a fresh file that suit colours out of photos."""
+    """Set a fresh file up for colours out of photos."""
     scene.view_settings.view_transform = "Standard"
 
 
@@ -224,7 +224,7 @@ def save(bpy, path: Path, package: str) -> None:
 
 
 def _package() -> str:
-    """The name of the add-on's package; run as a script, the folder of this file is loaded as one."""
+    """Return the name of the add-on's package; run as a script, the folder of this file is loaded as one."""
     if __package__:
         return __package__
     folder = Path(__file__).resolve().parent

@@ -15,7 +15,7 @@ from .engine.task import CANCELLED, DONE, FAILED, RUNNING
 
 
 def _other_engine(prefs: bpy.types.AddonPreferences, context: bpy.types.Context) -> None:
-    """What the last check said was about the engine before."""
+    """Forget what the last check said, which was about the engine before."""
     operators.forget()
 
 
@@ -151,7 +151,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
 
 
 def _report_lines(output: list[str]) -> list[tuple[str, str]]:
-    """The engine's own report at the end of a check or an installation: names and values, sentences without value."""
+    """Return the engine's own report at the end of a check or an installation: names and values, sentences without
+    value."""
     start = next((i for i in reversed(range(len(output))) if output[i].startswith("mgf ")), len(output))
     rows = [re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in output[start:]]
     return [(row[0], row[1] if len(row) > 1 else "") for row in rows][:24]

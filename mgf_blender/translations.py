@@ -17,7 +17,8 @@ _CONTEXTS = ("*", "Operator")
 
 
 def dictionary(folder: Path = FOLDER) -> dict[str, dict[tuple[str, str], str]]:
-    """Locale -> (context, English) -> translated, as Blender wants it; a file that cannot be read is left out."""
+    """Return locale -> (context, English) -> translated, as Blender wants it; a file that cannot be read is left
+    out."""
     found: dict[str, dict[tuple[str, str], str]] = {}
     for path in sorted(folder.glob("*.json")):
         try:

@@ -60,7 +60,7 @@ def algorithm_of(kind: type) -> Algorithm:
 
 
 def _place_of(kind: type) -> str:
-    """The dataclass as the table names it."""
+    """Return the dataclass as the table names it."""
     return f"{kind.__module__.removeprefix('mgf_engine.')}:{kind.__qualname__}"
 
 

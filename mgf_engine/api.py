@@ -300,7 +300,7 @@ def _surface(mesh: Mesh | PathLike) -> Surface:
 
 
 def _prepared(stage: str, options: dict[str, Any], on_message: Sink | None) -> tuple[Config, Reporter]:
-    """The checked options and whom to report to; device, threads and seeds are set as for a job."""
+    """Check the options and return them with whom to report to; device, threads and seeds are set as for a job."""
     config, reporter = make_config(options), _reporter(on_message)
     prepare(config, reporter)
     reporter.stages = (stage,)

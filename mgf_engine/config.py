@@ -370,7 +370,7 @@ def as_dict(config: Config) -> dict[str, Any]:
 
 
 def _convert(spec: Any, value: Any) -> Any:
-    """``value`` in the option's own type, checked against its limits."""
+    """Convert ``value`` to the option's own type, checked against its limits."""
     meta, result = spec.metadata, convert(spec.name, value, spec.default)
     result = RENAMED.get(spec.name, {}).get(result, result) if isinstance(result, str) else result
     if meta["choices"] and result not in meta["choices"]:

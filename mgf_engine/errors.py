@@ -45,7 +45,7 @@ def is_full_disk(error: BaseException) -> bool:
 
 
 def explain(error: BaseException, *, resumable: bool = True, again: str = "") -> tuple[int, str]:
-    """Exit code and sentence of an error.
+    """Return the exit code and sentence of an error.
 
     Args:
         resumable: it ended a job, which goes on from where it was.

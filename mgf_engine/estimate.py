@@ -159,7 +159,7 @@ def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] 
 
 
 def _changes(config: Config, photos: Photos) -> Iterator[dict[str, Any]]:
-    """Options to try, those that cost least quality first."""
+    """Yield options to try, those that cost least quality first."""
     sides = range(min(config.resolution, photos.size[0]) // _SIDE_STEP * _SIDE_STEP, _LEAST_SIDE - 1, -_SIDE_STEP)
     count = min(photos.count, config.max_photos or photos.count)
     fewer = range(count // _PHOTO_STEP * _PHOTO_STEP, _LEAST_PHOTOS - 1, -_PHOTO_STEP)
@@ -186,7 +186,8 @@ def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str
 
 
 def known_speed() -> float:
-    """Time of this machine over that of the measured one: the median of its last whole jobs; 1 before the first."""
+    """Return the time of this machine over that of the measured one: the median of its last whole jobs; 1 before the
+    first."""
     ratios = _known_ratios()
     return float(np.median(ratios)) if ratios else 1.0
 
@@ -214,7 +215,7 @@ def learn(config: Config, photos: Photos, took: dict[str, Took]) -> float | None
 
 
 def _known_ratios() -> list[float]:
-    """Of the last whole jobs on this machine, oldest first."""
+    """Return the ratios of the last whole jobs on this machine, oldest first."""
     try:
         found = [float(ratio) for ratio in json.loads(_speed_file().read_text(encoding="utf-8"))["ratios"]]
     except (OSError, ValueError, KeyError, TypeError):
@@ -245,7 +246,7 @@ def as_data(found: Estimate, config: Config, photos: Photos, budget: float) -> d
 
 
 def as_table(data: dict[str, Any]) -> str:
-    """:func:`as_data` for people."""
+    """Arrange :func:`as_data` for people."""
     known = "" if data["cameras_known"] else ", cameras to be found"
     used = "" if data["used"] == data["photos"] else f", {data['used']} of them used"
     lines = [f"{data['photos']} photos of {data['size'][0]} x {data['size'][1]} px{used}{known}; the building fills "

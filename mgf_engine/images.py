@@ -148,7 +148,7 @@ def png_size(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def _is_cut_jpeg(data: NDArray[np.uint8]) -> bool:
-    """Whether a JPEG ends early; OpenCV would fill the rest with grey.
+    """Tell whether a JPEG ends early; OpenCV would fill the rest with grey.
 
     The end is looked for after the headers (a thumbnail in them has an end of its own), and anything may follow it:
     phones append videos.

@@ -65,7 +65,7 @@ def read_inputs(
 
 
 def _scene(source: Path, job: Path) -> tuple[list[Any], list[str]]:
-    """What is compared of the model and the photos; the photos' names."""
+    """Return what is compared of the model and the photos; the photos' names."""
     model = find_model(source, job)
     if model is None:
         root, names = list_photos(source, job)

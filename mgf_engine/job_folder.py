@@ -59,7 +59,8 @@ def with_algorithms_of_job(folder: Path, given: Mapping[str, Any]) -> Config:
 
 
 def _check_stages(stages: dict[str, Any]) -> None:
-    """Every stage's record as :meth:`mgf_engine.job.Job.finish` writes it; TypeError or KeyError where it is not."""
+    """Check every stage's record as :meth:`mgf_engine.job.Job.finish` writes it; TypeError or KeyError where it is
+    not."""
     for name, entry in stages.items():
         kinds = {"key": str, "seconds": int | float, "peak_memory": int, "figures": dict, "warnings": list}
         if name not in STAGE_NAMES or not all(isinstance(entry[key], kind) for key, kind in kinds.items()):
@@ -68,7 +69,7 @@ def _check_stages(stages: dict[str, Any]) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Nobody else works in the job folder meanwhile.
+    """Lock the job folder, so that nobody else works in it meanwhile.
 
     Raises:
         BadInput: somebody does, or the folder cannot be locked.
@@ -165,7 +166,7 @@ def check_folder(folder: Path, source: Path, resume: bool) -> None:
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Whether two paths are one folder, also where the case of letters does not count or a drive has two names."""
+    """Tell whether two paths are one folder, also where the case of letters does not count or a drive has two names."""
     try:
         return one == other or os.path.samefile(one, other)
     except OSError:  # one of them is not there

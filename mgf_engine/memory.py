@@ -43,7 +43,8 @@ def free_memory() -> int:
 
 
 def _left_in_groups(root: Path = _CGROUPS, own: Path = Path("/proc/self/cgroup")) -> list[int]:
-    """What the limits of the control groups of this process leave (containers, Slurm; version 2 of Linux' groups)."""
+    """Return what the limits of the control groups of this process leave (containers, Slurm; version 2 of Linux'
+    groups)."""
     try:
         name = next(line[3:] for line in own.read_text().splitlines() if line.startswith("0::"))
     except (OSError, StopIteration):
@@ -121,12 +122,12 @@ def require(size: float, what: str, cure: str) -> None:
 
 
 def _left() -> float:
-    """Bytes that the process may still take, its workers counted."""
+    """Return bytes that the process may still take, its workers counted."""
     return _allowed - _taken() if _allowed else budget_of(0.0)
 
 
 def _taken() -> int:
-    """Bytes that this process and its workers take now."""
+    """Return bytes that this process and its workers take now."""
     taken = psutil.Process().memory_info().rss
     for worker in tuple(RUNNING):
         with contextlib.suppress(psutil.Error):

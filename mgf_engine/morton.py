@@ -13,7 +13,8 @@ _SPREAD = {  # how far bits move apart in each step, and those that are theirs t
 
 
 def morton(cells: NDArray[np.integer]) -> NDArray[np.uint64]:
-    """Places of cells [N, 3], each number from 0 to 2^21 - 1, along a curve that fills space (Morton 1966), [N].
+    """Compute the places of cells [N, 3], each number from 0 to 2^21 - 1, along a curve that fills space (Morton 1966),
+    [N].
 
     The bits of the three numbers take turns, so different cells have different places.
     """
@@ -40,7 +41,8 @@ def along_curve(points: NDArray[np.floating]) -> NDArray[np.int64]:
 
 
 def arrange(key: NDArray[np.uint64], *minor: NDArray[np.generic]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The order [N] by key, then each of ``minor``, then index; and which of them, so ordered, differ from the last."""
+    """Return the order [N] by key, then each of ``minor``, then index; and which of them, so ordered, differ from the
+    last."""
     order = np.argsort(key)
     ordered = key[order]
     new = np.r_[True, ordered[1:] != ordered[:-1]][: len(key)]

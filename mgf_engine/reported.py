@@ -24,13 +24,13 @@ STYLES = ("auto", "bar", "plain", "json", "none")
 
 
 def add_reporting_arguments(parser: argparse.ArgumentParser) -> None:
-    """How progress is shown, and how the add-on asks a run to stop."""
+    """Add how progress is shown, and how the add-on asks a run to stop."""
     parser.add_argument("--progress", choices=STYLES, default="auto", help="how to show progress")
     parser.add_argument("--cancel-on-eof", action="store_true", default=False, help="stop when standard input closes")
 
 
 def add_algorithm_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the algorithms that the command runs (:mod:`mgf_engine.algorithms`)."""
+    """Add options of the algorithms that the command runs (:mod:`mgf_engine.algorithms`)."""
     parser.add_argument("--config", type=Path, default=None, metavar="FILE", help="read options from a JSON file")
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.NAME=VALUE",
@@ -101,7 +101,7 @@ def send_failed(reporter: Reporter, code: int, text: str, log: str | None = None
 
 
 def watch_for_cancel(reporter: Reporter, on_eof: bool) -> None:
-    """Ctrl-C and SIGTERM ask the job to stop at its next step; a second Ctrl-C stops it at once."""
+    """Have Ctrl-C and SIGTERM ask the job to stop at its next step; a second Ctrl-C stops it at once."""
 
     def ask(number: int, frame: object) -> None:
         reporter.cancel()

@@ -58,7 +58,7 @@ def load_mesh(job: Job) -> Mesh:
 
 @contextmanager
 def _made_by(job: Job, stage: str) -> Iterator[None]:
-    """Results of a stage are read here; when they cannot be used, the stage runs again at the next occasion."""
+    """Read results of a stage inside; when they cannot be used, the stage runs again at the next occasion."""
     try:
         yield
     except BadInput:

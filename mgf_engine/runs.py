@@ -153,7 +153,7 @@ def _link(source: Path, target: Path) -> None:
 
 
 def _below(manifest: dict[str, Any], place: str) -> dict[str, Any]:
-    """The manifest with its results named below ``place``."""
+    """Return the manifest with its results named below ``place``."""
     named = {key: place + manifest[key] for key in _FILES if manifest.get(key)}
     views = [{**v, "render": place + v["render"] if v["render"] else None} for v in manifest["views"]]
     return {**manifest, **named, "views": views}

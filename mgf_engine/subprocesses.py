@@ -21,7 +21,7 @@ _POLL_SECONDS = 0.3
 
 @contextlib.contextmanager
 def worker(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that works for the job, as ``Popen`` starts it; leaving waits for its end, and does not ask for it."""
+    """Start a process that works for the job, as ``Popen`` does; leaving waits for its end, and does not ask for it."""
     with subprocess.Popen(command, **how, **APART) as process:
         RUNNING.add(process.pid)
         try:
@@ -31,7 +31,7 @@ def worker(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[byte
 
 
 def ended(process: subprocess.Popen[bytes]) -> bool:
-    """Waits a moment; whether the process has ended."""
+    """Wait a moment, and tell whether the process has ended."""
     try:
         process.wait(_POLL_SECONDS)
     except subprocess.TimeoutExpired:
@@ -40,7 +40,7 @@ def ended(process: subprocess.Popen[bytes]) -> bool:
 
 
 def wait_for(process: subprocess.Popen[bytes], check: Callable[[], None]) -> None:
-    """Waits until the process has ended; ``check`` is called at once, every moment and at the end, and may raise to
+    """Wait until the process has ended; ``check`` is called at once, every moment and at the end, and may raise to
     cancel."""
     check()
     while not ended(process):
@@ -60,7 +60,7 @@ def run_worker(command: Sequence[str], check: Callable[[], None]) -> int:
 
 
 def end_with_the_job() -> None:
-    """For a thread of the worker, whose stdin is a pipe that the job holds: ends the process when the job is gone."""
+    """End the process when the job is gone: for a thread of the worker, whose stdin is a pipe that the job holds."""
     while os.read(0, 1024):  # not sys.stdin: its lock, held here, would stop the interpreter from ending
         pass
     os._exit(1)

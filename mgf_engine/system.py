@@ -37,14 +37,15 @@ _UMASK = _read_umask()
 
 
 def cores() -> int:
-    """Cores this process may run on."""
+    """Count the cores this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def cpu_seconds() -> float:
-    """CPU time of this process and of its ended children so far, all threads together (on Windows without children)."""
+    """Measure the CPU time of this process and of its ended children so far, all threads together (on Windows without
+    children)."""
     used = os.times()
     return used.user + used.system + used.children_user + used.children_system
 
@@ -120,7 +121,7 @@ def user_cache() -> Path:
 
 
 def versions() -> dict[str, str]:
-    """Python, system and package versions; a package that is not installed reads 'missing'."""
+    """Return Python, system and package versions; a package that is not installed reads 'missing'."""
     found = {"python": platform.python_version(), "system": platform.platform()}
     for name in PACKAGES:
         try:
@@ -131,7 +132,8 @@ def versions() -> dict[str, str]:
 
 
 def put_in_place(new: Path, path: Path) -> None:
-    """``os.replace`` that waits, on Windows, for a reader or a virus scanner to let go of the file (two seconds).
+    """Replace as ``os.replace``, waiting, on Windows, for a reader or a virus scanner to let go of the file (two
+    seconds).
 
     Raises:
         OSError: the file cannot be replaced.
@@ -147,7 +149,7 @@ def put_in_place(new: Path, path: Path) -> None:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` that takes its place when the block ends well, and is removed otherwise."""
+    """Give a temporary path beside ``path`` that takes its place when the block ends well, and is removed otherwise."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
@@ -169,7 +171,7 @@ def write_json(path: Path, data: Any) -> None:
 
 
 def json_text(data: Any, encoding: str = "utf-8", **how: Any) -> str:
-    """JSON for an encoding; with escapes where that lacks a letter (UTF-8 lacks some of odd file names)."""
+    """Write JSON for an encoding; with escapes where that lacks a letter (UTF-8 lacks some of odd file names)."""
     text = json.dumps(data, ensure_ascii=False, **how)
     try:
         text.encode(encoding)

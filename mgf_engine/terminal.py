@@ -14,7 +14,7 @@ from mgf_engine.messages import Message, Sink, encode
 
 
 def prepare_streams() -> None:
-    """Streams that are closed lead nowhere; letters that standard output lacks are escaped, as on standard error."""
+    """Lead closed streams nowhere, and escape letters that standard output lacks, as on standard error."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
@@ -23,7 +23,7 @@ def prepare_streams() -> None:
 
 
 def drop_output() -> None:
-    """What is still to be written goes nowhere: Python would complain at its end."""
+    """Lead what is still to be written nowhere: Python would complain at its end."""
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         for stream in (sys.stdout, sys.stderr):
@@ -31,7 +31,8 @@ def drop_output() -> None:
 
 
 def make_sink(style: str) -> Sink:
-    """The sink for ``--progress``: ``auto`` (bar on a terminal, else plain), ``bar``, ``plain``, ``json``, ``none``.
+    """Make the sink for ``--progress``: ``auto`` (bar on a terminal, else plain), ``bar``, ``plain``, ``json``,
+    ``none``.
 
     ``none`` still says why a job failed.
     """
@@ -70,7 +71,7 @@ def _print_failure(message: Message) -> None:
 
 
 def _sentence(message: Message) -> str | None:
-    """What a plain log line says about a message; None for messages nobody needs to read."""
+    """Return what a plain log line says about a message; None for messages nobody needs to read."""
     kind = message["type"]
     if kind == "started":
         return f"Job folder: {message['job']}"

@@ -21,7 +21,7 @@ class PartTimes:
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
-        """Counts what is done inside for the part ``name``."""
+        """Count what is done inside for the part ``name``."""
         started, cpu = time.perf_counter(), cpu_seconds()
         try:
             yield
@@ -30,6 +30,7 @@ class PartTimes:
             self._cpu[name] += cpu_seconds() - cpu
 
     def figures(self) -> dict[str, dict[str, float]]:
-        """``seconds_per_part`` and ``cpu_seconds_per_part``, part -> seconds in the order in which parts began."""
+        """Return ``seconds_per_part`` and ``cpu_seconds_per_part``, part -> seconds in the order in which parts
+        began."""
         parts = {"seconds_per_part": self._seconds, "cpu_seconds_per_part": self._cpu}
         return {key: {name: round(value, 2) for name, value in values.items()} for key, values in parts.items()}

@@ -13,7 +13,8 @@ _tries = 0
 
 
 def image_editor(context: bpy.types.Context) -> bpy.types.Area | None:
-    """An Image Editor of the window; the area under the pointer, or the largest viewport, becomes one if need be."""
+    """Return an Image Editor of the window; the area under the pointer, or the largest viewport, becomes one if need
+    be."""
     if context.screen is None:
         return None
     areas = list(context.screen.areas)
@@ -77,7 +78,7 @@ def _areas(kind: str) -> list[tuple[bpy.types.Window, bpy.types.Area]]:
 
 
 def _prepare(window: bpy.types.Window, area: bpy.types.Area) -> bool:
-    """One area; False while it has not been drawn yet."""
+    """Prepare one area; False while it has not been drawn yet."""
     sidebar = next(r for r in area.regions if r.type == "UI")
     try:
         sidebar.active_panel_category = _TAB
@@ -113,7 +114,7 @@ def fit_editors(image: bpy.types.Image) -> None:
 
 
 def _overlap() -> bool:
-    """Whether sidebars lie over the editors' content."""
+    """Tell whether sidebars lie over the editors' content."""
     return bpy.context.preferences.system.use_region_overlap
 
 
@@ -164,7 +165,7 @@ def follow_paint(scene: bpy.types.Scene, texture: bool) -> None:
 
 
 def register() -> None:
-    """Nothing to do: the timer starts when an editor changes."""
+    """Do nothing: the timer starts when an editor changes."""
 
 
 def unregister() -> None:

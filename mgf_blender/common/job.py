@@ -171,7 +171,7 @@ class Job:
             self._end(FAILED, self._silent_end(code), code)
 
     def _silent_end(self, code: int) -> str:
-        """One sentence for an engine that ended without saying why."""
+        """Return one sentence for an engine that ended without saying why."""
         missing = next((e for e in self.last_errors if "No module named" in e and "mgf_engine" in e), None)
         if missing is not None:
             return tr("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
@@ -220,7 +220,7 @@ class Job:
 
 
 def _parse(line: str) -> dict[str, Any] | None:
-    """A message, or None for anything else a library may print."""
+    """Return a message, or None for anything else a library may print."""
     if not line.startswith("{"):
         return None
     try:

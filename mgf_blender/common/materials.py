@@ -27,7 +27,8 @@ def point_color_material() -> bpy.types.Material:
 
 
 def _color_material(name: str, roughness: float, attribute: str = "") -> bpy.types.Material:
-    """A material in the colours of ``attribute``, or of whichever colour attribute the mesh chooses for renders."""
+    """Return a material in the colours of ``attribute``, or of whichever colour attribute the mesh chooses for
+    renders."""
     material = bpy.data.materials.get(name)
     if material is not None:
         return material
@@ -59,7 +60,7 @@ def show_points(obj: bpy.types.Object, size: float) -> None:
 
 
 def _points_group(size: float, cubes: bool) -> bpy.types.NodeTree:
-    """Geometry nodes that draw points, one group per size and kind.
+    """Return geometry nodes that draw points, one group per size and kind.
 
     Small cubes are the one thing that every viewport mode and renderer draws in the vertex colours. The bare points
     are joined in first, because the active colour attribute is taken from the first mesh. Beyond a few hundred

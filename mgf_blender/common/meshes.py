@@ -121,7 +121,7 @@ def _faces(name: str, data: MeshData) -> Iterator[None]:
 
 
 def set_colors(mesh: bpy.types.Mesh, rgba: np.ndarray, name: str = COLOR_ATTRIBUTE) -> None:
-    """Vertex colours, float32 [N, 4] in sRGB, as the mesh's active colour attribute."""
+    """Set vertex colours, float32 [N, 4] in sRGB, as the mesh's active colour attribute."""
     layer = mesh.attributes.get(name) or mesh.attributes.new(name, "BYTE_COLOR", "POINT")
     layer.data.foreach_set("color_srgb", np.ascontiguousarray(rgba, np.float32).ravel())
     choose_colors(mesh, name)
@@ -135,7 +135,7 @@ def choose_colors(mesh: bpy.types.Mesh, name: str) -> None:
 
 
 def set_attribute(mesh: bpy.types.Mesh, name: str, values: np.ndarray) -> None:
-    """A named value per vertex: whole numbers or floats, [N]."""
+    """Set a named value per vertex: whole numbers or floats, [N]."""
     kind, dtype = ("INT", np.int32) if values.dtype.kind in "iu" else ("FLOAT", np.float32)
     layer = mesh.attributes.new(name, kind, "POINT")
     layer.data.foreach_set("value", np.ascontiguousarray(values, dtype))

@@ -21,7 +21,8 @@ class Operator(bpy.types.Operator):
 
     @classmethod
     def needs(cls, condition: object, otherwise: str) -> bool:
-        """For ``poll``: whether a condition holds; ``otherwise`` is shown at the grey button when it does not."""
+        """Return, for ``poll``, whether a condition holds; ``otherwise`` is shown at the grey button when it does
+        not."""
         if not condition:
             cls.poll_message_set(otherwise)
         return bool(condition)

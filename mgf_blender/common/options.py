@@ -59,7 +59,7 @@ def changed(options: bpy.types.PropertyGroup) -> dict[str, Any]:
 
 
 def arguments(options: bpy.types.PropertyGroup, also: Iterable[str] = ()) -> list[str]:
-    """Command line arguments of the engine for the panel's values.
+    """Return command line arguments of the engine for the panel's values.
 
     Args:
         also: options to pass even at their defaults; a resumed job keeps what it was given otherwise.
@@ -92,7 +92,7 @@ def reset(options: bpy.types.PropertyGroup, but: Iterable[str] = ()) -> None:
 
 
 def _parsed(option: dict[str, Any], value: Any) -> Any:
-    """A value or its text in the option's own type; None when it is no such value."""
+    """Return a value or its text in the option's own type; None when it is no such value."""
     text, kind = str(value).strip(), type(option["default"])
     try:
         if kind is bool:
@@ -115,12 +115,12 @@ def _apply_preset(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> 
 
 
 def _in_titles(text: str) -> str:
-    """A help text of the engine with options called by their names in the panel."""
+    """Return a help text of the engine with options called by their names in the panel."""
     return re.sub(r"[a-z]+(?:_[a-z]+)+", lambda found: title(found[0]) if found[0] in OPTIONS else found[0], text)
 
 
 def _choice_help(name: str, choice: str) -> str:
-    """What a choice means; of a preset, what it sets (0 is off, all, or the engine's own choice)."""
+    """Return what a choice means; of a preset, what it sets (0 is off, all, or the engine's own choice)."""
     if name != "preset":
         return f"{title(name)}: {title(choice)}"
     if choice in PRESET_HELP:
@@ -131,7 +131,7 @@ def _choice_help(name: str, choice: str) -> str:
 
 
 def _annotation(option: dict[str, Any]) -> Any:
-    """The ``bpy.props`` definition of one option."""
+    """Return the ``bpy.props`` definition of one option."""
     unit = f" ({option['unit']})" if option["unit"] else ""
     default = default_of(option["name"], OPTIONS["preset"]["default"])
     name = title(option["name"]) + (unit if option["unit"] == "GB" else "")

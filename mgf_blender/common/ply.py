@@ -52,7 +52,7 @@ class Ply:
         return np.stack([self.vertices[axis].astype(np.float64) for axis in "xyz"], axis=1) + self.offset
 
     def colors(self) -> np.ndarray | None:
-        """uint8 [N, 3] in sRGB, or None when the file has none."""
+        """Return uint8 [N, 3] in sRGB, or None when the file has none."""
         for names in _COLORS:
             if all(n in self.vertices for n in names):
                 columns = [self.vertices[n] for n in names]
@@ -99,7 +99,7 @@ def read_ply(path: Path) -> Ply:
 
 
 def _offset(header: bytes) -> np.ndarray:
-    """Of fields in map coordinates, whose positions are float32; zero without such a comment."""
+    """Return the offset of fields in map coordinates, whose positions are float32; zero without such a comment."""
     for line in header.splitlines():
         words = line.split()
         if words[:2] == [b"comment", b"offset"] and len(words) == 5:
@@ -113,7 +113,7 @@ def _offset(header: bytes) -> np.ndarray:
 
 
 def _read_header(data: bytes, path: Path) -> tuple[str, list[_Element], int]:
-    """Byte order ('ascii', '<' or '>'), the elements and the offset of the first data byte."""
+    """Return byte order ('ascii', '<' or '>'), the elements and the offset of the first data byte."""
     end = data.find(b"end_header", 0, _MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:
         raise UserError(
@@ -158,7 +158,7 @@ def _binary_tables(data: bytes, start: int, elements: list[_Element], order: str
 
 
 def _binary_faces(data: bytes, start: int, element: _Element, order: str) -> tuple[np.ndarray, int]:
-    """Triangles and the offset behind them; one frombuffer when every face has three corners."""
+    """Return triangles and the offset behind them; one frombuffer when every face has three corners."""
     _, count_type, item_type = element.lists[0]
     extra = [(name, order + kind) for name, kind in element.scalars]
     dtype = np.dtype([("n", order + count_type), ("v", order + item_type, 3), *extra])

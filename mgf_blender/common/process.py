@@ -75,7 +75,8 @@ class Process:
         return self._popen.pid
 
     def lines(self, most: int = 500) -> list[tuple[str, str]]:
-        """Lines since the last call, as ("out" or "err", text); at most ``most``, so that one call stays short."""
+        """Return lines since the last call, as ("out" or "err", text); at most ``most``, so that one call stays
+        short."""
         ended = self._popen.poll() is not None  # asked first: what it wrote by then is in the files
         found: list[tuple[str, str]] = []
         for name, output in self._outputs.items():
@@ -130,7 +131,7 @@ class _Output:
             os.unlink(self._path)
 
     def lines(self, most: int, ended: bool) -> list[str]:
-        """The next lines, at most ``most``; a last one without a line break once the child has ``ended``."""
+        """Return the next lines, at most ``most``; a last one without a line break once the child has ``ended``."""
         while len(self._lines) < most and not self._file.closed:
             piece = self._file.read(_PIECE)
             *whole, self._rest = (self._rest + piece).split(b"\n")
@@ -143,7 +144,7 @@ class _Output:
         return found
 
     def handed_out(self) -> bool:
-        """Whether nothing is left to read."""
+        """Tell whether nothing is left to read."""
         if not self._file.closed and not self._lines and not self._rest:
             place = self._file.tell()
             return place == os.fstat(self._file.fileno()).st_size

@@ -96,7 +96,7 @@ def _tick() -> float | None:
 
 
 def _news() -> list[tuple[str, int]]:
-    """What changes when a panel has something new to say."""
+    """Return what changes when a panel has something new to say."""
     return [(j.status, j.messages) for j in _jobs]
 
 
@@ -116,7 +116,7 @@ def redraw() -> None:
 
 
 def register() -> None:
-    """Nothing to do: the timer starts with the first job."""
+    """Do nothing: the timer starts with the first job."""
 
 
 def unregister() -> None:

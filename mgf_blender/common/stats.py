@@ -16,7 +16,7 @@ _NAMES = {"held_out": N_("Held-Out Photos")}
 
 
 def draw_figures(layout: bpy.types.UILayout, figures: Mapping[str, Any]) -> None:
-    """A row per number or text; anything else is left out."""
+    """Draw a row per number or text; anything else is left out."""
     for name, value in figures.items():
         if isinstance(value, int | float | str):
             row = layout.row()
@@ -25,7 +25,7 @@ def draw_figures(layout: bpy.types.UILayout, figures: Mapping[str, Any]) -> None
 
 
 def figure_text(value: float | str) -> str:
-    """Whole numbers in groups of three, others with four digits."""
+    """Return whole numbers in groups of three, others with four digits."""
     if isinstance(value, int) and not isinstance(value, bool):
         return f"{value:,}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -26,12 +26,13 @@ def look_up(text: str) -> str:
 
 
 def N_(text: str) -> str:
-    """Marks a text that is translated where it is shown."""
+    """Mark a text that is translated where it is shown."""
     return text
 
 
 def wrapped(text: str, fits: Callable[[str], bool]) -> list[str]:
-    """The lines of a sentence, each as long as ``fits`` allows; words too long for one, such as paths, are broken."""
+    """Return the lines of a sentence, each as long as ``fits`` allows; words too long for one, such as paths, are
+    broken."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".lstrip()
@@ -47,14 +48,14 @@ def wrapped(text: str, fits: Callable[[str], bool]) -> list[str]:
 
 
 def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str) -> None:
-    """A sentence on as many lines as it needs, the icon before the first."""
+    """Draw a sentence on as many lines as it needs, the icon before the first."""
     column = layout.column(align=True)
     for i, line in enumerate(wrapped(text, _fits_here())):
         column.label(text=line, icon="BLANK1" if i and icon != "NONE" else icon, translate=False)
 
 
 def draw_value(layout: bpy.types.UILayout, name: str, value: str, name_share: float = 0.3) -> None:
-    """A name and its value beside it, on as many lines as it needs."""
+    """Draw a name and its value beside it, on as many lines as it needs."""
     for i, line in enumerate(wrapped(value, _fits_here(1 - name_share))):
         split = layout.split(factor=name_share)
         split.label(text="" if i else name, translate=False)
@@ -62,7 +63,7 @@ def draw_value(layout: bpy.types.UILayout, name: str, value: str, name_share: fl
 
 
 def _fits_here(share: float = 1.0) -> Callable[[str], bool]:
-    """Whether a text fits beside an icon in a box of the panel that is being drawn, or in a share of it."""
+    """Return whether a text fits beside an icon in a box of the panel that is being drawn, or in a share of it."""
     context = bpy.context
     if context.region is None:  # no window
         return lambda text: len(text) <= share * _LETTERS

@@ -42,7 +42,8 @@ def texture_material(part: str, texture: bpy.types.Image) -> bpy.types.Material:
 
 
 def _job_of(texture: bpy.types.Image) -> Path:
-    """The job folder of a texture, which lies in it or in the folder of one of its runs (``runs/1``, ``runs/2`` …)."""
+    """Return the job folder of a texture, which lies in it or in the folder of one of its runs (``runs/1``, ``runs/2``
+    …)."""
     folder = Path(bpy.path.abspath(texture.filepath)).parent
     return folder.parents[1] if folder.parent.name == "runs" else folder
 

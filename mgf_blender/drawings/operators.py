@@ -107,7 +107,7 @@ class _OnSection(Operator):
     name: bpy.props.StringProperty(name="Plane", description="The section plane", options={"SKIP_SAVE"})
 
     def section(self, scene: bpy.types.Scene) -> bpy.types.Object:
-        """The plane of that name."""
+        """Return the plane of that name."""
         found = next((o for o in find_sections(scene) if o.name == self.name), None)
         if found is None:
             raise UserError("There is no section plane '{name}' any more.", name=self.name)

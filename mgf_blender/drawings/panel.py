@@ -39,7 +39,7 @@ class MGF_PT_drawings(bpy.types.Panel):
 
 
 def _draw_sections(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """Where the building is cut."""
+    """Show where the building is cut."""
     column = layout.column(align=True)
     column.prop(scene.mgf.drawings, "height")
     there = find_sections(scene)
@@ -55,7 +55,7 @@ def _draw_sections(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
 
 
 def _draw_pictures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """What an earlier run made."""
+    """Draw what an earlier run made."""
     index = read_index(job_folder(scene))
     if index is None:
         return

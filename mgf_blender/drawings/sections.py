@@ -89,7 +89,7 @@ def plane_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _file_name(name: str, taken: set[str]) -> str:
-    """A name that files may have, and no other plane has."""
+    """Return a name that files may have, and no other plane has."""
     plain = re.sub(r"[^\w-]+", "-", name).strip("-") or "section"
     while plain in taken:
         plain += "-2"
@@ -98,7 +98,7 @@ def _file_name(name: str, taken: set[str]) -> str:
 
 
 def _bounds(tree: Tree) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner of what was imported, world coordinates."""
+    """Return lower and upper corner of what was imported, world coordinates."""
     there = [o for kind in ("Mesh", "Points") for o in tree.objects(kind)][:1]
     if not there:
         middle = np.array(tree.root.matrix_world)[:3, 3]

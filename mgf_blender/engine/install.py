@@ -148,13 +148,13 @@ def _steps(plan: Plan) -> list[Step]:
 
 
 def _engine(plan: Plan) -> str:
-    """The wheel as pip takes it, with the extra packages that were ticked."""
+    """Return the wheel as pip takes it, with the extra packages that were ticked."""
     extras = [name for name, wanted in ((SURVEY, plan.survey), (MODELS, plan.models)) if wanted]
     return f"{plan.wheel}[{','.join(extras)}]" if extras else str(plan.wheel)
 
 
 def _weights_step(plan: Plan, python: str) -> list[Step]:
-    """The weights of EfficientSAM; the engine works without."""
+    """Return the weights of EfficientSAM; the engine works without."""
     if not plan.weights:
         return []
     command = [python, "-m", "mgf_engine", "weights"]
@@ -215,7 +215,7 @@ def short(line: str) -> str:
 
 
 def _torch_index(plan: Plan) -> list[str]:
-    """The index that has the wanted build of torch; none for the one this machine is configured for."""
+    """Return the index that has the wanted build of torch; none for the one this machine is configured for."""
     if plan.default_index or sys.platform == "darwin":
         return []
     return ["--index-url", _TORCH_INDEX + ("cpu" if plan.torch == "cpu" else "cu128")]
@@ -238,7 +238,7 @@ def check_length(target: str) -> None:
 
 
 def _long_paths_allowed() -> bool:
-    """Whether this Windows was told to allow paths of more than 259 letters."""
+    """Tell whether this Windows was told to allow paths of more than 259 letters."""
     import winreg
 
     try:

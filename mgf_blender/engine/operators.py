@@ -59,7 +59,7 @@ def _tick() -> float | None:
 
 
 def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
-    """Without a window there are no timers: run to the end and say how it went."""
+    """Run to the end without a window, where there are no timers, and say how it went."""
     if not bpy.app.background:
         return {"FINISHED"}
     status = task.run()
@@ -193,7 +193,7 @@ class MGF_OT_open_engine_log(Operator):
 
 
 def _weights(flag: str) -> list[str]:
-    """The folder of the mask weights for a command of the engine; nothing for the engine's own."""
+    """Return the folder of the mask weights for a command of the engine; nothing for the engine's own."""
     prefs = preferences()
     folder = prefs.weights_folder if prefs is not None else ""
     return [flag, bpy.path.abspath(folder)] if folder else []
@@ -208,7 +208,7 @@ def _install_question() -> str:
 
 
 def _plan() -> install.Plan:
-    """The plan the preferences ask for.
+    """Return the plan the preferences ask for.
 
     Raises:
         UserError: no network allowed and no wheel folder, or nothing to install.

@@ -23,7 +23,7 @@ def unfinished(target: Path) -> Path:
 
 
 def put_in_place(target: Path) -> None:
-    """The finished environment becomes the engine, and the one before is removed.
+    """Make the finished environment the engine, and remove the one before.
 
     Raises:
         UserError: a program still uses the one before; it is kept as it was.
@@ -53,7 +53,7 @@ def aside(target: Path) -> None:
 
 
 def recover(target: Path) -> None:
-    """After Blender ended in the middle of :func:`put_in_place`: the engine from before is the engine again."""
+    """Put the engine from before back, after Blender ended in the middle of :func:`put_in_place`."""
     old = _old(target)
     if old.exists() and not target.exists():
         old.rename(target)

@@ -72,7 +72,7 @@ class _Cache:
     seen: dict[str, tuple[int, Any]] = field(default_factory=dict)
 
     def get(self, path: Path, parse: Callable[[dict[str, Any]], T]) -> T | None:
-        """What ``parse`` makes of a JSON file; None where it is missing or not what it should be."""
+        """Return what ``parse`` makes of a JSON file; None where it is missing or not what it should be."""
         try:
             changed = path.stat().st_mtime_ns
             if self.seen.get(str(path), (0, None))[0] != changed:

@@ -61,7 +61,7 @@ def lens(pointer: tuple[float, float], area: tuple[float, float], scale: float) 
 
 
 def magnification(zoom: float, scale: float) -> float:
-    """Screen pixels of a photo pixel within the magnifier.
+    """Return screen pixels of a photo pixel within the magnifier.
 
     Args:
         zoom: screen pixels of a photo pixel in the editor.
@@ -71,7 +71,8 @@ def magnification(zoom: float, scale: float) -> float:
 
 
 def shown(uv: tuple[float, float], side: float, zoom: float) -> tuple[float, float, float, float]:
-    """The part of the photo in the magnifier, whose middle is ``uv``: left, top, right, bottom in photo pixels."""
+    """Return the part of the photo in the magnifier, whose middle is ``uv``: left, top, right, bottom in photo
+    pixels."""
     half = side / zoom / 2
     return uv[0] - half, uv[1] - half, uv[0] + half, uv[1] + half
 
@@ -110,7 +111,7 @@ def draw(xy: tuple[int, int]) -> None:
 
 
 def _free(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
-    """Width and height of the region that no sidebar or header covers, from its lower left corner."""
+    """Return the width and height of the region that no sidebar or header covers, from its lower left corner."""
     sides = [r.x for r in area.regions if r.type == "UI" and r.width > 1 and r.x > region.x]
     tops = [r.y for r in area.regions if r.type in {"HEADER", "TOOL_HEADER"} and r.height > 1 and r.y > region.y]
     right, top = min([region.x + region.width, *sides]), min([region.y + region.height, *tops])
@@ -120,7 +121,7 @@ def _free(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]
 def _draw_lens(
     image: bpy.types.Image, corner: tuple[float, float], side: float, part: tuple[float, float, float, float]
 ) -> None:
-    """The square with the photo's pixels, its frame, and the cross whose middle is the exact place."""
+    """Draw the square with the photo's pixels, its frame, and the cross whose middle is the exact place."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -149,7 +150,8 @@ def _draw_lens(
 
 @cache
 def _shader() -> Any:
-    """A shader that shows a photo's pixels as squares. Blender's textures are scene linear, the editor's are not."""
+    """Return a shader that shows a photo's pixels as squares. Blender's textures are scene linear, the editor's are
+    not."""
     import gpu
 
     between = gpu.types.GPUStageInterfaceInfo("mgf_magnifier")

@@ -55,7 +55,7 @@ class MGF_PT_georef(bpy.types.Panel):
 
 
 def _draw_rows(layout: bpy.types.UILayout, rows: list[files.Row]) -> None:
-    """Residuals of the points, in millimeters and pixels; check points are marked with a ring."""
+    """Draw the residuals of the points, in millimeters and pixels; check points are marked with a ring."""
     if not rows:
         return
     box = layout.box().column(align=True)
@@ -86,7 +86,7 @@ def _number(value: float, form: str) -> str:
 
 
 def _draw_place(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """What the job knows of its place, and whether the scene lies there."""
+    """Draw what the job knows of its place, and whether the scene lies there."""
     found, tree = files.read_placement(job_folder(scene)), Tree.find(scene)
     if found is None or not found.metric or tree is None:
         return

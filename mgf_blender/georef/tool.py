@@ -36,7 +36,7 @@ class _OnMark(OnPhoto):
         return cls.needs(chosen, "Choose a control point to mark first") and super().poll(context)
 
     def _names(self, context: bpy.types.Context) -> tuple[str, str]:
-        """The chosen point and the photo under the pointer."""
+        """Return the chosen point and the photo under the pointer."""
         point = active_point(context.scene)
         if point is None:
             raise UserError("The control point is not in the list any more; choose another one.")

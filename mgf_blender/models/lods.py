@@ -85,7 +85,7 @@ def clear_levels(tree: Tree) -> None:
 
 
 def _read(path: Path) -> bpy.types.Object:
-    """The mesh object of a GLB, in no collection; its materials and pictures carry our mark."""
+    """Return the mesh object of a GLB, in no collection; its materials and pictures carry our mark."""
     stores = (bpy.data.objects, bpy.data.materials, bpy.data.images, bpy.data.meshes, bpy.data.collections)
     before = [{block.name_full for block in store} for store in stores]
     try:
@@ -122,7 +122,7 @@ def _read(path: Path) -> bpy.types.Object:
 
 
 def _is_compressed(path: Path) -> bool:
-    """Whether the head of a GLB asks for Draco."""
+    """Tell whether the head of a GLB asks for Draco."""
     with path.open("rb") as file:
         head = file.read(20)
         return b"KHR_draco_mesh_compression" in file.read(int.from_bytes(head[12:16], "little"))

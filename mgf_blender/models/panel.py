@@ -38,7 +38,7 @@ class MGF_PT_models(bpy.types.Panel):
 
 
 def _draw_levels(layout: bpy.types.UILayout, tree: Tree | None) -> None:
-    """The way to bring the levels in, and which is shown."""
+    """Draw the way to bring the levels in, and which is shown."""
     row = layout.row(align=True)
     row.operator("mgf.import_lods", icon="IMPORT")
     row.operator("mgf.open_job_file", text="", icon="FILE_FOLDER").name = FOLDER

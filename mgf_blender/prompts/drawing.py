@@ -59,7 +59,7 @@ def _disc(x: float, y: float, radius: float, color: tuple[float, float, float, f
 
 
 def _bar(x: float, y: float, radius: float, horizontal: bool) -> None:
-    """Half of a plus, or a minus: signs that do not rely on colour."""
+    """Draw half of a plus, or a minus: signs that do not rely on colour."""
     a, b = (0.6 * radius, 0.16 * radius) if horizontal else (0.16 * radius, 0.6 * radius)
     draw_triangles(
         [(x - a, y - b), (x + a, y - b), (x + a, y + b), (x - a, y + b)], [(0, 1, 2), (0, 2, 3)], (1, 1, 1, 1)

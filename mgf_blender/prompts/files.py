@@ -48,7 +48,7 @@ def write(scene: bpy.types.Scene, path: Path, only: str | None = None) -> None:
 
 
 def read(path: Path) -> dict[str, list[tuple[float, float, bool, str]]]:
-    """Photo name -> clicks (u, v, negative, part) of a prompts file.
+    """Return photo name -> clicks (u, v, negative, part) of a prompts file.
 
     Raises:
         UserError: the file cannot be read or is no prompts file.

@@ -275,7 +275,7 @@ def list_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> None
 
 
 def _photo_file(camera: bpy.types.Object) -> str:
-    """The photo that an imported camera shows; empty when it was not found."""
+    """Return the photo that an imported camera shows; empty when it was not found."""
     images = [s.image for s in camera.data.background_images if s.image is not None]
     return next((bpy.path.abspath(i.filepath) for i in images if i.get(IMAGE_KEY) == "photo"), "")
 

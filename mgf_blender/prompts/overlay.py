@@ -20,7 +20,8 @@ _clicks: dict[str, tuple[int, dict[str, Any]]] = {}  # prompts.json of a job -> 
 
 
 def mask_entry(scene: bpy.types.Scene, name: str) -> dict[str, Any] | None:
-    """What the job says about a photo's mask: ``labels`` (file), ``score``, ``used``, ``flag``; None without one."""
+    """Return what the job says about a photo's mask: ``labels`` (file), ``score``, ``used``, ``flag``; None without
+    one."""
     if not scene.mgf.job_folder:
         return None
     path = Path(bpy.path.abspath(scene.mgf.job_folder)) / "masks" / "scores.json"

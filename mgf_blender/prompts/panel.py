@@ -129,7 +129,7 @@ class MGF_PT_masks(bpy.types.Panel):
 
 
 def _draw_proposed(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """The button that has points proposed, how far that is, and what may be done with them."""
+    """Draw the button that has points proposed, how far that is, and what may be done with them."""
     scene, key = context.scene, key_of(context.scene)
     row = layout.row(align=True)
     row.operator("mgf.suggest_clicks", icon="LIGHT")
@@ -149,7 +149,7 @@ def _draw_proposed(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
 
 def _draw_preview(layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:
-    """How the photo's preview is doing."""
+    """Show how the photo's preview is doing."""
     found = preview.of(scene, photo.name)
     if found is None:
         return

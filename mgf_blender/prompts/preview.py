@@ -158,7 +158,7 @@ def pump() -> bool:
 
 
 def notice(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:
-    """Called while the photo is drawn: when its clicks changed and previews are automatic, one becomes due."""
+    """Note, while the photo is drawn, when its clicks changed and previews are automatic: one becomes due."""
     if not scene.mgf.auto_preview or not key_of(scene) or not photo.done():
         return
     key, now = (key_of(scene), photo.name), signature(photo)
@@ -200,7 +200,7 @@ def _tick() -> float | None:
 
 
 def register() -> None:
-    """Nothing to do: the timer starts with the first preview."""
+    """Do nothing: the timer starts with the first preview."""
 
 
 def unregister() -> None:

@@ -45,12 +45,12 @@ def suggest_job(scene: bpy.types.Scene) -> Job:
 
 
 def _out(folder: Path) -> Path:
-    """Where a run leaves its points: beside the job folder, which is the engine's own."""
+    """Find where a run leaves its points: beside the job folder, which is the engine's own."""
     return folder.with_name(folder.name + ".suggested")
 
 
 def _cursor(scene: bpy.types.Scene, tree: Tree) -> np.ndarray:
-    """The 3D cursor in coordinates of the COLMAP scene, float64 [3]."""
+    """Return the 3D cursor in coordinates of the COLMAP scene, float64 [3]."""
     root = np.array(tree.root.matrix_world, np.float64)
     place = np.linalg.solve(root, np.append(np.array(scene.cursor.location, np.float64), 1.0))
     return place[:3] + tree.offset
@@ -128,7 +128,7 @@ class _OnProposed(Operator):
         return cls.needs(proposed(context.scene), "No points are proposed")
 
     def photos(self, scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
-        """The photos that are meant."""
+        """Return the photos that are meant."""
         here = active_photo(scene)
         return proposed(scene) if self.every else [] if here is None else [here]
 

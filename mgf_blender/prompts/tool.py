@@ -218,7 +218,7 @@ class MGF_PointTool(bpy.types.WorkSpaceTool):
 
     @staticmethod
     def draw_settings(context: bpy.types.Context, layout: bpy.types.UILayout, tool: object) -> None:
-        """The tool's settings in the header."""
+        """Draw the tool's settings in the header."""
         layout.prop(context.scene.mgf, "part")
 
 
@@ -244,7 +244,7 @@ def take_up_again() -> bool:
 
 @bpy.app.handlers.persistent
 def after_load(*_: object) -> None:
-    """Handler: the tool of a loaded file works as it did; in the window once that has been drawn."""
+    """Keep the tool of a loaded file as it was (handler); in the window once that has been drawn."""
     if bpy.app.background:
         take_up_again()
     elif not bpy.app.timers.is_registered(_once):

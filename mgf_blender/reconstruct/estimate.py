@@ -72,7 +72,8 @@ def estimate(options: bpy.types.PropertyGroup, photos: Photos, factor: float | N
 
 
 def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, float]:
-    """What the costs depend on, as ``mgf_engine/estimate.py`` counts it; cameras are known once photos are here."""
+    """Return what the costs depend on, as ``mgf_engine/estimate.py`` counts it; cameras are known once photos are
+    here."""
     count, pixels = photos.at_work(options)
     held_out = count // options.holdout_every if options.holdout_every else 0
     trained = min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], count - held_out))
@@ -96,7 +97,8 @@ def _amount(terms: dict[str, float], known: dict[str, float]) -> float:
 
 
 def speed() -> float:
-    """Time of this machine over that of the measured one, as the engine learned it from jobs; 1 before the first."""
+    """Return the time of this machine over that of the measured one, as the engine learned it from jobs; 1 before the
+    first."""
     try:
         found = float(json.loads(_path().read_text(encoding="utf-8"))["factor"])
     except (OSError, ValueError, KeyError, TypeError):

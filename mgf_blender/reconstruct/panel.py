@@ -140,7 +140,7 @@ class MGF_PT_options(bpy.types.Panel):
 
 
 def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
-    """Progress of a running job, or how the last one ended."""
+    """Draw the progress of a running job, or how the last one ended."""
     box = layout.box().column(align=True)
     if job.live:
         row = box.row(align=True)
@@ -163,8 +163,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
 
 
 def _draw_file_button(layout: bpy.types.UILayout, folder: Path, name: str, text: str, icon: str) -> None:
-    """A button that opens a file of a job, once there is one: Blender keeps a button grey that was so when the pointer
-    came to rest on it, as it does on this one after the job was started."""
+    """Draw a button that opens a file of a job, once there is one: Blender keeps a button grey that was so when the
+    pointer came to rest on it, as it does on this one after the job was started."""
     if (folder / name).is_file():
         button = layout.operator("mgf.open_job_file", text=text, icon=icon)
         button.name, button.directory = name, str(folder)
@@ -185,14 +185,15 @@ def _headline(job: Job) -> str:
 
 
 def _outcome(job: Job) -> str:
-    """How a job ended."""
+    """Return how a job ended."""
     if job.text or job.status != DONE:
         return in_panel_words(job.text) or tr("Cancelled")
     return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=duration(job.seconds))
 
 
 def in_panel_words(text: str) -> str:
-    """A sentence of the engine, which speaks of its command line, in terms of what the panel has for the same."""
+    """Return a sentence of the engine, which speaks of its command line, in terms of what the panel has for the
+    same."""
     button = "Reconstruct Building" if "--resolution" in text else "Resume"  # which takes no new options
     text = re.sub(r"(?:run again with|add) --resume", f"press {button}", text)
     text = re.sub(r"run 'mgf georef'(?: again)?", "press Georeference Job", text)

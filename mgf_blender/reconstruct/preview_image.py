@@ -43,14 +43,14 @@ def show(path: Path) -> bpy.types.Image | None:
 
 @bpy.app.handlers.persistent
 def before_undo(*_: object) -> None:
-    """Handler: note which editors show the preview, for an undo takes away what no undo step holds."""
+    """Note which editors show the preview (handler), for an undo takes away what no undo step holds."""
     image = bpy.data.images.get(NAME)
     _editors[:] = [a.as_pointer() for a in _image_editors() if image is not None and a.spaces.active.image == image]
 
 
 @bpy.app.handlers.persistent
 def after_undo(*_: object) -> None:
-    """Handler: show it there again."""
+    """Show it there again (handler)."""
     image = bpy.data.images.get(NAME) or (show(Path(_newest)) if _editors else None)
     for area in _image_editors():
         if image is not None and area.as_pointer() in _editors and area.spaces.active.image is None:

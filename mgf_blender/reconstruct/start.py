@@ -23,8 +23,8 @@ from . import estimate, preview_image
 
 
 def job_folder(scene: bpy.types.Scene) -> Path:
-    """The scene's job folder; chosen beside the .blend, or inside the source, when none is set. An unsaved file says
-    nothing of what it holds, so its folder is one that no other job has; a scene's is never another scene's.
+    """Return the scene's job folder; chosen beside the .blend, or inside the source, when none is set. An unsaved file
+    says nothing of what it holds, so its folder is one that no other job has; a scene's is never another scene's.
 
     Raises:
         UserError: there is neither a job folder nor a source to put one in.
@@ -44,7 +44,7 @@ _chosen: dict[str, tuple[str, str]] = {}
 
 
 def _choose(scene: bpy.types.Scene) -> str:
-    """A folder for the scene's jobs, as it stands in the property."""
+    """Return a folder for the scene's jobs, as it stands in the property."""
     place = source = Path(bpy.path.abspath(scene.mgf.source))
     if bpy.data.filepath:
         while place.name in {"0", "1", "sparse", "colmap", "dense"} and place != place.parent:
@@ -59,7 +59,7 @@ def _choose(scene: bpy.types.Scene) -> str:
 
 
 def _is_used(folder: Path) -> bool:
-    """Whether a job, or anything else, lies in a folder already."""
+    """Tell whether a job, or anything else, lies in a folder already."""
     try:
         return os.path.lexists(_prompts_path(folder)) or any(folder.iterdir())
     except OSError:  # not there, no folder, or not ours to read
@@ -67,12 +67,14 @@ def _is_used(folder: Path) -> bool:
 
 
 def _prompts_path(folder: Path) -> Path:
-    """Of a job's clicks. Beside the folder, not in it: the engine takes only an empty folder for a new job."""
+    """Return the path of a job's clicks. Beside the folder, not in it: the engine takes only an empty folder for a new
+    job."""
     return folder.with_name(folder.name + ".prompts.json")
 
 
 def has_job_file(scene: bpy.types.Scene, name: str = "") -> bool:
-    """Whether the scene's job folder exists and holds a file; chooses no folder, so that drawing changes nothing."""
+    """Tell whether the scene's job folder exists and holds a file; chooses no folder, so that drawing changes
+    nothing."""
     return bool(scene.mgf.job_folder) and os.path.exists(job_folder(scene) / name)  # False where it may not be read
 
 
@@ -121,12 +123,13 @@ def given_options(folder: Path) -> dict[str, object]:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether the last run in this folder came to its end; results of a run before it may be there nevertheless."""
+    """Tell whether the last run in this folder came to its end; results of a run before it may be there
+    nevertheless."""
     return [*options.STAGES][-1] in _job_record(folder, "stages")
 
 
 def _job_record(folder: Path, name: str) -> dict[str, object]:
-    """What the engine noted under a name in the job file; empty where it cannot be read."""
+    """Return what the engine noted under a name in the job file; empty where it cannot be read."""
     try:
         return dict(json.loads((folder / "job.json").read_text(encoding="utf-8"))[name])
     except (OSError, ValueError, KeyError, TypeError):
@@ -134,7 +137,7 @@ def _job_record(folder: Path, name: str) -> dict[str, object]:
 
 
 def _guidance(scene: bpy.types.Scene, folder: Path) -> list[str]:
-    """Arguments that say where the building is: clicks, the user's masks, or neither when masks are off."""
+    """Return arguments that say where the building is: clicks, the user's masks, or neither when masks are off."""
     state = scene.mgf
     if state.masks_folder:
         return ["--masks", bpy.path.abspath(state.masks_folder)]
@@ -177,7 +180,7 @@ def in_background() -> bool:
 
 
 def _push_undo(manager: bpy.types.WindowManager, name: str) -> None:
-    """An undo step of its own for what changed in a scene that no window shows, where operators make none.
+    """Push an undo step for what changed in a scene that no window shows, where operators make none.
 
     Without it an undo of anything before leaves collections with freed objects, which ends Blender.
     """

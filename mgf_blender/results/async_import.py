@@ -129,7 +129,8 @@ def problem(scene: bpy.types.Scene) -> str:
 
 
 def ready(scene: bpy.types.Scene, folder: Path) -> AsyncImport | None:
-    """The arrival of a folder that is waiting to be imported into a scene: read, and its mesh made to the end."""
+    """Return the arrival of a folder that is waiting to be imported into a scene: read, and its mesh made to the
+    end."""
     found = _arrivals.get(key_of(scene))
     return found if found is not None and found.folder == folder and found.ready else None
 
@@ -176,7 +177,7 @@ def _import(key: str, arrival: AsyncImport) -> None:
 
 @bpy.app.handlers.persistent
 def start_over(*_: object) -> None:
-    """Handler: no half-made mesh outlives an undo or another file; what was read does."""
+    """Let no half-made mesh outlive an undo or another file (handler); what was read does."""
     for arrival in _arrivals.values():
         arrival.restart()
     bpy.data.batch_remove([m for m in bpy.data.meshes if _KEY in m and m.users == 0])

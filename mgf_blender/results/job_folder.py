@@ -89,7 +89,7 @@ def _view(folder: Path, entry: dict[str, Any]) -> ResultView:
 
 
 def _file(folder: Path, name: object) -> Path | None:
-    """An existing file of the job folder; names that lead out of it are refused."""
+    """Return an existing file of the job folder; names that lead out of it are refused."""
     if not isinstance(name, str) or not name:
         return None
     if PureWindowsPath(name).anchor or PurePosixPath(name).anchor:  # resolving it may ask a foreign server

@@ -166,13 +166,13 @@ def job_name(folder: Path) -> str:
 
 
 def _foreign(tree: Tree, delivery: Delivery) -> bool:
-    """Whether a job is of other photos than the tree's, so that it needs a tree of its own."""
+    """Tell whether a job is of other photos than the tree's, so that it needs a tree of its own."""
     names = {o.get(PHOTO_KEY) for o in tree.objects("Cameras")}
     return bool(names) and not any(view.camera.name in names for view in delivery.views)
 
 
 def _frame_of_job(delivery: Delivery) -> Frame:
-    """Placement of a job imported without its COLMAP scene."""
+    """Return the placement of a job imported without its COLMAP scene."""
     if not delivery.views:
         raise UserError("'{folder}' holds no views; run the job again.", folder=delivery.folder)
     specs = [v.camera for v in delivery.views]
@@ -182,14 +182,15 @@ def _frame_of_job(delivery: Delivery) -> Frame:
 
 
 def _tree_of_job(scene: bpy.types.Scene, content: Content) -> Tree:
-    """A tree for a job imported without its COLMAP scene."""
+    """Return a tree for a job imported without its COLMAP scene."""
     tree = Tree.make(scene, content.delivery.folder.name, content.frame)
     add_cameras(tree, [v.camera for v in content.delivery.views])
     return tree
 
 
 def _read_texture(delivery: Delivery, faces: int) -> np.ndarray | None:
-    """The texture coordinates of a job's mesh, [F, 3, 2], where it has a texture; its picture is checked as well."""
+    """Return the texture coordinates of a job's mesh, [F, 3, 2], where it has a texture; its picture is checked as
+    well."""
     if delivery.texture is None or delivery.texture_uv is None:
         return None
     check_picture(delivery.texture)
@@ -230,7 +231,7 @@ def _common_display_size(tree: Tree, camera: bpy.types.Object) -> float:
 
 
 def _add_render_object(tree: Tree, camera: bpy.types.Object, view: ResultView) -> None:
-    """The rendering as an image object in the camera's frustum, exactly where the picture plane is."""
+    """Add the rendering as an image object in the camera's frustum, exactly where the picture plane is."""
     spec = view.camera
     obj = bpy.data.objects.new(f"Render {camera.name}", None)
     obj.empty_display_type = "IMAGE"

@@ -205,7 +205,7 @@ CLASSES = (
 
 @bpy.app.handlers.persistent
 def after_undo(*_: object) -> None:
-    """Handler: an undo changes what the mesh is painted with, but not how the viewports draw it."""
+    """Update how the viewports draw the mesh (handler): an undo changes only what it is painted with."""
     for scene in bpy.data.scenes:
         tree = Tree.find(scene)
         if tree is not None:

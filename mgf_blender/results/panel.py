@@ -55,7 +55,7 @@ class MGF_PT_results(bpy.types.Panel):
 
 
 def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
-    """A mesh, and what it is painted with."""
+    """Draw a mesh, and what it is painted with."""
     column = layout.column(align=True)
     text = tr("{name}: {count:,} faces", name=obj.name, count=len(obj.data.polygons))
     draw_sentence(column, text, "MESH_DATA")
@@ -70,7 +70,7 @@ def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
 
 
 def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
-    """The active camera, and what it shows."""
+    """Draw the active camera, and what it shows."""
     column = layout.column(align=True)
     column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
     row = column.row(align=True)

@@ -42,7 +42,7 @@ def read_parts(path: Path, faces: int) -> Parts:
 
 
 def assign_parts(mesh: bpy.types.Mesh, parts: Parts, texture: bpy.types.Image | None = None) -> None:
-    """A material slot per part that has faces; the first slot, which the mesh has already, holds the rest.
+    """Assign a material slot per part that has faces; the first slot, which the mesh has already, holds the rest.
 
     Args:
         texture: of the mesh, which the parts show as well.

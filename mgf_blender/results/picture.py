@@ -64,7 +64,7 @@ def render_picture(
 
 
 def _actors(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[bpy.types.ID]:
-    """The meshes on the stage, each in one material that keeps the light its photos were taken in."""
+    """Return the meshes on the stage, each in one material that keeps the light its photos were taken in."""
     made: list[bpy.types.ID] = []
     for obj in meshes:
         material = _material(texture(obj.data) if shown(obj.data) == "TEXTURE" else None)
@@ -80,7 +80,7 @@ def _actors(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[bpy.
 
 
 def _material(picture: bpy.types.Image | None) -> bpy.types.Material:
-    """A matte surface with some light of its own, in the colours of a texture or else of the vertices."""
+    """Return a matte surface with some light of its own, in the colours of a texture or else of the vertices."""
     material, shader = new_material(_RIG, 0.9)
     nodes, links = material.node_tree.nodes, material.node_tree.links
     if picture is not None:
@@ -96,7 +96,7 @@ def _material(picture: bpy.types.Image | None) -> bpy.types.Material:
 
 
 def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
-    """A sample of the vertices in world coordinates [N, 3]; 1st to 99th percentile boxes ignore floaters."""
+    """Return a sample of the vertices in world coordinates [N, 3]; 1st to 99th percentile boxes ignore floaters."""
     clouds = []
     for obj in meshes:
         flat = np.empty(3 * len(obj.data.vertices), np.float32)
@@ -110,7 +110,7 @@ def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
 def _camera(
     stage: bpy.types.Scene, tree: Tree, xyz: np.ndarray, turn: float, size: tuple[int, int]
 ) -> bpy.types.Object:
-    """A camera that frames the building from the cameras' side, a little above them."""
+    """Return a camera that frames the building from the cameras' side, a little above them."""
     low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
     middle = (low + high) / 2
     stands = np.array([np.array(o.matrix_world)[:3, 3] for o in tree.objects("Cameras")]).reshape(-1, 3)
@@ -138,7 +138,7 @@ def _camera(
 def _frame(
     xyz: np.ndarray, middle: np.ndarray, rotation: np.ndarray, size: tuple[int, int]
 ) -> tuple[float, np.ndarray]:
-    """Distance and sideways shift [2] at which all but a few points fit, with a margin."""
+    """Return distance and sideways shift [2] at which all but a few points fit, with a margin."""
     local = (xyz - middle) @ rotation  # camera axes: x right, y up, z towards the camera
     low, high = np.percentile(local, [0.5, 99.5], axis=0)
     tangent = 36.0 / (2 * _LENS)
@@ -149,7 +149,7 @@ def _frame(
 
 
 def _light(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
-    """A pale sky and a warm sun from behind the camera's left shoulder."""
+    """Return a pale sky and a warm sun from behind the camera's left shoulder."""
     world = bpy.data.worlds.new(_RIG)
     stage.world = world
     if not world.node_tree:
@@ -170,7 +170,7 @@ def _light(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
 
 
 def _ground(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
-    """A wide pale disc under the building, so that it stands on something and casts a shadow."""
+    """Return a wide pale disc under the building, so that it stands on something and casts a shadow."""
     low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
     reach = float(np.linalg.norm(high - low)) * 20
     angles = np.linspace(0, 2 * np.pi, 64, endpoint=False)

@@ -8,7 +8,7 @@ from . import async_import
 
 
 def draw_waiting(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """The state of an import that is not part of a job shown elsewhere."""
+    """Draw the state of an import that is not part of a job shown elsewhere."""
     if async_import.under_way(scene):
         draw_sentence(layout, tr("Importing the results"), "SORTTIME")
     elif async_import.problem(scene):

@@ -83,13 +83,14 @@ def _show_colors(mesh: bpy.types.Mesh, kind: str) -> None:
 
 
 def scale_text(mesh: bpy.types.Mesh, kind: str) -> str:
-    """What the ends of the ramp mean, for the panel; hues, because the viewport's light makes bright spots dark."""
+    """Return what the ends of the ramp mean, for the panel; hues, because the viewport's light makes bright spots
+    dark."""
     if kind == "CONFIDENCE":
         return tr("Violet: low, yellow: high")
     return tr("Violet: no photo, yellow: {count:.0f} or more", count=mesh.get("mgf_top_views", 1.0))
 
 
 def ramp(values: np.ndarray, stops: np.ndarray) -> np.ndarray:
-    """0..1 -> sRGB [..., 3], between evenly spaced stops [N, 3]."""
+    """Colour 0..1 by sRGB [..., 3], between evenly spaced stops [N, 3]."""
     at = np.linspace(0, 1, len(stops))
     return np.stack([np.interp(values, at, stops[:, i]) for i in range(3)], axis=-1)

@@ -76,8 +76,8 @@ def forget_results(tree: Tree) -> None:
 
 
 def _is_fresh(kinds: dict[str, bpy.types.CameraBackgroundImage]) -> bool:
-    """Whether a camera has an error map, made of the photo and the render as they are on disk now; without them, one
-    that was made is all there is."""
+    """Tell whether a camera has an error map, made of the photo and the render as they are on disk now; without them,
+    one that was made is all there is."""
     if "error" not in kinds:
         return False
     stamp = _stamp({kind: slot.image for kind, slot in kinds.items()})
@@ -85,7 +85,7 @@ def _is_fresh(kinds: dict[str, bpy.types.CameraBackgroundImage]) -> bool:
 
 
 def _stamp(images: dict[str, bpy.types.Image]) -> str:
-    """What tells the files of a photo and its render from those of another run; empty when one is not there."""
+    """Return what tells the files of a photo and its render from those of another run; empty when one is not there."""
     try:
         paths = [bpy.path.abspath(images[kind].filepath) for kind in ("photo", "render")]
         return " ".join(f"{path} {os.stat(path).st_mtime_ns} {os.stat(path).st_size}" for path in paths)
@@ -129,7 +129,7 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
 
 
 def _pixels(image: bpy.types.Image) -> np.ndarray:
-    """float32 [H, W, C], first row at the bottom.
+    """Return float32 [H, W, C], first row at the bottom.
 
     Raises:
         UserError: the file of the image is gone.
@@ -143,7 +143,7 @@ def _pixels(image: bpy.types.Image) -> np.ndarray:
 
 
 def _resized(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Mean over the source pixels of each target pixel (box filter)."""
+    """Return the mean over the source pixels of each target pixel (box filter)."""
     if pixels.shape[:2] == (height, width):
         return pixels
     rows = (np.arange(height + 1) * pixels.shape[0] / height).astype(int)

@@ -77,7 +77,7 @@ def add_cameras(tree: Tree, specs: Iterable[CameraSpec], kind: str = "Cameras") 
 
 
 def set_intrinsics(data: bpy.types.Camera, spec: CameraSpec) -> None:
-    """Lens and shift of a pinhole camera (exact for fx != fy and any principal point)."""
+    """Set lens and shift of a pinhole camera (exact for fx != fy and any principal point)."""
     data.sensor_fit = "HORIZONTAL"
     data.sensor_width = _SENSOR
     data.lens = spec.fx * _SENSOR / spec.width
@@ -107,7 +107,7 @@ def fit_render(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 
 
 def set_clipping(data: bpy.types.Camera, tree: Tree, world_scale: float | None = None) -> None:
-    """Clip planes from the size of the scene, in world units."""
+    """Set clip planes from the size of the scene, in world units."""
     if world_scale is None:
         world_scale = tree.root.matrix_basis.median_scale if tree.root is not None else 1.0
     data.clip_start = max(1e-6, 1e-3 * tree.radius * world_scale)
@@ -149,7 +149,7 @@ def clear_view(tree: Tree, camera: bpy.types.Object) -> None:
 
 
 def find_camera(tree: Tree, photo: str) -> bpy.types.Object | None:
-    """Our camera of a photo."""
+    """Return our camera of a photo."""
     return next((o for o in tree.objects("Cameras") if o.get(PHOTO_KEY) == photo), None)
 
 
@@ -160,7 +160,7 @@ def shrink_cameras(tree: Tree, factor: float) -> None:
 
 
 def _display_size(specs: list[CameraSpec], radius: float) -> float:
-    """Frustums that do not overlap much: half the median distance to the next camera."""
+    """Return frustums that do not overlap much: half the median distance to the next camera."""
     if len(specs) < 2:
         return 0.1 * radius
     centres = np.array([-s.rotation.T @ s.translation for s in specs])

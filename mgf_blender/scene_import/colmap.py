@@ -212,7 +212,7 @@ class _Cursor:
         return values
 
     def count(self, smallest: int) -> int:
-        """A record count, refused when the file cannot hold that many records of ``smallest`` bytes."""
+        """Return a record count, refused when the file cannot hold that many records of ``smallest`` bytes."""
         (n,) = self.take(_U64)
         if n * smallest > len(self.data) - self.at:
             raise ValueError("count beyond the end of the file")

@@ -47,7 +47,7 @@ def add_crop_box(tree: Tree) -> bpy.types.Object:
 
 
 def crop_text(tree: Tree | None) -> str:
-    """The box as the engine's option ``crop_box``: the matrix cube -> scene, row by row; empty without a box."""
+    """Write the box as the engine's option ``crop_box``: the matrix cube -> scene, row by row; empty without a box."""
     box = find_crop_box(tree)
     if box is None or tree is None or tree.root is None:
         return ""
@@ -59,7 +59,7 @@ def crop_text(tree: Tree | None) -> str:
 
 
 def _points(tree: Tree) -> np.ndarray:
-    """The sparse points in the empty's frame [N, 3]; without any, a cube of the scene's size."""
+    """Return the sparse points in the empty's frame [N, 3]; without any, a cube of the scene's size."""
     clouds = [o for o in tree.objects("Points") if o.type == "MESH" and len(o.data.vertices) and not o.get("mgf_field")]
     if not clouds:
         return tree.radius * np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])

@@ -41,7 +41,7 @@ class Frame:
 
 
 def make_frame(xyz: np.ndarray, rotations: np.ndarray, centres: np.ndarray, upright: bool = True) -> Frame:
-    """Frame of a scene: upright by its cameras, middle of the points over the origin, ground at z = 0.
+    """Return the frame of a scene: upright by its cameras, middle of the points over the origin, ground at z = 0.
 
     Args:
         xyz: sparse points [P, 3], scene frame (may be empty).

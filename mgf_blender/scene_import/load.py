@@ -88,7 +88,7 @@ def _spec(photo: Photo, folder: Path | None) -> CameraSpec:
 
 
 def _scene_name(path: Path, model: Model) -> str:
-    """The folder people would call the scene by: not 'sparse' or '0'."""
+    """Return the folder people would call the scene by: not 'sparse' or '0'."""
     folder = path if path.is_dir() else model.folder
     while folder.name in {"0", "1", "sparse", "colmap", "dense"} and folder != folder.parent:
         folder = folder.parent

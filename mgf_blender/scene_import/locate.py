@@ -62,8 +62,9 @@ def find_photo(folder: Path, name: str) -> Path | None:
 
 
 def plain_name(name: str, windows: bool = os.sep == "\\") -> str:
-    """A photo's name as a path below a folder, with slashes: names from Windows hold backslashes, and a foreign model
-    may hold a drive or a server, which Windows would log in at when asked for the file. The engine does the same."""
+    """Return a photo's name as a path below a folder, with slashes: names from Windows hold backslashes, and a foreign
+    model may hold a drive or a server, which Windows would log in at when asked for the file. The engine does the
+    same."""
     path = PureWindowsPath(name) if windows else PurePosixPath(name.replace("\\", "/"))
     return path.relative_to(path.anchor).as_posix()
 
@@ -77,13 +78,13 @@ class _Found(NamedTuple):
 
 
 def _claim(model: _Found) -> tuple[bool, bool, int, int]:
-    """How much speaks for one of several: sound, with points, place, photos."""
+    """Return how much speaks for one of several: sound, with points, place, photos."""
     photos = count_photos(model.folder / f"images{model.kind}")
     return photos >= 0, (model.folder / f"points3D{model.kind}").is_file(), -model.rank, photos
 
 
 def _models(folder: Path) -> Iterator[_Found]:
-    """Folders with a model below ``folder``, the usual places first."""
+    """Yield folders with a model below ``folder``, the usual places first."""
     seen = set()
     for rank, places in enumerate(_PLACES):
         for place in places:
@@ -95,7 +96,7 @@ def _models(folder: Path) -> Iterator[_Found]:
 
 
 def _kind(folder: Path) -> str:
-    """``.bin`` or ``.txt``, or nothing where there is no model."""
+    """Return ``.bin`` or ``.txt``, or nothing where there is no model."""
     for kind in (".bin", ".txt"):
         if all(os.path.isfile(folder / f"{part}{kind}") for part in ("images", "cameras")):
             return kind

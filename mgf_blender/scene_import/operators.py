@@ -305,7 +305,7 @@ def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 
 
 def _count_points(context: bpy.types.Context) -> int:
-    """How many points are selected: vertices in Edit Mode, else objects."""
+    """Return how many points are selected: vertices in Edit Mode, else objects."""
     obj = context.object
     if obj is not None and obj.mode == "EDIT" and obj.type == "MESH":
         return obj.data.total_vert_sel
@@ -313,7 +313,7 @@ def _count_points(context: bpy.types.Context) -> int:
 
 
 def _distance(context: bpy.types.Context) -> float:
-    """Between the two selected points.
+    """Measure between the two selected points.
 
     Raises:
         UserError: they are not two, or at one place.
@@ -326,7 +326,7 @@ def _distance(context: bpy.types.Context) -> float:
 
 
 def _two_points(context: bpy.types.Context) -> list[Vector]:
-    """Two world positions out of the selection: vertices in Edit Mode, else objects."""
+    """Return two world positions out of the selection: vertices in Edit Mode, else objects."""
     obj = context.object
     if obj is not None and obj.mode == "EDIT" and obj.type == "MESH":
         obj.update_from_editmode()
@@ -339,7 +339,7 @@ def _two_points(context: bpy.types.Context) -> list[Vector]:
 
 
 def fit_on_camera_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Handler: keep the render size in step with the active camera, because Blender keeps it in the scene."""
+    """Keep the render size in step with the active camera (handler), because Blender keeps it in the scene."""
     camera, before = scene.camera, _last.get(scene.name)
     _last[scene.name] = camera.name if camera is not None else ""
     if camera is None or SIZE_KEY not in camera or before == camera.name:
@@ -355,7 +355,7 @@ _last: dict[str, str] = {}  # scene name -> name of the camera seen last
 
 
 def menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Entry of File > Import."""
+    """Draw the entry of File > Import."""
     self.layout.operator(MGF_OT_import_colmap.bl_idname, text="COLMAP Scene (.bin/.txt)")
 
 

@@ -41,7 +41,7 @@ class MGF_PT_scene(bpy.types.Panel):
 
 
 def _draw_import(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """An empty scene: the ways in, and what stands in the way of a reconstruction."""
+    """Draw an empty scene: the ways in, and what stands in the way of a reconstruction."""
     column = layout.column()
     column.scale_y = 1.4
     column.operator("mgf.import_colmap", icon="OUTLINER_OB_CAMERA")

@@ -77,7 +77,7 @@ def _add_building(top: bpy.types.Collection, building: Building) -> None:
 
 
 def _add_terrain(top: bpy.types.Collection, folder: Path) -> None:
-    """The terrain, where there is one."""
+    """Add the terrain, where there is one."""
     if not (folder / TERRAIN_MESH).is_file():
         return
     mesh = _textured_mesh("Terrain", folder / TERRAIN_MESH, folder, np.eye(4))
@@ -94,7 +94,7 @@ def _add_object(top: bpy.types.Collection, name: str, mesh: bpy.types.Mesh) -> b
 
 
 def _textured_mesh(name: str, file: Path, folder: Path, to_local: np.ndarray) -> bpy.types.Mesh:
-    """A mesh with the texture in a folder, where there is one, else in its vertex colours."""
+    """Return a mesh with the texture in a folder, where there is one, else in its vertex colours."""
     surface = read_ply(file)
     positions = surface.positions @ to_local[:3, :3].T + to_local[:3, 3]
     picture, coordinates = folder / PICTURE, folder / COORDINATES

@@ -90,7 +90,7 @@ def frame_town(context: bpy.types.Context, top: bpy.types.Collection) -> None:
 
 
 def menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Entry of File > Import."""
+    """Draw the entry of File > Import."""
     self.layout.operator(MGF_OT_import_town.bl_idname, text="MGF Town")
 
 

@@ -95,7 +95,7 @@ def with_parts(drawing: LineDrawing, parts: list[Line]) -> LineDrawing:
 
 
 def _merged(strokes: list[Stroke], kinds: list[str], pixel: float, lines: StraightenOptions) -> list[Line]:
-    """Lines by layer, those on one line made into one."""
+    """Merge the lines of each layer that are on one line."""
     result = []
     for layer in dict.fromkeys(kinds):
         segments = [

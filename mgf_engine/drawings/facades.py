@@ -98,7 +98,7 @@ def plan_frame(survey: Survey, facades: list[Facade]) -> Frame:
 
 
 def _between(one: NDArray[np.float64] | float, other: float) -> NDArray[np.float64]:
-    """Signed angles between directions in degrees, -180..180."""
+    """Compute signed angles between directions in degrees, -180..180."""
     return np.asarray((np.asarray(one) - other + 180) % 360 - 180)
 
 
@@ -110,7 +110,7 @@ def _peak(azimuth: Array, areas: Array, options: FacadeOptions) -> float:
 
 
 def _refined(peak: float, azimuth: Array, areas: Array, options: FacadeOptions) -> tuple[float, NDArray[np.bool_]]:
-    """The direction around a peak that the walls there agree on, and which faces have it."""
+    """Return the direction around a peak that the walls there agree on, and which faces have it."""
     for reach in (options.same_direction, options.same_direction / 2, options.same_direction / 4):
         off = _between(azimuth, peak)
         weight = areas * np.maximum(1 - (off / reach) ** 2, 0) ** 2
@@ -125,7 +125,7 @@ def _level(direction: float) -> Array:
 
 
 def _facade(survey: Survey, direction: float, faces: NDArray[np.int64], options: FacadeOptions) -> Facade:
-    """The facade of a direction, through the plane with most of the faces' area."""
+    """Return the facade of a direction, through the plane with most of the faces' area."""
     normal = _level(direction)
     away, areas = survey.centres[faces] @ normal, survey.areas[faces]
     step = options.plane_distance * survey.pixel
@@ -141,7 +141,7 @@ def _facade(survey: Survey, direction: float, faces: NDArray[np.int64], options:
 
 
 def _fit(survey: Survey, faces: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Middle and outward normal of the plane of least squares through faces, by area."""
+    """Fit the plane of least squares through faces, by area: middle and outward normal."""
     weight, at = survey.areas[faces], survey.centres[faces]
     middle = weight @ at / weight.sum()
     mean = weight @ survey.normals[faces]
@@ -153,7 +153,7 @@ def _fit(survey: Survey, faces: NDArray[np.int64]) -> tuple[Array, Array]:
 
 
 def _frame(survey: Survey, direction: float, offset: float, name: str) -> Frame:
-    """The vertical frame ``normal @ x = offset`` around the whole building; x begins at its left end."""
+    """Return the vertical frame ``normal @ x = offset`` around the whole building; x begins at its left end."""
     normal, up = _level(direction), np.array([0.0, 0.0, 1.0])
     x = np.cross(up, normal)
     left = float((survey.mesh.vertices @ x).min())
@@ -166,7 +166,7 @@ def _around(survey: Survey, frame: Frame) -> Frame:
 
 
 def _named(facades: list[Facade], compass: bool) -> list[Facade]:
-    """With names, in order around the building."""
+    """Return the facades with names, in order around the building."""
     start = 0.0 if compass else facades[0].direction
     ordered = sorted(facades, key=lambda f: (f.direction - start + 22.5 * compass) % 360)
     names, taken = list[str](), dict[str, int]()

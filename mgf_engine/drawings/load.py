@@ -96,7 +96,7 @@ def turn_up(up: Array) -> NDArray[np.float64]:
 
 
 def _pixels(mesh: Mesh, scene: Scene, masks: MaskSet) -> tuple[float, float]:
-    """Length that a pixel of the user's and of the working photos covers on the mesh, normalised frame."""
+    """Return the length that a pixel of the user's and of the working photos covers on the mesh, normalised frame."""
     views = [scene.views[i] for i in voting_views(scene, masks)]
     pixels = nearest_pixels(mesh.vertices[mesh.faces].mean(1), views)
     order = np.argsort(pixels)

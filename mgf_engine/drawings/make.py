@@ -165,7 +165,7 @@ def _tell(survey: Survey, reporter: Reporter) -> None:
 
 
 def _draw(work: Work) -> None:
-    """Orthophotos of the facades and from above, their lines, the heights, and the sections."""
+    """Draw the orthophotos of the facades and from above, their lines, the heights, and the sections."""
     survey = work.survey
     frames = [facade.frame for facade in work.facades] + [plan_frame(survey, work.facades)]
     cuts = []
@@ -204,7 +204,7 @@ def _draw_frame(
     planes: Planes,
     share: Callable[[float], float],
 ) -> None:
-    """All that was asked for on one plane.
+    """Draw all that was asked for on one plane.
 
     Args:
         facade: whose plane it is; None for the one seen from above.
@@ -258,7 +258,7 @@ def _write_deviation(work: Work, deviation: NDArray[np.float32], grid: Grid) -> 
 
 
 def _write_page(work: Work) -> None:
-    """``drawings.html``: every picture on one page, with the quantities."""
+    """Write ``drawings.html``: every picture on one page, with the quantities."""
     from jinja2 import Environment, FileSystemLoader
 
     groups: dict[str, list[str]] = {}
@@ -312,7 +312,7 @@ def _write_orthophoto(work: Work, image: NDArray[np.uint8], grid: Grid) -> None:
 
 
 def _index(work: Work) -> dict[str, Any]:
-    """What ``drawings.json`` holds, for Blender and scripts."""
+    """Return what ``drawings.json`` holds, for Blender and scripts."""
     survey = work.survey
     facades = [
         {

@@ -54,7 +54,7 @@ class Frame:
         return (points - self.origin) @ np.stack([self.x, self.y, self.normal], 1)
 
     def to_local(self, points: Array) -> Array:
-        """x, y and distance before the plane [..., 3] -> local frame [..., 3]."""
+        """Convert x, y and distance before the plane [..., 3] to the local frame [..., 3]."""
         return self.origin + points @ np.stack([self.x, self.y, self.normal])
 
 
@@ -138,7 +138,8 @@ class Survey:
         return self.scene.to_normalised.apply(self.georeference.scene(points @ self.turn))
 
     def world(self, points: Array) -> Array:
-        """Local frame of the drawings [..., 3] -> coordinates of the CRS, or of the scene without one, [..., 3]."""
+        """Convert the points of the local frame of the drawings [..., 3] to coordinates of the CRS, or of the scene
+        without one, [..., 3]."""
         return np.asarray(points @ self.turn + np.array(self.georeference.offset))
 
 
@@ -179,5 +180,5 @@ LAYERS = {CUT: 0.5, OUTLINE: 0.5, STEP: 0.35, CREASE: 0.25, PART: 0.25, DETAIL: 
 
 
 def pen_width(layer: str) -> float:
-    """Millimetres on paper."""
+    """Return the pen width in millimetres on paper."""
     return LAYERS[PART if layer.startswith(PART) else layer]

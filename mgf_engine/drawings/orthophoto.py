@@ -35,7 +35,8 @@ class Visibility:
         self._kept: dict[int, tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]] = {}
 
     def __call__(self, view: int, points: Array, normals: Array) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """How large a view shows points (normalised frame, [n, 3]), and which it shows clear of any outline, [n].
+        """Return how large a view shows points (normalised frame, [n, 3]), and which it shows clear of any outline,
+        [n].
 
         Sizes are pixels squared per unit of area, 0 where a point is not shown, and :data:`RIM` times that where it is
         not clear: within a pixel of the building's outline or of something nearer.
@@ -55,7 +56,8 @@ class Visibility:
         return np.where(inside, np.where(clear, size, RIM * size), 0.0), inside & clear
 
     def _looked(self, view: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-        """Least and largest depth within a pixel, and 2 where all there is building, 1 where some is; [H, W] each."""
+        """Return the least and largest depth within a pixel, and 2 where all there is building, 1 where some is; [H, W]
+        each."""
         if view not in self._kept:
             camera, labels = self._painting.views[view], self._survey.masks.labels[self._painting.chosen[view]]
             depth, mask = render_mesh(self._survey.normalised, camera).depth, building(labels).astype(np.uint8)
@@ -104,14 +106,14 @@ def paint(
 
 
 def _shrink(survey: Survey) -> float:
-    """Normalised units per unit of the local frame."""
+    """Return the normalised units per unit of the local frame."""
     return survey.scene.to_normalised.scale / survey.georeference.scale
 
 
 def _assign(
     survey: Survey, painting: Painting, visibility: Visibility, seen: GridBuffers
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Pixels (flat indices) that some photo shows, and the view that paints each."""
+    """Return pixels (flat indices) that some photo shows, and the view that paints each."""
     face = seen.face.ravel()
     pixel = np.flatnonzero(face >= 0)
     view = painting.label[face[pixel]].copy()
@@ -132,7 +134,7 @@ def _assign(
 def _shown(
     survey: Survey, visibility: Visibility, seen: GridBuffers, view: int, pixel: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """:class:`Visibility` of what pixels see, [n]; in blocks, to keep memory small."""
+    """Return :class:`Visibility` of what pixels see, [n]; in blocks, to keep memory small."""
     turned = survey.normals @ (survey.turn @ survey.georeference.rotation @ survey.scene.to_normalised.rotation.T)
     face, size, clear = seen.face.ravel(), np.empty(len(pixel)), np.empty(len(pixel), bool)
     for start in range(0, len(pixel), 1 << 20):
@@ -144,7 +146,7 @@ def _shown(
 
 
 def _correction(survey: Survey, painting: Painting, face: NDArray[np.int32], view: int, points: Array) -> Array:
-    """What is added to a photo's colours at points [n, 3] on faces [n], so that seams vanish, [n, 3]."""
+    """Return what is added to a photo's colours at points [n, 3] on faces [n], so that seams vanish, [n, 3]."""
     own = painting.label[face] == view
     result = np.zeros((len(face), 3))
     corners = survey.normalised.vertices[survey.normalised.faces[face[own]]]
@@ -155,7 +157,7 @@ def _correction(survey: Survey, painting: Painting, face: NDArray[np.int32], vie
 
 
 def _weights(corners: Array, points: Array) -> Array:
-    """Barycentric weights [n, 3] of points [n, 3] in triangles [n, 3, 3], along the axis they face most."""
+    """Return barycentric weights [n, 3] of points [n, 3] in triangles [n, 3, 3], along the axis they face most."""
     normal = np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     axes = np.array([[1, 2], [2, 0], [0, 1]])[normal.argmax(1)]
     flat = np.take_along_axis(corners, axes[:, None, :].repeat(3, 1), 2)

@@ -40,7 +40,7 @@ def part_shares(
     seen: GridBuffers,
     options: PartOutlineOptions = PartOutlineOptions(),
 ) -> dict[str, NDArray[np.float32]]:
-    """For each named part, the share of the photos which see a pixel that call it that part, [H, W].
+    """Compute, for each named part, the share of the photos which see a pixel that call it that part, [H, W].
 
     Args:
         survey: mesh and masks of the job.
@@ -126,7 +126,7 @@ def layer_of(name: str) -> str:
 
 
 def _between(image: NDArray[np.float32], at: Array) -> NDArray[np.float32]:
-    """Values of an image [H, W] at pixels [n, 2], linear between centres, [n]."""
+    """Return the values of an image [H, W] at pixels [n, 2], linear between centres, [n]."""
     rows = max(1, -(-len(at) // 4096))
     maps = np.zeros((rows * 4096, 2), np.float32)
     maps[: len(at)] = at - 0.5
@@ -138,7 +138,8 @@ def _between(image: NDArray[np.float32], at: Array) -> NDArray[np.float32]:
 def _rectangle(
     share: NDArray[np.float32], own: NDArray[np.bool_], x: int, y: int, options: PartOutlineOptions
 ) -> Array | None:
-    """Left, top, right, bottom in pixels, to a part of one; None for what is no rectangle."""
+    """Measure a part's rectangle: left, top, right, bottom in pixels, to a part of one; None for what is no
+    rectangle."""
     filled = cv2.morphologyEx(own.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
     rows, columns = filled.sum(1), filled.sum(0)
     high, wide = np.flatnonzero(rows > 0.5 * rows.max()), np.flatnonzero(columns > 0.5 * columns.max())
@@ -153,13 +154,13 @@ def _rectangle(
 
 
 def _profile(band: NDArray[np.float32], begin: int, end: int, options: PartOutlineOptions) -> tuple[float, float]:
-    """Where the median over rows of a band [n, W] crosses the majority near two columns, upwards and downwards."""
+    """Find where the median over rows of a band [n, W] crosses the majority near two columns, upwards and downwards."""
     mean = np.median(band, axis=0)
     return _crossing(mean - options.majority, begin), _crossing(options.majority - mean, end)
 
 
 def _crossing(rising: NDArray[np.float32], at: int) -> float:
-    """Where values of pixels cross 0 upwards near the border before pixel ``at``; ``at`` where they do not."""
+    """Find where values of pixels cross 0 upwards near the border before pixel ``at``; ``at`` where they do not."""
     for k in (at, at - 1, at + 1, at - 2, at + 2):
         if 1 <= k < len(rising) and rising[k - 1] <= 0 < rising[k]:
             return k - 0.5 + float(rising[k - 1] / (rising[k - 1] - rising[k]))
@@ -167,7 +168,7 @@ def _crossing(rising: NDArray[np.float32], at: int) -> float:
 
 
 def _aligned(boxes: Array, options: PartOutlineOptions) -> Array:
-    """Edges of rectangles [n, 4] that are nearly on one line brought onto it, column by column."""
+    """Bring edges of rectangles [n, 4] that are nearly on one line onto it, column by column."""
     result = boxes.copy()
     for k in range(4):
         order = np.argsort(boxes[:, k])

@@ -36,7 +36,7 @@ class Grid:
     height: int
 
     def pixels(self, at: Array) -> Array:
-        """Drawing coordinates [..., 2 or 3] -> columns and rows [..., 2]; the top-left centre is (0.5, 0.5)."""
+        """Convert drawing coordinates [..., 2 or 3] to columns and rows [..., 2]; the top-left centre is (0.5, 0.5)."""
         return np.stack([(at[..., 0] - self.left) / self.resolution, (self.top - at[..., 1]) / self.resolution], -1)
 
     def places(self, pixels: Array) -> Array:

@@ -123,7 +123,7 @@ def wall_deviation(
 
 
 def deviation_picture(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Blue behind the plane, white on it, red before it, RGBA [H, W, 4]; full colour at the 98th percentile."""
+    """Colour blue behind the plane, white on it, red before it, RGBA [H, W, 4]; full colour at the 98th percentile."""
     known = np.isfinite(deviation)
     limit = max(float(np.percentile(np.abs(deviation[known]), 98)) if known.any() else 1.0, 1e-9)
     share = np.clip(np.nan_to_num(deviation) / limit, -1, 1)[..., None]

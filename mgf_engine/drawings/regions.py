@@ -63,7 +63,7 @@ class Regions:
     slope: Array
 
     def before(self, label: int, at: Array) -> Array:
-        """Distances of a plane's points at drawing coordinates [n, 2] before the drawing's plane, [n]."""
+        """Return the distances of a plane's points at drawing coordinates [n, 2] before the drawing's plane, [n]."""
         a, b, c = self.slope[label - 1]
         return np.asarray(a * at[:, 0] + b * at[:, 1] + c)
 
@@ -97,7 +97,7 @@ def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOp
 
 
 def _slopes(planes: Planes, frame: Frame) -> Array:
-    """Planes as functions of drawing coordinates, [P, 3]; level with the view where they are seen edge on."""
+    """Return planes as functions of drawing coordinates, [P, 3]; level with the view where they are seen edge on."""
     along = planes.normals @ np.stack([frame.x, frame.y, frame.normal]).T
     level = planes.offsets - planes.normals @ frame.origin
     facing = np.where(np.abs(along[:, 2]) < 1e-3, np.inf, along[:, 2])
@@ -105,7 +105,7 @@ def _slopes(planes: Planes, frame: Frame) -> Array:
 
 
 def _offsets(regions: Regions, seen: GridBuffers, label: int, box: tuple[slice, slice]) -> NDArray[np.float32]:
-    """How far what pixels of a box see lies from a plane, along its normal; NaN where they see nothing."""
+    """Return how far what pixels of a box see lies from a plane, along its normal; NaN where they see nothing."""
     a, b, c = regions.slope[label - 1]
     grid, (rows, columns) = regions.grid, box
     x = grid.left + (np.arange(columns.start, columns.stop) + 0.5) * grid.resolution
@@ -115,7 +115,7 @@ def _offsets(regions: Regions, seen: GridBuffers, label: int, box: tuple[slice, 
 
 
 def _grow(regions: Regions, seen: GridBuffers, near: float, options: RegionOptions) -> None:
-    """Planes take the loose pixels near them that hang together with them; the nearest plane wins."""
+    """Give the loose pixels near planes that hang together with them to the nearest plane."""
     label = regions.label
     best, taken = np.full(label.shape, near, np.float32), np.zeros(label.shape, np.int32)
     loose = label == LOOSE
@@ -136,14 +136,14 @@ def _grow(regions: Regions, seen: GridBuffers, near: float, options: RegionOptio
 
 
 def _wider(box: tuple[slice, ...], shape: tuple[int, ...], share: float) -> tuple[slice, slice]:
-    """A box with so much of itself added on every side, as far as the image reaches."""
+    """Widen a box by so much of itself on every side, as far as the image reaches."""
     add = [int(share * (s.stop - s.start)) + 1 for s in box]
     rows, columns = (slice(max(0, s.start - a), min(n, s.stop + a)) for s, n, a in zip(box, shape, add, strict=True))
     return rows, columns
 
 
 def _further_planes(regions: Regions, seen: GridBuffers, near: float, least: float, options: RegionOptions) -> Regions:
-    """Planes through large loose parts, one after the other."""
+    """Find planes through large loose parts, one after the other."""
     rng, tried = np.random.default_rng(0), 0
     for box, own in list(_parts(regions.label, LOOSE)):
         left = own.copy()
@@ -173,7 +173,7 @@ def _plane_through(
     rng: np.random.Generator,
     options: RegionOptions,
 ) -> Array | None:
-    """The plane (a, b, c) that most of the pixels of a part lie in; None where it is seen edge on."""
+    """Return the plane (a, b, c) that most of the pixels of a part lie in; None where it is seen edge on."""
     row, column = np.nonzero(own)
     some = rng.choice(len(row), min(options.sample, len(row)), replace=False)
     at = regions.grid.places(np.stack([column[some] + box[1].start, row[some] + box[0].start], 1) + 0.5)
@@ -194,7 +194,7 @@ def _plane_through(
 
 
 def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, slice], NDArray[np.bool_]]]:
-    """The box of each connected part of one label, and its pixels in it."""
+    """Yield the box of each connected part of one label, and its pixels in it."""
     _, part = cv2.connectedComponents((label == value).astype(np.uint8), connectivity=4)
     for k, box in enumerate(find_objects(part), start=1):
         if box is not None:
@@ -202,13 +202,13 @@ def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, 
 
 
 def _boxes(label: NDArray[np.int32]) -> Iterator[tuple[int, tuple[slice, slice]]]:
-    """Each label of a map and the box around its pixels."""
+    """Yield each label of a map and the box around its pixels."""
     values, dense = np.unique(label, return_inverse=True)
     yield from zip(values.tolist(), find_objects(dense.reshape(label.shape) + 1), strict=True)
 
 
 def _merge_small(regions: Regions, least: float, hole: float) -> None:
-    """Connected regions and holes of fewer pixels take the label of the nearest larger region."""
+    """Give connected regions and holes of fewer pixels the label of the nearest larger region."""
     label = regions.label
     small = np.zeros(label.shape, bool)
     for value, box in _boxes(label):
@@ -228,7 +228,7 @@ def _merge_small(regions: Regions, least: float, hole: float) -> None:
 
 
 def _smooth(label: NDArray[np.int32], radius: int) -> None:
-    """Each pixel takes the label that most pixels of the square around it have."""
+    """Give each pixel the label that most pixels of the square around it have."""
     most, winner = np.zeros(label.shape, np.float32), label.copy()
     size = (2 * radius + 1, 2 * radius + 1)
     for value, box in _boxes(label):

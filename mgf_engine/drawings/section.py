@@ -131,7 +131,7 @@ def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, options: Sec
 def _along_plane(
     survey: Survey, facades: Sequence[Facade], text: str, name: str, numbers: str, options: SectionOptions
 ) -> Frame:
-    """Through a point along a plane, both of the scene frame; seen from the side that the normal points to.
+    """Cut through a point along a plane, both of the scene frame; seen from the side that the normal points to.
 
     Raises:
         BadInput: the numbers are none, or the normal has no direction.
@@ -167,7 +167,7 @@ def _level(survey: Survey, facades: Sequence[Facade], above: float) -> Frame:
 
 
 def _upright(survey: Survey, facade: Facade, distance: float) -> Frame:
-    """Across a facade, seen from its left end."""
+    """Cut upright across a facade, seen from its left end."""
     normal, up = -facade.frame.x, np.array([0.0, 0.0, 1.0])
     origin = facade.frame.origin + facade.frame.x * (facade.frame.low[0] + distance)
     frame = Frame(f"{facade.name}-{distance:.3g}", origin, np.cross(up, normal), up, np.zeros(2), np.zeros(2))
@@ -176,7 +176,8 @@ def _upright(survey: Survey, facade: Facade, distance: float) -> Frame:
 
 
 def _paths(survey: Survey, frame: Frame) -> list[Array]:
-    """Where the plane cuts the mesh, as polylines [n, 3] in the local frame; closed ones repeat their first point."""
+    """Find where the plane cuts the mesh, as polylines [n, 3] in the local frame; closed ones repeat their first
+    point."""
     before = (survey.mesh.vertices - frame.origin) @ frame.normal
     faces = survey.mesh.faces
     above = before > 0  # vertices in the plane count as below it, so that each cut face has two cut edges
@@ -191,7 +192,7 @@ def _paths(survey: Survey, frame: Frame) -> list[Array]:
 
 
 def _walk(edges: NDArray[np.int64], count: int) -> list[list[int]]:
-    """Nodes of each path through edges [E, 2]: open ones from end to end, then closed ones."""
+    """Walk the nodes of each path through edges [E, 2]: open ones from end to end, then closed ones."""
     around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
     for k, (a, b) in enumerate(edges.tolist()):
         around[a].append((k, b))
@@ -214,7 +215,7 @@ def _walk(edges: NDArray[np.int64], count: int) -> list[list[int]]:
 
 
 def _resampled(path: Array, spacing: float) -> Array:
-    """Points at even distances along a polyline, its corners kept."""
+    """Place points at even distances along a polyline, its corners kept."""
     steps = np.hypot(*np.diff(path, axis=0).T)
     parts = [
         path[k] + np.arange(n := max(1, int(np.ceil(step / spacing))))[:, None] / n * (path[k + 1] - path[k])
@@ -225,7 +226,7 @@ def _resampled(path: Array, spacing: float) -> Array:
 
 
 def _areas(rings: list[Array], least: float) -> list[Area]:
-    """What lies inside an odd number of rings."""
+    """Return what lies inside an odd number of rings."""
     from shapely import MultiPolygon, Polygon
 
     polygons = [Polygon(ring).buffer(0) for ring in rings if len(ring) > 3]

@@ -88,7 +88,7 @@ def write_sheet(
 
 
 def _foot(figure: Any, drawing: LineDrawing, title: str, scale: float, paper: str) -> None:
-    """Scale bar, legend and title along the lower edge."""
+    """Draw scale bar, legend and title along the lower edge."""
     wide, high = PAPERS[paper]
     axes = figure.add_axes((0, 0, 1, FOOT / high))
     axes.set_axis_off()

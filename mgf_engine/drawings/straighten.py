@@ -113,12 +113,13 @@ def straighten(
 
 
 def turn(one: Array, other: Array) -> float:
-    """Sine of the angle from one unit vector [2] to another."""
+    """Compute the sine of the angle from one unit vector [2] to another."""
     return float(one[0] * other[1] - one[1] * other[0])
 
 
 def split(points: Array, tolerance: float) -> list[int]:
-    """Rows of a polyline [n, 2] that are kept so that it nowhere leaves the rest by more (Douglas and Peucker)."""
+    """Keep the rows of a polyline [n, 2] that it needs so that it nowhere leaves the rest by more (Douglas and
+    Peucker)."""
     kept, left = {0, len(points) - 1}, [(0, len(points) - 1)]
     while left:
         i, j = left.pop()
@@ -170,7 +171,7 @@ def join_ends(
 def merge(
     segments: list[tuple[Array, Array]], pixel: float, options: StraightenOptions = StraightenOptions()
 ) -> list[tuple[Array, Array]]:
-    """Segments (start and end, [2] each), those on one line that touch or overlap made into one."""
+    """Merge segments (start and end, [2] each) on one line that touch or overlap."""
     merged = [s for s in segments if np.hypot(*(s[1] - s[0])) > 1e-9]
     changed = True
     while changed:
@@ -210,20 +211,20 @@ def _merged_once(
 
 
 def _begun_at_a_corner(loop: Array) -> Array:
-    """A closed polyline begun where it is farthest from its middle, which is a corner of most shapes."""
+    """Begin a closed polyline where it is farthest from its middle, which is a corner of most shapes."""
     first = int(np.linalg.norm(loop[:-1] - loop[:-1].mean(0), axis=1).argmax())
     return np.concatenate([loop[first:-1], loop[: first + 1]])
 
 
 def _begun_at_longest(loop: Array, tolerance: float) -> Array:
-    """A closed polyline begun where its longest straight part begins."""
+    """Begin a closed polyline where its longest straight part begins."""
     breaks = split(loop, tolerance)
     first = max(pairwise(breaks), key=lambda ends: float(np.hypot(*(loop[ends[1]] - loop[ends[0]]))))[0]
     return np.concatenate([loop[first:-1], loop[: first + 1]])
 
 
 def _run(corners: Array, pixel: float, known: Array | None, options: StraightenOptions) -> Run:
-    """The line through part of a chain."""
+    """Fit the line through part of a chain."""
     middles = 0.5 * (corners[1:] + corners[:-1])
     span = corners[-1] - corners[0]
     length = float(np.hypot(*span))
@@ -249,7 +250,7 @@ def _run(corners: Array, pixel: float, known: Array | None, options: StraightenO
 
 
 def _true(run: Run, pixel: float, options: StraightenOptions) -> Run:
-    """The run level or upright where it is so but for a ground pixel at its ends."""
+    """Return the run level or upright where it is so but for a ground pixel at its ends."""
     for axis in range(2):
         turn = abs(float(run.along[axis]))
         if turn < np.sin(np.radians(options.level_angle)) and 0.5 * run.length * turn <= options.level_shift * pixel:
@@ -262,7 +263,7 @@ def _true(run: Run, pixel: float, options: StraightenOptions) -> Run:
 def _without_short(
     runs: list[Run], at: Array, pixel: float, closed: bool, options: StraightenOptions
 ) -> tuple[list[Run], Array]:
-    """Short runs dropped where the lines beside them cross nearby; the first run of a loop is its longest."""
+    """Drop short runs where the lines beside them cross nearby; the first run of a loop is its longest."""
     k = 1
     while k < len(runs) - (not closed) and len(runs) > 2:
         last = k == len(runs) - 1

@@ -73,7 +73,8 @@ def trace(label: NDArray[np.int32]) -> list[Chain]:
 def _cracks(
     label: NDArray[np.int32], width: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
-    """Sides of pixels between two labels: the corners at both ends (numbers), and the labels, smaller first."""
+    """Return the sides of pixels between two labels: the corners at both ends (numbers), and the labels, smaller
+    first."""
     row, column = np.nonzero(label[:, 1:] != label[:, :-1])
     down = row * width + column + 1
     beside = label[row, column], label[row, column + 1]

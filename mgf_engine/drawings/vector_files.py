@@ -31,7 +31,7 @@ def layer_name(layer: str) -> str:
 
 
 def write_dxf(path: Path, drawing: LineDrawing, survey: Survey) -> None:
-    """DXF (R2010): polylines on layers by kind, areas hatched; the unit is the metre where it is known."""
+    """Write DXF (R2010): polylines on layers by kind, areas hatched; the unit is the metre where it is known."""
     import ezdxf
 
     document = ezdxf.new("R2010", setup=True)  # type: ignore[attr-defined]
@@ -55,7 +55,8 @@ def write_dxf(path: Path, drawing: LineDrawing, survey: Survey) -> None:
 
 
 def write_svg(path: Path, drawing: LineDrawing, survey: Survey) -> None:
-    """SVG in the drawing's own unit, y downwards, a group for each layer; its size is that of a print at 1:100."""
+    """Write SVG in the drawing's own unit, y downwards, a group for each layer; its size is that of a print at
+    1:100."""
     shift, margin = file_shift(drawing.frame, survey), 0.02 * float(drawing.frame.size.max())
     low, high = drawing.frame.low + shift - margin, drawing.frame.high + shift + margin
     width, height = high - low
@@ -84,7 +85,7 @@ def write_svg(path: Path, drawing: LineDrawing, survey: Survey) -> None:
 
 
 def _hatch_pattern(root: Xml.Element) -> None:
-    """Lines at 45 degrees, 3 mm apart on paper."""
+    """Write the pattern of lines at 45 degrees, 3 mm apart on paper."""
     side = 3.0 * SVG_SCALE / 1000
     box = {"id": "hatch", "width": f"{side}", "height": f"{side}", "patternUnits": "userSpaceOnUse"}
     pattern = Xml.SubElement(Xml.SubElement(root, "defs"), "pattern", {**box, "patternTransform": "rotate(45)"})

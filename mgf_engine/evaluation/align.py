@@ -49,7 +49,7 @@ def align_points(points: Points, target: Surface, scale: bool, rounds: int = 60)
 
 
 def _plane_step(points: Points, spot: Points, normal: Points, gap: Points, scale: bool) -> Points:
-    """One weighted Gauss-Newton step as a 4x4 similarity."""
+    """Take one weighted Gauss-Newton step, as a 4x4 similarity."""
     middle = points.mean(0)
     local = points - middle
     size = float(np.sqrt((local**2).sum(1).mean()))

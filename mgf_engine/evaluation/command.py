@@ -101,7 +101,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
-    """Scores against the truth, with the picture that was asked for."""
+    """Score against the truth, with the picture that was asked for."""
     from mgf_engine.evaluation.error_map import write_error_map
     from mgf_engine.evaluation.geometry import colmap_cameras, moved, score_surface
     from mgf_engine.evaluation.materials import read_materials
@@ -127,7 +127,7 @@ def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
 
 
 def _read_mesh(path: Path) -> Surface:
-    """A mesh file, or the mesh of a job: in the coordinates of its CRS where it has true ones."""
+    """Read a mesh file, or the mesh of a job: in the coordinates of its CRS where it has true ones."""
     from mgf_engine.evaluation.surfaces import Surface, read_surface
 
     if not path.is_dir():

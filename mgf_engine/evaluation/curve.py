@@ -15,7 +15,7 @@ _BLUE, _ORANGE = "#3b82f6", "#f59e0b"
 
 
 def curve_svg(curve: list[dict[str, Any]]) -> str:
-    """PSNR inside the mask on training views and the number of Gaussians, over the iterations.
+    """Draw PSNR inside the mask on training views and the number of Gaussians, over the iterations.
 
     Args:
         curve: entries with ``iteration``, ``psnr`` and ``gaussians``.

@@ -65,7 +65,7 @@ def _as_mesh(surface: Surface) -> Mesh:
 
 
 def _legend(threshold: float, width: int) -> Picture:
-    """A strip with the colours and what they stand for, RGB [48, width, 3]."""
+    """Return a strip with the colours and what they stand for, RGB [48, width, 3]."""
     strip = np.full((48, width, 3), 255, np.uint8)
     for place, factor in enumerate((0.25, 0.5, 1.0, 2.0, 4.0)):
         x, color = 20 + 150 * place, colors(np.array([factor * threshold]), threshold)[0]

@@ -58,7 +58,8 @@ class Evenness:
         return Plane(sum(shares), rms, median, most)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON: ``mean`` (or null) and ``planes``, each as :class:`Plane`, and ``ground_pixel``."""
+        """Return plain data for JSON: ``mean`` (or null) and ``planes``, each as :class:`Plane`, and
+        ``ground_pixel``."""
         mean = None if self.mean is None else asdict(self.mean)
         return {"ground_pixel": self.ground_pixel, "mean": mean, "planes": [asdict(plane) for plane in self.planes]}
 
@@ -118,7 +119,7 @@ def typical_pixel(distances: Sequence[Points], focals: Sequence[float]) -> float
 def _largest_plane(
     points: Points, reach: float, near: float, rng: np.random.Generator
 ) -> tuple[Points, Points, NDArray[np.int64]]:
-    """A point on the plane and its normal, [3] each, and the rows of points [N, 3] within reach of it."""
+    """Return a point on the plane and its normal, [3] each, and the rows of points [N, 3] within reach of it."""
     some = points[rng.choice(len(points), min(TRIED_ON, len(points)), replace=False)]
     middle, normals = _planes_through(some, NEAR * near, rng)
     counts = _counts(some, normals, np.einsum("ti,ti->t", middle, normals), reach)
@@ -131,7 +132,8 @@ def _largest_plane(
 
 
 def _planes_through(points: Points, near: float, rng: np.random.Generator) -> tuple[Points, Points]:
-    """Planes through three points each, half of them near each other: where they are and their normals, [T, 3] each."""
+    """Return planes through three points each, half of them near each other: where they are and their normals, [T, 3]
+    each."""
     first, second, third = rng.integers(0, len(points), (3, TRIES))
     for row, around in enumerate(cKDTree(points).query_ball_point(points[first[: TRIES // 2]], near)):
         second[row], third[row] = rng.choice(around, 2)
@@ -144,7 +146,7 @@ def _planes_through(points: Points, near: float, rng: np.random.Generator) -> tu
 
 
 def _counts(points: Points, normals: Points, offsets: Points, reach: float) -> NDArray[np.int64]:
-    """How many of points [N, 3] lie within reach of each plane ``normal . x = offset``, [T]."""
+    """Return how many of points [N, 3] lie within reach of each plane ``normal . x = offset``, [T]."""
     flat = points.astype(np.float32)
     result = np.empty(len(normals), np.int64)
     for start in range(0, len(normals), 500):
@@ -155,7 +157,7 @@ def _counts(points: Points, normals: Points, offsets: Points, reach: float) -> N
 
 
 def _fit(points: Points, centre: Points, normal: Points, reach: float) -> tuple[Points, Points]:
-    """The plane of least squares through the points within reach of it, a few times over."""
+    """Fit the plane of least squares through the points within reach of it, a few times over."""
     for _ in range(FITS):
         held = points[np.abs((points - centre) @ normal) < reach]
         if len(held) < 3:

@@ -126,7 +126,7 @@ class Comparison:
         )  # fmt: skip
 
     def scores(self, thresholds: Sequence[float], materials: Materials | None = None) -> GeometryScores:
-        """Accuracy, completeness, F1 and normals at distances, in the units of the meshes.
+        """Compute accuracy, completeness, F1 and normals at distances, in the units of the meshes.
 
         Args:
             materials: of the truth's faces; None for no scores by material.
@@ -144,14 +144,15 @@ class Comparison:
         )  # fmt: skip
 
     def _by_material(self, thresholds: Sequence[float], materials: Materials) -> dict[str, MaterialScores]:
-        """Scores of each material that some true point is of, the largest first."""
+        """Return the scores of each material that some true point is of, the largest first."""
         of_points, of_true = materials.faces[self.faces], materials.faces[self.true_faces]
         count = np.bincount(of_true, minlength=len(materials.names))
         order = [k for k in np.argsort(-count, kind="stable").tolist() if count[k]]
         return {materials.names[k]: self._part(thresholds, of_points == k, of_true == k) for k in order}
 
     def _part(self, thresholds: Sequence[float], mine: NDArray[np.bool_], true: NDArray[np.bool_]) -> MaterialScores:
-        """Scores of some points of the mesh [N] and some true ones [M]; what is not there is not accurate."""
+        """Return the scores of some points of the mesh [N] and some true ones [M]; what is not there is not
+        accurate."""
         errors, gaps = self.errors[mine] if mine.any() else np.full(1, np.inf), self.gaps[true]
         accuracy = [100.0 * float((errors <= t).mean()) for t in thresholds]
         completeness = [100.0 * float((gaps <= t).mean()) for t in thresholds]
@@ -177,7 +178,7 @@ def score_surface(
     leave_out: Surface | None = None,
     materials: Materials | None = None,
 ) -> GeometryScores:
-    """Accuracy, completeness and F1 (eq. 30-32).
+    """Score a mesh against the truth: accuracy, completeness and F1 (eq. 30-32).
 
     Args:
         mesh: to be judged.
@@ -298,7 +299,7 @@ def _model_folder(scene: Path) -> Path:
 
 
 def _read_model(model: Path) -> tuple[Any, list[Any]]:
-    """A model of pycolmap, which owns its images, and those that have a pose, in the order of their names."""
+    """Read a model of pycolmap, which owns its images, and those that have a pose, in the order of their names."""
     import pycolmap
 
     try:
@@ -318,7 +319,7 @@ def moved(mesh: Surface, matrix: Any) -> Surface:
 
 
 def _inside(points: Points, faces: Faces, crop: Points | None) -> tuple[Points, Faces]:
-    """Points [N, 3] and their faces [N], those in the crop alone."""
+    """Return points [N, 3] and their faces [N], those in the crop alone."""
     if crop is None:
         return points, faces
     kept = ((points >= crop[0]) & (points <= crop[1])).all(axis=1)
@@ -326,7 +327,7 @@ def _inside(points: Points, faces: Faces, crop: Points | None) -> tuple[Points, 
 
 
 def _nearest(surface: Surface, points: Points) -> tuple[Points, Faces]:
-    """Distance of points [N, 3], which may be none, to a surface [N], and the face it is taken to [N]."""
+    """Return the distance of points [N, 3], which may be none, to a surface [N], and the face it is taken to [N]."""
     if not len(points):
         return np.zeros(0), np.zeros(0, np.int64)
     squared, face, _ = surface.closest(points)
@@ -338,7 +339,7 @@ def _distances(surface: Surface, points: Points) -> Points:
 
 
 def _turns(normals: Points, others: Points) -> Points:
-    """Angles between unit normals [N, 3] of either sign, degrees [N]; NaN where one is zero."""
+    """Return angles between unit normals [N, 3] of either sign, degrees [N]; NaN where one is zero."""
     known = (np.abs(normals).sum(1) > 0) & (np.abs(others).sum(1) > 0)
     # From the chord: near zero the arc cosine would lose half of the digits.
     sign = np.where(np.einsum("ni,ni->n", normals, others) < 0, -1.0, 1.0)

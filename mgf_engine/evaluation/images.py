@@ -79,7 +79,7 @@ def score(
 
 
 def _box(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """The mask's box, widened where a network would find it too small and the frame has room."""
+    """Return the mask's box, widened where a network would find it too small and the frame has room."""
     sides = []
     for axis, size in enumerate(mask.shape):
         there = np.flatnonzero(mask.any(1 - axis))
@@ -102,7 +102,7 @@ def mean_scores(scores: list[Scores]) -> Scores:
 
 
 def ssim_map(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Eq. 28 at every pixel, in a Gaussian window of 11 x 11 with sigma 1.5, averaged over the channels.
+    """Compute eq. 28 at every pixel, in a Gaussian window of 11 x 11 with sigma 1.5, averaged over the channels.
 
     Args:
         a, b: float64 [h, w, 3] in 0..1.
@@ -125,5 +125,5 @@ def _blur(image: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _decibels(mse: float) -> float:
-    """Eq. 27 with MAX = 1."""
+    """Compute eq. 27 with MAX = 1."""
     return PSNR_LIMIT if mse <= 0.0 else min(PSNR_LIMIT, -10.0 * math.log10(mse))

@@ -70,7 +70,7 @@ class Lpips:
         self._linear = [linear[f"lin{k}.model.1.weight"] for k in range(sum(s.compared for s in self._steps))]
 
     def distance(self, photo: NDArray[np.uint8], render: NDArray[np.uint8]) -> float | None:
-        """Eq. 29 of two pictures RGB uint8 [h, w, 3]; None where they are too small for the network."""
+        """Compute eq. 29 of two pictures RGB uint8 [h, w, 3]; None where they are too small for the network."""
         if min(photo.shape[:2]) < SMALLEST:
             return None
         total = 0.0
@@ -94,12 +94,12 @@ class Lpips:
 
 
 def _unit(features: Tensor) -> Tensor:
-    """Features [1, c, h, w] with every pixel's scaled to unit length."""
+    """Return features [1, c, h, w] with every pixel's scaled to unit length."""
     return features / (features.square().sum(1, keepdim=True).sqrt() + 1e-10)
 
 
 def find_lpips(folder: Path | None = None) -> Lpips | None:
-    """LPIPS with the first network whose weights are there; None where none is.
+    """Read LPIPS with the first network whose weights are there; None where none is.
 
     Args:
         folder: of the weights; None is the user's cache folder.
@@ -118,7 +118,7 @@ def find_lpips(folder: Path | None = None) -> Lpips | None:
 
 
 def read_lpips(network: str, trunk: Path, linear: Path) -> Lpips:
-    """LPIPS from its two files.
+    """Read LPIPS from its two files.
 
     Raises:
         BadInput: a file cannot be read, or is not what the network needs.

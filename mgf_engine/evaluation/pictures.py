@@ -20,7 +20,7 @@ _UNKNOWN_TINT = (200, 60, 220)
 
 
 def _look_of_labels() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each label, which share of the photo's colour an overlay keeps [256, 1], and what it adds [256, 3]."""
+    """Return, of each label, which share of the photo's colour an overlay keeps [256, 1], and what it adds [256, 3]."""
     kept, added = np.ones((256, 1)), np.zeros((256, 3))
     kept[BACKGROUND] = 0.3
     kept[IGNORE], added[IGNORE] = 0.4, 0.6 * np.array(_UNKNOWN_TINT)
@@ -122,7 +122,8 @@ def circle_views(
 
 
 def _ball(mesh: Mesh) -> tuple[NDArray[np.float64], float]:
-    """Centre [3] and radius of a ball around the mesh, spires of few vertices in it, and what is far off not."""
+    """Return the centre [3] and radius of a ball around the mesh, spires of few vertices in it, and what is far off
+    not."""
     low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
     slack = 0.3 * (high - low)
     low, high = np.maximum(mesh.vertices.min(0), low - slack), np.minimum(mesh.vertices.max(0), high + slack)

@@ -236,7 +236,7 @@ def memory(count: int | None) -> str:
 
 
 def _means(data: ReportData) -> tuple[Scores | None, Scores | None]:
-    """Mean scores of the held-out and of the training views; None where there are none."""
+    """Average the scores of the held-out and of the training views; None where there are none."""
     groups = [[v.scores for v in data.views if v.scores and v.held_out is held_out] for held_out in (True, False)]
     held_out, training = (mean_scores(group) if group else None for group in groups)
     return held_out, training
@@ -247,7 +247,7 @@ def _total_seconds(data: ReportData) -> float:
 
 
 def _bars(rows: list[tuple[str, float]]) -> list[tuple[str, float, float, float]]:
-    """Name, seconds, share of the sum and share of the longest (the bar's length) of each row."""
+    """Return name, seconds, share of the sum and share of the longest (the bar's length) of each row."""
     total, longest = sum(s for _, s in rows) or 1.0, max((s for _, s in rows), default=1.0) or 1.0
     return [(name, seconds, seconds / total, seconds / longest) for name, seconds in rows]
 

@@ -103,7 +103,7 @@ def _around(points: Points, low: Points, high: Points, margin: float) -> Points:
 
 
 def _covered(mesh: Surface, points: Points, reach: float) -> float:
-    """Share of the mesh's area that lies near scan points."""
+    """Return the share of the mesh's area that lies near scan points."""
     from scipy.spatial import cKDTree
 
     places = mesh.sample(20_000, np.random.default_rng(0))[0]

@@ -51,7 +51,7 @@ def cropped(pictures: list[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
 
 
 def _colors(vertices: NDArray[np.float64], found: ScanDistances, limit: float, reach: float) -> NDArray[np.uint8]:
-    """Colour of each vertex by the mean distance of the scan points around it, RGB uint8 [N, 3]."""
+    """Return the colour of each vertex by the mean distance of the scan points around it, RGB uint8 [N, 3]."""
     from scipy.spatial import cKDTree
 
     distance, index = cKDTree(found.points).query(vertices, k=NEIGHBOURS, distance_upper_bound=reach)
@@ -62,14 +62,14 @@ def _colors(vertices: NDArray[np.float64], found: ScanDistances, limit: float, r
 
 
 def ramp(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Blue at -1, white at 0, red at 1, [..., 3]."""
+    """Colour values: blue at -1, white at 0, red at 1, [..., 3]."""
     share = np.clip(share, -1, 1)[..., None]
     white, red, blue = np.full(3, 245.0), np.array([190.0, 20, 40]), np.array([30.0, 70, 190])
     return np.where(share > 0, white + share * (red - white), white - share * (blue - white))
 
 
 def _legend(limit: float, width: int, unit: str) -> NDArray[np.uint8]:
-    """The colours with their distances, and what they mean."""
+    """Return the colours with their distances, and what they mean."""
     strip = np.full((92, width, 3), 255, np.uint8)
     long = width - 2 * _SIDE
     strip[10:34, _SIDE : _SIDE + long] = ramp(np.linspace(-1, 1, long)).round().astype(np.uint8)
@@ -80,7 +80,7 @@ def _legend(limit: float, width: int, unit: str) -> NDArray[np.uint8]:
 
 
 def _write(picture: NDArray[np.uint8], text: str, middle: int, line: int) -> None:
-    """Text about a column, within the picture where it fits, over the line of that row."""
+    """Write text about a column, within the picture where it fits, over the line of that row."""
     size = min(0.55, 0.55 * picture.shape[1] / (10.0 * len(text)))
     (wide, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
     left = min(max(4, middle - wide // 2), max(4, picture.shape[1] - wide - 4))

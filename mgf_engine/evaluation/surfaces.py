@@ -145,7 +145,7 @@ class Surface:
         return seen
 
     def hygiene(self) -> Hygiene:
-        """Counts of what is wrong with the mesh; vertices at one place count as one."""
+        """Count what is wrong with the mesh; vertices at one place count as one."""
         _, index = np.unique(self.vertices, axis=0, return_inverse=True)
         faces = index.reshape(-1)[self.faces]
         edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
@@ -175,7 +175,7 @@ def _in_frame(points: Points, camera: SeeingCamera) -> NDArray[np.bool_]:
 
 
 def _pieces(edges: NDArray[np.int64], used: NDArray[np.int64]) -> int:
-    """Connected components of a graph over the used vertices."""
+    """Return connected components of a graph over the used vertices."""
     if len(used) == 0:
         return 0
     rows = np.searchsorted(used, edges)

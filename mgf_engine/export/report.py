@@ -215,7 +215,7 @@ def _trust(job: Job) -> dict[str, float]:
 
 
 def _files(job: Job) -> dict[str, str]:
-    """What the report links to: all that the job offers but itself."""
+    """Return what the report links to: all that the job offers but itself."""
     named = {o.name: o.path for o in outputs() if o.name and o.name != "report"}
     return {name: path for name, path in {**named, "log": "log.txt"}.items() if job.path(path).exists()}
 

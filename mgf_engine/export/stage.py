@@ -94,7 +94,7 @@ def _texture(
 
 
 def _offset(field: Gaussians, scene: Scene) -> dict[str, list[float]]:
-    """What is to be added to the positions of ``field.ply``, where that is anything."""
+    """Return what is to be added to the positions of ``field.ply``, where that is anything."""
     offset = offset_of(field, scene.to_normalised)
     return {"field_offset": list(offset)} if any(offset) else {}
 

@@ -94,7 +94,7 @@ def _stats_of(data: dict[str, np.ndarray], count: int) -> RenderStats:
 
 
 def _figures_of(figures: Any) -> dict[str, Any]:
-    """The figures so far, of the types the trainer goes on with."""
+    """Return the figures so far, of the types the trainer goes on with."""
     _count(figures["start_gaussians"])
     seconds, curve = figures["seconds"], figures["curve"]
     if not all(isinstance(name, str) and isinstance(value, int | float) for name, value in seconds.items()):

@@ -61,7 +61,8 @@ def differences(n: int, width: int, height: int, rounds: int) -> list[str]:
 
 
 def trained_apart(n: int, width: int, height: int, rounds: int) -> float:
-    """Difference of the losses at the end of one training on the card and on the CPU, per loss taken off there."""
+    """Measure the difference of the losses at the end of one training on the card and on the CPU, per loss taken off
+    there."""
     first, last = zip(*(_train(n, width, height, rounds, name) for name in ("cpu", "cuda")), strict=True)
     return abs(last[0] - last[1]) / max(first[0] - last[0], 1e-12)
 

@@ -47,14 +47,14 @@ class Training:
 
 
 def far(a: Tensor, b: Tensor) -> float:
-    """Difference of two tensors, nearly its largest, relative to the largest value of the first."""
+    """Measure the difference of two tensors, nearly its largest, relative to the largest value of the first."""
     difference = (a.detach().cpu() - b.detach().cpu()).abs().flatten()
     rank = max(1, int(_QUANTILE * len(difference)))
     return float(difference.kthvalue(rank).values / a.detach().abs().max().clamp_min(1e-12).cpu())
 
 
 def compare(n: int, width: int, height: int) -> dict[str, float]:
-    """Differences of a forward and backward pass on the card from the same on the CPU."""
+    """Measure the differences of a forward and backward pass on the card from the same on the CPU."""
     found: dict[str, float] = {}
     sides = [Training(n, width, height, torch.device(name)) for name in ("cpu", "cuda")]
     passes = [side.forward(wait=True) for side in sides]
@@ -75,7 +75,7 @@ def compare(n: int, width: int, height: int) -> dict[str, float]:
 
 
 def same_training(n: int, width: int, height: int) -> bool:
-    """Does the card train the same field twice, with the same iterations lost for want of room?"""
+    """Tell whether the card trains the same field twice, with the same iterations lost for want of room."""
     room, found, lost = rasterizer_on("cuda").capacity, [], []
     for _ in range(2):
         room.restore()

@@ -77,7 +77,7 @@ def dense_points(
 def _agreed(
     index: int, depths: Depths, scene: Scene
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
-    """The points of one view whose depth at least one neighbour confirms, with colours and the view's centre."""
+    """Return the points of one view whose depth at least one neighbour confirms, with colours and the view's centre."""
     photo = depths.photos[index]
     pixels, points = depths.points(index, photo.inside)
     height, width = photo.grey.shape
@@ -88,7 +88,7 @@ def _agreed(
 def _thin(
     points: NDArray[np.float64], colors: NDArray[np.uint8], towards: NDArray[np.float64], limit: int
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
-    """Means over cubes of the size that leaves about ``limit`` points; averaging also calms the noise."""
+    """Average over cubes of the size that leaves about ``limit`` points; this also calms the noise."""
     local = points - points.min(0)
     size = float(local.max()) / np.sqrt(limit) + 1e-4
     for _ in range(8):
@@ -107,7 +107,7 @@ def _thin(
 
 
 def _cubes(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:
-    """Number of the cube each point lies in."""
+    """Return the number of the cube each point lies in."""
     cell = np.floor(points / size).astype(np.int64)
     spans = cell.max(0) + 1
     return np.asarray((cell[:, 0] * spans[1] + cell[:, 1]) * spans[2] + cell[:, 2])

@@ -78,7 +78,7 @@ def _tensor(array: NDArray[np.float64]) -> torch.Tensor:
 def _normals(
     points: NDArray[np.float64], index: NDArray[np.int64], towards: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Direction of least spread among each point's neighbours, facing ``towards``; [N, 3] unit vectors."""
+    """Return the direction of least spread among each point's neighbours, facing ``towards``; [N, 3] unit vectors."""
     normals = principal_normals(points, index)
     flip = np.einsum("ni,ni->n", normals, towards - points) < 0
     normals[flip] *= -1
@@ -86,7 +86,7 @@ def _normals(
 
 
 def _quaternion_to(normals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit quaternions (w, x, y, z) that turn the z axis onto each normal; [N, 4]."""
+    """Return unit quaternions (w, x, y, z) that turn the z axis onto each normal; [N, 4]."""
     half = np.array([0.0, 0.0, 1.0]) + normals
     length = np.linalg.norm(half, axis=1, keepdims=True)
     opposite = length[:, 0] < 1e-6

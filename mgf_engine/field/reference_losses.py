@@ -21,7 +21,7 @@ from mgf_engine.raster.reference_losses import normal_consistency, ssim_maps
 def total_loss(
     rendering: Rendering, target: Target, options: LossOptions, backdrop: Tensor, geometry: float
 ) -> LossTerms:
-    """Twin of :func:`mgf_engine.field.losses.total_loss`, in the type of ``rendering.color``."""
+    """Compute as :func:`mgf_engine.field.losses.total_loss` does, in the type of ``rendering.color``."""
     pixels = target.pixels(rendering.color.dtype)
     alpha = target.crop(rendering.alpha)
     color = target.crop(rendering.color) + (1.0 - alpha) * backdrop[:, None, None]
@@ -42,7 +42,7 @@ def total_loss(
 def _color_loss(
     color: Tensor, l1: Tensor, pixels: Pixels, label_weight: Tensor, elements: int, options: LossOptions
 ) -> Tensor:
-    """lambda_1 Loss_mlpm + lambda_2 Loss_boundary; a term switched off hands its weight to the plain eq. 16."""
+    """Compute lambda_1 Loss_mlpm + lambda_2 Loss_boundary; a term switched off hands its weight to the plain eq. 16."""
     multilevel = options.multilevel_lambda if options.multilevel_loss else 0.0
     boundary = options.boundary_lambda if options.boundary_loss else 0.0
     plain = options.multilevel_lambda + options.boundary_lambda - multilevel - boundary
@@ -97,7 +97,7 @@ class _Intrinsics:
 
 
 def _geometry_loss(rendering: Rendering, target: Target, pixels: Pixels, alpha: Tensor, options: LossOptions) -> Tensor:
-    """lambda_3 Loss_depth + lambda_4 Loss_normal (both from 2DGS), means over the mask."""
+    """Compute lambda_3 Loss_depth + lambda_4 Loss_normal (both from 2DGS), means over the mask."""
     assert rendering.distortion is not None and rendering.normal is not None
     distortion = (target.crop(rendering.distortion) * pixels.inside).sum() / pixels.inside.sum()
     loss = options.distortion_lambda * distortion

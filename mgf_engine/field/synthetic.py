@@ -13,7 +13,7 @@ from mgf_engine.raster.camera import Camera
 
 
 def building(n: int, seed: int = 0, size: float = 0.02) -> Gaussians:
-    """n flat Gaussians on the walls and roof of a box 2 wide, 1.4 deep and 2.6 high, and on the ground around it.
+    """Make n flat Gaussians on the walls and roof of a box 2 wide, 1.4 deep and 2.6 high, and on the ground around it.
 
     Args:
         size: typical scale along the surface.
@@ -52,7 +52,8 @@ def corner_view(width: int, height: int) -> Camera:
 
 
 def noise_target(camera: Camera, share: float = 1.0) -> Target:
-    """A photo of noise with three labels, building all over, the most work there is, or in this share in its middle."""
+    """Make a photo of noise with three labels, building all over, the most work there is, or in this share in its
+    middle."""
     photo = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
     labels = np.ones((camera.height, camera.width), np.uint8)
     labels[:, camera.width // 2 :] = 2

@@ -189,17 +189,17 @@ def margin_around(labels: NDArray[np.uint8], width: float, least_gap: float = 8.
 
 
 def _thick(mask: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
-    """The mask without what is narrower than twice the radius; its corners stay."""
+    """Return the mask without what is narrower than twice the radius; its corners stay."""
     return mask & (_distance(_distance(~mask) > radius) <= 1.5 * radius)
 
 
 def _distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Distance of every pixel to the mask, px; large where there is none."""
+    """Return the distance of every pixel to the mask, px; large where there is none."""
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
 
 
 def _band(inside: NDArray[np.bool_], labels: NDArray[np.uint8], width: int) -> NDArray[np.bool_]:
-    """Certain background at most ``width`` px from the building, and two px clear of its edge."""
+    """Return certain background at most ``width`` px from the building, and two px clear of its edge."""
     outside = (~inside).astype(np.uint8)
     distance = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
     return (labels == BACKGROUND) & (distance > 2.0) & (distance <= width)
@@ -222,7 +222,8 @@ def _tile_mask(counts: NDArray[np.bool_], box: tuple[int, int, int, int], camera
 
 
 def _consecutive(labels: NDArray[np.uint8], own: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], int]:
-    """Labels of the building: 1 where it is no element, its elements 2..n in their order, 0 outside; and n."""
+    """Renumber the labels of the building: 1 where it is no element, its elements 2..n in their order, 0 outside; and
+    n."""
     there = np.bincount(labels[own], minlength=256) > 0
     there[BUILDING] = True
     name = np.cumsum(there).astype(np.uint8)
@@ -232,7 +233,7 @@ def _consecutive(labels: NDArray[np.uint8], own: NDArray[np.bool_]) -> tuple[NDA
 def _label_weights(
     photo: NDArray[np.uint8], labels: NDArray[np.uint8], elements: int, count: int, limits: tuple[float, float]
 ) -> NDArray[np.float32]:
-    """Per mask, its area times delta_k (eq. 19); see :attr:`Target.label_weight`.
+    """Compute per mask its area times delta_k (eq. 19); see :attr:`Target.label_weight`.
 
     delta_k is the inverse of the mean gradient inside the eroded mask (so that the mask's own outline does not
     count), clipped, and scaled so that the weights sum to one.
@@ -256,7 +257,8 @@ def _label_weights(
 def _cores(
     labels: NDArray[np.uint8], magnitude: NDArray[np.float32], count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Per label 0..count its area, that of it without its outline, and the mean of ``magnitude`` over the latter."""
+    """Compute per label 0..count its area, that of it without its outline, and the mean of ``magnitude`` over the
+    latter."""
     kernel = np.ones((3, 3), np.uint8)
     core = (cv2.erode(labels, kernel) == labels) & (cv2.dilate(labels, kernel) == labels) & (labels > 0)
     area = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)

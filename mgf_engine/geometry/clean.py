@@ -18,7 +18,7 @@ SEEN_PIXELS = 3  # parts of which all views together see fewer pixels are droppe
 
 
 def face_areas(mesh: Mesh) -> NDArray[np.float64]:
-    """Areas [F]."""
+    """Compute the areas of the faces, [F]."""
 
     def some(start: int) -> NDArray[np.float64]:
         a, b, c = (mesh.vertices[mesh.faces[start : start + CHUNK, k]] for k in range(3))
@@ -74,7 +74,7 @@ def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
 
 
 def seen_parts(mesh: Mesh, seen: NDArray[np.integer], share: float) -> NDArray[np.bool_]:
-    """Faces of parts that the views see, bool [F]; not bubbles inside walls, nor far things that few masks let in.
+    """Find faces of parts that the views see, bool [F]; not bubbles inside walls, nor far things that few masks let in.
 
     Args:
         seen: pixels of all views together that see each face, [F].
@@ -89,7 +89,8 @@ def seen_parts(mesh: Mesh, seen: NDArray[np.integer], share: float) -> NDArray[n
 def unconfirmed_patches(
     mesh: Mesh, confirmed: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
-    """Faces without a confirmed vertex (bool [N]): their rows [K], the patch of each [K], and the patches' areas."""
+    """Find faces without a confirmed vertex (bool [N]): their rows [K], the patch of each [K], and the patches'
+    areas."""
     rows = np.flatnonzero(~confirmed[mesh.faces].any(1))
     patch = replace(mesh, faces=mesh.faces[rows])
     label = parts(patch)

@@ -35,7 +35,7 @@ Tetrahedra = NDArray[np.int32]
 
 @contextlib.contextmanager
 def begun(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]]:
-    """Begins :func:`delaunay` of points beside what is done inside; gives a function that waits for the result.
+    """Begin :func:`delaunay` of points beside what is done inside; gives a function that waits for the result.
 
     That function takes a check that is called while it waits, and may raise to cancel. Leaving ends the process. Where
     memory is short (:func:`mgf_engine.memory.fits_beside`) the work begins when its result is asked for.
@@ -86,7 +86,7 @@ def _started(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahed
 
 
 def _talk(process: subprocess.Popen[bytes], points: Points) -> bytes:
-    """Hands the points over; what the process then writes to stdout."""
+    """Hand the points over, and return what the process then writes to stdout."""
     assert process.stdin and process.stdout
     with contextlib.suppress(OSError):  # it is gone already: its code says why
         process.stdin.write(points.astype(np.float64).tobytes())
@@ -95,7 +95,7 @@ def _talk(process: subprocess.Popen[bytes], points: Points) -> bytes:
 
 
 def delaunay(points: Points, method: str = "tetgen") -> Tetrahedra:
-    """Delaunay tetrahedra [T, 4] of distinct points [M, 3], all of positive volume.
+    """Return Delaunay tetrahedra [T, 4] of distinct points [M, 3], all of positive volume.
 
     Args:
         method: "tetgen" (libigl; fast) or "qhull" (SciPy; permissive licence, about ten times slower).
@@ -161,7 +161,7 @@ def _tetgen(points: Points) -> Tetrahedra:
 
 
 def _positive(points: Points, tetrahedra: Tetrahedra) -> Tetrahedra:
-    """The tetrahedra that have a volume, turned so that it is positive."""
+    """Return the tetrahedra that have a volume, turned so that it is positive."""
     a, b, c, d = (points[tetrahedra[:, k]] for k in range(4))
     volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
     turned = tetrahedra.copy()

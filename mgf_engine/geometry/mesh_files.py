@@ -38,7 +38,7 @@ def in_scene(mesh: Mesh, to_normalised: Similarity) -> Mesh:
 
 
 def write_ply(mesh: Mesh, path: Path, comments: Sequence[str] = _SCENE_FRAME) -> None:
-    """Binary PLY with vertex colours and values; coordinates are double where float would round too coarsely.
+    """Write binary PLY with vertex colours and values; coordinates are double where float would round too coarsely.
 
     Args:
         comments: lines of the header that say what the coordinates are, ASCII.
@@ -120,7 +120,7 @@ def encode_jpeg(texture: Texture) -> bytes:
 
 
 def write_obj(mesh: Mesh, path: Path, texture: Texture | None = None, comments: Sequence[str] = _SCENE_FRAME) -> None:
-    """Wavefront OBJ with vertex colours (``v x y z r g b``), coordinates to the last digit that matters.
+    """Write Wavefront OBJ with vertex colours (``v x y z r g b``), coordinates to the last digit that matters.
 
     With a texture, an MTL file beside it names the texture's picture, which lies in the same folder.
 
@@ -158,7 +158,7 @@ def write_glb(
     extras: dict[str, Any] | None = None,
     picture: Path | None = None,
 ) -> None:
-    """Binary glTF; vertices around the mesh's centre, the centre as the translation of the node.
+    """Write Binary glTF; vertices around the mesh's centre, the centre as the translation of the node.
 
     Args:
         turn: rotation [3, 3] that the node adds, such as from z up to glTF's y up; None keeps the axes.
@@ -207,7 +207,8 @@ def textured(mesh: Mesh, texture: Texture, picture: Path) -> Any:
 
 
 def _as_encoded(path: Path) -> Any:
-    """A JPEG picture for trimesh that saves as the bytes of the file; Pillow would encode it again, and coarser."""
+    """Return a JPEG picture for trimesh that saves as the bytes of the file; Pillow would encode it again, and
+    coarser."""
     import io
 
     from PIL.JpegImagePlugin import JpegImageFile
@@ -229,7 +230,7 @@ def needs_double(vertices: NDArray[np.float64]) -> bool:
 
 
 def _digits(vertices: NDArray[np.float64]) -> int:
-    """Decimals that resolve a ten-millionth of the mesh's size."""
+    """Return decimals that resolve a ten-millionth of the mesh's size."""
     size = max(float(np.ptp(vertices, axis=0).max()), 1e-12) if len(vertices) else 1.0
     return int(np.clip(np.ceil(7 - np.log10(size)), 0, 15))
 

@@ -55,7 +55,7 @@ def render_mesh(mesh: Mesh, view: View, at: NDArray[np.float64] | None = None) -
 
 
 def seen_faces(faces: NDArray[np.int32], view: View, at: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Index of the face [F, 3] at each pixel, as in :func:`render_mesh`; ``at``: :func:`corners` of the vertices."""
+    """Find the face [F, 3] at each pixel, as in :func:`render_mesh`; ``at``: :func:`corners` of the vertices."""
     return _zbuffer(at, faces, view.height, view.width)[1]
 
 
@@ -86,7 +86,8 @@ def draw_triangles(at: NDArray[np.float64], height: int, width: int) -> NDArray[
 def _zbuffer(
     at: NDArray[np.float64], faces: NDArray[np.int32], height: int, width: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """1 / depth and face at each pixel, 0 and -1 where there is none, [H, W] each; ``at`` as :func:`corners` gives."""
+    """Draw 1 / depth and face at each pixel, 0 and -1 where there is none, [H, W] each; ``at`` as :func:`corners`
+    gives."""
     inverse, face = np.zeros((height, width), np.float32), np.full((height, width), -1, np.int32)
     if len(faces):
         faces = np.ascontiguousarray(faces, dtype=np.int32)
@@ -139,7 +140,8 @@ def shaded(
 def _from_side(
     x: NDArray[np.float32], y: NDArray[np.float32], z: NDArray[np.float32], facing: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Brightness in 0..1 of normals in the camera's frame by :data:`SIDE` and, weaker, by its mirror on the right."""
+    """Return brightness in 0..1 of normals in the camera's frame by :data:`SIDE` and, weaker, by its mirror on the
+    right."""
     outward = np.sign(facing)
     across = outward * x * np.float32(SIDE[0])
     rest = outward * (y * np.float32(SIDE[1]) + z * np.float32(SIDE[2]))

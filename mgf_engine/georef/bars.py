@@ -112,7 +112,7 @@ def measure_bars(
 
 
 def _scale(bars: Sequence[Bar], spans: np.ndarray, used: np.ndarray, outlier: float) -> tuple[float, np.ndarray]:
-    """The weighted mean of the ratios, without those far from their median (where there are three or more)."""
+    """Return the weighted mean of the ratios, without those far from their median (where there are three or more)."""
     ratios = np.array([bar.length for bar in bars]) / spans
     if used.sum() >= 3:
         middle = float(np.median(ratios[used]))

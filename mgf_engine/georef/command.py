@@ -89,7 +89,7 @@ def read_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _figures(fit: GeoreferenceFit) -> dict[str, str]:
-    """RMSE of control and check points, for the line under a progress bar."""
+    """Return RMSE of control and check points, for the line under a progress bar."""
     found = {}
     for role in (CONTROL, CHECK):
         rms = None if fit.control is None else fit.control.rms(role)
@@ -99,7 +99,8 @@ def _figures(fit: GeoreferenceFit) -> dict[str, str]:
 
 
 def _open(folder: Path, given: dict[str, Any]) -> tuple[Job, bool]:
-    """The job with new options, and whether control points would have moved its cameras, which are left alone."""
+    """Return the job with new options, and whether control points would have moved its cameras, which are left
+    alone."""
     job = Job.start(folder, given=given, resume=True)
     if job.done("scene") or not job.adjusts_to_control:
         return job, False

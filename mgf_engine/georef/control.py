@@ -148,13 +148,13 @@ def _point(table: Table, row: int, at: dict[str, int], accuracy: float) -> Point
 
 
 def _accuracy(table: Table, row: int, column: int | None) -> float | None:
-    """Metres; Metashape's ``0.01/0.02`` (horizontal/vertical) reads as its first."""
+    """Read metres; Metashape's ``0.01/0.02`` (horizontal/vertical) reads as its first."""
     found = number_in(table.text(row, column).split("/")[0])
     return found if found is not None and found > 0 else None
 
 
 def _crs_in(notes: list[str]) -> str:
-    """What a comment like Metashape's ``CoordinateSystem: …`` says."""
+    """Return what a comment like Metashape's ``CoordinateSystem: …`` says."""
     return next((n.split(":", 1)[1].strip() for n in notes if n.lower().startswith(("coordinatesystem:", "crs:"))), "")
 
 
@@ -185,7 +185,8 @@ def read_marks(path: Path, photos: Sequence[str]) -> tuple[tuple[Mark, ...], tup
 
 
 def _odm(path: Path, photos: Sequence[str], accuracy: float) -> Control | None:
-    """OpenDroneMap's list; None where the file is none: first the CRS, then east, north, height, x, y, photo, name."""
+    """Read OpenDroneMap's list; None where the file is none: first the CRS, then east, north, height, x, y, photo,
+    name."""
     lines = [line.strip() for line in read_text(path).splitlines()]
     lines = [line for line in lines if line and not line.startswith("#")]
     rows = [line.split() for line in lines[1:]]

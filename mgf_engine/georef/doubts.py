@@ -68,7 +68,7 @@ def _far_text(at: Array, projection: Projection, photos: Array, away: float) -> 
 
 
 def _siblings(name: str) -> list[str]:
-    """The same UTM zone of the other hemisphere, and the zones beside it."""
+    """Return the same UTM zone of the other hemisphere, and the zones beside it."""
     code = name.removeprefix("EPSG:")
     if not code.isdecimal():
         return []
@@ -82,7 +82,7 @@ def _siblings(name: str) -> list[str]:
 
 
 def _distance(at: Array, projection: Projection, photos: Array) -> float:
-    """Metres on the ground between the middles of points and photos; inf where the CRS has no such place."""
+    """Compute metres on the ground between the middles of points and photos; inf where the CRS has no such place."""
     middle = projection.places(np.median(at, axis=0)[None])[0]
     if not np.isfinite(middle).all():
         return float("inf")
@@ -123,7 +123,7 @@ def _wrong_mark_text(
 
 
 def _point_at(scene: Scene, mark: Mark, placed: dict[str, Placed], options: MarkOptions) -> str | None:
-    """The point that appears where a mark is."""
+    """Return the point that appears where a mark is."""
     view = scene.views[mark.view]
     best, nearest = None, float(outlier_limits([view], options)[0])
     for name, found in placed.items():

@@ -89,7 +89,7 @@ def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable
 def _marked(
     scene: Scene, options: GeoreferenceOptions, warn: Callable[[str], None]
 ) -> tuple[Control, dict[str, Placed], dict[str, str]]:
-    """The user's points, and marked points in the normalised frame."""
+    """Return the user's points, and marked points in the normalised frame."""
     names = [view.name for view in scene.views]
     marks = Path(options.marks) if options.marks else None
     if options.control:
@@ -175,7 +175,8 @@ def _by_gps(
     up: UpDirection,
     options: GeoreferenceOptions,
 ) -> tuple[GpsFit | str, Array]:
-    """Cameras on their GPS, and what was taken off easting and northing (with a CRS) or latitude and longitude."""
+    """Place cameras on their GPS, and return what was taken off easting and northing (with a CRS) or latitude and
+    longitude."""
     centres = np.array([v.centre for v, p in zip(scene.views, places, strict=True) if p is not None])
     middle = np.median(known, axis=0) * (1, 1, 0)
     if projection is None:
@@ -217,7 +218,7 @@ def _gps_fit(
 
 
 def _upright(scene: Scene, up: UpDirection, scale: float | None = None) -> Georeference:
-    """Only up is known, and the scale where it is given (metres per unit of the normalised frame)."""
+    """Georeference with up alone, and the scale where it is given (metres per unit of the normalised frame)."""
     frame = scene.to_normalised
     direction = frame.rotation.T @ up.vector  # in the scene frame
     turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], direction[None])[0].as_matrix()  # the smallest such rotation
@@ -253,7 +254,7 @@ def _with_bars(
 
 
 def _to_local(matrix: Array, to_normalised: Similarity) -> Array:
-    """Scene frame -> local frame, from normalised frame -> local frame."""
+    """Convert the similarity from the normalised frame into one from the scene frame, both to the local frame."""
     frame = matrix_of(to_normalised.scale, to_normalised.rotation, to_normalised.translation)
     found = matrix @ frame
     found[3] = (0, 0, 0, 1)

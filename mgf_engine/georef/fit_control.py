@@ -55,7 +55,8 @@ class ControlFit:
     rows: tuple[ControlRow, ...]
 
     def rms(self, role: str) -> Array | None:
-        """Root mean square residual of the points of a role, [3]; control points that were left out do not count."""
+        """Compute the root mean square residual of the points of a role, [3]; control points that were left out do not
+        count."""
         found = [r.residual for r in self.rows if r.point.role == role and np.isfinite(r.residual[0])]
         used = [r.residual for r in self.rows if r.used] if role == CONTROL else found
         return np.sqrt(np.square(used).mean(0)) if used else None
@@ -140,7 +141,7 @@ def control_rows(
 
 
 def _fit(source: Array, target: Array, sd: Array, options: ControlPointOptions) -> tuple[Array, NDArray[np.bool_]]:
-    """The similarity, and which points it explains, bool [N]; all False where it explains fewer than three."""
+    """Return the similarity, and which points it explains, bool [N]; all False where it explains fewer than three."""
     extent = float(np.linalg.norm(np.ptp(target, axis=0)))
     tolerance = np.maximum(options.outlier * np.sqrt((sd**2).sum(1)), options.tolerated * extent)
     good = consensus(source, target, tolerance)
@@ -157,7 +158,7 @@ def _upside_down(matrix: Array, up: Array | None) -> bool:
 def _misfit_text(
     source: Array, target: Array, sd: Array, points: Sequence[Point], up: Array | None, options: ControlPointOptions
 ) -> str:
-    """What is wrong with points that do not fit: swapped axes, heights, or marks and names."""
+    """Return what is wrong with points that do not fit: swapped axes, heights, or marks and names."""
     matrix, fits = _fit(source, target[:, [1, 0, 2]], sd, options)
     if 2 * fits.sum() > len(points) and not _upside_down(matrix, up):
         return "East and north of the control points seem swapped; exchange the two columns."

@@ -86,7 +86,7 @@ def _place(gps: dict[int, Any], xmp: dict[str, str], accuracy: tuple[float, floa
 
 
 def _up(xmp: dict[str, str]) -> tuple[float, float, float] | None:
-    """From pitch (0 level, -90 straight down) and roll of DJI's gimbal."""
+    """Return "up" from pitch (0 level, -90 straight down) and roll of DJI's gimbal."""
     pitch, roll = _number(xmp.get("GimbalPitchDegree")), _number(xmp.get("GimbalRollDegree"))
     if pitch is None or roll is None:
         return None
@@ -95,7 +95,8 @@ def _up(xmp: dict[str, str]) -> tuple[float, float, float] | None:
 
 
 def read_xmp(packet: bytes | str) -> dict[str, str]:
-    """Properties of an XMP packet, local name -> text, from attributes and from elements; empty where it is damaged."""
+    """Read the properties of an XMP packet, local name -> text, from attributes and from elements; empty where it is
+    damaged."""
     text = packet.decode("utf-8", "replace") if isinstance(packet, bytes) else packet
     if "<!" in text:  # no XMP has a document type, and nothing else should be expanded here
         return {}
@@ -117,7 +118,7 @@ def _local(name: str) -> str:
 
 
 def _degrees(parts: Any, reference: Any, negative: str) -> float | None:
-    """Degrees, minutes and seconds of EXIF as one signed number."""
+    """Convert degrees, minutes and seconds of EXIF to one signed number."""
     try:
         degrees, minutes, seconds = ([float(part) for part in parts] + [0.0, 0.0])[:3]
     except (TypeError, ValueError, ZeroDivisionError):
@@ -146,6 +147,6 @@ def _first(*values: float | None) -> float | None:
 
 
 def _possible(place: Place) -> bool:
-    """Receivers without a fix write zeros."""
+    """Tell whether a position can be one: receivers without a fix write zeros."""
     known = abs(place.latitude) <= 90 and abs(place.longitude) <= 180 and abs(place.height) < 20_000
     return known and (abs(place.latitude) > 1e-9 or abs(place.longitude) > 1e-9)

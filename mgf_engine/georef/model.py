@@ -135,7 +135,7 @@ def read_georeference(folder: Path) -> Georeference:
 
 
 def _checked(data: dict[str, Any]) -> Georeference:
-    """The georeference of a file's contents; ValueError, KeyError or TypeError where they are none."""
+    """Read the georeference of a file's contents; ValueError, KeyError or TypeError where they are none."""
     matrix = np.array(data["to_local"], np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or matrix[3].tolist() != [0, 0, 0, 1]:
         raise ValueError("to_local is no similarity")

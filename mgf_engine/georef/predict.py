@@ -105,7 +105,7 @@ def known_places(
 
 
 def _by_georeference(at: Array, georeference: Georeference, crs: str) -> Array | None:
-    """Coordinates of a CRS [N, 3] in the scene frame; None where the job knows nothing of where it is."""
+    """Convert the coordinates of a CRS [N, 3] into the scene frame; None where the job knows nothing of where it is."""
     if not georeference.metric or not georeference.north_known or not len(at):
         return None
     if georeference.crs is not None and crs in ("", georeference.crs):
@@ -121,7 +121,8 @@ def _by_georeference(at: Array, georeference: Georeference, crs: str) -> Array |
 
 
 def _entry(scene: Scene, point: Point, placed: Placed | None, known: tuple[Array, str, float] | None) -> dict[str, Any]:
-    """A point as the file has it: photos that should show it, with x, y and the radius to look within, in pixels."""
+    """Return a point as the file has it: photos that should show it, with x, y and the radius to look within, in
+    pixels."""
     photos = {}
     if known is not None:
         place, _, off = known
@@ -138,6 +139,6 @@ def _entry(scene: Scene, point: Point, placed: Placed | None, known: tuple[Array
 
 
 def _radius(view: View, place: Array, off: float) -> float:
-    """Pixels of the photo as taken that ``off`` covers at a place."""
+    """Return the pixels of the photo as taken that ``off`` covers at a place."""
     distance = max(float(np.linalg.norm(place - view.centre)), 1e-12)
     return max(_LEAST_RADIUS, off / distance * view.fx * view.original_width / view.width)

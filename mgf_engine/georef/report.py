@@ -131,7 +131,8 @@ def _figures_of(row: ControlRow) -> dict[str, Any]:
 
 
 def _picture(fit: GeoreferenceFit, scene: Scene) -> str:
-    """Plan with cameras, points and residuals as arrows, and the residuals in height; empty where there are none."""
+    """Draw a plan with cameras, points and residuals as arrows, and the residuals in height; empty where there are
+    none."""
     if fit.control is None and fit.gps is None:
         return ""
     import matplotlib
@@ -184,7 +185,7 @@ def _places(rows: list[ControlRow], offset: tuple[float, float, float]) -> NDArr
 def _arrows(
     axes: Any, at: NDArray[np.float64], residuals: NDArray[np.float64], colour: str, label: str, factor: int, unit: str
 ) -> None:
-    """Points with their residuals, the longest an eighth of the plan's extent; the label says how long that is."""
+    """Draw points with their residuals, the longest an eighth of the plan's extent; the label says how long that is."""
     longest = float(np.linalg.norm(residuals[:, :2], axis=1).max()) or 1e-9
     extent = float(np.ptp(at[:, :2], axis=0).max()) or 1.0
     grown = residuals[:, :2] * (extent / 8 / longest)

@@ -52,7 +52,8 @@ def applied(matrix: Array, points: Array) -> Array:
 
 
 def straightness(points: Array) -> float:
-    """Second spread of points [N, 3] as a share of their first: 0 on a line; 0 as well where they are one point."""
+    """Measure the second spread of points [N, 3] as a share of their first: 0 on a line; 0 as well where they are one
+    point."""
     spreads = np.linalg.svd(points - points.mean(0), compute_uv=False)
     return float(spreads[1] / spreads[0]) if len(spreads) > 1 and spreads[0] > 0 else 0.0
 

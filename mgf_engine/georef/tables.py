@@ -106,7 +106,7 @@ def number_in(text: str) -> float | None:
 
 
 def _separator(lines: list[str]) -> str:
-    """What parts the fields: the strictest sign that most lines hold."""
+    """Return what parts the fields: the strictest sign that most lines hold."""
     for sign in (";", "\t", ","):
         if lines and sum(sign in line for line in lines) > len(lines) / 2:
             return sign
@@ -119,7 +119,7 @@ def _fields(text: str, separator: str) -> list[str]:
 
 
 def _heading(fields: list[str], names: Mapping[str, tuple[str, ...]]) -> dict[str, int]:
-    """Column -> position, by what the heading's fields are called; the first that fits."""
+    """Return column -> position, by what the heading's fields are called; the first that fits."""
     found: dict[str, int] = {}
     for position, field in enumerate(fields):
         plain = re.sub(r"[^a-z0-9/]", "", field.lower())

@@ -26,7 +26,7 @@ def boundaries(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def weights(labels: NDArray[np.uint8], w_edge: float) -> NDArray[np.float32]:
-    """w(u, v) of eq. 12: ``w_edge`` on the building's boundaries, 1 elsewhere on it, 0 outside.
+    """Return w(u, v) of eq. 12: ``w_edge`` on the building's boundaries, 1 elsewhere on it, 0 outside.
 
     Args:
         labels: [H, W], see :mod:`mgf_engine.model.masks`.

@@ -34,7 +34,7 @@ class MaskedMean:
 
 
 def masked_mean(colours: NDArray[np.float32], where: NDArray[np.bool_], sigma: float) -> MaskedMean:
-    """Gaussian mean of the colours of some pixels around every pixel.
+    """Compute the Gaussian mean of the colours of some pixels around every pixel.
 
     Args:
         colours: float32 [H, W, 3].
@@ -52,7 +52,8 @@ def masked_mean(colours: NDArray[np.float32], where: NDArray[np.bool_], sigma: f
 
 
 def _blurred(values: NDArray[Any], size: tuple[int, int], sigma: float) -> NDArray[np.float32]:
-    """Values of all pixels, blurred, on a photo reduced to another width and height; ``sigma`` is in whole pixels."""
+    """Return the values of all pixels, blurred, on a photo reduced to another width and height; ``sigma`` is in whole
+    pixels."""
     height, width = values.shape[:2]
     small = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
     # Mirrored at the frame itself, which is where the whole photo is mirrored but for half a pixel.
@@ -66,7 +67,8 @@ def enlarge(values: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.f
 
 
 def distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Euclidean distance of the colours of two pictures, pixel by pixel; float32 [H, W, 3] each -> [H, W]."""
+    """Compute the Euclidean distance of the colours of two pictures, pixel by pixel; float32 [H, W, 3] each ->
+    [H, W]."""
     away = cv2.subtract(first, second)
     squares = cv2.transform(cv2.multiply(away, away), np.ones((1, 3), np.float32))
     return np.asarray(cv2.sqrt(squares), np.float32)
@@ -80,12 +82,12 @@ def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
 
 
 def shrink(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
-    """Pixels of the mask farther than a radius from all others, [H, W]: erosion with a disc; the frame is no edge."""
+    """Erode with a disc: the pixels of the mask farther than a radius from all others, [H, W]; the frame is no edge."""
     if mask.all():
         return np.ones_like(mask)
     return np.asarray(_distance(mask) > radius + RIM, bool)
 
 
 def _distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Distance of the mask's pixels to the nearest other pixel."""
+    """Return the distance of the mask's pixels to the nearest other pixel."""
     return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5), np.float32)

@@ -159,7 +159,7 @@ def good_fields(
 
 
 def _around(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, slice]:
-    """The box that holds the building and a margin."""
+    """Return the box that holds the building and a margin."""
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     return (
         slice(max(0, int(rows[0]) - options.margin), int(rows[-1]) + 1 + options.margin),
@@ -170,7 +170,7 @@ def _around(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, sli
 def sam_elements(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam, options: PartOptions = PartOptions()
 ) -> list[NDArray[np.bool_]]:
-    """Masks from a grid of single points: good by the model's own word, stable, of a sensible size, not twice."""
+    """Segment by a grid of single points: masks good by the model's own word, stable, of a sensible size, not twice."""
     embedding = sam.embed(photo)
     ys, xs = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     step = max(4.0, max(ys[-1] - ys[0], xs[-1] - xs[0]) / options.grid)
@@ -198,7 +198,7 @@ def sam_elements(
 def tie_parts(
     scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[int, str]], options: PartOptions = PartOptions()
 ) -> list[Part]:
-    """Scene-wide parts: elements of different photos that show the same sparse points.
+    """Tie elements of different photos that show the same sparse points into scene-wide parts.
 
     Args:
         labels: label maps of all views.
@@ -222,7 +222,7 @@ def tie_parts(
 
 
 def _links(scene: Scene, node: NDArray[np.int64], options: PartOptions) -> list[tuple[int, int]]:
-    """Pairs of elements of two photos that share enough points.
+    """Return the pairs of elements of two photos that share enough points.
 
     ``shared`` counts the points two elements both hold, ``seen`` those of an element that another photo sees at all.
     """
@@ -243,7 +243,7 @@ def _links(scene: Scene, node: NDArray[np.int64], options: PartOptions) -> list[
 
 
 def _same_name(names: list[dict[int, str]]) -> list[list[int]]:
-    """Elements the user gave the same name, which are one part."""
+    """Return elements the user gave the same name, which are one part."""
     groups: dict[str, list[int]] = {}
     for view, named in enumerate(names):
         for label, name in named.items():
@@ -283,7 +283,7 @@ def _clicked(
     points: Points, fields: NDArray[np.int32], inside: NDArray[np.bool_], photo: NDArray[np.uint8],
     sam: EfficientSam | None, options: PartOptions,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """The element under the user's clicks: the colour fields they hit, or the model's smallest good answer."""
+    """Return the element under the user's clicks: the colour fields they hit, or the model's smallest good answer."""
     if not len(points):
         return np.zeros(inside.shape, bool)
     y, x = pixel_at(inside.shape, points)
@@ -301,12 +301,12 @@ def _clicked(
 
 
 def _boxes(fields: NDArray[np.int32]) -> dict[int, tuple[slice, slice]]:
-    """Bounding boxes of the values from 0 up."""
+    """Return bounding boxes of the values from 0 up."""
     return {value: box for value, box in enumerate(find_objects(fields + 1)) if box is not None}
 
 
 def _renumber(labels: NDArray[np.uint8], names: dict[int, str]) -> tuple[NDArray[np.uint8], dict[int, str]]:
-    """Consecutive element ids after drawing over each other."""
+    """Renumber element ids, without gaps after drawing over each other."""
     table = np.arange(256, dtype=np.uint8)
     used = [int(v) for v in np.flatnonzero(np.bincount(labels.ravel())) if FIRST_ELEMENT <= v <= LAST_ELEMENT]
     for new, old in enumerate(used, FIRST_ELEMENT):

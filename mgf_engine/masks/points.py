@@ -157,7 +157,8 @@ def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[
 def _cast(
     labels: NDArray[np.uint8], uv: NDArray[np.floating], rows: NDArray[np.int64], dilation: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of the rows seen at uv, those one view votes for and against; ignored pixels outside the grown mask abstain."""
+    """Tell which of the rows seen at uv one view votes for and against; ignored pixels outside the grown mask
+    abstain."""
     if not len(rows):
         return rows, rows
     mask = building(labels)

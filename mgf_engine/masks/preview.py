@@ -119,7 +119,7 @@ def one_view(source: Path, name: str, config: Config) -> tuple[Scene, NDArray[np
 
 
 def _match(name: str, names: list[str], source: Path) -> str:
-    """The photo meant: by its full name, its file name, or either without regard to case."""
+    """Find the photo meant: by its full name, its file name, or either without regard to case."""
     wanted = name.replace("\\", "/")
     for key in (lambda n: n, lambda n: PurePosixPath(n).name, lambda n: PurePosixPath(n).name.casefold()):
         found = [n for n in names if key(n.replace("\\", "/")) == key(wanted)]
@@ -130,7 +130,7 @@ def _match(name: str, names: list[str], source: Path) -> str:
 
 
 def _only(model: SparseModel, image: SparseImage) -> SparseModel:
-    """The model less all other photos and the points this one did not observe."""
+    """Strip the model of all other photos and the points this one did not observe."""
     points = model.points
     mine = np.flatnonzero(points.image_ids == image.id)
     owner = np.repeat(np.arange(len(points.ids)), np.diff(points.start))[mine]
@@ -143,7 +143,7 @@ def _only(model: SparseModel, image: SparseImage) -> SparseModel:
 
 
 def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArray[np.uint8]]:
-    """A folder of photos that no model places yet: the photo as it is stored, no points."""
+    """Take a folder of photos that no model places yet: the photo as it is stored, no points."""
     photo = read_rgb(root / name)
     height, width = photo.shape[:2]
     scale = min(1.0, config.resolution / max(width, height))
@@ -187,7 +187,7 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
 
 
 def _in_original(mask: NDArray[np.bool_], view: View, resolution: int) -> NDArray[np.bool_]:
-    """A working mask in the frame of the user's photo, reduced to at most ``resolution`` pixels on a side."""
+    """Return a working mask in the frame of the user's photo, reduced to at most ``resolution`` pixels on a side."""
     scale = min(1.0, resolution / max(view.original_width, view.original_height))
     w, h = max(1, round(view.original_width * scale)), max(1, round(view.original_height * scale))
     if view.lens is None:

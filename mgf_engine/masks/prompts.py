@@ -171,7 +171,7 @@ def _is_unplaced(name: str, scene: Scene) -> bool:
 
 
 def _find_view(name: str, scene: Scene, path: Path) -> int:
-    """A photo by its exact name, its file name, or either without regard to case or extension."""
+    """Find a photo by its exact name, its file name, or either without regard to case or extension."""
     found = named_like(name, [view.name for view in scene.views])
     if len(found) == 1:
         return found[0]

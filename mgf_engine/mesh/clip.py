@@ -43,13 +43,13 @@ def _clip_one(mesh: Mesh, plane: NDArray[np.float64]) -> Mesh:
 
 
 def _turned(faces: NDArray[np.int32], lone: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Faces [F, 3] turned so that the one corner of which ``lone`` holds comes first; the orientation stays."""
+    """Return faces [F, 3] turned so that the one corner of which ``lone`` holds comes first; the orientation stays."""
     first = np.argmax(lone[faces], axis=1)
     return faces[np.arange(len(faces))[:, None], (first[:, None] + np.arange(3)) % 3]
 
 
 def _with_cuts(mesh: Mesh, side: NDArray[np.float64], cut: NDArray[np.int32]) -> tuple[Mesh, NDArray[np.int64]]:
-    """The mesh with a vertex where each edge of ``cut`` [C, 2] meets the plane, and the index of each, [C].
+    """Return the mesh with a vertex where each edge of ``cut`` [C, 2] meets the plane, and the index of each, [C].
 
     Colours are those between the ends, values those of the nearer end (they may be counts or labels).
     """

@@ -90,7 +90,7 @@ def _samples(
     inside: NDArray[np.bool_],
     least_facing: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
-    """Vertices that a view sees, how well, and the colour it sees there."""
+    """Return vertices that a view sees, how well, and the colour it sees there."""
     at = corners(mesh.vertices, view)
     # the largest depth around the pixel: a vertex on a rim must not be hidden by its own neighbours
     farthest = cv2.dilate(render_mesh(mesh, view, at).depth, np.ones((3, 3), np.uint8))
@@ -127,7 +127,7 @@ def _blend(weight: NDArray[np.float32], shown: NDArray[np.uint8], outlier: float
 
 
 def _fill(mesh: Mesh, colors: NDArray[np.uint8], known: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Vertices that no photo sees take the colour of the nearest one that is seen."""
+    """Give vertices that no photo sees the colour of the nearest one that is seen."""
     if known.all():
         return colors
     if not known.any():

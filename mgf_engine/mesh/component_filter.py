@@ -68,7 +68,7 @@ def faces_near_clicks(
 
 
 def _met(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:
-    """The faces that clicks [K, 2] in a view meet, at most [K]."""
+    """Return the faces that clicks [K, 2] in a view meet, at most [K]."""
     face = render_mesh(mesh, view).face
     met = face[pixel_at(face.shape, clicks)]
     return met[met >= 0]

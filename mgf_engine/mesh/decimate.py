@@ -54,7 +54,7 @@ def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
 def _faced(
     vertices: NDArray[np.float64], normals: NDArray[np.float64], centres: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Vertices [N, 3] that look towards a camera, [N, 3]."""
+    """Return vertices [N, 3] that look towards a camera, [N, 3]."""
     towards: NDArray[np.bool_] = ((centres - vertices) * normals).sum(1) > 0
     return towards
 
@@ -110,7 +110,7 @@ def reduce_faces(
 
 
 def slabs(order: NDArray[np.int32], number: int, shifted: bool = False) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Slices of as many vertices each; shifted, their borders lie in the middle of the others'.
+    """Return the slices of as many vertices each; shifted, their borders lie in the middle of the others'.
 
     Args:
         order: int32 [N], the vertices along the axis that is cut.
@@ -180,7 +180,7 @@ def _sweep(
 
 
 def _nearest_values(mesh: Mesh, vertices: NDArray[np.float64]) -> dict[str, NDArray[np.generic]]:
-    """The values of the given mesh's vertices that lie nearest."""
+    """Return the values of the given mesh's vertices that lie nearest."""
     if not mesh.values:
         return {}
     nearest = cKDTree(mesh.vertices).query(vertices)[1]

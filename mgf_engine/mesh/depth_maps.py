@@ -97,7 +97,8 @@ def _views_with_neighbours(
     device: torch.device,
     prior: Known | None,
 ) -> Iterator[_Asked]:
-    """Each view with its neighbours; a surface is kept only as long as a view still to come is matched with it."""
+    """Yield each view with its neighbours; a surface is kept only as long as a view still to come is matched with
+    it."""
     wanted = [(number, *near[number]) for number in range(len(masks))]
     in_order = [k for numbers in wanted for k in numbers]
     left = np.bincount(in_order, minlength=len(masks))
@@ -120,7 +121,7 @@ def _views_with_neighbours(
 
 
 def _match(asked: _Asked, options: FusionOptions) -> DepthMap:
-    """The depth map of one view."""
+    """Return the depth map of one view."""
     surface, *others = asked.surfaces
     found = match_surface(surface, others, options.match) if others else without_match(surface)
     if asked.prior:
@@ -173,7 +174,7 @@ def depth_map(
 
 
 def _spans(inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """In each row the pixels from the first to the last that is inside or beside one that is.
+    """Mark, in each row, the pixels from the first to the last that is inside or beside one that is.
 
     Returns:
         Where pixel 0 of each row would lie in a list of those pixels, int64 [H]; and which they are, bool [H, W].
@@ -196,7 +197,7 @@ def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32], mixed
 
 
 def _rim(depth: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
-    """Pixels next to a jump in depth, where the surface seen is uncertain."""
+    """Return pixels next to a jump in depth, where the surface seen is uncertain."""
     kernel = np.ones((3, 3), np.uint8)
     spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * jump * depth
     return spread

@@ -93,12 +93,12 @@ def smooth_map(
 
 
 def _inverse(values: Array) -> Array:
-    """1 / x where x > 0, else 0, float32."""
+    """Return 1 / x where x > 0, else 0, float32."""
     return np.divide(1, values, out=np.zeros(values.shape, np.float32), where=values > 0)
 
 
 def _joined(inside: NDArray[np.bool_], inverse: Array, jump: float, axis: int) -> NDArray[np.bool_]:
-    """Whether three pixels in a column (axis 0) or a row (1) show one surface; shorter by two along that axis."""
+    """Tell whether three pixels in a column (axis 0) or a row (1) show one surface; shorter by two along that axis."""
     i, v = (inside, inverse) if axis == 0 else (inside.T, inverse.T)
     joined = i[:-2] & i[1:-1] & i[2:] & (np.abs(v[:-2] - 2 * v[1:-1] + v[2:]) < jump)
     return joined if axis == 0 else joined.T

@@ -306,7 +306,7 @@ def extract_level_set(
 
 
 def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Edges longer than the extents of both their Gaussians together: nothing is known along them, bool [E]."""
+    """Return edges longer than the extents of both their Gaussians together: nothing is known along them, bool [E]."""
     length = np.linalg.norm(spanned.points[edges[:, 0]] - spanned.points[edges[:, 1]], axis=1)
     too_long: NDArray[np.bool_] = length > spanned.extent[edges].sum(1)
     return too_long

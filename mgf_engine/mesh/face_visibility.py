@@ -67,7 +67,7 @@ class PixelCounts:
 
 
 def count_pixels(mesh: Mesh, views: Sequence[View], labels: Labels | None = None) -> PixelCounts:
-    """Draws the mesh into every view and counts.
+    """Draw the mesh into every view and count the pixels of each face.
 
     Args:
         views: normalised frame.
@@ -120,7 +120,7 @@ def _counted(
     labels: Labels | None,
     show: Callable[[int, NDArray[np.float64]], tuple[NDArray[np.int32], Picture]],
 ) -> PixelCounts:
-    """The pictures, and how many pixels see each face.
+    """Return the pictures, and how many pixels see each face.
 
     Args:
         show: (number of a view, corners of the mesh there) -> face that each pixel to be counted sees, int32 [H, W],

@@ -15,7 +15,7 @@ from mgf_engine.model.mesh import Mesh
 
 
 def boundary_loops(mesh: Mesh) -> list[NDArray[np.int32]]:
-    """Closed loops of vertices along open edges, each in the direction of its faces."""
+    """Walk the closed loops of vertices along open edges, each in the direction of its faces."""
     start, end = open_edges(mesh)
     following: dict[int, list[int]] = {}
     for a, b in zip(start.tolist(), end.tolist(), strict=True):
@@ -63,7 +63,7 @@ def _rim_length(mesh: Mesh, loop: NDArray[np.int32]) -> float:
 
 
 def _with_fans(mesh: Mesh, loops: list[NDArray[np.int32]]) -> Mesh:
-    """The mesh with each loop closed; three vertices by one face, more by a fan around a new vertex."""
+    """Return the mesh with each loop closed; three vertices by one face, more by a fan around a new vertex."""
     fans = [loop for loop in loops if len(loop) > 3]
     faces: list[NDArray[Any]] = [mesh.faces]
     origin: list[NDArray[Any]] = [np.arange(len(mesh.vertices))]
@@ -88,7 +88,7 @@ def cap_rims(mesh: Mesh) -> Mesh:
 
 
 def _ears(rim: NDArray[np.float64], loop: NDArray[np.int32], known: set[int]) -> NDArray[np.int32]:
-    """Triangles over a rim [n, 3], facing away from the faces that border it; ears with the best angle go first.
+    """Return triangles over a rim [n, 3], facing away from the faces that border it; ears with the best angle go first.
 
     Args:
         known: keys of the edges the mesh has (:func:`mgf_engine.geometry.clean.edges`): a chord along one of
@@ -120,7 +120,7 @@ def _ears(rim: NDArray[np.float64], loop: NDArray[np.int32], known: set[int]) ->
 
 
 def _covers(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], p: NDArray[np.float64]) -> bool:
-    """Whether a point of p [n, 2] lies inside the counter-clockwise triangle."""
+    """Tell whether a point of p [n, 2] lies inside the counter-clockwise triangle."""
     inside = (_cross2(b - a, p - a) > 0) & (_cross2(c - b, p - b) > 0) & (_cross2(a - c, p - c) > 0)
     return bool(inside.any())
 

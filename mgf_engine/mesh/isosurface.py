@@ -37,7 +37,7 @@ class Crossing:
 
 
 def _even_orders() -> NDArray[np.int64]:
-    """For each pattern of solid corners (bit i: corner i), an even permutation with the solid corners first."""
+    """Return, for each pattern of solid corners (bit i: corner i), an even permutation with the solid corners first."""
     table = np.zeros((16, 4), np.int64)
     for code in range(16):
         solid = [i for i in range(4) if code >> i & 1]
@@ -79,7 +79,7 @@ def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArr
 
 
 def _cut(quads: NDArray[np.int32], points: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Two triangles per quadrilateral of edges [Q, 4, 2] -> [2 Q, 3, 2]."""
+    """Cut each quadrilateral of edges into two triangles, [Q, 4, 2] -> [2 Q, 3, 2]."""
     middle = points[quads].mean(2)
     first = np.linalg.norm(middle[:, 0] - middle[:, 2], axis=1)
     turn = first > np.linalg.norm(middle[:, 1] - middle[:, 3], axis=1)
@@ -110,7 +110,7 @@ def find_level(
     signed: Callable[[NDArray[np.float64], float], NDArray[np.floating]],
     steps: int,
 ) -> NDArray[np.float64]:
-    """Points on the segments solid-free [E, 3] where the sign changes.
+    """Find the points on the segments solid-free [E, 3] where the sign changes.
 
     Where the distance is known at both ends of what is left of a segment the next point tried is where a line between
     them crosses zero (an end that stays twice counts half: the Illinois rule), else the middle.
@@ -141,7 +141,8 @@ def find_level(
 
 
 def _next(end: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The place to try between two ends [n, 2] with values of opposite sign, infinite where only the sign is known."""
+    """Return the place to try between two ends [n, 2] with values of opposite sign, infinite where only the sign is
+    known."""
     known = np.isfinite(value).all(1)
     low, high = np.where(known, value.T, [[-1.0], [1.0]])
     share = np.clip(low / (low - high), LEAST_STEP, 1 - LEAST_STEP)

@@ -67,7 +67,7 @@ def fill_low_confidence(
 
 
 def _spanned(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64]) -> NDArray[np.float64]:
-    """All vertices, those moved where each is the mean of its neighbours, [N, 3]."""
+    """Return all vertices with the moved ones where each is the mean of its neighbours, [N, 3]."""
     vertices = mesh.vertices.astype(np.float64)
     if len(moved):
         rest = np.setdiff1d(np.arange(len(vertices)), moved)
@@ -83,7 +83,7 @@ def _dents_and_bags(
     label: NDArray[np.int32],
     o: LowConfidenceFillOptions,
 ) -> NDArray[np.bool_]:
-    """Which of the moved vertices, [M], are of patches that gain volume when spanned or shrink to a fraction."""
+    """Return which of the moved vertices, [M], are of patches that gain volume when spanned or shrink to a fraction."""
     patch = np.full(len(spanned), -1)
     patch[moved] = label
     of_face = patch[mesh.faces].max(1)  # the vertices of a face are of one patch or of none
@@ -102,7 +102,8 @@ def _dents_and_bags(
 
 
 def _first_there(vertices: NDArray[np.float64], moved: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The vertex that stands for each, [N]: for moved ones the first at the same place, for others they themselves."""
+    """Return the vertex that stands for each, [N]: for moved ones the first at the same place, for others they
+    themselves."""
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     place = np.round(vertices / (TOGETHER * size)).astype(np.int64)
     _, index, where = np.unique(place, axis=0, return_index=True, return_inverse=True)
@@ -112,7 +113,8 @@ def _first_there(vertices: NDArray[np.float64], moved: NDArray[np.int64]) -> NDA
 
 
 def _merged(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Faces between the vertices that stand for theirs, once each; which vertices [N] are at an edge of three faces."""
+    """Return faces between the vertices that stand for theirs, once each; which vertices [N] are at an edge of three
+    faces."""
     merged = first[faces]
     proper = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 2] != merged[:, 0])
     merged = merged[proper]
@@ -125,7 +127,7 @@ def _merged(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple[NDArray
 
 
 def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
-    """Which vertices an edge joins: 1 or 0, [N, N]."""
+    """Return which vertices an edge joins: 1 or 0, [N, N]."""
     count = len(mesh.vertices)
     first, second = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
     joined = sparse.coo_matrix((np.ones(len(first)), (first, second)), (count, count)).tocsr()
@@ -137,7 +139,7 @@ def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
 def _of_patches(
     mesh: Mesh, neighbours: sparse.csr_matrix, loose: NDArray[np.int64], o: LowConfidenceFillOptions
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Those of these vertices whose patch is small and held by a rim, [M], and which patch that is, [M]."""
+    """Return those of these vertices whose patch is small and held by a rim, [M], and which patch that is, [M]."""
     count, label = connected_components(neighbours[loose][:, loose], directed=False)
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, label, mesh.vertices[loose])

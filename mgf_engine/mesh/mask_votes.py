@@ -62,7 +62,7 @@ def cut_background(
 
 
 def _shared(mesh: Mesh, count: NDArray[np.int32], o: MaskVoteOptions) -> NDArray[np.float64]:
-    """Votes [F] averaged with those of the faces around."""
+    """Return votes [F] averaged with those of the faces around."""
     around = np.maximum(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)), 1)
     votes = count.astype(np.float64)
     for _ in range(o.spread):

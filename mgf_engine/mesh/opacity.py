@@ -74,7 +74,7 @@ class OpacityField:
         self._kernel = kernel.PointOpacity(gaussians)
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
-        """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]; only the sign of O - level is found out."""
+        """Classify points [N, 3] as FREE, SOLID or INVALID, uint8 [N]; only the sign of O - level is found out."""
         state = np.empty(len(points), np.uint8)
         for start in range(0, len(points), CHUNK):
             part = slice(start, min(start + CHUNK, len(points)))
@@ -100,7 +100,8 @@ class OpacityField:
         return state
 
     def signed(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.float32]:
-        """Minus infinity in what is solid, else plus infinity, [N]: eq. 25 bounds the opacity and stops there."""
+        """Return minus infinity in what is solid, else plus infinity, [N]: eq. 25 bounds the opacity and stops
+        there."""
         return np.where(self.classify(points, progress) == SOLID, -np.inf, np.inf).astype(np.float32)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
@@ -127,7 +128,8 @@ class OpacityField:
         return {**self.evidence.known(points), "confirmed": np.ones(len(points), bool)}
 
     def _seen(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """State of each point from where it falls in the masks alone, and how many views see it on the building."""
+        """Return the state of each point from where it falls in the masks alone, and how many views see it on the
+        building."""
         background, seen = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
         for view, mask in zip(self.views, self.masks, strict=True):
             verdict = kernel.locate(points, view, mask).verdict
@@ -141,7 +143,7 @@ class OpacityField:
 
 
 def _share_of(progress: Progress, part: slice, count: int) -> Progress:
-    """Progress of one part of ``count`` points as that of the whole."""
+    """Return the progress of one part of ``count`` points as that of the whole."""
     return lambda share: progress((part.start + share * (part.stop - part.start)) / count)
 
 

@@ -80,7 +80,7 @@ def write_parts(names: Sequence[str], face: NDArray[np.uint8], path: Path) -> No
 
 
 def _seen(mesh: Mesh, scene: Scene, index: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Vertices that a view shows, and the pixel (row, column) of each."""
+    """Return vertices that a view shows, and the pixel (row, column) of each."""
     view = scene.views[index]
     at = corners(mesh.vertices, view)
     surface = render_mesh(mesh, view, at).depth

@@ -108,7 +108,7 @@ def match_surface(first: Surface, others: Sequence[Surface], options: MatchOptio
 def correlations(
     first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], options: MatchOptions = MatchOptions()
 ) -> tuple[Array, Array, Array]:
-    """Correlation of the patches around ``pixels`` [N] for each tried depth, summed over neighbours that see them.
+    """Correlate the patches around ``pixels`` [N] for each tried depth, summed over neighbours that see them.
 
     The tried depths are ``depth / (1 + (k - steps // 2) * step)``; pixels less than two from the rim are left out.
 
@@ -131,8 +131,8 @@ def _struct(surfaces: Sequence[Surface], first: View) -> NDArray[np.void]:
 
 
 def _peak(scores: Array, counts: Array, least: float) -> tuple[Array, Array, Array]:
-    """Where the mean correlation peaks, in steps from the start, how high and how sharply, [N] each; 0 where nothing is
-    sure."""
+    """Find where the mean correlation peaks, in steps from the start, how high and how sharply, [N] each; 0 where
+    nothing is sure."""
     count, steps = scores.shape
     best = np.clip(scores.argmax(1), 1, steps - 2)
     at, mean = np.arange(0, count * steps, steps) + best, np.maximum(counts, 1)

@@ -38,7 +38,7 @@ def flatten(mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOp
 def _near(
     mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, o: PlanarOptions
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of a vertex and a plane that it is near, by distance and along edges, ordered by vertex."""
+    """Return the pairs of a vertex and a plane that it is near, by distance and along edges, ordered by vertex."""
     count = len(planes.normals)
     labelled = np.flatnonzero(planes.label >= 0)
     keys = np.unique(mesh.faces[labelled].astype(np.int64) * count + planes.label[labelled, None])
@@ -68,7 +68,7 @@ def _sides(
     plane: NDArray[np.int64],
     o: PlanarOptions,
 ) -> NDArray[np.int32]:
-    """The plane of each face, int32 [F], also of those along creases: there the nearest of its planes."""
+    """Return the plane of each face, int32 [F], also of those along creases: there the nearest of its planes."""
     corner = mesh.adjacency.corner
     start = mesh.adjacency.start.astype(np.int64)
     times = (start[1:] - start[:-1])[vertex]
@@ -97,7 +97,7 @@ def _moves(
     near: NDArray[np.int64],
     o: PlanarOptions,
 ) -> NDArray[np.float64]:
-    """The shortest way of each vertex into the planes of its faces, [N, 3]; none where it is too far."""
+    """Return the shortest way of each vertex into the planes of its faces, [N, 3]; none where it is too far."""
     count, total = len(planes.normals), len(pixel)
     several = np.bincount(near, minlength=total) > 1
     labelled = np.flatnonzero(label >= 0)
@@ -125,7 +125,7 @@ def _moves(
 
 
 def _unturned(mesh: Mesh, moved: NDArray[np.float64], planes: Planes, label: NDArray[np.int32]) -> NDArray[np.float64]:
-    """The moved vertices [N, 3], those of faces that would turn over where they were."""
+    """Return the moved vertices [N, 3], those of faces that would turn over where they were."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     before = np.cross(b - a, c - a)
     size = np.einsum("ij,ij->i", before, before)

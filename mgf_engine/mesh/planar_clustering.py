@@ -82,7 +82,8 @@ def merge_cells(
 
 
 def _pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Vertices [N] that were merged where the surface then meets itself: two discs that share a rim of two edges."""
+    """Return vertices [N] that were merged where the surface then meets itself: two discs that share a rim of two
+    edges."""
     merged = np.bincount(into, minlength=len(into)) > 1
     faces = into[faces]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]
@@ -93,7 +94,7 @@ def _pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bo
 
 
 def _cells(points: NDArray[np.float64], side: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Number of the cell that each point [N, 3] lies in; sides [N] are rounded to powers of two."""
+    """Return the number of the cell that each point [N, 3] lies in; sides [N] are rounded to powers of two."""
     if not len(points):
         return np.zeros(0, np.int32)
     local = points - points.min(0)

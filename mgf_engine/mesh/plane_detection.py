@@ -156,7 +156,7 @@ def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
 
 
 def _seeds(faces: MeshFaces, o: PlanarOptions) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The group of each face, by place and direction, and the groups that planes may begin in, best first."""
+    """Return the group of each face, by place and direction, and the groups that planes may begin in, best first."""
     side = o.seed_side * float(np.median(faces.pixel))
     local = np.floor((faces.centre - faces.centre.min(0)) / side)
     cell = morton(local.astype(np.int64)) if local.max() < 2**20 else morton(cells_of(faces.centre))
@@ -179,7 +179,7 @@ def _begin(
     label: NDArray[np.int32],
     o: PlanarOptions,
 ) -> tuple[NDArray[np.float64], float] | None:
-    """The plane (normal, offset) around the faces ``seed``, fitted within one of ``radii`` after the other."""
+    """Return the plane (normal, offset) around the faces ``seed``, fitted within one of ``radii`` after the other."""
     normal, offset = _fit(faces, seed, np.ones(len(seed)))
     if normal @ faces.normal[seed].sum(0) < 0:
         normal, offset = -normal, -offset
@@ -201,7 +201,7 @@ def _refit(
     offset: float,
     o: PlanarOptions,
 ) -> tuple[NDArray[np.float64], float] | None:
-    """The plane moved onto those of the faces ``near`` that lie in it, twice; None where they are too few."""
+    """Return the plane moved onto those of the faces ``near`` that lie in it, twice; None where they are too few."""
     centre, pixel = faces.centre[near], faces.pixel[near]
     for _ in range(2):
         off = (centre @ normal - offset) / pixel
@@ -219,7 +219,7 @@ def _same(
     pixel: float,
     o: PlanarOptions,
 ) -> bool:
-    """Whether a plane is one of others, near a point."""
+    """Tell whether a plane is one of others, near a point."""
     if not others:
         return False
     normals, offsets = np.array([normal for normal, _ in others]), np.array([offset for _, offset in others])
@@ -233,7 +233,7 @@ def _grow(
     free: NDArray[np.int64],
     o: PlanarOptions,
 ) -> tuple[tuple[NDArray[np.float64], float, float], NDArray[np.int64]] | None:
-    """The largest connected part of a plane (normal, offset, noise) and its faces; None where it is refused."""
+    """Return the largest connected part of a plane (normal, offset, noise) and its faces; None where it is refused."""
     normal, offset = plane
     off = (faces.centre[free] @ normal - offset) / faces.pixel[free]
     inside = _largest_part(faces, free[np.abs(off) < o.band])
@@ -262,7 +262,7 @@ def _turned(like: NDArray[np.float64], normal: NDArray[np.float64], offset: floa
 
 
 def _fit(faces: MeshFaces, rows: NDArray[np.int64], weight: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Normal and offset of the plane through faces, weighted also by their area."""
+    """Return the normal and offset of the plane through faces, weighted also by their area."""
     weight = weight * faces.area[rows] + 1e-12
     middle = weight @ faces.centre[rows] / weight.sum()
     local = faces.centre[rows] - middle
@@ -271,7 +271,7 @@ def _fit(faces: MeshFaces, rows: NDArray[np.int64], weight: NDArray[np.float64])
 
 
 def _largest_part(faces: MeshFaces, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Those of the faces that hang together and have most area."""
+    """Return those of the faces that hang together and have most area."""
     place = np.full(len(faces.area), -1, np.int64)
     place[rows] = np.arange(len(rows))
     a, b = place[faces.pairs]
@@ -284,7 +284,7 @@ def _largest_part(faces: MeshFaces, rows: NDArray[np.int64]) -> NDArray[np.int64
 
 
 def _noise(off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
-    """Standard deviation of distances by the median of their amounts, weighted by area."""
+    """Estimate the standard deviation of distances by the median of their amounts, weighted by area."""
     order = np.argsort(np.abs(off))
     sums = np.cumsum(area[order])
     return float(1.4826 * np.abs(off)[order[np.searchsorted(sums, sums[-1] / 2)]])
@@ -293,7 +293,7 @@ def _noise(off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
 def _bent(
     faces: MeshFaces, rows: NDArray[np.int64], off: NDArray[np.float64], normal: NDArray[np.float64], o: PlanarOptions
 ) -> bool:
-    """Whether the faces are too narrow for a plane, or leave it together.
+    """Tell whether the faces are too narrow for a plane, or leave it together.
 
     Two tests: the means over cells against the noise around them, and what a paraboloid explains.
     """

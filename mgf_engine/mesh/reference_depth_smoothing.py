@@ -47,7 +47,7 @@ def second_difference(values: Array, axis: int) -> Array:
 
 
 def _normal_equations(weight: Array, bends: list[Array], x: Array) -> Array:
-    """The matrix of the least squares applied to x: weights, and second differences times their transpose."""
+    """Return the matrix of the least squares applied to x: weights, and second differences times their transpose."""
     y = weight * x
     for axis, bend in enumerate(bends):
         b = bend * second_difference(x, axis)
@@ -69,7 +69,7 @@ def _diagonal(weight: Array, bends: list[Array]) -> Array:
 
 
 def _solve(weight: Array, bends: list[Array], target: Array, x: Array, steps: int) -> Array:
-    """Some steps of conjugate gradients from x, with the diagonal as preconditioner."""
+    """Take some steps of conjugate gradients from x, with the diagonal as preconditioner."""
     diagonal = _diagonal(weight, bends)
     inverse = np.where(diagonal > 0, 1 / np.where(diagonal > 0, diagonal, 1), 0)
     residual = weight * target - _normal_equations(weight, bends, x)

@@ -36,7 +36,7 @@ def match_depths(
     pixels: NDArray[np.int32], normals: Array, step: Array, steps: int, first: tuple[Array, Array],
     inverse_intrinsics: Array, between: Array, other: tuple[Array, Array], jump: float, hidden: float, texture: float,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Correlations [N, steps] of the patches around ``pixels`` [N] and 1 or 0 [N] whether the neighbour has a say.
+    """Correlate the patches around ``pixels`` [N], [N, steps], and give 1 or 0 [N] whether the neighbour has a say.
 
     Args:
         normals: [N, 3], first camera's frame.
@@ -61,7 +61,7 @@ def match_depths(
 
 
 def _plane(x: int, y: int, depth: float, normal: Array, inverse: Array) -> Array | None:
-    """The plane's inverse depth as a linear function of (x, y, 1)."""
+    """Return the plane's inverse depth as a linear function of (x, y, 1)."""
     to_ray = np.array([[inverse[0], 0, -inverse[2] * inverse[0]], [0, inverse[1], -inverse[3] * inverse[1]], [0, 0, 1]])
     per_pixel = normal @ to_ray
     facing = per_pixel @ [x + 0.5, y + 0.5, 1] * depth
@@ -80,7 +80,7 @@ def _sees(x: int, y: int, depth: float, between: Array, other_depth: Array, hidd
 def _window(
     x: int, y: int, plane: Array, first: tuple[Array, Array], jump: float, texture: float
 ) -> tuple[Array, Array, Array] | None:
-    """Pixels [49, 3] of the patch, their weights and grey less its mean; None without texture or surface."""
+    """Return pixels [49, 3] of the patch, their weights and grey less its mean; None without texture or surface."""
     height, width = first[0].shape
     if not (RADIUS <= x < width - RADIUS and RADIUS <= y < height - RADIUS):
         return None

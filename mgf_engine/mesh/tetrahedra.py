@@ -56,7 +56,7 @@ class TetraPoints:
 
 
 def tetra_points(gaussians: Gaussians, options: TetrahedraOptions = TetrahedraOptions()) -> TetraPoints:
-    """Centres and box corners of the visible Gaussians, nearly equal ones merged.
+    """Gather centres and box corners of the visible Gaussians, nearly equal ones merged.
 
     Raises:
         BadInput: no Gaussian is visible.

@@ -73,7 +73,7 @@ class TsdfField:
         self.offset, self.band = 0.0, options.band
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
-        """FREE, SOLID or INVALID for each point [N, 3], uint8 [N]."""
+        """Classify points [N, 3] as FREE, SOLID or INVALID, uint8 [N]."""
 
         signed = self.signed(points, progress)
         return np.where(np.isnan(signed), INVALID, np.where(signed > 0, FREE, SOLID)).astype(np.uint8)
@@ -164,7 +164,7 @@ class TsdfField:
             yield result
 
     def _view_struct(self, m: DepthMap) -> tuple[Any, ...]:
-        """A depth map as ``native/csrc/mesh/fuse.c`` takes it (struct TrustedView)."""
+        """Return a depth map as ``native/csrc/mesh/fuse.c`` takes it (struct TrustedView)."""
         arrays = m.mask.ctypes.data, m.pixels.ctypes.data, m.rows.ctypes.data
         numbers = m.view.height, m.view.width, self.band / m.view.fx, self.options.least_slope
         return (*pose_and_intrinsics(m.view), *arrays, *numbers)
@@ -175,7 +175,8 @@ def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[A
 
 
 def _distance(sample: NDArray[np.void]) -> NDArray[np.float32]:
-    """Mean signed distance in half bands, -1..1, positive in front of the surface; 0 where no view has a depth."""
+    """Return the mean signed distance in half bands, -1..1, positive in front of the surface; 0 where no view has a
+    depth."""
     distance: NDArray[np.float32] = sample["sum"] / np.maximum(sample["weight"], 1e-30)
     return distance
 

@@ -69,7 +69,7 @@ def drop_unobserved(
 
 
 def _rims(mesh: Mesh, patch: NDArray[np.integer], pixel: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Length of each patch's rim, times the size of a pixel there; ``patch``: of each face, [F]."""
+    """Return the length of each patch's rim, times the size of a pixel there; ``patch``: of each face, [F]."""
     of_vertex = np.zeros(len(mesh.vertices), np.int64)
     of_vertex[mesh.faces] = patch[:, None]
     start, end = open_edges(mesh)

@@ -94,7 +94,7 @@ class View:
         return -self.rotation.T @ self.translation
 
     def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Eq. 2 with its division by depth: points [N, 3] (normalised) -> pixels [N, 2], depth [N]."""
+        """Project by eq. 2 with its division by depth: points [N, 3] (normalised) -> pixels [N, 2], depth [N]."""
         # Coordinates as rows: numpy needs half the time it takes for points as rows.
         local = self.rotation @ points.T
         local += self.translation[:, None]

@@ -71,7 +71,7 @@ class Adjacency:
         return moved
 
     def vertex_normals(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sum of the normals of the faces around each vertex, weighted by twice their areas, [N, 3]."""
+        """Return the sum of the normals of the faces around each vertex, weighted by twice their areas, [N, 3]."""
         normals = np.empty((len(at), 3))
         parallel("mgf_vertex_normals", len(at), *self._all, np.ascontiguousarray(at, dtype=np.float64), normals)
         return normals

@@ -71,7 +71,8 @@ def transfer_texture(
 
 
 def _charts(mesh: Mesh, side: int, options: AtlasOptions) -> tuple[Array, int]:
-    """Places of the faces' corners in a picture of this width, 0..1 from the top left, [F, 3, 2], and its height."""
+    """Return the places of the faces' corners in a picture of this width, 0..1 from the top left, [F, 3, 2], and its
+    height."""
     import xatlas
 
     atlas, blocks = xatlas.Atlas(), _blocks(mesh.vertices[mesh.faces].mean(1))
@@ -92,7 +93,8 @@ def _charts(mesh: Mesh, side: int, options: AtlasOptions) -> tuple[Array, int]:
 
 
 def _blocks(middles: Array) -> list[NDArray[np.int64]]:
-    """Rows of faces in blocks of at most :data:`BLOCK_FACES` that lie together: xatlas gets slow with many."""
+    """Return the rows of faces in blocks of at most :data:`BLOCK_FACES` that lie together: xatlas gets slow with
+    many."""
     left, blocks = [np.arange(len(middles))], list[NDArray[np.int64]]()
     while left:
         rows = left.pop()
@@ -106,7 +108,7 @@ def _blocks(middles: Array) -> list[NDArray[np.int64]]:
 
 
 def _shrunk(texture: Texture, pixels: int, options: AtlasOptions) -> Texture:
-    """The texture with about as many painted pixels as asked for, at most ``shrink`` times smaller each way.
+    """Return the texture with about as many painted pixels as asked for, at most ``shrink`` times smaller each way.
 
     Else a coarse picture would pick single pixels of the fine one, which flickers.
     """
@@ -121,7 +123,7 @@ def _shrunk(texture: Texture, pixels: int, options: AtlasOptions) -> Texture:
 
 
 def _colors(points: Array, surface: Surface, texture: Texture) -> NDArray[np.uint8]:
-    """What the texture of a surface shows at the places nearest to points [n, 3], RGB uint8 [n, 3]."""
+    """Return what the texture of a surface shows at the places nearest to points [n, 3], RGB uint8 [n, 3]."""
     _, face, spot = surface.closest(points)
     return colors_at(spot, face, surface, texture)
 

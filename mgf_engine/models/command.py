@@ -33,7 +33,7 @@ MOST_ERRORS = 9
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of ``mgf models``."""
+    """Add the arguments of ``mgf models``."""
     parser.add_argument("job", type=Path, metavar="JOB", help="job folder with a finished mesh")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where models go (default: JOB/models)")
     parser.add_argument(
@@ -88,7 +88,7 @@ def _make(args: argparse.Namespace, reporter: Reporter) -> None:
 
 
 def _read_centimetres(flag: str, text: str | None) -> float | None:
-    """A length given in centimetres, in metres."""
+    """Read a length given in centimetres, in metres."""
     centimetres = read_number(flag, text, "a length in CM")
     return None if centimetres is None else centimetres / 100
 
@@ -107,7 +107,7 @@ def read_kinds(text: str) -> tuple[str, ...]:
 
 
 def read_errors(text: str) -> list[float]:
-    """Distances in centimetres, each larger than the one before.
+    """Read distances in centimetres, each larger than the one before.
 
     Raises:
         BadInput: they are not.
@@ -145,5 +145,5 @@ def require_packages(kinds: tuple[str, ...], draco: bool = False) -> None:
 
 
 def _missing(needed: dict[str, str]) -> list[str]:
-    """Names of the packages whose module is not there."""
+    """Return the names of the packages whose module is not there."""
     return [name for module, name in needed.items() if importlib.util.find_spec(module) is None]

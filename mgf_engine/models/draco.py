@@ -61,7 +61,8 @@ def compress_glb(path: Path) -> None:
 def _encoded(
     arrays: dict[str, NDArray[Any]], faces: NDArray[Any]
 ) -> tuple[bytes, NDArray[np.float32], int, dict[str, int]]:
-    """Draco's bytes; the points and the number of faces that come out of them; attribute -> its number in there."""
+    """Return Draco's bytes; the points and the number of faces that come out of them; attribute -> its number in
+    there."""
     import DracoPy
 
     colors, uv = arrays.get("COLOR_0"), arrays.get("TEXCOORD_0")

@@ -54,7 +54,7 @@ def _body_context(model: Any) -> Any:
 
 
 def _places(model: Any, project: Any, name: str) -> tuple[Any, Any]:
-    """Building and storey, below a site; each in the one before."""
+    """Return building and storey, below a site; each in the one before."""
     import ifcopenshell.api.aggregate
     import ifcopenshell.api.geometry
     import ifcopenshell.api.root
@@ -102,7 +102,7 @@ def _show(model: Any, product: Any, context: Any, kind: str, item: Any) -> None:
 
 
 def _elements(model: Any, storey: Any, body: Any, points: list[Any], solid: Solid) -> None:
-    """Each face as a wall, roof or slab, with its area."""
+    """Add each face as a wall, roof or slab, with its area."""
     import ifcopenshell.api.geometry
     import ifcopenshell.api.pset
     import ifcopenshell.api.root
@@ -128,7 +128,7 @@ def _elements(model: Any, storey: Any, body: Any, points: list[Any], solid: Soli
 
 
 def _add_quantities(model: Any, building: Any, solid: Solid) -> None:
-    """How the solid was made and how far the mesh lies from it."""
+    """Add how the solid was made and how far the mesh lies from it."""
     import ifcopenshell.api.pset
 
     facts: dict[str, Any] = {

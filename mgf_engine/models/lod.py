@@ -75,7 +75,7 @@ def reduce_chain(
 
 
 def _reduced_to(mesh: Mesh, most: int, options: LodOptions) -> Mesh:
-    """The mesh with about ``most`` faces.
+    """Reduce the mesh to about ``most`` faces.
 
     Our own reduction keeps rims and outlines best, and keeps every hole and tunnel. A coarse mesh has no faces for all
     of those: where it misses the number or pays with far larger errors, edges collapse whatever they close
@@ -119,7 +119,8 @@ def deviation_of(distances: Array) -> Deviation:
 
 
 def silhouette_overlap(one: Mesh, other: Mesh) -> float:
-    """The least overlap (intersection over union) of two outlines, seen from all sides level and from above; 0..1."""
+    """Compute the least overlap (intersection over union) of two outlines, seen from all sides level and from above;
+    0..1."""
     middle = 0.5 * (one.vertices.min(0) + one.vertices.max(0))
     reach = float(np.linalg.norm(one.vertices - middle, axis=1).max()) * 1.05
     least = 1.0
@@ -130,7 +131,7 @@ def silhouette_overlap(one: Mesh, other: Mesh) -> float:
 
 
 def _sights() -> list[tuple[Array, Array]]:
-    """Axes to the right and up of each direction."""
+    """Return axes to the right and up of each direction."""
     up = np.array([0.0, 0.0, 1.0])
     angles = np.pi * np.arange(DIRECTIONS // 2) / (DIRECTIONS // 2)  # the other side shows the same outline
     sights = [(np.array([np.cos(a), np.sin(a), 0.0]), up) for a in angles]

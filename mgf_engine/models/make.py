@@ -76,7 +76,7 @@ def _tell(survey: Survey, reporter: Reporter) -> None:
 
 
 def _points(work: Work) -> None:
-    """Points of the surface as LAZ."""
+    """Write the points of the surface as LAZ."""
     spacing = work.wanted.spacing or work.survey.working_pixel
     with work.cost.of("points"):
         points, colors, normals = surface_points(work.survey.mesh, work.texture, spacing)
@@ -85,7 +85,7 @@ def _points(work: Work) -> None:
 
 
 def _solid(work: Work) -> None:
-    """The solid as CityJSON and IFC; a sentence where there is none, or only a block."""
+    """Write the solid as CityJSON and IFC; a sentence where there is none, or only a block."""
     with work.cost.of("solid"):
         try:
             solid = build_solid(work.survey, work.wanted.detail, work.config.algorithm(SolidOptions))
@@ -116,7 +116,7 @@ def _solid(work: Work) -> None:
 
 
 def _index(work: Work) -> dict[str, Any]:
-    """What ``models.json`` holds, for Blender and scripts."""
+    """Return what ``models.json`` holds, for Blender and scripts."""
     survey = work.survey
     to_scene = np.eye(4)
     to_scene[:3, 3] = survey.georeference.scene(np.zeros(3))

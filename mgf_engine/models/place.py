@@ -19,7 +19,8 @@ ARM = 100.0  # metres along each axis over which a projection counts as linear; 
 
 
 def to_geocentric(survey: Survey) -> Array | None:
-    """Local frame of the drawings -> geocentric coordinates in metres, [4, 4]; None where nobody knows the place.
+    """Return the matrix from the local frame of the drawings to geocentric coordinates in metres, [4, 4]; None where
+    nobody knows the place.
 
     Raises:
         BadInput: the job has a CRS, and pyproj is not installed.
@@ -56,7 +57,7 @@ def place_on_earth(georeference: Georeference, world: Callable[[Array], Array], 
 
 
 def _geocentric(places: Array) -> Array:
-    """Latitude and longitude in degrees and height [N, 3] -> geocentric coordinates [N, 3]."""
+    """Convert latitude and longitude in degrees and height [N, 3] to geocentric coordinates [N, 3]."""
     transform = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
     return np.asarray(transform.ellipsoid_to_ecef(places))
 

@@ -50,7 +50,8 @@ def lasting_array(dtype: torch.dtype, *shape: int) -> Tensor:
 
 
 def _give_back(blocks: list[Tensor]) -> None:
-    """Never waits: may run while this thread or another is inside `_take`, which then sorts the blocks in next time."""
+    """Return a block without waiting: may run while this thread or another is inside `_take`, which then sorts it
+    in."""
     for block in blocks:
         _returned.put(block)
     if _lock.acquire(blocking=False):
@@ -61,7 +62,7 @@ def _give_back(blocks: list[Tensor]) -> None:
 
 
 def _sort_in() -> None:
-    """Takes what was returned into the pool and drops the smallest arrays of too many; under the lock."""
+    """Take what was returned into the pool and drop the smallest arrays of too many; under the lock."""
     while not _returned.empty():
         _free.append(_returned.get())
     _free.sort(key=len)
@@ -69,7 +70,7 @@ def _sort_in() -> None:
 
 
 def _take(size: int) -> Tensor:
-    """The smallest free block that is large enough but not wastefully so, or a new one with room to grow."""
+    """Return the smallest free block that is large enough but not wastefully so, or a new one with room to grow."""
     with _lock:
         _sort_in()
         for i, block in enumerate(_free):

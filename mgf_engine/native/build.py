@@ -135,7 +135,7 @@ def _build_one(target: str, variant: str, cpu: str, force: bool) -> Path:
 
 
 def _digest(flags: list[str]) -> str:
-    """Changes whenever a source, a flag or the compiler does."""
+    """Hash the sources, the flags and the compiler."""
     digest = hashlib.sha256(repr(flags).encode())
     try:
         digest.update(importlib.metadata.version("ziglang").encode())

@@ -52,7 +52,7 @@ class NoKernels(BadInput, RuntimeError):
 
 
 def runnable_variants() -> list[str]:
-    """Variants of this processor's family that it can run, best last, whether built or not."""
+    """Return the variants of this processor's family that it can run, best last, whether built or not."""
     family = TARGETS[host_target()].family
     names = list(VARIANTS[family])
     if family != "x86_64":
@@ -107,7 +107,7 @@ def _open(name: str) -> ctypes.CDLL:
 
 
 def set_threads(count: int) -> None:
-    """Number of threads that work loops run on; 0 takes every core this process may use."""
+    """Set the number of threads that work loops run on; 0 takes every core this process may use."""
     global _threads, _pool, _side
     count = count or cores()
     if count == _threads:
@@ -202,7 +202,7 @@ def _stay_alone() -> None:
 
 
 def _to_c(value: Any) -> Any:
-    """The argument as ctypes wants it; see the convention in ``csrc/common/export.h``."""
+    """Convert the argument as ctypes wants it; see the convention in ``csrc/common/export.h``."""
     if value is None:
         return ctypes.c_void_p(None)
     if isinstance(value, np.ndarray):

@@ -40,7 +40,7 @@ def parallel_map(
 
 @contextmanager
 def plain_opencv() -> Iterator[None]:
-    """OpenCV without threads of its own: beside others that work they only wait, and waiting costs as much as work."""
+    """Take OpenCV's own threads away: beside others that work they only wait, and waiting costs as much as work."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

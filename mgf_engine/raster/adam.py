@@ -26,7 +26,7 @@ def adam_step(
     active: int | None = None,
     backend: str | None = None,
 ) -> None:
-    """One step in place: ``p -= lr * m / (1 - b1^step) / (sqrt(v / (1 - b2^step)) + eps)``.
+    """Take one step in place: ``p -= lr * m / (1 - b1^step) / (sqrt(v / (1 - b2^step)) + eps)``.
 
     Args:
         parameter: float32 [N, ...], contiguous; a row is everything behind the first axis, W numbers.

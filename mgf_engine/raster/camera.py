@@ -74,7 +74,7 @@ class Camera:
         return -(-self.height // TILE), -(-self.width // TILE)
 
     def packed(self) -> Tensor:
-        """float32 [32] as the kernels read it (struct Camera in ``csrc/raster/records.h``)."""
+        """Return float32 [32] as the kernels read it (struct Camera in ``csrc/raster/records.h``)."""
         values = np.zeros(32, np.float32)
         values[0:9] = self.rotation.reshape(-1)
         values[9:12] = self.translation
@@ -84,6 +84,7 @@ class Camera:
 
 
 def pose_and_intrinsics(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A view as the kernels that project points read it: rotation by rows and translation [12]; fx, fy, cx, cy [4]."""
+    """Return a view as the kernels that project points read it: rotation by rows and translation [12]; fx, fy, cx, cy
+    [4]."""
     pose = np.concatenate([view.rotation.ravel(), view.translation])
     return pose, np.array([view.fx, view.fy, view.cx, view.cy])

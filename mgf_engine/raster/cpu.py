@@ -106,12 +106,13 @@ class Projection:
 def list_tiles(
     raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None, wait: bool = True
 ) -> TileLists:
-    """As :func:`build_lists`, for parameters that are ready for the kernels; ``wait`` has a meaning on cards only."""
+    """Do as :func:`build_lists`, for parameters that are ready for the kernels; ``wait`` has a meaning on cards
+    only."""
     return bin_tiles(project(raw, camera, sh_degree, tile_mask))
 
 
 def project(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> Projection:
-    """Records, exact footprints and depths of all Gaussians."""
+    """Project all Gaussians: records, exact footprints and depths."""
     n, frame, packed = len(raw.positions), Frame(), camera.packed()
     tiles_y, tiles_x = camera.tiles
     mask = torch.ones(tiles_y, tiles_x, dtype=torch.uint8) if tile_mask is None else (tile_mask != 0).to(torch.uint8)
@@ -148,7 +149,7 @@ def bin_tiles(seen: Projection) -> TileLists:
 
 
 def check_entries(entries: int) -> None:
-    """Raises BadInput where the lists of all tiles together are longer than 32-bit numbers reach."""
+    """Refuse lists of all tiles that are together longer than 32-bit numbers reach."""
     if entries >= 2**31:
         raise BadInput(
             f"The Gaussians touch {entries:,} tiles, more than the kernels can list; lower --resolution or "

@@ -51,7 +51,7 @@ def photo_side(
     elements: int,
     origin: tuple[int, int],
 ) -> PhotoSide:
-    """Sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`.
+    """Return sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`.
 
     Args:
         image: uint8 [3, h, w].
@@ -90,7 +90,7 @@ def photo_side(
 
 
 def _areas(labels: NDArray[np.uint8], ids: int, elements: int) -> NDArray[np.int64]:
-    """Pixels of each label, [ids]; in place of label 0, of the whole building."""
+    """Return the pixels of each label, [ids]; in place of label 0, of the whole building."""
     area = np.bincount(labels.ravel(), minlength=ids)
     area[0] = area[1 : elements + 1].sum()
     return np.asarray(area, np.int64)
@@ -182,7 +182,7 @@ class _ImageLoss(torch.autograd.Function):
 
 
 def _aligned(maps: list[Tensor]) -> list[Tensor]:
-    """The maps as the kernels take them: float32, and rows equally far apart in all of them."""
+    """Return the maps as the kernels take them: float32, and rows equally far apart in all of them."""
     maps = [m.detach().to(torch.float32) for m in maps]
     if len({m.stride(-2) for m in maps}) == 1 and all(m.stride(-1) == 1 for m in maps):
         return maps
@@ -213,7 +213,7 @@ class _Pass:
         self.failed = np.zeros(1, np.int32)
 
     def run(self, camera: Intrinsics) -> dict[str, float]:
-        """The parts of the loss; :meth:`gradients` has theirs then."""
+        """Return the parts of the loss; :meth:`gradients` has theirs then."""
         photo, scratch = self.photo, self.scratch
         levels = (photo.levels, self.scales)
         color = self._at_box(self.color), self.color.stride(0), self.color.stride(1)
@@ -235,7 +235,7 @@ class _Pass:
         }
 
     def gradients(self) -> list[Tensor]:
-        """Of the maps, in the order they came."""
+        """Return the gradients of the maps, in the order they came."""
         g = self.gradient
         found = [g[:_ALPHA], g[_ALPHA]]
         if self.distortion is not None:
@@ -243,7 +243,7 @@ class _Pass:
         return [*found, g[_DEPTH], g[_NORMAL:]] if self.depth is not None else found
 
     def _at_box(self, map: Tensor | None) -> Any:
-        """Address of a map's first pixel in the box."""
+        """Return the address of a map's first pixel in the box."""
         if map is None:
             return None
         y, x = self.photo.origin
@@ -257,7 +257,7 @@ class _Pass:
         return w.plain / self.inside + w.boundary / total, edge, edge * self.photo.edge_area
 
     def _similarity(self) -> tuple[float, NDArray[np.float32], float]:
-        """The SSIM terms, their slopes by label [scales, 2, ids] and the extra slope of an edge."""
+        """Return the SSIM terms, their slopes by label [scales, 2, ids] and the extra slope of an edge."""
         photo, ids, weights = self.photo, self.ids, self.weights
         sums = np.zeros((len(photo.flags), 2 * ids + 1))
         given = (photo.flags, photo.labels, photo.edges, ids, self.scratch, sums)
@@ -281,7 +281,7 @@ class _Pass:
         return float(loss), (slopes / 3).astype(np.float32), -weights.ssim * edge / 3
 
     def _normals(self, camera: Intrinsics) -> tuple[float, float]:
-        """The normal term, and the factor its gradients still need."""
+        """Return the normal term, and the factor its gradients still need."""
         assert self.depth is not None and self.normal is not None
         photo, sums, (y, x) = self.photo, np.zeros((len(self.photo.strips), 2)), self.photo.origin
         height, width = photo.labels.shape
@@ -302,7 +302,7 @@ class _Pass:
         return float(loss * factor), float(factor)
 
     def _finish(self, slopes: NDArray[np.float32] | None, edge_slope: float, normals: float) -> NDArray[np.float64]:
-        """All gradients; returns the L1 terms, the sum of alpha over the ring and of the distortion inside."""
+        """Compute all gradients; returns the L1 terms, the sum of alpha over the ring and of the distortion inside."""
         photo, weights, (y, x) = self.photo, self.weights, self.photo.origin
         base, edge, _ = self._pixel_weights()
         l1 = np.zeros(self.ids)

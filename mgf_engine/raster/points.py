@@ -129,14 +129,14 @@ class PointOpacity:
         return where.verdict
 
     def _front(self, view: View) -> NDArray[np.float32]:
-        """Depth [n] before which each Gaussian contributes less than 1/255."""
+        """Return depth [n] before which each Gaussian contributes less than 1/255."""
         axis = view.rotation[2]
         depth = self._centres @ axis + view.translation[2]
         deviation = np.linalg.norm(np.einsum("nik,i->nk", self._deviations, axis), axis=1)
         return (depth - 1.001 * self._reach * deviation - 1e-6).astype(np.float32)
 
     def _tile_lists(self, view: View, mask: NDArray[np.uint8], tiles_x: int, tiles_y: int) -> tuple[Any, Any, Any]:
-        """Records [n, 32], and per tile the Gaussians whose grown footprint touches it, front to back."""
+        """Return records [n, 32], and per tile the Gaussians whose grown footprint touches it, front to back."""
         n, tiles = len(self._centres), tiles_x * tiles_y
         sums = np.zeros((tiles_y, tiles_x + 1), np.int32)
         np.cumsum(mask.reshape(tiles_y, tiles_x), axis=1, out=sums[:, 1:])
@@ -161,6 +161,7 @@ class PointOpacity:
 
 
 def deviations(gaussians: Gaussians) -> NDArray[np.float64]:
-    """Axes of the Gaussians times their standard deviations (3D filter included), [n, 3, 3]; column k is axis k."""
+    """Return the axes of the Gaussians times their standard deviations (3D filter included), [n, 3, 3]; column k is
+    axis k."""
     axes = rotation_matrices(gaussians.rotations.detach().double())
     return (axes * gaussians.scales.double()[:, None, :]).cpu().numpy()

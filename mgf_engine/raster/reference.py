@@ -78,7 +78,7 @@ def rotation_matrices(quaternions: Tensor) -> Tensor:
 
 
 def sh_basis(directions: Tensor) -> Tensor:
-    """Real spherical harmonics of degree 0..3 (Condon-Shortley sign) of unit vectors [N, 3] -> [N, 16]."""
+    """Evaluate the real spherical harmonics of degree 0..3 (Condon-Shortley sign) at unit vectors [N, 3] -> [N, 16]."""
     x, y, z = directions.unbind(-1)
     pi = math.pi
     c1 = math.sqrt(3 / (4 * pi))
@@ -98,7 +98,7 @@ def sh_basis(directions: Tensor) -> Tensor:
 
 
 def project(gaussians: Gaussians, camera: Camera, sh_degree: int) -> Projected:
-    """Centre, precision, opacity, colour and normal of every Gaussian as the camera sees it."""
+    """Project every Gaussian: centre, precision, opacity, colour and normal as the camera sees it."""
     double = torch.float64
     p, filter_3d = gaussians.positions.to(double), gaussians.filter_3d.to(double)
     view = torch.as_tensor(camera.rotation, dtype=double)
@@ -123,7 +123,7 @@ def project(gaussians: Gaussians, camera: Camera, sh_degree: int) -> Projected:
 
 
 def respond(seen: Projected, camera: Camera, pixels: Tensor) -> Responses:
-    """Responses and blending weights of every Gaussian at pixels [P, 2], or [N, P, 2] with their own ones."""
+    """Compute responses and blending weights of every Gaussian at pixels [P, 2], or [N, P, 2] with their own ones."""
     order = torch.argsort(seen.centre[:, 2].float(), stable=True)
     x, y = pixels.unbind(-1)
     rays = torch.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, torch.ones_like(x)], -1)
@@ -143,7 +143,7 @@ def respond(seen: Projected, camera: Camera, pixels: Tensor) -> Responses:
 
 
 def wanted_pixels(camera: Camera, tile_mask: Tensor | None) -> Tensor:
-    """bool [H, W]: pixels in tiles of the mask."""
+    """Mark the pixels in tiles of the mask, bool [H, W]."""
     if tile_mask is None:
         return torch.ones(camera.height, camera.width, dtype=torch.bool)
     grown = (tile_mask != 0).repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)
@@ -151,7 +151,7 @@ def wanted_pixels(camera: Camera, tile_mask: Tensor | None) -> Tensor:
 
 
 def pixel_centres(wanted: Tensor) -> Tensor:
-    """Pixel coordinates [P, 2] of the true entries of [H, W]."""
+    """Return the pixel coordinates [P, 2] of the true entries of [H, W]."""
     return wanted.nonzero().flip(1).to(torch.float64) + 0.5
 
 
@@ -164,7 +164,7 @@ def render(
     error_map: Tensor | None = None,
     geometry: bool = True,
 ) -> Rendering:
-    """As :func:`mgf_engine.raster.api.render`; the outputs are float64."""
+    """Do as :func:`mgf_engine.raster.api.render`; the outputs are float64."""
     wanted = wanted_pixels(camera, tile_mask)
     pixels = pixel_centres(wanted)
     seen = project(gaussians, camera, sh_degree)
@@ -177,7 +177,7 @@ def render(
     t = torch.where(w > 0, r.t, camera.near)
 
     def image(values: Tensor) -> Tensor:
-        """[C, P] or [P] -> [C, H, W] or [H, W]."""
+        """Arrange values of pixels as an image: [C, P] or [P] -> [C, H, W] or [H, W]."""
         out = values.new_zeros(*values.shape[:-1], camera.height, camera.width)
         out[..., wanted] = values
         return out
@@ -202,7 +202,8 @@ def render(
 
 
 def uncertain(gaussians: Gaussians, camera: Camera, sh_degree: int, tile_mask: Tensor | None, margin: float) -> Tensor:
-    """bool [H, W]: pixels where rounding may decide a yes-or-no rule, so that two correct rasterizers may differ.
+    """Mark the pixels where rounding may decide a yes-or-no rule, so that two correct rasterizers may differ, bool
+    [H, W].
 
     Args:
         margin: relative distance to a threshold (response 1/255, the clamp at 0.99, transmittance 1e-4 and 1/2, the
@@ -224,7 +225,8 @@ def uncertain(gaussians: Gaussians, camera: Camera, sh_degree: int, tile_mask: T
 
 
 def touched_tiles(gaussians: Gaussians, camera: Camera) -> Tensor:
-    """bool [N, tiles_y, tiles_x]: tiles in which some pixel's response is above 1/255, by trying every pixel."""
+    """Find the tiles in which some pixel's response is above 1/255, by trying every pixel, bool [N, tiles_y,
+    tiles_x]."""
     tiles_y, tiles_x = camera.tiles
     whole = Camera(**{**vars(camera), "width": tiles_x * TILE, "height": tiles_y * TILE})
     seen = project(gaussians, camera, 0)
@@ -236,7 +238,8 @@ def touched_tiles(gaussians: Gaussians, camera: Camera) -> Tensor:
 
 
 def footprint_radius(seen: Projected, camera: Camera) -> Tensor:
-    """[N] larger half extent in pixels of the conic where the response is 1/255; at most half the frame's diagonal.
+    """Compute the larger half extent in pixels of the conic where the response is 1/255, at most half the frame's
+    diagonal, [N].
 
     In pixels relative to the centre, with ray d = K (dx, dy, 1): response >= 1/255 means
     (d'Pd)(m'Pm - k) <= (m'Pd)^2, P the precision and k = 2 ln(255 opacity): a quadratic form C in (dx, dy, 1). An

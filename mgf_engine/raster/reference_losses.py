@@ -13,7 +13,8 @@ from mgf_engine.raster.camera import Intrinsics
 
 
 def ssim_maps(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Eq. 28 at every pixel and its contrast-structure factor, means over the channels; x, y [3, H, W] -> [H, W] each.
+    """Compute eq. 28 at every pixel and its contrast-structure factor, means over the channels; x, y [3, H, W] ->
+    [H, W] each.
 
     Window 11x11, sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2.
     """
@@ -33,7 +34,8 @@ def ssim_maps(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def depth_normals(depth: Tensor, camera: Intrinsics) -> Tensor:
-    """Unit normals [3, H - 2, W - 2] of the inner pixels of a depth map [H, W], in the camera's frame, facing it."""
+    """Compute unit normals [3, H - 2, W - 2] of the inner pixels of a depth map [H, W], in the camera's frame, facing
+    it."""
     height, width = depth.shape
     u = (torch.arange(width, dtype=depth.dtype) + 0.5 - camera.cx) / camera.fx
     v = (torch.arange(height, dtype=depth.dtype) + 0.5 - camera.cy) / camera.fy
@@ -46,7 +48,8 @@ def depth_normals(depth: Tensor, camera: Intrinsics) -> Tensor:
 def normal_consistency(
     depth: Tensor, normal: Tensor, weight: Tensor, camera: Intrinsics, alpha: Tensor | None = None
 ) -> Tensor:
-    """Agreement of rendered normals with those of the rendered depth (lambda 4 of eq. 20): mean of ``alpha - <N, n>``.
+    """Measure how rendered normals agree with those of the rendered depth (lambda 4 of eq. 20): mean of
+    ``alpha - <N, n>``.
 
     Args:
         depth: [H, W], along the optical axis; <= 0 is no surface.

@@ -14,7 +14,8 @@ from mgf_engine.raster.points import deviations
 
 
 def opacity_of_points(points: NDArray[np.float64], gaussians: Gaussians, view: View, near: float) -> Tensor:
-    """Opacity between the camera and each point, float64 [N]; every pair of point and Gaussian is looked at.
+    """Compute the opacity between the camera and each point, float64 [N]; every pair of point and Gaussian is looked
+    at.
 
     Args:
         points: [N, 3], normalised frame, in front of the camera.

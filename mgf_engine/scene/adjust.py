@@ -78,7 +78,8 @@ def adjust_if_inconsistent(
 def _adjusted(
     model: SparseModel, resolution: int, reporter: Reporter, options: AdjustOptions
 ) -> tuple[float, float, SparseModel]:
-    """Disagreement before and after, working pixels, and the better model: the same one where it is not much better.
+    """Return the disagreement before and after, working pixels, and the better model: the same one where it is not much
+    better.
 
     It is the median error of the observations of points that are not stray.
     """
@@ -139,7 +140,7 @@ def choose_observations(
 
 
 def _in_a_process(task: Task, reporter: Reporter) -> SparseModel | None:
-    """The adjusted model from :mod:`adjust_worker`; None where COLMAP failed on it."""
+    """Return the adjusted model from :mod:`adjust_worker`; None where COLMAP failed on it."""
     with tempfile.TemporaryDirectory(prefix="mgf-") as name:
         folder = Path(name)
         write_task(task, folder / TASK)
@@ -151,7 +152,8 @@ def _in_a_process(task: Task, reporter: Reporter) -> SparseModel | None:
 
 
 def _frame(model: SparseModel) -> pycolmap.Sim3d:
-    """From the model's coordinates, which may be a map's, to some with the cameras around the origin, 1 away."""
+    """Return the frame from the model's coordinates, which may be a map's, to some with the cameras around the origin,
+    1 away."""
     places = centres(model)
     middle = places.mean(0)
     size = float(np.sqrt(((places - middle) ** 2).sum(1).mean())) or 1.0

@@ -38,7 +38,7 @@ class Task:
 
 
 def write_task(task: Task, path: Path) -> None:
-    """Everything but the model's folder and rigs, which adjusting does not ask for."""
+    """Write everything but the model's folder and rigs, which adjusting does not ask for."""
     model = task.model
     images = [[image.id, image.name, image.camera_id, len(image.keypoints)] for image in model.images]
     words = {"cameras": [asdict(camera) for camera in model.cameras.values()], "images": images}

@@ -44,7 +44,7 @@ def main(folder: Path) -> int:
 
 
 def adjust(task: Task) -> SparseModel:
-    """Poses, focal lengths and points of the chosen observations, improved by COLMAP with Cauchy's loss."""
+    """Improve poses, focal lengths and points of the chosen observations by COLMAP with Cauchy's loss."""
     model, last = task.model, np.inf
     for _ in range(_ROUNDS):
         scale = _scale(model, task)

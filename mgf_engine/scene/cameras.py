@@ -59,7 +59,8 @@ class WorkingCamera:
         return shrink(straight, self.width, self.height)  # type: ignore[arg-type]
 
     def keypoints(self, observed: NDArray[np.float64], camera: SparseCamera) -> NDArray[np.float64]:
-        """Keypoints [N, 2] in pixels of the COLMAP camera -> working pixels; NaN where the lens has no such ray."""
+        """Convert keypoints [N, 2] in pixels of the COLMAP camera to working pixels; NaN where the lens has no such
+        ray."""
         if self.lens is None:
             return observed * (self.width / camera.width, self.height / camera.height)
         return lens_rays(self.lens, observed) * (self.fx, self.fy) + (self.cx, self.cy)
@@ -119,7 +120,8 @@ def to_original(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def warp_labels(view: View, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Labels in the frame of the user's photo (any scale) -> [height, width] of the working photo, nearest pixel."""
+    """Warp labels in the frame of the user's photo (any scale) to [height, width] of the working photo, nearest
+    pixel."""
     uv = to_original(view, _pixel_centres(view.width, view.height))
     height, width = labels.shape[:2]
     column = np.floor(uv[:, 0] * (width / view.original_width)).clip(0, width - 1).astype(np.int64)
@@ -128,7 +130,7 @@ def warp_labels(view: View, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _undistorted(camera: SparseCamera, original: pycolmap.Camera) -> pycolmap.Camera:
-    """COLMAP's pinhole camera without blank pixels.
+    """Return COLMAP's pinhole camera without blank pixels.
 
     Raises:
         BadInput: there is none that lies inside the photo.
@@ -180,7 +182,7 @@ def _make_maps(view: WorkingCamera, width: int, height: int) -> tuple[NDArray[np
 
 
 def _pixel_centres(width: int, height: int, step: int = 1) -> NDArray[np.float64]:
-    """Centres of every ``step``-th pixel, row by row, [N, 2]."""
+    """Return the centres of every ``step``-th pixel, row by row, [N, 2]."""
     x, y = np.meshgrid(np.arange(0, width, step) + 0.5, np.arange(0, height, step) + 0.5)
     return np.stack([x.ravel(), y.ravel()], 1)
 
@@ -191,7 +193,7 @@ def lens_camera(lens: Lens) -> pycolmap.Camera:
 
 
 def _project(lens: Lens, rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rays (x / z, y / z) [N, 2] -> pixels of the lens [N, 2]; NaN where they miss it."""
+    """Project rays (x / z, y / z) [N, 2] to pixels of the lens [N, 2]; NaN where they miss it."""
     local = np.concatenate([rays, np.ones((len(rays), 1))], 1)
     return np.asarray(lens_camera(lens).img_from_cam(local), np.float64).reshape(-1, 2)
 

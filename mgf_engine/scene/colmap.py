@@ -149,7 +149,7 @@ def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[s
 
 
 def _candidates(source: Path, exclude: Path | None) -> list[tuple[int, Path]]:
-    """Folders that may hold a model, with the number of their group of places."""
+    """Return folders that may hold a model, with the number of their group of places."""
     found: dict[Path, int] = {}
     for rank, places in enumerate(PLACES):
         for place in places:
@@ -195,20 +195,20 @@ def _photo_places(model: Path, source: Path) -> list[Path]:
 
 
 def plain_name(name: str, windows: bool = os.sep == "\\") -> str:
-    """A photo's name as a path below a folder, with slashes: names from Windows hold backslashes, and a foreign model
-    may hold a drive or a server, which Windows would log in at when asked for the file."""
+    """Return a photo's name as a path below a folder, with slashes: names from Windows hold backslashes, and a foreign
+    model may hold a drive or a server, which Windows would log in at when asked for the file."""
     path = PureWindowsPath(name) if windows else PurePosixPath(name.replace("\\", "/"))
     return path.relative_to(path.anchor).as_posix()
 
 
 def _index(source: Path, exclude: Path | None) -> list[tuple[list[str], Path]]:
-    """Every photo below the source with the parts of its path, last first, in comparable form."""
+    """Return every photo below the source with the parts of its path, last first, in comparable form."""
     files = sorted(_walk(source, exclude))
     return [(_comparable(p.relative_to(source).as_posix()), p) for p in files if p.suffix.lower() in PHOTO_KINDS]
 
 
 def _best_fits(name: str, index: list[tuple[list[str], Path]]) -> list[Path]:
-    """The photos that share the longest end of the path with ``name``."""
+    """Return the photos that share the longest end of the path with ``name``."""
     wanted = _comparable(name)
     shared = [(_common(wanted, parts), path) for parts, path in index]
     longest = max((n for n, _ in shared), default=0)

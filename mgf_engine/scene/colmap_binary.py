@@ -39,7 +39,7 @@ class _Bytes:
         return values
 
     def count(self, smallest: int) -> int:
-        """A u64 count of records that take at least ``smallest`` bytes each."""
+        """Read a u64 count of records that take at least ``smallest`` bytes each."""
         (value,) = self.take("Q")
         self.need(value * smallest, f"it cannot hold {value} records")
         return int(value)
@@ -175,7 +175,7 @@ def read_rigs(rigs_path: Path, frames_path: Path) -> Rigs:
 
 
 def _gather(raw: NDArray[np.uint8], starts: NDArray[np.int64], dtype: np.dtype) -> np.ndarray:
-    """Records of ``dtype`` that begin at the given byte offsets."""
+    """Gather records of ``dtype`` that begin at the given byte offsets."""
     result = np.empty(len(starts), dtype)
     width = np.arange(dtype.itemsize)
     for i in range(0, len(starts), _CHUNK):

@@ -48,7 +48,7 @@ class Bundle:
         self._add_points(observations, place)
 
     def _add_images(self, observations: Indices) -> Indices:
-        """Every photo with its share of the observations; returns where each stands in its photo's list."""
+        """Add every photo with its share of the observations; returns where each stands in its photo's list."""
         numbers = {camera_id: number for number, camera_id in enumerate(self.model.cameras, start=1)}
         taken = np.zeros(len(self.model.points.image_ids), bool)
         taken[observations] = True
@@ -100,11 +100,11 @@ class Bundle:
                 point.xyz = found["xyz"]
 
     def solve(self, config: pycolmap.BundleAdjustmentConfig, scale: float) -> None:
-        """COLMAP's bundle adjustment of what ``config`` names, with Cauchy's loss of ``scale`` working pixels."""
+        """Run COLMAP's bundle adjustment of what ``config`` names, with Cauchy's loss of ``scale`` working pixels."""
         self.adjuster(config, scale).solve()
 
     def adjuster(self, config: pycolmap.BundleAdjustmentConfig, scale: float) -> Any:
-        """COLMAP's bundle adjuster for that, with Ceres' problem in its ``problem``, not solved yet."""
+        """Return COLMAP's bundle adjuster for that, with Ceres' problem in its ``problem``, not solved yet."""
         options = pycolmap.BundleAdjustmentOptions()
         options.refine_extra_params, options.print_summary = False, False
         options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
@@ -154,7 +154,7 @@ def pose(model: SparseModel, index: int) -> pycolmap.Rigid3d:
 
 
 def colmap_camera(camera: SparseCamera, scale: float = 1.0, number: int = 1) -> pycolmap.Camera:
-    """COLMAP's camera, for photos ``scale`` times as large."""
+    """Return COLMAP's camera, for photos ``scale`` times as large."""
     made = pycolmap.Camera(
         model=camera.model, width=camera.width, height=camera.height, params=list(camera.params), camera_id=number
     )

@@ -154,12 +154,12 @@ def _lines(path: Path, *, strict: bool = True) -> tuple[list[str], int | None]:
 
 
 def _data(lines: list[str]) -> Iterator[str]:
-    """Lines that are neither empty nor comments."""
+    """Yield lines that are neither empty nor comments."""
     return (line for raw in lines if (line := raw.strip()) and not line.startswith("#"))
 
 
 def _image_lines(lines: list[str]) -> Iterator[tuple[str, str]]:
-    """Pairs of lines: a photo, and its keypoints (that line may be empty)."""
+    """Yield the pairs of lines: a photo, and its keypoints (that line may be empty)."""
     rest = iter(lines)
     for raw in rest:
         line = raw.strip()
@@ -190,7 +190,7 @@ def _int(field: str, path: Path) -> int:
 
 
 def _ids(values: np.ndarray, path: Path) -> np.ndarray:
-    """Whole numbers that were read as float64; anything negative or beyond every real id means no point."""
+    """Return whole numbers that were read as float64; anything negative or beyond every real id means no point."""
     if not (np.isfinite(values) & (values == np.floor(values))).all():
         damaged(path, "an id is not a whole number")
     return np.where((values >= 0) & (values < _INT_LIMIT), values, NO_POINT).astype(np.int64)

@@ -35,7 +35,7 @@ class CropBox:
         return np.asarray((np.abs(local) <= 1.0 + grow).all(1))
 
     def planes(self) -> NDArray[np.float64]:
-        """Six planes [6, 4]; a point p is inside when ``n . p + d >= 0`` for each (n, d)."""
+        """Return six planes [6, 4]; a point p is inside when ``n . p + d >= 0`` for each (n, d)."""
         rows, last = self.to_cube[:3], np.array([0.0, 0.0, 0.0, 1.0])
         return np.concatenate([last - rows, last + rows])
 

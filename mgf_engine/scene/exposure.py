@@ -70,7 +70,7 @@ def with_gain(photo: NDArray[np.uint8], gain: Sequence[float] | Array) -> NDArra
 
 
 def photo_gains(observed: Array, scene: Scene, options: ExposureOptions = ExposureOptions()) -> Array:
-    """Factors [V, 3] that make the photos agree on their points; all ones when they agree already.
+    """Find factors [V, 3] that make the photos agree on their points; all ones when they agree already.
 
     Args:
         observed: colours of the scene's observations, 0..255, [T, 3].
@@ -92,7 +92,7 @@ def photo_gains(observed: Array, scene: Scene, options: ExposureOptions = Exposu
 def _solve(
     value: Array, view: NDArray[np.int32], point: NDArray[np.int64], views: int, options: ExposureOptions
 ) -> Array:
-    """g [views] of value = g[view] + p[point], the points eliminated; its mean is zero.
+    """Solve value = g[view] + p[point] for g [views], the points eliminated; its mean is zero.
 
     The matrix between photos is never formed: it would grow with their square, and with that of the tracks' lengths.
     Conjugate gradients apply it instead, in the time that the observations take (Hestenes and Stiefel 1952).
@@ -115,7 +115,7 @@ def _solve(
 
 
 def _conjugate_gradients(pairs: sparse.csr_matrix, share: Array, own: Array, right: Array, start: Array) -> Array:
-    """x of (diag(own) - P diag(share) P^T) x = right.
+    """Solve (diag(own) - P diag(share) P^T) x = right for x.
 
     Args:
         pairs: P, weights [V, P]; share: [P]; own, right: [V].

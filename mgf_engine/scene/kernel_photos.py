@@ -28,7 +28,8 @@ def photo_struct(first: View, photos: Sequence[KernelPhoto]) -> NDArray[np.void]
 
 
 def pixel_transfer(first: View, second: View) -> NDArray[np.float64]:
-    """M [3, 3] and b [3], flat [12]: a pixel (x, y) at a depth lies in the second photo at M (x, y, 1) + b / depth."""
+    """Return M [3, 3] and b [3], flat [12]: a pixel (x, y) at a depth lies in the second photo at M (x, y, 1) + b /
+    depth."""
     rotation = second.rotation @ first.rotation.T
     translation = second.translation - rotation @ first.translation
     to_second = second.intrinsics

@@ -65,7 +65,7 @@ def similarities(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _descriptors(database: pycolmap.Database, image_id: int) -> NDArray[np.float32]:
-    """Descriptors of the photo's largest features, float32 [N, 128] in 0..1."""
+    """Read the descriptors of the photo's largest features, float32 [N, 128] in 0..1."""
     if not database.exists_descriptors(image_id) or not database.exists_keypoints(image_id):
         return np.empty((0, 128), np.float32)
     data = np.asarray(database.read_descriptors(image_id).data)

@@ -150,7 +150,7 @@ def original_photo(view: View) -> NDArray[np.uint8]:
 
 
 def _turned(path: Path, orientation: int) -> NDArray[np.uint8]:
-    """A photo as its camera saw it."""
+    """Turn a photo as its camera saw it."""
     image = read_rgb(path)
     return image if orientation == 1 else turn(image, orientation)
 
@@ -217,7 +217,7 @@ def _colors_by_id(model: SparseModel) -> _Colors:
 
 
 def _same_shape(size: tuple[int, int], camera: SparseCamera) -> bool:
-    """Same aspect ratio, up to rounding both sides to whole pixels."""
+    """Tell whether two sizes have the same aspect ratio, up to rounding both sides to whole pixels."""
     width, height = size
     slack = 1.0 + max(width / camera.width, height / camera.height)
     return abs(height - width * camera.height / camera.width) <= slack or (
@@ -226,6 +226,6 @@ def _same_shape(size: tuple[int, int], camera: SparseCamera) -> bool:
 
 
 def _file_name(index: int, name: str) -> str:
-    """A name of the working photo that sorts and reads like the user's and is safe on every system."""
+    """Make a name of the working photo that sorts and reads like the user's and is safe on every system."""
     stem = name.replace("\\", "/").split("/")[-1].rsplit(".", 1)[0]
     return f"{index:04d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', stem)[:40]}.png"

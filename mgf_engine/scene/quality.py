@@ -51,7 +51,7 @@ class Quality:
 
 
 def photo_quality(scene: Scene, folder: Path, threads: int = 1) -> Quality:
-    """Noise and sharpness of the working photos in ``folder``."""
+    """Measure noise and sharpness of the working photos in ``folder``."""
 
     def measure(index: int) -> tuple[float, float]:
         photo = PHOTOS.get(folder / Path(scene.views[index].file).name, read_rgb)
@@ -64,7 +64,8 @@ def photo_quality(scene: Scene, folder: Path, threads: int = 1) -> Quality:
 
 
 def noise_of(grey: NDArray[np.float32]) -> float:
-    """Standard deviation of the noise in a photo [H, W], grey values of 0..255; NaN where nearly all is clipped.
+    """Estimate the standard deviation of the noise in a photo [H, W], grey values of 0..255; NaN where nearly all is
+    clipped.
 
     Second differences across and down cancel smooth shading; for Gaussian noise their mean size is 6 sigma sqrt(2/pi).
     The calmest tenth of all blocks is taken: texture adds to the others.
@@ -84,7 +85,8 @@ def _block_means(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def sharpness_of(grey: NDArray[np.float32], uv: NDArray[np.floating]) -> float:
-    """Sharpness around the observations uv [N, 2] of a photo [H, W]; see :class:`Quality`. NaN where nothing is.
+    """Measure sharpness around the observations uv [N, 2] of a photo [H, W]; see :class:`Quality`. NaN where nothing
+    is.
 
     Squared differences over one pixel against those over four, per pixel of distance: a sharp edge gives both the
     same sum, an edge wider than four pixels a quarter of it.
@@ -100,7 +102,7 @@ def sharpness_of(grey: NDArray[np.float32], uv: NDArray[np.floating]) -> float:
 
 
 def _along(grey: NDArray[np.float32], step: tuple[int, int], far: int, inner: NDArray[np.bool_]) -> float:
-    """The ratio along one direction, ``step`` in rows and columns."""
+    """Return the ratio along one direction, ``step`` in rows and columns."""
     high, wide = grey.shape
 
     def squares(times: int) -> float:
@@ -112,7 +114,7 @@ def _along(grey: NDArray[np.float32], step: tuple[int, int], far: int, inner: ND
 
 
 def blurred_views(quality: Quality, options: QualityOptions = QualityOptions()) -> list[int]:
-    """Blurred photos much less sharp than the median photo."""
+    """Find blurred photos, much less sharp than the median photo."""
     limit = min(options.blurred, options.out_of_line * _median(quality.sharpness))
     return np.flatnonzero(quality.sharpness < limit).tolist()
 
@@ -135,6 +137,6 @@ def poor_photos(quality: Quality, options: QualityOptions = QualityOptions()) ->
 
 
 def _median(values: Array) -> float:
-    """NaN, which is neither above nor below anything, where no photo tells."""
+    """Compute the median; NaN, which is neither above nor below anything, where no photo tells."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")

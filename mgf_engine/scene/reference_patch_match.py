@@ -130,7 +130,7 @@ def _likeness(patch: tuple[Array, Array], plane: Array, x: int, y: int, other: N
 def _inconsistency(
     other: Neighbour, at: Array, expected: float, x: int, y: int, inverse: float, search: np.void
 ) -> float:
-    """Distance in pixels between a plane and the neighbour's own depth."""
+    """Return distance in pixels between a plane and the neighbour's own depth."""
     if search["consistency"] <= 0:
         return 0.0
     known = other.depth[int(at[1]), int(at[0])]
@@ -140,7 +140,7 @@ def _inconsistency(
 
 
 def _parallax(between: Array, x: int, y: int, inverse: float) -> float:
-    """Pixels that a pixel moves for a relative change of its inverse depth."""
+    """Return pixels that a pixel moves for a relative change of its inverse depth."""
     here, b = between[:9].reshape(3, 3) @ [x + 0.5, y + 0.5, 1], between[9:]
     w = here[2] + b[2] * inverse
     return float(np.hypot(b[0] * here[2] - b[2] * here[0], b[1] * here[2] - b[2] * here[1]) * inverse / w**2)

@@ -20,7 +20,7 @@ _FEWEST_TRAINED = 3
 def camera_poses(
     views: Sequence[View], track_view: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Centre [V, 3], viewing direction [V, 3] and number of observed points [V] of each view.
+    """Return the centre [V, 3], viewing direction [V, 3] and number of observed points [V] of each view.
 
     Args:
         track_view: [T], the view of each observation.
@@ -49,7 +49,7 @@ def sample_views(
     count: int,
     wanted: Collection[int] = (),
 ) -> list[int]:
-    """So many views, spread by farthest-point sampling; fewer are among the first of more.
+    """Choose so many views, spread by farthest-point sampling; fewer are among the first of more.
 
     Two views are far apart when they stand apart or look in different directions. The first view is the one with the
     most observed points, ties go to the lower index, so the choice depends on the scene alone.

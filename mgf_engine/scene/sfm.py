@@ -150,7 +150,7 @@ class _Worker:
         self.reporter.progress(self.share(done), None, doing=self.step or "starting")
 
     def _rows(self, table: str) -> int:
-        """Rows of a table in the database that the worker is writing; 0 while it cannot be read."""
+        """Return the rows of a table in the database that the worker is writing; 0 while it cannot be read."""
         try:
             path = quote(str(self.folder / DATABASE))
             connection = sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=0.1)
@@ -175,6 +175,6 @@ def _take_up(folder: Path, task: dict[str, Any]) -> None:
 
 
 def _size_of(path: Path) -> tuple[int, int, int, int]:
-    """Width, height, bytes and time of change."""
+    """Return width, height, bytes and time of change."""
     info, status = read_info(path), path.stat()
     return info.width, info.height, status.st_size, status.st_mtime_ns

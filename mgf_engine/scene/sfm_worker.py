@@ -55,7 +55,7 @@ def main(folder: Path) -> int:
 
 
 def _extract(folder: Path, task: dict[str, Any]) -> None:
-    """SIFT features of every photo; the photos' names by image id are kept when all are done."""
+    """Extract SIFT features of every photo; the photos' names by image id are kept when all are done."""
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size, options.use_gpu, options.num_threads = task["longest_side"], False, task["threads"]
     options.sift.max_num_features = task["features"]
@@ -69,7 +69,7 @@ def _extract(folder: Path, task: dict[str, Any]) -> None:
 
 
 def _match(folder: Path, task: dict[str, Any], names: dict[int, str]) -> None:
-    """Matches of the chosen pairs, checked by epipolar geometry."""
+    """Match the chosen pairs and check the matches by epipolar geometry."""
     ids = sorted(names, key=lambda i: names[i])
     with pycolmap.Database.open(folder / DATABASE) as database:
         pairs = choose_pairs(database, ids, task["exhaustive"], task["seed"], task["neighbours"], task["similar"])
@@ -89,7 +89,7 @@ def _match(folder: Path, task: dict[str, Any], names: dict[int, str]) -> None:
 
 
 def _map(folder: Path, task: dict[str, Any]) -> dict[int, pycolmap.Reconstruction]:
-    """Cameras and points: every model the mapper finds."""
+    """Run the mapper, and return cameras and points: every model that it finds."""
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size, options.extract_colors = FEWEST, False
     options.num_threads, options.random_seed = task["threads"], task["seed"]

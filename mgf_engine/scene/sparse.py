@@ -208,7 +208,8 @@ def _check_points(model: SparseModel) -> None:
 
 
 def _point_of_keypoint(model: SparseModel) -> NDArray[np.int64]:
-    """For each track element, the point its keypoint says it belongs to; NO_POINT where there is no such keypoint."""
+    """Find, for each track element, the point its keypoint says it belongs to; NO_POINT where there is no such
+    keypoint."""
     points = model.points
     counts = np.array([len(image.point_ids) for image in model.images], np.int64)
     first = np.concatenate([[0], np.cumsum(counts)])

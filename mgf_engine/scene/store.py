@@ -88,7 +88,7 @@ def _build(folder: Path, arrays: dict[str, Any]) -> Scene:
 
 
 def _check(scene: Scene) -> None:
-    """Everything that later stages rely on without looking again.
+    """Check everything that later stages rely on without looking again.
 
     Raises:
         ValueError, TypeError: something is out of range.

@@ -175,7 +175,7 @@ def median_consistency(brightness: Array, scene: Scene, options: ValidationOptio
 def photo_consistency(
     brightness: Array, scene: Scene, trusted: NDArray[np.bool_], options: ValidationOptions = ValidationOptions()
 ) -> Array:
-    """Correlation of each photo's brightness with the mean of the other photos' at its points, [V]; NaN: too few.
+    """Correlate each photo's brightness with the mean of the other photos' at its points, [V]; NaN: too few.
 
     Args:
         brightness, trusted: [T], of each observation, and whether it counts among the others.

@@ -72,7 +72,8 @@ def lay_out(
 
 
 def _fit(rectangles: Callable[[float], NDArray[np.int64]], finest: float, largest: int) -> tuple[int, float]:
-    """Side of the picture and scale: the finest in the smallest picture, else what the largest has room for."""
+    """Find the side of the picture and the scale: the finest in the smallest picture, else what the largest has room
+    for."""
     side = min(LEAST_SIDE, largest)
     while side <= largest:
         if pack(rectangles(finest), side) is not None:
@@ -90,7 +91,8 @@ def _fit(rectangles: Callable[[float], NDArray[np.int64]], finest: float, larges
 
 
 def pack(sizes: NDArray[np.int64], side: int) -> NDArray[np.int64] | None:
-    """Top-left corners [N, 2] of rectangles [N, 2] (width, height) in a square, on shelves; None where they do not fit.
+    """Pack rectangles [N, 2] (width, height) into a square, on shelves: their top-left corners [N, 2]; None where they
+    do not fit.
 
     The highest come first, so that a shelf is as high as its first rectangle and hardly wasted by the others.
     """
@@ -109,7 +111,7 @@ def pack(sizes: NDArray[np.int64], side: int) -> NDArray[np.int64] | None:
 
 
 def _cells(count: int) -> Array:
-    """Triangles [count, 3, 2], each in the middle of its square cell, row by row."""
+    """Place triangles [count, 3, 2], each in the middle of its square cell, row by row."""
     columns = int(np.ceil(np.sqrt(count)))
     row, column = np.divmod(np.arange(count), columns)
     reach = CELL - 1.5

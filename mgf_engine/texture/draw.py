@@ -14,7 +14,8 @@ from mgf_engine.texture.bake import barycentric
 
 
 def draw_textured(mesh: Mesh, texture: Texture, view: View) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """The mesh (normalised frame) from a view, unlit on white, RGB uint8 [H, W, 3], and where it is seen, [H, W]."""
+    """Draw the mesh (normalised frame) from a view, unlit on white, RGB uint8 [H, W, 3], and where it is seen,
+    [H, W]."""
     face = render_mesh(mesh, view).face
     rows, columns = np.nonzero(face >= 0)
     owner = face[rows, columns]

@@ -67,7 +67,7 @@ def level_seams(
     photo: Photo,
     o: SeamOptions = SeamOptions(),
 ) -> Corrections:
-    """Corrections for the faces painted as ``label`` [F] says.
+    """Compute the corrections for the faces painted as ``label`` [F] says.
 
     Args:
         neighbours: pairs of faces that share an edge, [E, 2].
@@ -95,7 +95,7 @@ def level_seams(
 
 
 def _shared_edges(faces: NDArray[np.int32], pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The two vertices that the faces of each pair share, [K, 2]."""
+    """Return the two vertices that the faces of each pair share, [K, 2]."""
     first, second = faces[pairs[:, 0]], faces[pairs[:, 1]]
     shared = (first[:, :, None] == second[:, None]).any(2)
     shared &= np.cumsum(shared, axis=1) <= 2  # faces with the same three vertices share all
@@ -103,7 +103,7 @@ def _shared_edges(faces: NDArray[np.int32], pairs: NDArray[np.int64]) -> NDArray
 
 
 def _flat(mesh: Mesh, pairs: NDArray[np.int64], o: SeamOptions) -> Array:
-    """1 where the faces of a pair lie in one plane, 0 from ``crease`` of the options on, [K]."""
+    """Return 1 where the faces of a pair lie in one plane, 0 from ``crease`` of the options on, [K]."""
     normals = face_normals(mesh)
     bend = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(1)
     return np.clip((bend - o.crease) / (1 - o.crease), 0, 1)
@@ -134,7 +134,7 @@ def _differences(
     photo: Photo,
     o: SeamOptions,
 ) -> Array:
-    """Mean colour along each seam on its first side less that on its second, [K, 3]; arguments as above."""
+    """Return the mean colour along each seam on its first side less that on its second, [K, 3]; arguments as above."""
     seam = np.repeat(np.arange(len(ends)), samples)
     rank = np.arange(len(seam)) - np.repeat(np.cumsum(samples) - samples, samples)
     share = ((rank + 0.5) / samples[seam])[:, None]
@@ -157,7 +157,7 @@ def _colors(points: Array, view: View, photo: NDArray[np.uint8], o: SeamOptions)
 
 
 def _laplacian(pairs: NDArray[np.int64], weight: Array, count: int) -> sparse.csr_matrix:
-    """Of the quadratic form sum w (x_i - x_j)^2."""
+    """Return the matrix of the quadratic form sum w (x_i - x_j)^2."""
     i, j = pairs.T
     off = sparse.coo_matrix((weight, (i, j)), (count, count))
     off = (off + off.T).tocsr()

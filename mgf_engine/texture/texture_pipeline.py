@@ -170,7 +170,8 @@ class Originals:
 
 
 def _in_views(mesh: Mesh, label: NDArray[np.int32], views: list[View]) -> NDArray[np.float64]:
-    """Corners of each face in pixels of the view that paints it, [F, 3, 2]; zeros for faces without one."""
+    """Project the corners of each face into pixels of the view that paints it, [F, 3, 2]; zeros for faces without
+    one."""
     result = np.zeros((len(label), 3, 2))
     for index in painting_views(label):
         rows = np.flatnonzero(label == index)

@@ -76,7 +76,7 @@ class _Pairs:
 
 
 def _cover(sights: FaceViews, good: NDArray[np.bool_], area: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Greedy cover: again and again the view that can paint the largest area that has no paint yet."""
+    """Cover greedily: again and again take the view that can paint the largest area that has no paint yet."""
     label = np.full(sights.faces, NO_VIEW, np.int32)
     face, view = sights.face[good], sights.view[good]
     while len(face):
@@ -88,7 +88,7 @@ def _cover(sights: FaceViews, good: NDArray[np.bool_], area: NDArray[np.float64]
 
 
 def _smoothed(label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _Pairs, parity: int) -> NDArray[np.int32]:
-    """Every other face takes the view of two of its neighbours where that shows it."""
+    """Give every other face the view of two of its neighbours where that shows it."""
     first, second = np.concatenate([neighbours, neighbours[:, ::-1]]).T
     asked = (first % 2 == parity) & (label[second] != label[first]) & (label[second] >= 0)
     first, wanted = first[asked], label[second[asked]]
@@ -103,7 +103,7 @@ def _smoothed(label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _P
 
 
 def patches(label: NDArray[np.int32], neighbours: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Label patches: faces of one view that are connected by edges, int32 [F]."""
+    """Label the patches: faces of one view that are connected by edges, int32 [F]."""
     same = neighbours[label[neighbours[:, 0]] == label[neighbours[:, 1]]]
     links = sparse.coo_matrix((np.ones(len(same), np.int8), (same[:, 0], same[:, 1])), (len(label), len(label)))
     return np.asarray(connected_components(links, directed=False)[1], np.int32)
@@ -116,7 +116,7 @@ def _without_small(
     size: NDArray[np.float32],
     options: ViewSelectionOptions,
 ) -> NDArray[np.int32]:
-    """Faces of small patches go to a neighbouring view that shows them, from the rim inwards."""
+    """Give faces of small patches to a neighbouring view that shows them, from the rim inwards."""
     both = np.concatenate([neighbours, neighbours[:, ::-1]])
     for _ in range(options.rounds):
         patch = patches(label, neighbours)

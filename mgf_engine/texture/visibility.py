@@ -105,7 +105,7 @@ class _Found:
             self._limit = 2 * max(self._count, len(self._best))
 
     def sights(self) -> FaceViews:
-        """All that are fairly large."""
+        """Return all views of faces that are fairly large."""
         self._drop_small()
         view = np.repeat(np.array([v for v, *_ in self._parts], np.int32), [len(f) for _, f, _ in self._parts])
         face = np.concatenate([np.zeros(0, np.int32), *(f for _, f, _ in self._parts)])
@@ -127,7 +127,7 @@ def _shown(
     inside: NDArray[np.bool_],
     o: VisibilityOptions,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """The faces that a view shows, and how large they are in it."""
+    """Return the faces that a view shows, and how large they are in it."""
     at = corners(mesh.vertices, view)
     buffers = render_mesh(mesh, view, at)
     u, v, inverse = at.T
@@ -164,13 +164,13 @@ def _at_vertices(
 
 
 def _area(at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Area of triangles [N, 3, 2] in pixels; positive where their front is seen (rows run downwards)."""
+    """Compute the area of triangles [N, 3, 2] in pixels; positive where their front is seen (rows run downwards)."""
     a, b, c = at[:, 0], at[:, 1], at[:, 2]
     return -0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
 
 
 def _facing(mesh: Mesh, normals: NDArray[np.float64], face: NDArray[np.int64], view: View) -> NDArray[np.float64]:
-    """Cosine between the outward normals of faces and the way to the camera."""
+    """Compute the cosine between the outward normals of faces and the way to the camera."""
     toward = view.centre - mesh.vertices[mesh.faces[face, 0]]
     cosine: NDArray[np.float64] = (normals[face] * toward).sum(1) / np.linalg.norm(toward, axis=1)
     return cosine

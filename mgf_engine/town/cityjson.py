@@ -41,7 +41,7 @@ def read_cityjson(data: dict[str, Any], path: Path) -> tuple[list[str], list[Any
 
 
 def _areas(item: dict[str, Any], vertices: NDArray[np.float64]) -> list[Any]:
-    """The ground surfaces of an object from above, or all its surfaces where none is called so."""
+    """Return the ground surfaces of an object from above, or all its surfaces where none is called so."""
     import shapely
 
     ground, other = list[Any](), list[Any]()
@@ -63,7 +63,7 @@ def _areas(item: dict[str, Any], vertices: NDArray[np.float64]) -> list[Any]:
 
 
 def _flat(nested: Any, depth: int) -> Iterator[Any]:
-    """What lies so deep in a list of lists."""
+    """Yield what lies so deep in a list of lists."""
     if depth == 0:
         yield from nested
     else:

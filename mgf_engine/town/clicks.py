@@ -152,7 +152,8 @@ def suggest_clicks(
 
 
 def _clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float], options: ClickOptions) -> list[int]:
-    """The photos that get clicks: a third of those chosen, spread out, none with only a corner of the building."""
+    """Return the photos that get clicks: a third of those chosen, spread out, none with only a corner of the
+    building."""
     count = min(len(choice.photos), max(options.photos, -(-len(choice.photos) // options.every)))
     large = options.large * float(np.median([shares[k] for k in choice.photos]))
     photos = [k for k in choice.photos if shares[k] >= large]
@@ -169,7 +170,7 @@ def _mesh(scene: Scene, georeference: Georeference, polygon: object, low: float,
 
 
 def _depth(region: Bools) -> NDArray[np.float32]:
-    """How far each pixel lies inside a region, 0 outside; the frame's rim counts as outside."""
+    """Return how far each pixel lies inside a region, 0 outside; the frame's rim counts as outside."""
     padded = np.pad(region, 1).astype(np.uint8)
     return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1], np.float32)
 
@@ -177,7 +178,7 @@ def _depth(region: Bools) -> NDArray[np.float32]:
 def _kept(
     pixels: Array, wanted: Bools, depth: NDArray[np.float32], factor: float, least: float, most: float = math.inf
 ) -> tuple[Array, Array]:
-    """The wanted observations [N, 2] (working pixels) that lie deep enough in a region, and how deep [N]."""
+    """Return the wanted observations [N, 2] (working pixels) that lie deep enough in a region, and how deep [N]."""
     chosen = pixels[wanted]
     u, v = (chosen * factor).astype(int).T if len(chosen) else np.zeros((2, 0), int)
     found = depth[np.minimum(v, depth.shape[0] - 1), np.minimum(u, depth.shape[1] - 1)]
@@ -186,7 +187,8 @@ def _kept(
 
 
 def _inmost(core: Bools, visible: Bools, options: ClickOptions) -> tuple[Array, Array]:
-    """The middle of what is surely the building and not hidden, pixels [N, 2] of the drawn picture, and depths [N]."""
+    """Return the middle of what is surely the building and not hidden, pixels [N, 2] of the drawn picture, and depths
+    [N]."""
     depth = _depth(core & visible)
     if depth.max() < options.inside:
         return np.zeros((0, 2)), np.zeros(0)
@@ -195,13 +197,15 @@ def _inmost(core: Bools, visible: Bools, options: ClickOptions) -> tuple[Array, 
 
 
 def _near_others(owner: NDArray[np.int16], number: int, options: ClickOptions) -> Bools:
-    """Pixels near another hull: a footprint half a metre off, or a roof higher than thought, may put it there."""
+    """Return pixels near another hull: a footprint half a metre off, or a roof higher than thought, may put it
+    there."""
     others = ((owner >= 0) & (owner != number)).astype(np.uint8)
     return np.asarray(cv2.dilate(others, np.ones((2 * options.hidden + 1,) * 2, np.uint8)) > 0)
 
 
 def _spread(pixels: Array, depth: Array, spare: tuple[Array, Array], factor: float, options: ClickOptions) -> Array:
-    """Clicks on the building: the deepest, then what lies farthest from those; from the core where points are few."""
+    """Spread clicks on the building: the deepest, then what lies farthest from those; from the core where points are
+    few."""
     if len(pixels) < options.positives and len(spare[0]):
         pixels = np.concatenate([pixels, spare[0] / factor])
         depth = np.concatenate([depth, spare[1]])
@@ -216,7 +220,7 @@ def _spread(pixels: Array, depth: Array, spare: tuple[Array, Array], factor: flo
 
 
 def _nearest(pixels: Array, depth: Array, count: int) -> list[Array]:
-    """Clicks beside the building: the nearest, then those that are near and far from each other."""
+    """Choose clicks beside the building: the nearest, then those that are near and far from each other."""
     if not len(pixels) or count < 1:
         return []
     chosen = [int(np.argmin(depth))]

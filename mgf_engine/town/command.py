@@ -18,7 +18,7 @@ from mgf_engine.town.plan_files import read_plan
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What ``mgf buildings`` and ``mgf town`` take beside the options of jobs."""
+    """Add what ``mgf buildings`` and ``mgf town`` take beside the options of jobs."""
     parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
     parser.add_argument(
         "--footprints", type=Path, default=None, metavar="FILE",
@@ -60,7 +60,7 @@ def buildings_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
 
 
 def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter) -> Plan:
-    """From arguments to the plan on disk.
+    """Make the plan on disk from the arguments.
 
     Raises:
         BadInput: what :mod:`mgf_engine.town.plan` and its parts raise, or impossible arguments.

@@ -64,7 +64,8 @@ class Outline:
 
 
 def height_over_ground(points: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> Array:
-    """Of each point [P, 3] (local frame), [P]: over an opening of the lowest points wider than buildings."""
+    """Compute the height of each point [P, 3] (local frame), [P]: over an opening of the lowest points wider than
+    buildings."""
     low = points[:, :2].min(0)
     cells = np.floor((points[:, :2] - low) / (options.ground_cell * metre)).astype(np.int64)
     cells = np.minimum(cells, 4000)  # stray points far away are left to its rim
@@ -84,7 +85,8 @@ def height_over_ground(points: Array, metre: float, options: OutlineOptions = Ou
 
 
 def _trend(floor: Array, known: NDArray[np.bool_], options: OutlineOptions) -> Array:
-    """The plane of the slope that lies under a map of lowest points [X, Y]: fitted to the lower ones in turns."""
+    """Return the plane of the slope that lies under a map of lowest points [X, Y]: fitted to the lower ones in
+    turns."""
     place = np.column_stack([*np.nonzero(known), np.ones(known.sum())]).astype(float)
     height, kept = floor[known], np.ones(known.sum(), bool)
     plane = np.zeros(3)
@@ -97,7 +99,7 @@ def _trend(floor: Array, known: NDArray[np.bool_], options: OutlineOptions) -> A
 
 
 def _sunken(points: Array, metre: float, options: OutlineOptions) -> NDArray[np.bool_]:
-    """Which points [P, 3] lie far below those around them: wrong matches, which would take the ground down."""
+    """Return which points [P, 3] lie far below those around them: wrong matches, which would take the ground down."""
     index = cKDTree(points[:, :2]).query(points[:, :2], min(options.stray_neighbours, len(points)))[1]
     around = points[index.reshape(len(points), -1), 2]
     return np.asarray(points[:, 2] < np.percentile(around, 30, axis=1) - options.stray_depth * metre)
@@ -140,7 +142,7 @@ def find_outlines(points: Array, metre: float, options: OutlineOptions = Outline
 
 
 def _planar(points: Array, options: OutlineOptions) -> Array:
-    """How plane the surroundings of each point [P, 3] are, 0 to 1: the median of its neighbours counts."""
+    """Return how plane the surroundings of each point [P, 3] are, 0 to 1: the median of its neighbours counts."""
     count = min(options.neighbours, len(points) - 1)
     index = cKDTree(points).query(points, count + 1)[1]
     offsets = points[index] - points[index].mean(1, keepdims=True)

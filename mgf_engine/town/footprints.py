@@ -75,7 +75,7 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def _read_with_gdal(path: Path, layer: str) -> tuple[list[str], list[Any], str | None]:
-    """Names, shapes and CRS of what GDAL reads."""
+    """Read names, shapes and CRS with GDAL."""
     try:
         import pyogrio
         import shapely
@@ -96,13 +96,13 @@ def _read_with_gdal(path: Path, layer: str) -> tuple[list[str], list[Any], str |
 
 
 def _layer_of_areas(layers: Any) -> str | None:
-    """The first layer whose shapes are areas, or the first at all."""
+    """Return the first layer whose shapes are areas, or the first at all."""
     names = [str(name) for name, kind in layers if kind is not None and "Polygon" in str(kind)]
     return (names or [str(name) for name, _ in layers] or [None])[0]  # type: ignore[list-item]
 
 
 def _checked(names: list[str], shapes: list[Any], crs: str | None, path: Path) -> Footprints:
-    """Areas only, made valid, with names that folders can have."""
+    """Keep areas only, made valid, with names that folders can have."""
     import shapely
 
     ids, polygons, taken = list[str](), list[Any](), set[str]()

@@ -98,7 +98,8 @@ def _hull(
 
 
 def ground_of(heights: Array) -> float:
-    """The height of the ground among points on it and on what stands about: the densest height of the lower half."""
+    """Return the height of the ground among points on it and on what stands about: the densest height of the lower
+    half."""
     low = np.sort(heights[heights <= np.median(heights)])
     if len(low) < 4:
         return float(low[0])

@@ -54,7 +54,7 @@ def color_of(row: dict[str, Any]) -> str:
 
 
 def _shapes(town: Path, rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], float, float, str]:
-    """The footprints as SVG paths, the height of the map, and a scale bar in pixels with its label."""
+    """Return the footprints as SVG paths, the height of the map, and a scale bar in pixels with its label."""
     features = json.loads((town / "buildings.geojson").read_text(encoding="utf-8"))["features"]
     metre = float(json.loads((town / "buildings.json").read_text(encoding="utf-8"))["metre"])
     outlines = [_rings(feature["geometry"]) for feature in features]
@@ -79,7 +79,8 @@ def _shapes(town: Path, rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]
 
 
 def _letters(name: str, width: float) -> float:
-    """Height of letters in pixels with which a name stays over a building so wide, as far as one can still read it."""
+    """Return the height of letters in pixels with which a name stays over a building so wide, as far as one can still
+    read it."""
     return round(float(np.clip(width / (_LETTER * max(len(name), 1)), *_LETTERS)), 1)
 
 
@@ -109,7 +110,7 @@ def _shown(row: dict[str, Any], town: Path) -> dict[str, Any]:
 
 
 def _data(path: Path, kind: str) -> str:
-    """A picture as a link that holds it, so that the page is one file; empty where there is none."""
+    """Return a picture as a link that holds it, so that the page is one file; empty where there is none."""
     if not path.is_file():
         return ""
     return f"data:image/{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"

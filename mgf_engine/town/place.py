@@ -117,7 +117,7 @@ def usual_metre(scene: Scene, scale: float) -> float:
 
 
 def _located(scene: Scene, config: Config) -> bool:
-    """Whether control points or the GPS of four photos can tell where the scene is."""
+    """Tell whether control points or the GPS of four photos can tell where the scene is."""
     if config.control:
         return True
     if config.gps == "off":
@@ -230,7 +230,7 @@ def _degrees(polygons: NDArray[np.object_]) -> bool:
 
 
 def _in_metres(crs: str) -> bool:
-    """Whether lengths in a CRS are metres on the ground."""
+    """Tell whether lengths in a CRS are metres on the ground."""
     pyproj = proj()
     try:
         found = pyproj.CRS.from_user_input(crs)
@@ -272,7 +272,7 @@ def _check_near(placed: Placed, footprints: Footprints, points: Array) -> None:
 
 
 def _guess(placed: Placed, footprints: Footprints, middle: Array) -> str:
-    """The CRS under which the footprints would lie at the photos; empty where none is found."""
+    """Return the CRS under which the footprints would lie at the photos; empty where none is found."""
     import shapely
 
     if placed.georeference.crs is None or placed.georeference.origin is None:

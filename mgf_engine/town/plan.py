@@ -145,7 +145,7 @@ def make_plan(
 
 
 def _unmapped(placed: Placed, points: Array, hulls: Sequence[Hull], options: PlanOptions) -> list[Hull]:
-    """What stands where the map has nothing: it hides what lies behind it, and somebody should look at it."""
+    """Return what stands where the map has nothing: it hides what lies behind it, and somebody should look at it."""
     import shapely
 
     taken = shapely.union_all([hull.polygon for hull in hulls]).buffer(options.beside * placed.metre)

@@ -104,7 +104,7 @@ def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool,
 
 
 def write_light(mesh: Mesh, path: Path) -> None:
-    """The building with few faces for a first look at the whole town, local frame; kept where it is newer."""
+    """Write the building with few faces for a first look at the whole town, local frame; kept where it is newer."""
     source = path.parent / JOB / "mesh.ply"
     if not path.is_file() or path.stat().st_mtime_ns < source.stat().st_mtime_ns:
         coarse = reduce_faces(mesh, max(MOST_LIGHT // 10, min(MOST_LIGHT, round(LIGHT_SHARE * len(mesh.faces)))))
@@ -133,7 +133,7 @@ def measure(mesh: Mesh, row: dict[str, Any], metre: float) -> dict[str, float]:
 
 
 def write_table(path: Path, town: Path, rows: list[dict[str, Any]], georeference: Georeference) -> None:
-    """The buildings as a GeoPackage."""
+    """Write the buildings as a GeoPackage."""
     import pyogrio
     import shapely
 
@@ -167,7 +167,8 @@ def write_table(path: Path, town: Path, rows: list[dict[str, Any]], georeference
 def write_town(
     path: Path, meshes: dict[str, Mesh], georeference: Georeference, terrain: tuple[Mesh, Texture] | None = None
 ) -> None:
-    """All buildings and the terrain in one GLB, a node each, in local coordinates with y up as the format wants it.
+    """Write all buildings and the terrain in one GLB, a node each, in local coordinates with y up as the format wants
+    it.
 
     Args:
         path: of the GLB file.

@@ -33,7 +33,7 @@ MOST_FACES = 20_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of ``mgf town`` beside the options of jobs."""
+    """Add the arguments of ``mgf town`` beside the options of jobs."""
     add_plan_arguments(parser)
     parser.add_argument("--cores", type=int, default=0, metavar="N", help="cores for all jobs together (default: all)")
     parser.add_argument(
@@ -100,7 +100,7 @@ def _check(args: argparse.Namespace) -> Executor:
 
 @contextlib.contextmanager
 def _one_town(folder: Path) -> Iterator[None]:
-    """Nobody else works in the folder meanwhile.
+    """Lock the folder, so that nobody else works in it meanwhile.
 
     Raises:
         BadInput: somebody does.
@@ -118,7 +118,7 @@ def _one_town(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _stoppable() -> Iterator[None]:
-    """SIGTERM stops the town as Ctrl-C does."""
+    """Have SIGTERM stop the town as Ctrl-C does."""
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
@@ -176,7 +176,7 @@ def _watch(town: Path, process: subprocess.Popen[bytes]) -> None:
 
 
 def _say_changes(rows: list[dict[str, Any]], said: dict[str, str]) -> None:
-    """A line for each building whose job went on to something else, for logs and pipes."""
+    """Print a line for each building whose job went on to something else, for logs and pipes."""
     for row in rows:
         now = f"{row['job']} {row['status'].get('stage', '') if row['job'] == RUNNING else ''}".strip()
         if row["job"] and said.get(row["id"], "waiting") != now:

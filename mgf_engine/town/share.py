@@ -64,7 +64,7 @@ def take_scene(job: Job, shared: Path) -> bool:
 
 
 def _alike(one: View, other: View) -> bool:
-    """Whether two working photos are the same one."""
+    """Tell whether two working photos are the same one."""
     sizes = (one.width, one.height, one.orientation) == (other.width, other.height, other.orientation)
     pairs = zip((one.fx, one.fy, one.cx, one.cy), (other.fx, other.fy, other.cx, other.cy), strict=True)
     return sizes and one.lens == other.lens and all(abs(a - b) <= _SAME * abs(b) for a, b in pairs)

@@ -19,7 +19,7 @@ _END, _LOOK = 120.0, 1.0  # seconds for cancelled jobs to end (Slurm's KillWait 
 
 
 def check_slurm() -> None:
-    """Slurm answers here, and Snakemake can talk to it.
+    """Check that Slurm answers here, and that Snakemake can talk to it.
 
     Raises:
         BadInput: it does not.
@@ -35,7 +35,8 @@ def check_slurm() -> None:
 
 
 def slurm_arguments() -> list[str]:
-    """Arguments of Snakemake: a job that lost its node goes back into the queue and is no failure of the building."""
+    """Return the arguments of Snakemake: a job that lost its node goes back into the queue and is no failure of the
+    building."""
     return [
         "--executor", SLURM, "--slurm-requeue", "--slurm-status-command", "sacct" if _accounts() else "squeue",
         "--slurm-init-seconds-before-status-checks", "2",
@@ -43,7 +44,7 @@ def slurm_arguments() -> list[str]:
 
 
 def _accounts() -> bool:
-    """Whether the cluster keeps accounts of its jobs; else the queue must tell how a job ended."""
+    """Tell whether the cluster keeps accounts of its jobs; else the queue must tell how a job ended."""
     try:
         command = ["sacct", "--noheader", "--starttime", "now"]
         return subprocess.run(command, capture_output=True, timeout=_ANSWER).returncode == 0
@@ -83,7 +84,7 @@ def cancel_jobs(town: Path) -> int:
 
 
 def _ask(*command: str) -> str:
-    """The output of one of Slurm's commands."""
+    """Run one of Slurm's commands and return its output."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_ANSWER)
     except (OSError, subprocess.TimeoutExpired) as error:

@@ -63,7 +63,8 @@ def make_solid(folder: Path, georeference_of: Path) -> dict[str, Any]:
 
 
 def ground_of_neighbours(town: Path, name: str, georeference: Georeference, reach: float) -> shapely.Geometry:
-    """Footprints of the other buildings of a town with so much around them, local frame; not of what is torn down."""
+    """Return the footprints of the other buildings of a town with so much around them, local frame; not of what is torn
+    down."""
     import shapely
 
     features = json.loads((town / "buildings.geojson").read_text(encoding="utf-8"))["features"]
@@ -74,7 +75,7 @@ def ground_of_neighbours(town: Path, name: str, georeference: Georeference, reac
 
 
 def merge_cityjson(parts: list[dict[str, Any]], title: str) -> dict[str, Any]:
-    """CityJSON files of one CRS and one step as a single one.
+    """Merge CityJSON files of one CRS and one step into a single one.
 
     Args:
         parts: as :func:`mgf_engine.models.cityjson.make_cityjson` makes them, each with objects of other names.
@@ -102,7 +103,7 @@ def merge_cityjson(parts: list[dict[str, Any]], title: str) -> dict[str, Any]:
 
 
 def _shifted(nested: Any, count: int) -> Any:
-    """Indices in nested lists, each larger by a number."""
+    """Shift indices in nested lists by a number."""
     return [_shifted(inner, count) for inner in nested] if isinstance(nested, list) else nested + count
 
 

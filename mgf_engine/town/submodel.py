@@ -63,7 +63,8 @@ def _camera_lines(model: SparseModel, images: list[SparseImage]) -> list[str]:
 
 
 def _image_lines(images: list[SparseImage], ids: NDArray[np.int64], place: dict[int, NDArray[np.int64]]) -> list[str]:
-    """Two lines for each photo; ``place`` gets the new index of each of its keypoints, -1 where it is dropped."""
+    """Return two lines for each photo; ``place`` gets the new index of each of its keypoints, -1 where it is
+    dropped."""
     lines = []
     for image in images:
         used = (image.point_ids != NO_POINT) & np.isin(image.point_ids, ids)

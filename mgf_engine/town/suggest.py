@@ -39,7 +39,7 @@ _FAR = 15.0  # metres from a point to the building that it means
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What ``mgf suggest-clicks`` takes beside the options of jobs."""
+    """Add what ``mgf suggest-clicks`` takes beside the options of jobs."""
     parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help=f"for {CLICKS} and {SHEET}")
     parser.add_argument(
@@ -125,7 +125,7 @@ def clicks_on_one(
 def _region(
     config: Config, point: Sequence[float] | None, georeference: Georeference, polygons: list[Any], metre: float
 ) -> Any:
-    """The outline of the building that is meant."""
+    """Return the outline of the building that is meant."""
     import shapely
 
     box = parse_crop_box(config.crop_box)
@@ -152,7 +152,7 @@ def _region(
 
 
 def draw_clicks(scene: Scene, clicks: Clicks, path: Path) -> None:
-    """The clicked photos side by side, green on the building and red beside it."""
+    """Draw the clicked photos side by side, green on the building and red beside it."""
     index = {view.name: k for k, view in enumerate(scene.views)}
     tiles = []
     for name, entry in clicks.items():

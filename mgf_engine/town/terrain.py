@@ -145,7 +145,7 @@ def ground_surface(
 
 
 def _heights(ground: Array, start: Array, cell: float, shape: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_]]:
-    """Height at each point of the grid [X, Y], and where points tell it."""
+    """Return height at each point of the grid [X, Y], and where points tell it."""
     at = np.rint((ground[:, :2] - start) / cell).astype(np.int64)
     inside = ((at >= 0) & (at < shape)).all(1)
     flat = np.ravel_multi_index(tuple(at[inside].T), shape)
@@ -166,7 +166,7 @@ def _heights(ground: Array, start: Array, cell: float, shape: tuple[int, ...]) -
 
 
 def _extent(known: NDArray[np.bool_], built: NDArray[np.bool_], gap: int) -> NDArray[np.bool_]:
-    """Where there is terrain: at points and buildings, and in small gaps between them; the largest piece of it."""
+    """Find where there is terrain: at points and buildings, and in small gaps between them; the largest piece of it."""
     near = np.pad(known | built, gap)
     if gap:
         near = ndimage.binary_closing(near, iterations=gap)[gap:-gap, gap:-gap]
@@ -186,7 +186,7 @@ def _triangles(kept: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def _ground_masks(scene: Scene, town: Path, hulls: list[Hull], eaves: float, metre: float) -> MaskSet:
-    """Masks that show all but buildings, so that none is painted on the ground behind it."""
+    """Return masks that show all but buildings, so that none is painted on the ground behind it."""
     count = len(scene.views)
     labels = [np.full((view.height, view.width), BUILDING, np.uint8) for view in scene.views]
     if hulls:

@@ -200,7 +200,8 @@ def _look(
 
 
 def _most_telling(quality: Array, count: int, decay: float) -> list[int]:
-    """Photos in the order of what each adds to those before it; a spot that a photo shows is worth less to the next."""
+    """Return photos in the order of what each adds to those before it; a spot that a photo shows is worth less to the
+    next."""
     chosen = list[int]()
     gain = np.ones(quality.shape[1])
     while len(chosen) < count:
@@ -213,7 +214,7 @@ def _most_telling(quality: Array, count: int, decay: float) -> list[int]:
 
 
 def _towards_neighbours(points: Array, hull: Hull, hulls: Sequence[Hull]) -> NDArray[np.bool_]:
-    """Which points [S, 3] (local frame) lie in the footprint of another hull."""
+    """Return which points [S, 3] (local frame) lie in the footprint of another hull."""
     import shapely
 
     around = shapely.MultiPoint(points[:, :2]).envelope

@@ -116,7 +116,7 @@ def worth_retrying(status: dict[str, Any]) -> bool:
 
 
 def _open_job(folder: Path, given: dict[str, Any]) -> Any:
-    """The job, once a job of a town that was killed has let go of its folder."""
+    """Open the job, once a job of a town that was killed has let go of its folder."""
     from mgf_engine.job import Job
 
     place, until = folder / JOB, time.monotonic() + _PATIENCE
@@ -151,7 +151,7 @@ def _run(folder: Path, given: dict[str, Any], reporter: Reporter) -> dict[str, A
 
 
 def draw(job: Any, path: Path) -> None:
-    """The photo that shows most of the building, and the mesh from the same place, side by side."""
+    """Draw the photo that shows most of the building, and the mesh from the same place, side by side."""
     import cv2
     import numpy as np
 
@@ -186,7 +186,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _watch(reporter: Reporter) -> None:
-    """SIGTERM, Ctrl-C and the end of whoever started the town ask the job to stop; it goes on at the next call."""
+    """Have SIGTERM, Ctrl-C and the end of whoever started the town stop the job; it goes on at the next call."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: reporter.cancel())
 
@@ -201,7 +201,7 @@ def _watch(reporter: Reporter) -> None:
 
 
 def _abandoned() -> bool:
-    """Whether the town that asks for this job has been killed already."""
+    """Tell whether the town that asks for this job has been killed already."""
     if os.name == "nt" or not os.environ.get("MGF_TOWN_PIPE"):
         return False
     return bool(select.select([sys.stdin], [], [], 0)[0])  # nothing is ever written: only its end can be read

@@ -102,7 +102,7 @@ def snakemake_arguments(executor: Executor, memory: int) -> list[str]:
 
 @contextmanager
 def snakemake(town: Path, executor: Executor, memory: int) -> Iterator[subprocess.Popen[bytes]]:
-    """Snakemake at work on a town; stopped, with its jobs, when the block is left by an exception."""
+    """Run Snakemake on a town; stopped, with its jobs, when the block is left by an exception."""
     module = "snakemake" if executor.local else "mgf_engine.town.submit"
     command = [sys.executable, "-m", module, *snakemake_arguments(executor, memory)]
     environment = {**os.environ, "PYTHONPATH": _with_engine()}
@@ -138,5 +138,5 @@ def _stop(process: subprocess.Popen[bytes], town: Path, executor: Executor) -> N
 
 
 def _with_engine() -> str:
-    """``PYTHONPATH`` that has this engine first, wherever Snakemake runs its jobs."""
+    """Return ``PYTHONPATH`` that has this engine first, wherever Snakemake runs its jobs."""
     return os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH", "")])])

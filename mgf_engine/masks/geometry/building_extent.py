@@ -156,7 +156,8 @@ class BuildingExtent:
         return np.isfinite(depth) & (depth + margin < near)
 
     def _hidden(self, index: int, h: int, w: int) -> Map:
-        """Many accepted points that cameras close by observed here, and hardly any observed in this photo."""
+        """Find views with many accepted points that cameras close by observed here, and hardly any observed in this
+        photo."""
         view, points = self.scene.views[index], self.scene.points
         observed = self.visibility.observed(index)
         expected = self.visibility.expected(index) & self.keep
@@ -221,7 +222,7 @@ class Visibility:
 
 
 def _map_pixel(scene: Scene, keep: Map, o: ExtentOptions) -> float:
-    """Side of a map pixel at the kept points, in the photos taken from closest by; normalised units."""
+    """Return the side of a map pixel at the kept points, in the photos taken from closest by; normalised units."""
     if not keep.any():
         return 0.0
     middle = np.median(scene.points[keep], axis=0)
@@ -287,7 +288,7 @@ def over_building(
 
 
 def _supported(shape: PointFeatures, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Kept points that are not alone: close enough to neighbours of which enough are kept."""
+    """Return kept points that are not alone: close enough to neighbours of which enough are kept."""
     if not keep.any():
         return keep
     first, second = shape.pairs[:, 0], shape.pairs[:, 1]
@@ -296,7 +297,7 @@ def _supported(shape: PointFeatures, keep: NDArray[np.bool_]) -> NDArray[np.bool
 
 
 def _lowest(scene: Scene, shape: PointFeatures, keep: NDArray[np.bool_]) -> Ground | None:
-    """The level plane through the lowest kept points: no part of the building is seen below it."""
+    """Return the level plane through the lowest kept points: no part of the building is seen below it."""
     if keep.sum() < 10:
         return None
     level = float(np.percentile(scene.points[keep] @ shape.up, 0.5))
@@ -304,7 +305,7 @@ def _lowest(scene: Scene, shape: PointFeatures, keep: NDArray[np.bool_]) -> Grou
 
 
 def _convex_hull(mask: Map, share: float) -> Map:
-    """The convex hull of the larger pieces of a mask [h, w], [h, w]; small ones may be of another building."""
+    """Return the convex hull of the larger pieces of a mask [h, w], [h, w]; small ones may be of another building."""
     result = np.zeros(mask.shape, np.uint8)
     _, piece, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     large = stats[:, cv2.CC_STAT_AREA] >= share * mask.sum()
@@ -316,7 +317,7 @@ def _convex_hull(mask: Map, share: float) -> Map:
 
 
 def _close(places: NDArray[np.int32], radius: NDArray, h: int, w: int) -> Map:
-    """The samples' pixels (y * w + x) and the gaps between them, without reaching beyond the outermost ones."""
+    """Fill the samples' pixels (y * w + x) and the gaps between them, without reaching beyond the outermost ones."""
     spots = np.zeros((h, w), np.uint8)
     spots.reshape(-1)[places] = 1
     if not len(radius):

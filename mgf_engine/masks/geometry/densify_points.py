@@ -81,7 +81,7 @@ def densify_points(
 def _new_points(
     index: int, depths: Depths, bare: Flags, options: DensifyOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """At most one point [N, 3] for each cell of a photo's bare pixels [h, w], with its grey as colour [N, 3]."""
+    """Return at most one point [N, 3] for each cell of a photo's bare pixels [h, w], with its grey as colour [N, 3]."""
     pixels, points = depths.points(index, bare & _calm(depths.maps[index], options))
     side = _cell(bare.shape, options)
     cell = pixels // side @ np.array([bare.shape[1], 1])
@@ -93,7 +93,7 @@ def _new_points(
 
 
 def _cell(shape: tuple[int, ...], options: DensifyOptions) -> int:
-    """Side of a cell of a reduced photo, px."""
+    """Return the side of a cell of a reduced photo, px."""
     return max(2, round(options.cell * max(shape)))
 
 
@@ -108,7 +108,7 @@ def _seen(points: NDArray[np.float64], index: int, depths: Depths, count: int) -
 
 
 def _calm(depth: NDArray[np.float32], options: DensifyOptions) -> Flags:
-    """Pixels [h, w] around which nearly all are matched and the depth changes evenly."""
+    """Find pixels [h, w] around which nearly all are matched and the depth changes evenly."""
     window = np.ones((2 * options.window + 1,) * 2, np.uint8)
     matched = cv2.blur((depth > 0).astype(np.float32), window.shape) > options.matched
     around = np.ones((3, 3), np.uint8)
@@ -118,7 +118,7 @@ def _calm(depth: NDArray[np.float32], options: DensifyOptions) -> Flags:
 
 
 def _around(scene: Scene, index: int, depths: Depths, options: DensifyOptions) -> Flags:
-    """Pixels [h, w] of a reduced photo that have a sparse point near by, be it one that only others observed."""
+    """Find pixels [h, w] of a reduced photo that have a sparse point near by, be it one that only others observed."""
     view, shape = scene.views[index], depths.photos[index].grey.shape
     radius = round(options.reach * max(shape))
     disc = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
@@ -129,7 +129,7 @@ def _around(scene: Scene, index: int, depths: Depths, options: DensifyOptions) -
 
 
 def _beside(mask: Flags, shape: tuple[int, ...], options: DensifyOptions) -> Flags:
-    """Pixels [h, w] of a reduced photo on a mask of any size or beside it."""
+    """Return pixels [h, w] of a reduced photo on a mask of any size or beside it."""
     small = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.dilate(small, np.ones((2 * options.window + 1,) * 2, np.uint8)) > 0, bool)
 
@@ -137,14 +137,14 @@ def _beside(mask: Flags, shape: tuple[int, ...], options: DensifyOptions) -> Fla
 def _covered(
     scene: Scene, index: int, points: NDArray[np.float64], shape: tuple[int, ...], options: DensifyOptions
 ) -> Flags:
-    """Pixels [h, w] of a reduced photo that new points stand for."""
+    """Return pixels [h, w] of a reduced photo that new points stand for."""
     view = scene.views[index]
     window = np.ones((2 * _cell(shape, options) - 1,) * 2, np.uint8)
     return _spots(view.project(points)[0] / (view.width, view.height), shape, window)
 
 
 def _spots(places: NDArray[np.floating], shape: tuple[int, ...], kernel: NDArray[np.uint8]) -> Flags:
-    """The kernel at places [N, 2] (x, y as shares of the photo), bool [h, w]."""
+    """Return the kernel at places [N, 2] (x, y as shares of the photo), bool [h, w]."""
     height, width = shape
     result = np.zeros((height, width), np.uint8)
     result[pixel_at(shape, places * (width, height))] = 1
@@ -152,7 +152,7 @@ def _spots(places: NDArray[np.floating], shape: tuple[int, ...], kernel: NDArray
 
 
 def _joined(scene: Scene, points: NDArray[np.float64], colors: NDArray[np.uint8], seen: Flags) -> Scene:
-    """The scene with points [N, 3] more, and which views see each, [N, V]."""
+    """Return the scene with points [N, 3] more, and which views see each, [N, V]."""
     owner, view = np.nonzero(seen)
     uv = np.zeros((len(owner), 2))
     for index in np.unique(view):

@@ -85,7 +85,8 @@ def measure_point_features(
 
 
 def _astray(offsets: NDArray, spacing: NDArray, index: NDArray, options: PointFeatureOptions) -> NDArray[np.bool_]:
-    """From the offsets [P, K, 3] to the neighbours ``index`` [P, K]."""
+    """Compute how far points lie off their neighbours' surface, from the offsets [P, K, 3] to these, ``index``
+    [P, K]."""
     one_sided = np.linalg.norm(offsets.mean(1), axis=1) > options.one_sided * np.linalg.norm(offsets, axis=2).mean(1)
     return np.asarray(one_sided & (spacing > options.astray * spacing[index].mean(1)), bool)
 
@@ -93,7 +94,7 @@ def _astray(offsets: NDArray, spacing: NDArray, index: NDArray, options: PointFe
 def _links(
     distance: NDArray, index: NDArray, spacing: NDArray, normals: NDArray, flatness: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Self-tuning closeness: near, and where both sides are planar, facing the same way."""
+    """Return self-tuning closeness: near, and where both sides are planar, facing the same way."""
     count, k = index.shape
     first, second = np.repeat(np.arange(count), k), index.ravel()
     near = np.exp(-(distance.ravel() ** 2) / (2 * spacing[first] * spacing[second]))
@@ -103,7 +104,7 @@ def _links(
 
 
 def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64]:
-    """Height over the lowest points (5th percentile) of a square around, on a grid of the ground plan."""
+    """Return height over the lowest points (5th percentile) of a square around, on a grid of the ground plan."""
     side = np.linalg.svd(up[None])[2][1:]
     plan = points @ side.T
     low, high = np.percentile(plan, [2, 98], axis=0)
@@ -129,7 +130,7 @@ def clicked_groups(
     shape: PointFeatures,
     options: PointFeatureOptions = PointFeatureOptions(),
 ) -> NDArray[np.bool_]:
-    """Kept points that hang together with clicked ones: a building of the same brick across the street does not.
+    """Find kept points that hang together with clicked ones: a building of the same brick across the street does not.
 
     Points hang together where no gap of about eight spacings lies between them.
 

@@ -48,7 +48,8 @@ class Surface:
     tolerance: float
 
     def project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
-        """Map pixels (y * w + x), depths and spacings in map pixels of the samples inside the frame, [N] each."""
+        """Return map pixels (y * w + x), depths and spacings in map pixels of the samples inside the frame, [N]
+        each."""
         count = len(self.samples)
         places, depth, radius = np.empty(count, np.int32), *np.empty((2, count), np.float32)
         unit = float(view.fx * w / view.width)
@@ -73,7 +74,7 @@ class Surface:
         return near
 
     def _splat(self, view: View, h: int, w: int) -> NDArray[np.float32]:
-        """The nearest depth among discs around the samples; infinite where there is none, [h, w]."""
+        """Return the nearest depth among discs around the samples; infinite where there is none, [h, w]."""
         most = max(0, int(2 * np.log2(max(h, w) / 4)))
         # Discs get larger by the square root of two from one level to the next.
         limits = SPLAT * self.cell * view.fx * w / view.width / 2 ** ((np.arange(most) + 0.5) / 2)
@@ -93,7 +94,7 @@ class Surface:
 
 
 def _matrix(view: View, h: int, w: int) -> NDArray[np.float32]:
-    """From the normalised frame to the pixels of a map of the view, [3, 4]."""
+    """Return the matrix from the normalised frame to the pixels of a map of the view, [3, 4]."""
     frame = np.array([[view.fx * w / view.width, 0, view.cx * w / view.width],
                       [0, view.fy * h / view.height, view.cy * h / view.height], [0, 0, 1]])  # fmt: skip
     return np.ascontiguousarray(frame @ np.column_stack([view.rotation, view.translation]), np.float32)
@@ -148,7 +149,7 @@ def make_surface(
 def _discs(
     points: Points, spacing: Points, shape: PointFeatures, rows: NDArray[np.int64], options: SurfaceOptions
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Samples of a disc around each of these points where the surface is flat, and which point each belongs to."""
+    """Sample a disc around each of these points where the surface is flat, and which point each belongs to."""
     flat = rows[shape.flatness[rows] > options.flat]
     normals = shape.normals[flat]
     helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
@@ -165,7 +166,8 @@ def _discs(
 
 
 def _highest(samples: Points, up: Points, cell: float) -> NDArray[np.int64]:
-    """The highest sample over each cell of the ground: the column below it holds those of all others there, [K]."""
+    """Return the highest sample over each cell of the ground: the column below it holds those of all others there,
+    [K]."""
     first = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.7 else [0, 1.0, 0])
     first /= np.linalg.norm(first)
     flat = np.stack([samples @ first, samples @ np.cross(up, first)], axis=1)

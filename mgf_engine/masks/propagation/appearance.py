@@ -22,7 +22,8 @@ ROWS = 16_384  # samples looked at together: what fits the cache
 
 
 def lab_of(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """CIELAB of an RGB photo uint8 [H, W, 3]: lightness 0..100, green to red, blue to yellow; float32 [H, W, 3]."""
+    """Return CIELAB of an RGB photo uint8 [H, W, 3]: lightness 0..100, green to red, blue to yellow; float32
+    [H, W, 3]."""
     return np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
 
 
@@ -36,12 +37,12 @@ class Mixture:
     log_norms: NDArray[np.float64]  # [K]
 
     def log_density(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """log p(x) for scaled features [N, F] -> [N]."""
+        """Compute log p(x) for scaled features [N, F] -> [N]."""
         starts = range(0, max(1, len(x)), ROWS)
         return np.concatenate([_log_sum(self.terms(x[start : start + ROWS])) for start in starts])
 
     def terms(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """log(weight_k p_k(x)), [N, K]."""
+        """Return log(weight_k p_k(x)), [N, K]."""
         # Written out as a polynomial of second degree in x, all components are one product of matrices.
         precision = np.einsum("kji,kjl->kil", self.roots, self.roots)
         first, second = np.triu_indices(x.shape[1])
@@ -64,7 +65,7 @@ def fit_mixture(
     seed: int,
     scale: NDArray[np.float64] = FEATURE_SCALE,
 ) -> Mixture | None:
-    """Expectation maximisation on weighted samples; None where fewer than 12 samples carry weight.
+    """Fit a mixture by expectation maximisation on weighted samples; None where fewer than 12 samples carry weight.
 
     Args:
         features: [N, F] unscaled.
@@ -99,7 +100,7 @@ def fit_mixture(
 
 
 def _log_sum(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """log of the sum of exp(terms) along the second axis, [N]."""
+    """Return the log of the sum of exp(terms) along the second axis, [N]."""
     most = terms.max(axis=1)
     return most + np.log(np.exp(terms - most[:, None]).sum(axis=1))
 

@@ -141,7 +141,7 @@ class GeometricOdds:
         return probable & clicked, probable & ~clicked
 
     def _tied_to_building(self, keep: NDArray[np.bool_], points: Array, appearance: Array) -> Array:
-        """How far regions may be the building although no point of it is near, 0..1, [regions].
+        """Return how far regions may be the building although no point of it is near, 0..1, [regions].
 
         A sheet roof or a plain wall has points along its edges only. What looks like the building, and is tied to its
         points more than to those of other things, may be one surface with them.
@@ -159,7 +159,8 @@ class GeometricOdds:
     def _geometry(
         self, extent: BuildingExtent, index: int, tied: Array
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
-        """Log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within [P]."""
+        """Return the log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within
+        [P]."""
         place = extent.place(index)
         sure = 1 - tied[self.graph.start[index] : self.graph.start[index + 1]]
         odds, first = self._region_odds(place, self.graph.regions[index], self.graph.scene.views[index], sure)
@@ -182,7 +183,7 @@ class GeometricOdds:
         )
 
     def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Points farther from all kept ones than a wall is from the roof on it, [P]."""
+        """Return points farther from all kept ones than a wall is from the roof on it, [P]."""
         gap = float(self.options.other_gap * np.median(self.graph.shape.spacing[keep]))
         distance, _ = cKDTree(self.graph.scene.points[keep]).query(
             self.graph.scene.points, distance_upper_bound=np.nextafter(gap, np.inf), workers=self.graph.threads
@@ -202,7 +203,7 @@ class GeometricOdds:
     def _region_odds(
         self, place: ViewRegions, regions: Regions, view: View, sure: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Log-odds of each region, and whether its ray meets the ground first, [S] each.
+        """Return the log-odds of each region, and whether its ray meets the ground first, [S] each.
 
         Args:
             sure: how much it says that no point of the building is near, 0..1, [S].

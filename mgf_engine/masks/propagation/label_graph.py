@@ -78,7 +78,7 @@ class LabelGraph:
         return np.clip(result, 0.0, 1.0)
 
     def click_pull(self, prompts: Prompts) -> tuple[Array, Array]:
-        """Strength and wanted value of the clicks, [N] each."""
+        """Return strength and wanted value of the clicks, [N] each."""
         count = self.region_count + self.point_count
         pull, wanted = np.zeros(count), np.zeros(count)
         around = np.array([[0, 0], [5, 0], [-5, 0], [0, 5], [0, -5]])
@@ -91,7 +91,7 @@ class LabelGraph:
         return pull, wanted / np.maximum(pull, 1e-12)
 
     def unclicked_sky(self, prompts: Prompts) -> NDArray[np.bool_]:
-        """Nodes that are sky, [N]; what a click calls building is none."""
+        """Return nodes that are sky, [N]; what a click calls building is none."""
         clicked = [self.regions[i].at(c.positive) + self.start[i] for i, c in prompts.items() if len(c.positive)]
         taken = self.sky[np.concatenate(clicked)] if clicked else np.zeros(0, np.int64)
         return (self.sky > 0) & ~np.isin(self.sky, taken)
@@ -122,7 +122,7 @@ class LabelGraph:
         return np.asarray(total / np.maximum(np.bincount(self.added_observed, minlength=self.region_count), 1))
 
     def _observed_regions(self) -> NDArray[np.int64]:
-        """The region node of each observation of the full scene, [T]."""
+        """Return the region node of each observation of the full scene, [T]."""
         result = np.empty(len(self.full.track_view), np.int64)
         for index, regions in enumerate(self.regions):
             here = self.full.observations(index)
@@ -157,7 +157,7 @@ class LabelGraph:
         return np.column_stack([mean, 6 * shape.flatness * upright, 4 * shape.flatness])
 
     def _sky(self, options: SkyOptions) -> NDArray[np.int64]:
-        """Piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""
+        """Return the piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""
         result = np.zeros(self.region_count + self.point_count, np.int64)
         for index, regions in enumerate(self.regions):
             part = slice(self.start[index], self.start[index + 1])

@@ -113,6 +113,6 @@ def _same_thing(
 
 
 def _ray(view: View, uv: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Camera centre and direction [3] of a pixel; the direction's length is 1 along the optical axis."""
+    """Return camera centre and direction [3] of a pixel; the direction's length is 1 along the optical axis."""
     local = np.array([(uv[0] - view.cx) / view.fx, (uv[1] - view.cy) / view.fy, 1.0])
     return view.centre, view.rotation.T @ local

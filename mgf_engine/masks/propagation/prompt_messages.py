@@ -57,7 +57,7 @@ class PromptMessages:
         ]
 
     def _ignored_text(self, index: int, outliers: list[OutlierPrompt]) -> str:
-        """Outliers that are left out."""
+        """Describe the outliers that are left out."""
         name, spots = self._name(index), self._spots(index, outliers)
         evidence = on_points(self.graph, index, self.prompts[index])
         if evidence and clicked_elsewhere(index, outliers, self.prompts):
@@ -68,14 +68,14 @@ class PromptMessages:
         )
 
     def _used_text(self, index: int, outliers: list[OutlierPrompt]) -> str:
-        """Outliers beside the building, which are used all the same."""
+        """Describe the outliers beside the building, which are used all the same."""
         return (
             f"The background clicks {self._spots(index, outliers)} in '{self._name(index)}' contradict the other "
             "photos. They are still used; delete them if they are mistakes."
         )
 
     def _missed_text(self, index: int, outliers: list[OutlierPrompt]) -> str:
-        """Confirmed clicks that lie outside of the mask."""
+        """Describe the confirmed clicks that lie outside of the mask."""
         return (
             f"The mask of '{self._name(index)}' misses the clicks {self._spots(index, outliers)}, although other "
             "photos confirm them; add clicks around them, in this and in other photos."

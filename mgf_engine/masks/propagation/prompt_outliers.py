@@ -89,7 +89,7 @@ def on_points(graph: LabelGraph, index: int, clicks: Clicks) -> bool:
 
 
 def _original_row(doubt: OutlierPrompt, prompts: Prompts, kept: Prompts) -> OutlierPrompt:
-    """The doubt with its row among all clicks, not only those still tested."""
+    """Return the doubt with its row among all clicks, not only those still tested."""
     before, after = prompts[doubt.view], kept[doubt.view]
     all_clicks = before.positive if doubt.positive else before.negative
     click = (after.positive if doubt.positive else after.negative)[doubt.row]

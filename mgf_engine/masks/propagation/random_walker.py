@@ -102,7 +102,7 @@ class LabelPropagation:
         return near[0] / (near[0] + near[1]), trust
 
     def _appearance(self, probability: Array, teach: Array, seed: int) -> Array:
-        """Log-odds of "building" from appearance alone, [N]."""
+        """Return the log-odds of "building" from appearance alone, [N]."""
         inside, outside = np.clip(2 * probability - 1.1, 0, 1) * teach, np.clip(0.9 - 2 * probability, 0, 1) * teach
         r = self.graph.region_count
         kinds = (

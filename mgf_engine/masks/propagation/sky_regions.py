@@ -106,7 +106,7 @@ def _reach(mask: NDArray[np.bool_], o: SkyOptions) -> int:
 def _like_sky(
     lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], least: float, step: float, o: SkyOptions
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Pixels near the sky, those like it, and those that are sky, [H, W] each.
+    """Return pixels near the sky, those like it, and those that are sky, [H, W] each.
 
     Args:
         least: contrast (CIELAB) between sky and building from which pixels of the mask may be sky.
@@ -131,7 +131,7 @@ def _like_sky(
 
 
 def _joined(mask: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The pieces of a mask that hold a seed."""
+    """Return the pieces of a mask that hold a seed."""
     count, pieces = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
     held = np.zeros(count, bool)
     held[pieces[seeds & mask]] = True
@@ -140,7 +140,8 @@ def _joined(mask: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.boo
 
 
 def _even(regions: Regions, sky: NDArray[np.int64], o: SkyOptions) -> NDArray[np.bool_]:
-    """Regions whose colour is what the sky around would have there; a pale roof is not, though no edge parts it."""
+    """Return regions whose colour is what the sky around would have there; a pale roof is not, though no edge parts
+    it."""
     result = np.ones(len(sky), bool)
     centres = regions.centres / np.maximum(regions.centres.max(0), 1e-6)
     x, y = centres.T
@@ -160,7 +161,7 @@ def _even(regions: Regions, sky: NDArray[np.int64], o: SkyOptions) -> NDArray[np
 
 
 def _with_rim(regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64], o: SkyOptions) -> NDArray[np.int64]:
-    """The pieces grown by regions of the same colour beside them: next to an edge no region is smooth."""
+    """Return the pieces grown by regions of the same colour beside them: next to an edge no region is smooth."""
     result = sky.copy()
     a, b = np.concatenate([regions.pairs, regions.pairs[:, ::-1]]).T
     colour = np.linalg.norm(regions.features[a, :3] - regions.features[b, :3], axis=1)

@@ -95,7 +95,7 @@ def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = Superpixe
 
 
 def _superpixels(small: NDArray[np.uint8], o: SuperpixelOptions) -> NDArray[np.int32]:
-    """SLIC labels 0..S-1 without gaps; tiny photos become one region per pixel block."""
+    """Compute SLIC labels 0..S-1 without gaps; tiny photos become one region per pixel block."""
     if min(small.shape[:2]) < 2 * o.side:
         h, w = small.shape[:2]
         ys, xs = np.mgrid[0:h, 0:w] // 2
@@ -119,7 +119,7 @@ def _features(lab: NDArray[np.float32], flat: NDArray[np.int32], pixels: NDArray
 
 
 def _gradient(light: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Gradient magnitude, averaged over a small neighbourhood so that it describes texture, not one edge."""
+    """Return gradient magnitude, averaged over a small neighbourhood so that it describes texture, not one edge."""
     base = cv2.GaussianBlur(light, (0, 0), sigma) if sigma else light
     gx, gy = cv2.Sobel(base, cv2.CV_32F, 1, 0, scale=0.25), cv2.Sobel(base, cv2.CV_32F, 0, 1, scale=0.25)
     return np.asarray(cv2.blur(np.sqrt(gx * gx + gy * gy), (7, 7)), np.float32)
@@ -128,7 +128,7 @@ def _gradient(light: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
 def _neighbours(
     labels: NDArray[np.int32], lab: NDArray[np.float32]
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
-    """Pairs of touching regions, their border length, and the mean colour step across the border."""
+    """Return the pairs of touching regions, their border length, and the mean colour step across the border."""
     firsts, seconds, steps = [], [], []
     blurred = cv2.GaussianBlur(lab, (0, 0), 1.0)
     for axis in (0, 1):

@@ -93,7 +93,7 @@ def remove_far_background(
 def _beside(
     photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, up: NDArray[np.float64], o: FarBackgroundOptions
 ) -> ElevationColors:
-    """The usual colour of each level in one photo's background."""
+    """Return the usual colour of each level in one photo's background."""
     level = _level_of(view, up)
     chosen = (level >= 0) & shrink(labels == BACKGROUND, o.rim)
     order = np.argsort(level[chosen], kind="stable")
@@ -110,7 +110,8 @@ def _beside(
 
 
 def _agreed(found: list[ElevationColors], o: FarBackgroundOptions) -> list[ElevationColors]:
-    """Each photo's levels, less those that are too uneven or unlike all photos; of all photos where it has none."""
+    """Return each photo's levels, less those that are too uneven or unlike all photos; of all photos where it has
+    none."""
     colour, near = np.stack([f.colour for f in found]), np.stack([f.near for f in found])
     good = (near > 0) & (near < o.most)
     enough = good.sum(0) >= o.least_photos
@@ -124,13 +125,13 @@ def _agreed(found: list[ElevationColors], o: FarBackgroundOptions) -> list[Eleva
 
 
 def _median(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Over the first axis, of the good ones, [V, K, ...] -> [K, ...]; 0 where none is."""
+    """Compute the median over the first axis, of the good ones, [V, K, ...] -> [K, ...]; 0 where none is."""
     masked = np.ma.masked_array(values, ~good if values.ndim == 2 else np.repeat(~good[:, :, None], 3, 2))
     return np.asarray(np.ma.median(masked, axis=0).filled(0), np.float32)
 
 
 def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: ElevationColors) -> NDArray[np.bool_]:
-    """Pixels that have the colour of their level, [H, W]."""
+    """Return pixels that have the colour of their level, [H, W]."""
     away = distance(_colour(photo), levels.colour[level])
     return np.asarray((level >= 0) & (away < levels.near[level]), bool)
 
@@ -145,12 +146,12 @@ def _holds_points(
 
 
 def _level_of(view: View, up: NDArray[np.float64]) -> NDArray[np.int16]:
-    """Row of each pixel's level, -1 below and above all, [H, W]."""
+    """Return the row of each pixel's level, -1 below and above all, [H, W]."""
     level = np.floor((elevation(view, up) - LOWEST) / STEP).astype(np.int16)  # sorted fast
     level[level >= LEVELS] = -1
     return np.maximum(level, -1)
 
 
 def _colour(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """CIELAB, means of 3 x 3 pixels: without the grain of a photo."""
+    """Return CIELAB, means of 3 x 3 pixels: without the grain of a photo."""
     return np.asarray(cv2.blur(lab_of(photo), (3, 3)), np.float32)

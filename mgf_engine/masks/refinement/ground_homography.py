@@ -162,7 +162,7 @@ class GroundFinder:
         return np.asarray(cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB), np.uint8)
 
     def _others(self, index: int, mask: NDArray[np.bool_], depth: NDArray[np.float64]) -> list[int]:
-        """Photos that see the ground behind the mask from beside, the nearest first."""
+        """Return photos that see the ground behind the mask from beside, the nearest first."""
         rows, columns = np.nonzero(mask & np.isfinite(depth))
         middle = np.argpartition(depth[rows, columns], len(rows) // 2)[len(rows) // 2]
         view = self.scene.views[index]
@@ -198,7 +198,7 @@ class GroundFinder:
     def _through(
         self, index: int, others: list[int], picture: Callable[[int], NDArray[np.uint8]], box: _Box, ground: Ground
     ) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
-        """Other photos, or what was made of them [H, W] or [H, W, 3], as the plane puts them into the box.
+        """Return other photos, or what was made of them [H, W] or [H, W, 3], as the plane puts them into the box.
 
         Returns:
             [n, h, w] or [n, h, w, 3], and where they show anything, [n, h, 2], see :func:`spans_inside`.
@@ -241,7 +241,7 @@ def _counting(photos: int, o: GroundHomographyOptions) -> int:
 
 
 def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_], o: GroundHomographyOptions) -> NDArray[np.bool_]:
-    """Pixels near to the ground whose colour is as near to its mean around them as most of its own, [H, W]."""
+    """Return pixels near to the ground whose colour is as near to its mean around them as most of its own, [H, W]."""
     result, near = np.zeros_like(ground), near_ground(ground, o.reach)
     box = _box_of(near)
     if box is None:
@@ -261,7 +261,8 @@ def near_ground(ground: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 
 
 def homography(view: View, other: View, ground: Ground) -> NDArray[np.float64]:
-    """[3, 3], pixel indices of ``view`` -> those of ``other``, for what lies on the plane; w > 0 before the camera."""
+    """Return the homography [3, 3], pixel indices of ``view`` -> those of ``other``, for what lies on the plane; w > 0
+    before the camera."""
     turn = other.rotation @ view.rotation.T
     shift = other.rotation @ (view.centre - other.centre)
     height = float(ground.height(view.centre[None])[0])
@@ -280,7 +281,7 @@ def _box_of(mask: NDArray[np.bool_]) -> _Box | None:
 
 
 def _smooth(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """CIELAB, means of 3 x 3 pixels."""
+    """Return CIELAB, means of 3 x 3 pixels."""
     return np.asarray(cv2.transform(cv2.blur(lab, (3, 3)).astype(np.float32), np.diag([100 / 255, 1, 1])), np.float32)
 
 

@@ -71,7 +71,7 @@ def find_missing_pixels(
 
 
 def _gradient(lab: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Derivatives of all channels in both directions, per pixel, [H, W, 6]."""
+    """Return the derivatives of all channels in both directions, per pixel, [H, W, 6]."""
     smooth = cv2.GaussianBlur(lab, (0, 0), 0.8)
     return np.concatenate([cv2.Sobel(smooth, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=1 / 8) for dx in (0, 1)], axis=-1)
 
@@ -83,7 +83,7 @@ def _attached(
     negative: NDArray[np.floating],
     options: HomogeneousRegionOptions,
 ) -> NDArray[np.bool_]:
-    """Connected patches that touch the mask along enough of their outline and reach not too far from it."""
+    """Return connected patches that touch the mask along enough of their outline and reach not too far from it."""
     count, patch = cv2.connectedComponents(patches.astype(np.uint8), connectivity=4)
     outline = patches & ~shrink(patches, 1)
     length = np.bincount(patch[outline], minlength=count)

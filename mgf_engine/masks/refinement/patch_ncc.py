@@ -28,7 +28,8 @@ class Patches:
         self.smooth = np.stack(cv2.split(cv2.blur(lab, (3, 3))))  # [3, h, w]
 
     def correlate(self, lights: NDArray[np.uint8], seen: NDArray[np.int32], count: int) -> Map:
-        """Normalised cross-correlation with other lightnesses [n, h, w]: mean over the ``count`` best, -1..1, [h, w].
+        """Compute the normalised cross-correlation with other lightnesses [n, h, w]: mean over the ``count`` best,
+        -1..1, [h, w].
 
         It is 0 where there is no texture.
 
@@ -71,5 +72,5 @@ class Patches:
 
 
 def _mean(image: Map) -> Map:
-    """Over the patch around each pixel."""
+    """Average over the patch around each pixel."""
     return np.asarray(cv2.blur(image, (PATCH, PATCH)), np.float32)

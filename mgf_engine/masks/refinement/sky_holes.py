@@ -97,7 +97,7 @@ def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int, o: SkyH
 
 
 def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_], o: SkyHoleOptions) -> float:
-    """Share of the pixels of ``body`` that have a colour of the sky, give or take a bin."""
+    """Return the share of the pixels of ``body`` that have a colour of the sky, give or take a bin."""
     size = int(256 / o.bin)
 
     def places(where: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], ...]:
@@ -118,7 +118,7 @@ def _contrasts(
     count: int,
     o: SkyHoleOptions,
 ) -> NDArray[np.float64]:
-    """CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
+    """Return CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
     around = masked_mean(lab, body, o.around * max(body.shape))
     away = distance(lab, enlarge(around.colour, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
     sums = np.bincount(pieces[gaps], away[gaps], minlength=count)

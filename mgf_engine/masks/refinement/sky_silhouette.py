@@ -104,7 +104,7 @@ def _rays(view: View, up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 def _sky_around(
     lab: NDArray[np.float32], sure: NDArray[np.bool_], widths: Sequence[float], options: SilhouetteOptions
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Colour of the sky around each pixel [H, W, 3], and where there is any, [H, W]."""
+    """Return the colour of the sky around each pixel [H, W, 3], and where there is any, [H, W]."""
     height, width = sure.shape
     factor = max(options.shrink, max(height, width) // options.reduced_side)
     size = (max(1, width // factor), max(1, height // factor))
@@ -160,7 +160,8 @@ class SilhouetteHull:
         return SilhouetteHull(self.places[keep], self.corner, self.side)
 
     def standing(self, ground: Ground) -> SilhouetteHull:
-        """With columns from its lowest cells down to the ground: what no photo shows before the sky carries them."""
+        """Return the hull with columns from its lowest cells down to the ground: what no photo shows before the sky
+        carries them."""
         height = ground.height(self.centres)
         lowest = height < np.quantile(height, FOOT_SHARE)
         feet, height = self.centres[lowest], height[lowest]
@@ -243,6 +244,6 @@ def _sums(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def _within(sums: NDArray[np.int32], low: NDArray[np.int64], high: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Marked pixels in boxes, from summed areas."""
+    """Return marked pixels in boxes, from summed areas."""
     (x0, y0), (x1, y1) = low.T, high.T
     return np.asarray(sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0], np.int32)

@@ -115,7 +115,7 @@ def find_thin_structures(
 def _missed(
     prompts: Prompts, labels: Sequence[NDArray[np.uint8]], o: ThinStructureOptions
 ) -> list[tuple[int, int, NDArray[np.float64]]]:
-    """Positive clicks with no building around them: view, row, pixel."""
+    """Return positive clicks with no building around them: view, row, pixel."""
     result: list[tuple[int, int, NDArray[np.float64]]] = []
     for index, clicks in prompts.items():
         near = cv2.dilate(building(labels[index]).astype(np.uint8), np.ones((2 * o.near + 1,) * 2, np.uint8))
@@ -143,7 +143,7 @@ def _clicked(
     missed: Sequence[tuple[int, int, NDArray[np.float64]]],
     o: ThinStructureOptions,
 ) -> tuple[set[int], set[tuple[int, int]]]:
-    """Parts that clicks in enough photos fall on, and those clicks."""
+    """Return parts that clicks in enough photos fall on, and those clicks."""
     on: dict[int, set[tuple[int, int]]] = {}
     centres = hull.centres
     for index, row, click in missed:

@@ -32,7 +32,7 @@ class LeafOptions:
 def find_foreground_leaves(
     labels: NDArray[np.uint8], leafy: NDArray[np.floating], options: LeafOptions = LeafOptions()
 ) -> NDArray[np.bool_]:
-    """Background pixels that are leaves inside the convex hull of the building and of ignored pixels, bool [H, W].
+    """Find background pixels that are leaves inside the convex hull of the building and of ignored pixels, bool [H, W].
 
     Args:
         labels: uint8 [H, W], see :mod:`mgf_engine.model.masks`.
@@ -49,7 +49,7 @@ def find_foreground_leaves(
 
 
 def _ends(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """The first and last pixel (x, y) of the mask in every row that has any: all that a hull needs, [N, 2]."""
+    """Return the first and last pixel (x, y) of the mask in every row that has any: all that a hull needs, [N, 2]."""
     rows = np.flatnonzero(mask.any(axis=1))
     first, last = mask[rows].argmax(axis=1), mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)
     return np.stack([np.concatenate([first, last]), np.concatenate([rows, rows])], axis=1).astype(np.int32)

@@ -61,7 +61,8 @@ class Segmenter(Protocol):
 
 
 def agreement(mask: NDArray[np.bool_], hints: Hints) -> float:
-    """Share of the accepted points inside minus share of the rejected inside, 0..1; 2 px at the edge do not count."""
+    """Return the share of the accepted points inside minus share of the rejected inside, 0..1; 2 px at the edge do not
+    count."""
     near = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     deep = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1).astype(bool)
     good = _share(near, hints.accepted, hints.positive, 0)

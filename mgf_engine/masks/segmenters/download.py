@@ -74,7 +74,7 @@ def default_folder() -> Path:
 
 
 def find_weights(folder: Path) -> tuple[str, Path, Path] | None:
-    """Model name, encoder and decoder of the best complete pair in a folder, or None.
+    """Return model name, encoder and decoder of the best complete pair in a folder, or None.
 
     Raises:
         BadInput: a pair is there but a file is damaged or of another version.
@@ -161,7 +161,7 @@ def copy_weights(source: Path, model: str | None, folder: Path | None) -> tuple[
 
 
 def _find(source: Path, file: WeightFile) -> Path | None:
-    """The file in a folder that has this size and checksum, its own name first."""
+    """Return the file in a folder that has this size and checksum, its own name first."""
     paths = sorted((p for p in source.iterdir() if p.is_file()), key=lambda p: (p.name != file.name, p.name))
     return next((p for p in paths if p.stat().st_size == file.size and _digest(p) == file.sha256), None)
 
@@ -199,7 +199,7 @@ def _fetch(file: WeightFile, target: Path, base_url: str, reporter: Reporter, do
 
 
 def check_file(path: Path, file: WeightFile, folder: Path) -> None:
-    """Raises BadInput where a file is damaged or of another version."""
+    """Refuse a file that is damaged or of another version."""
     if path.stat().st_size != file.size or _digest(path) != file.sha256:
         raise BadInput(
             f"'{path}' is damaged or of another version (wrong size or SHA-256); delete it and run 'mgf weights "

@@ -102,7 +102,7 @@ class EfficientSam:
     def ask(
         self, embedding: NDArray[np.float32], size: tuple[int, int], points: Points, labels: NDArray[np.floating]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Candidates for up to six points.
+        """Ask for candidates for up to six points.
 
         Args:
             embedding: [1, 256, 64, 64].
@@ -128,7 +128,8 @@ class EfficientSam:
 
 
 def queries(hints: Hints, attempt: int) -> Iterator[tuple[Points, NDArray[np.float64]]]:
-    """Point sets of at most six: the clicks, the box with four spread points, six spread points, and halves of it."""
+    """Yield point sets of at most six: the clicks, the box with four spread points, six spread points, and halves of
+    it."""
     if len(hints.positive):
         chosen = spread(hints.positive, MAX_POINTS, attempt)
         yield chosen, np.full(len(chosen), POINT)
@@ -146,7 +147,8 @@ def queries(hints: Hints, attempt: int) -> Iterator[tuple[Points, NDArray[np.flo
 
 
 def spread(points: Points, count: int, skip: int = 0) -> Points:
-    """Farthest-point choice of ``count`` points [N, 2], starting nearest the median or ``skip`` places on."""
+    """Choose ``count`` of points [N, 2] by farthest-point sampling, starting nearest the median or ``skip`` places
+    on."""
     if len(points) <= count and not skip:
         return points
     gap = np.linalg.norm(points - np.median(points, axis=0), axis=1)
@@ -171,7 +173,8 @@ def _enlarge(logits: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.f
 
 
 def _padded(rows: NDArray[np.floating], count: int) -> NDArray[np.float32]:
-    """Points or labels as a decoder with a fixed number of points takes them; the rest is the model's own padding."""
+    """Return points or labels as a decoder with a fixed number of points takes them; the rest is the model's own
+    padding."""
     result = np.full((count, *rows.shape[1:]), NO_POINT, np.float32)
     result[: len(rows)] = rows[:count]
     return result

@@ -48,7 +48,7 @@ class Network:
         return shape[axis] if len(shape) > axis and isinstance(shape[axis], int) else None
 
     def run(self, outputs: tuple[str, ...], feed: dict[str, NDArray[Any]]) -> list[NDArray[Any]]:
-        """These outputs for these inputs.
+        """Compute these outputs for these inputs.
 
         Raises:
             BadInput: the file does not take such inputs.

@@ -49,7 +49,7 @@ def low_texture_share(scene: Scene, masks: MaskSet, options: LowTextureOptions =
 
 
 def _seen(scene: Scene, index: int, shape: tuple[int, ...], options: LowTextureOptions) -> np.ndarray:
-    """Pixels near an observation, bool [H, W]."""
+    """Return pixels near an observation, bool [H, W]."""
     near = np.zeros(shape, np.uint8)
     near[pixel_at(shape, scene.track_uv[scene.observations(index)])] = 1
     side = 2 * round(options.near_point * max(shape)) + 1

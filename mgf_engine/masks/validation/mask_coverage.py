@@ -84,7 +84,7 @@ def measure_coverage(
 
 
 def _signed(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Distance of each pixel to the outline, positive inside."""
+    """Return the distance of each pixel to the outline, positive inside."""
     mask = inside.astype(np.uint8)
     within, without = (cv2.distanceTransform(m, cv2.DIST_L2, 3) for m in (mask, 1 - mask))
     return np.asarray(np.where(inside, within, -without), np.float32)
@@ -111,7 +111,8 @@ def mark_ignored(scene: Scene, labels: LabelMaps, fit: MaskCoverage) -> list[NDA
 def _holes(
     background: NDArray[np.bool_], lacking: NDArray[np.float32], beside: NDArray[np.float32]
 ) -> NDArray[np.uint8]:
-    """Pieces of background within the frame that hold observations ``lacking`` and none ``beside``, uint8 [H, W]."""
+    """Return the pieces of background within the frame that hold observations ``lacking`` and none ``beside``, uint8
+    [H, W]."""
     count, pieces = cv2.connectedComponents(background.astype(np.uint8), connectivity=4)
     pieces = np.asarray(pieces)
     hole = np.zeros(count, bool)

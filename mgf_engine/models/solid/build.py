@@ -79,7 +79,7 @@ def build_solid(
 
 
 def _roof_seen(evidence: Evidence) -> float:
-    """Share of the footprint that lies in roof planes."""
+    """Return the share of the footprint that lies in roof planes."""
     return float((evidence.label[evidence.inside] > 0).mean()) if len(evidence.slopes) else 0.0
 
 
@@ -102,7 +102,7 @@ def _measured(
     options: SolidOptions,
     taken: shapely.Geometry | None,
 ) -> Solid:
-    """The solid with what is known about it."""
+    """Measure the solid against the mesh, and return it with what is known about it."""
     faces, owner = triangles(solid)
     surface, mesh = Surface(solid.vertices, faces.astype(np.int64)), _mesh_surface(survey)
     rng = np.random.default_rng(0)
@@ -127,7 +127,7 @@ def _mean(values: NDArray[np.bool_], of_none: float = 1.0) -> float:
 
 
 def _checked(solid: Solid, options: SolidOptions) -> Solid:
-    """The solid, unless most of its walls are made up.
+    """Refuse a solid most of whose walls are made up.
 
     Raises:
         NoSolid: they are.

@@ -35,7 +35,7 @@ class Cells:
     step: float
 
     def borders(self) -> list[tuple[int, int, int, int]]:
-        """Each edge once: its nodes, the cell to the left and the one to the right (:data:`OUTSIDE` for none)."""
+        """List each edge once: its nodes, the cell to the left and the one to the right (:data:`OUTSIDE` for none)."""
         result = []
         for (u, v), cell in self.sides.items():
             other = self.sides.get((v, u), OUTSIDE)

@@ -89,7 +89,7 @@ class Evidence:
     detail: float
 
     def pixels(self) -> Array:
-        """Middles of all pixels in the ground plan, [H, W, 2]."""
+        """Return the middles of all pixels in the ground plan, [H, W, 2]."""
         row, column = np.mgrid[: self.grid.height, : self.grid.width] + 0.5
         return self.grid.places(np.stack([column, row], -1))
 
@@ -133,7 +133,7 @@ def gather_evidence(
 
 
 def hang_party_walls(mesh: Mesh, taken: shapely.Geometry, bottom: float) -> Mesh:
-    """The mesh with a vertical wall below each open edge that lies on the ground of neighbours, down to ``bottom``.
+    """Hang a vertical wall below each open edge that lies on the ground of neighbours, down to ``bottom``.
 
     Where nobody sees a party wall the mesh ends at the rim of the roof, and does not wind around what is below it.
     """
@@ -155,7 +155,7 @@ def hang_party_walls(mesh: Mesh, taken: shapely.Geometry, bottom: float) -> Mesh
 def _footprint(
     mesh: Mesh, height: Array, grid: Grid, detail: float, bottom: float, top: float, options: EvidenceOptions
 ) -> NDArray[np.bool_]:
-    """Where the building stands: the mesh winds around places half way up to what is seen from above.
+    """Find where the building stands: the mesh winds around places half way up to what is seen from above.
 
     That holds below a roof that no photo shows, in courtyards and under eaves, and for walls with gaps. Where nothing
     is seen from above, places at ``inside_height`` of the height tell.
@@ -173,7 +173,7 @@ def _footprint(
 
 
 def _roofs(regions: Regions, inside: NDArray[np.bool_], options: EvidenceOptions) -> tuple[NDArray[np.int32], Array]:
-    """Roof planes of some size, renumbered: the label of each pixel and their slopes."""
+    """Return roof planes of some size, renumbered: the label of each pixel and their slopes."""
     count = np.bincount(np.where(regions.label < LOOSE, regions.label, 0)[inside], minlength=len(regions.slope) + 1)
     slope = np.hypot(regions.slope[:, 0], regions.slope[:, 1])
     kept = np.flatnonzero(
@@ -194,7 +194,7 @@ def _roofs(regions: Regions, inside: NDArray[np.bool_], options: EvidenceOptions
 def _take_loose(
     label: NDArray[np.int32], slopes: Array, height: Array, inside: NDArray[np.bool_], grid: Grid, near: float
 ) -> None:
-    """Pixels in no plane take the plane that they lie in, where that goes on behind something else."""
+    """Give pixels in no plane to the plane that they lie in, where that goes on behind something else."""
     row, column = np.nonzero((label == 0) & inside & np.isfinite(height))
     at, best = grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5), np.full(len(row), near)
     for k, (a, b, c) in enumerate(slopes):
@@ -226,7 +226,8 @@ def wall_lines(survey: Survey, detail: float, options: EvidenceOptions = Evidenc
 
 
 def _in_direction(at: Array, areas: Array, direction: float, detail: float, least: float) -> list[Line2]:
-    """Lines square to a direction where faces of at least some area lie within half a detail, by place and area."""
+    """Return lines square to a direction where faces of at least some area lie within half a detail, by place and
+    area."""
     normal = np.array([np.cos(direction), np.sin(direction)])
     along, away = at @ np.array([-normal[1], normal[0]]), at @ normal
     lines, left = list[Line2](), np.ones(len(at), bool)
@@ -246,13 +247,13 @@ def _in_direction(at: Array, areas: Array, direction: float, detail: float, leas
 
 
 def _runs(rows: NDArray[np.int64], along: Array, gap: float) -> list[NDArray[np.int64]]:
-    """Rows in parts between which nothing lies for some length."""
+    """Return rows in parts between which nothing lies for some length."""
     rows = rows[np.argsort(along[rows])]
     return np.split(rows, np.flatnonzero(np.diff(along[rows]) > gap) + 1)
 
 
 def _fitted(at: Array, areas: Array, normal: Array, detail: float) -> Line2:
-    """The line of least squares through faces, by area; with the given normal where it is short."""
+    """Fit the line of least squares through faces, by area; with the given normal where it is short."""
     middle = areas @ at / areas.sum()
     spread = at - middle
     if np.ptp(spread @ np.array([-normal[1], normal[0]])) > 6 * detail:
@@ -262,12 +263,12 @@ def _fitted(at: Array, areas: Array, normal: Array, detail: float) -> Line2:
 
 
 def _turn(angle: Array | float, other: float, whole: float) -> Array:
-    """Signed difference of directions that repeat after ``whole``."""
+    """Return the signed difference of directions that repeat after ``whole``."""
     return np.asarray((np.asarray(angle) - other + whole / 2) % whole - whole / 2)
 
 
 def _main_direction(angle: Array, weight: Array, whole: float, options: EvidenceOptions) -> float:
-    """The direction that most of the weight lies around."""
+    """Return the direction that most of the weight lies around."""
     grid = np.linspace(0, whole, 360, endpoint=False)
     bins = np.bincount((angle % whole * 720 / whole).astype(np.int64) % 720, weight, 720)
     at = (np.arange(720) + 0.5) * whole / 720
@@ -285,7 +286,7 @@ def _line(points: Array, normal: Array, weight: float, offset: float | None = No
 
 
 def _turned(lines: list[Line2], detail: float, options: EvidenceOptions) -> list[Line2]:
-    """Lines near a main direction turned into it around their middle, where that moves their ends by little."""
+    """Turn lines near a main direction into it around their middle, where that moves their ends by little."""
     if not lines:
         return []
     angle = np.array([np.arctan2(line.normal[1], line.normal[0]) for line in lines])
@@ -325,7 +326,8 @@ def merge_lines(lines: list[Line2], detail: float, options: EvidenceOptions = Ev
 
 
 def distance_between(line: Line2, other: Line2, options: EvidenceOptions = EvidenceOptions()) -> float:
-    """How far a line's extent lies from another line; inf where they are not parallel or lie beside each other."""
+    """Return how far a line's extent lies from another line; inf where they are not parallel or lie beside each
+    other."""
     if abs(float(line.normal @ other.normal)) < np.cos(np.radians(options.same_angle)):
         return np.inf
     ends = [line.normal * line.offset + line.along * t for t in (line.low, line.high)]
@@ -345,7 +347,7 @@ def _roof_lines(
     reach: float,
     options: EvidenceOptions,
 ) -> list[Line2]:
-    """Where roof planes meet, exactly, and where one stands over another without a wall near that."""
+    """Find where roof planes meet, exactly, and where one stands over another without a wall near that."""
     found: list[Line2] = []
     for chain in trace(label):
         if chain.low == 0:
@@ -368,7 +370,7 @@ def _roof_lines(
 def _outlines(
     inside: NDArray[np.bool_], grid: Grid, walls: list[Line2], detail: float, reach: float, options: EvidenceOptions
 ) -> list[Line2]:
-    """Straight parts of the outline from above that no wall stands below."""
+    """Return straight parts of the outline from above that no wall stands below."""
     found: list[Line2] = []
     for chain in trace(inside.astype(np.int32)):
         at = grid.places(chain.corners)
@@ -377,7 +379,7 @@ def _outlines(
 
 
 def _straight(at: Array, detail: float) -> list[Line2]:
-    """The straight parts of a polyline [n, 2] that are longer than two details."""
+    """Return the straight parts of a polyline [n, 2] that are longer than two details."""
     from mgf_engine.drawings.straighten import split
 
     if len(at) > 2 and np.allclose(at[0], at[-1]):

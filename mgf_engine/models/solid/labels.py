@@ -75,7 +75,7 @@ def choose_planes(
 
 
 def _volumes(cells: Cells, owner: NDArray[np.int32], evidence: Evidence, slopes: Array, cap: float) -> Array:
-    """Volume between each cell's mesh and each label's plane, [C, P + 1]."""
+    """Return volume between each cell's mesh and each label's plane, [C, P + 1]."""
     count, square = len(cells.rings), evidence.grid.resolution**2
     flat = owner.ravel()
     used = np.flatnonzero(flat >= 0)
@@ -100,7 +100,7 @@ def _area(ring: Array) -> float:
 
 
 def _forbidden(cells: Cells, evidence: Evidence, slopes: Array, much: float) -> Array:
-    """A large cost where a plane would lie below the ground or above all that was seen, [C, P + 1]."""
+    """Return a large cost where a plane would lie below the ground or above all that was seen, [C, P + 1]."""
     nodes = np.array(cells.nodes)
     heights = nodes @ slopes[:, :2].T + slopes[:, 2]
     highest = float(np.nanmax(evidence.height)) if np.isfinite(evidence.height).any() else evidence.top
@@ -119,7 +119,7 @@ def _expand(
     second: NDArray[np.int64],
     border: Border,
 ) -> NDArray[np.int64]:
-    """The best labelling in which each cell keeps its label or takes ``alpha``."""
+    """Find the best labelling in which each cell keeps its label or takes ``alpha``."""
     count = len(label)
     same = np.full(len(first), alpha)
     keep = border(label[first], label[second])

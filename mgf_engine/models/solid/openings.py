@@ -34,7 +34,7 @@ class OpeningOptions:
 
 
 def add_openings(solid: Solid, survey: Survey, options: OpeningOptions = OpeningOptions()) -> Solid | None:
-    """The solid with windows and doors as faces of their own; None where none were clicked or none fits a wall."""
+    """Add windows and doors to the solid as faces of their own; None where none were clicked or none fits a wall."""
     if solid.level < 2 or not any(_kind(name) for name in survey.parts):
         return None
     painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options.texture)
@@ -67,7 +67,7 @@ def _kind(name: str) -> str | None:
 
 
 def _frame(solid: Solid, face: SolidFace) -> Frame | None:
-    """The plane of a wall as one sees it from outside; None where it is no upright one."""
+    """Return the plane of a wall as one sees it from outside; None where it is no upright one."""
     normal, up = solid.normal(face), np.array([0.0, 0.0, 1.0])
     if abs(normal[2]) > 1e-3:
         return None
@@ -80,7 +80,7 @@ def _frame(solid: Solid, face: SolidFace) -> Frame | None:
 def _fitting(
     solid: Solid, face: SolidFace, grid: Grid, near: np.ndarray, boxes: list[tuple[str, Array]], options: OpeningOptions
 ) -> list[tuple[str, tuple[float, float, float, float]]]:
-    """Kind and left, low, right, high of the rectangles that lie on a wall, in its drawing coordinates.
+    """Return the kind and left, low, right, high of the rectangles that lie on a wall, in its drawing coordinates.
 
     Args:
         near: which pixels of the grid see the mesh near the wall, bool [H, W].

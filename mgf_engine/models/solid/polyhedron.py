@@ -42,7 +42,7 @@ class _Corners:
         return self.rows[node, z]
 
     def between(self, node: int, low: int, high: int) -> Ring:
-        """Rows at a node from the height of one label up to that of another, both included."""
+        """Return rows at a node from the height of one label up to that of another, both included."""
         levels = self.heights[node]
         found = sorted({(z, label) for label, z in levels.items() if levels[low] <= z <= levels[high]})
         return list(dict.fromkeys(self.row(node, label) for _, label in found))
@@ -119,7 +119,7 @@ def triangles(solid: Solid) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
 
 
 def volume_of(solid: Solid) -> float:
-    """Enclosed volume by the divergence theorem; negative where faces point inwards."""
+    """Compute the enclosed volume by the divergence theorem; negative where faces point inwards."""
     origin = solid.vertices.mean(0)
     return sum(
         float((solid.vertices[face.rings[0][0]] - origin) @ solid.normal(face)) * solid.area(face) / 3
@@ -145,7 +145,7 @@ def _height(at: tuple[float, float], label: int, slopes: Array, ground: float) -
 
 
 def _heights(cells: Cells, of: list[int], slopes: Array, ground: float, near: float) -> list[dict[int, float]]:
-    """The height of each label at each node, those that are near made one; the ground stays where it is."""
+    """Return the height of each label at each node, those that are near made one; the ground stays where it is."""
     around: list[set[int]] = [{0} for _ in cells.nodes]
     for cell, ring in enumerate(cells.rings):
         for node in ring:
@@ -168,7 +168,8 @@ def _heights(cells: Cells, of: list[int], slopes: Array, ground: float, near: fl
 
 
 def _line_of(cells: Cells, u: int, v: int, lines: Sequence[Line2]) -> tuple[int, int]:
-    """Number of the line that an edge lies on, and which of its sides is outside; numbers of its own where on none."""
+    """Return the number of the line that an edge lies on, and which of its sides is outside; numbers of its own where
+    on none."""
     ends = np.array([cells.nodes[u], cells.nodes[v]])
     along = ends[1] - ends[0]
     for k, line in enumerate(lines):
@@ -182,7 +183,7 @@ def _without_repeats(ring: Ring) -> Ring:
 
 
 def _merged(vertices: Array, kind: str, plane: int, rings: list[Ring]) -> Iterable[SolidFace]:
-    """Faces in one plane as few: edges that two of them share go, and what is left is traced."""
+    """Merge faces in one plane into few: edges that two of them share go, and what is left is traced."""
     edges: set[tuple[int, int]] = set()
     for ring in rings:
         for u, v in zip(ring, ring[1:] + ring[:1], strict=True):
@@ -208,7 +209,7 @@ def _merged(vertices: Array, kind: str, plane: int, rings: list[Ring]) -> Iterab
 
 
 def _axes(normal: Array) -> Array:
-    """Two unit axes in a plane, [2, 3], counter-clockwise seen from where its normal points."""
+    """Return two unit axes in a plane, [2, 3], counter-clockwise seen from where its normal points."""
     helper = np.eye(3)[int(np.abs(normal).argmin())]
     x = np.cross(helper, normal)
     x /= np.linalg.norm(x)
@@ -221,7 +222,7 @@ def _area(ring: Array) -> float:
 
 
 def _walks(edges: set[tuple[int, int]], flat: Array) -> list[Ring]:
-    """Closed walks along directed edges with the face on their left, turning left as far as possible."""
+    """Walk along directed edges with the face on their left, turning left as far as possible, in closed walks."""
     leaving: dict[int, list[int]] = defaultdict(list)
     for u, v in sorted(edges):
         leaving[u].append(v)
@@ -256,7 +257,7 @@ def _leftmost(flat: Array, before: int, now: int, choices: list[int]) -> int:
 
 
 def _simple(walk: Ring) -> list[Ring]:
-    """A closed walk as loops that meet no corner twice."""
+    """Split a closed walk into loops that meet no corner twice."""
     loops, path, place = [], list[int](), dict[int, int]()
     for node in walk:
         if node in place:
@@ -273,7 +274,7 @@ def _simple(walk: Ring) -> list[Ring]:
 
 
 def _without_short(vertices: Array, faces: list[SolidFace], least: float) -> list[SolidFace]:
-    """The faces with both ends of edges shorter than ``least`` made one corner, as where three lines nearly meet."""
+    """Make one corner of both ends of edges shorter than ``least``, as where three lines nearly meet."""
     into = list(range(len(vertices)))
 
     def first(row: int) -> int:
@@ -296,7 +297,7 @@ def _without_short(vertices: Array, faces: list[SolidFace], least: float) -> lis
 
 
 def _without_straight(vertices: Array, faces: list[SolidFace], step: float) -> list[SolidFace]:
-    """The faces without corners at which a straight edge goes on, and nothing else, but for a step of the grid."""
+    """Drop corners at which a straight edge goes on, and nothing else, but for a step of the grid."""
     met: dict[int, set[int]] = defaultdict(set)
     for face in faces:
         for ring in face.rings:
@@ -318,7 +319,7 @@ def _without_straight(vertices: Array, faces: list[SolidFace], step: float) -> l
 
 
 def _compact(vertices: Array, faces: list[SolidFace]) -> Solid:
-    """The solid with the vertices that its faces have, and no others."""
+    """Return the solid with the vertices that its faces have, and no others."""
     used = sorted({row for face in faces for ring in face.rings for row in ring})
     number = {row: k for k, row in enumerate(used)}
     renamed = [SolidFace(f.kind, tuple(tuple(number[x] for x in ring) for ring in f.rings), f.plane) for f in faces]

@@ -67,7 +67,8 @@ def find_card() -> Found:
 
 
 def _try_torch(name: str) -> None:
-    """A build of torch sees cards that it has no kernels for; they fail at the first operation, so here."""
+    """Try an operation of torch: a build of it sees cards that it has no kernels for, and fails at the first
+    operation."""
     try:
         found = float(torch.ones(2, device=torch.device("cuda", 0)).sum())
     except RuntimeError as error:
@@ -118,7 +119,7 @@ class Card:
         return answer
 
     def _enter(self) -> None:
-        """Backward passes run on threads of torch's own, which may not have the context yet."""
+        """Make the context current: backward passes run on threads of torch's own, which may not have it yet."""
         if self._driver.context().value != self._context.value:
             self._driver.use_context(self._context)
 

@@ -69,7 +69,7 @@ def _key(found: Found) -> str:
 
 
 def _passes() -> dict[str, str]:
-    """What is remembered; a file that cannot be read only costs another check."""
+    """Return what is remembered; a file that cannot be read only costs another check."""
     try:
         known = json.loads(record_file().read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -65,7 +65,7 @@ class Compiled:
 
 
 def options(architecture: int) -> tuple[str, ...]:
-    """Compiler options; they belong to the name under which results are kept."""
+    """Return compiler options; they belong to the name under which results are kept."""
     return (
         f"--gpu-architecture=sm_{architecture}", "--std=c++17", "--device-as-default-execution-space",
         "--extra-device-vectorization", "--ptxas-options=-v",
@@ -89,7 +89,7 @@ def compile_program(program: str, architecture: int) -> Compiled:
 
 
 def _usage(log: str) -> tuple[Usage, ...]:
-    """Registers, spills and shared memory from what ptxas says."""
+    """Return registers, spills and shared memory from what ptxas says."""
     found = []
     for part in re.split(r"Compiling entry function '", log)[1:]:
         registers = re.search(r"Used (\d+) registers", part)
@@ -154,7 +154,7 @@ class Nvrtc:
 
 
 def _load_builtins(path: Path) -> None:
-    """NVRTC looks for its second library by name alone; one that is loaded already is found wherever it lies."""
+    """Load NVRTC's second library, which it looks for by name alone; once loaded it is found wherever it lies."""
     if not path.is_absolute():
         return
     pattern = "libnvrtc-builtins.so.*"
@@ -167,7 +167,7 @@ def _load_builtins(path: Path) -> None:
 
 @cache
 def library() -> Nvrtc:
-    """NVRTC, loaded once: the first that the driver can run the results of, where there is a driver.
+    """Return NVRTC, loaded once: the first that the driver can run the results of, where there is a driver.
 
     Raises:
         BadInput: it cannot be found or loaded, or is newer than the driver.
@@ -189,7 +189,7 @@ def library() -> Nvrtc:
 
 
 def _newer_than_driver(version: tuple[int, int], known: tuple[int, int]) -> str:
-    """What to do about an NVRTC whose results the driver cannot load, in one sentence."""
+    """Say in one sentence what to do about an NVRTC whose results the driver cannot load."""
     return (
         f"The CUDA compiler NVRTC {version[0]}.{version[1]} is newer than the NVIDIA driver, which knows CUDA "
         f"{known[0]}.{known[1]}; update the driver, or run 'pip install nvidia-cuda-nvrtc-cu{known[0]}'."
@@ -197,7 +197,7 @@ def _newer_than_driver(version: tuple[int, int], known: tuple[int, int]) -> str:
 
 
 def _known_to_driver() -> tuple[int, int] | None:
-    """The newest CUDA that this machine's driver knows; None: no driver, and nothing to run either."""
+    """Return the newest CUDA that this machine's driver knows; None: no driver, and nothing to run either."""
     try:
         return driver().version()
     except (BadInput, DriverError):
@@ -205,7 +205,7 @@ def _known_to_driver() -> tuple[int, int] | None:
 
 
 def _candidates() -> list[str]:
-    """Paths and names to try: the environment's, pip's (the version of torch's CUDA first), the system's."""
+    """Return paths and names to try: the environment's, pip's (the version of torch's CUDA first), the system's."""
     if os.environ.get("MGF_NVRTC"):
         return [os.environ["MGF_NVRTC"]]
     pattern = "nvrtc64_*.dll" if sys.platform == "win32" else "libnvrtc.so.*"
@@ -229,7 +229,7 @@ def compile_all(architectures: Sequence[int] = ARCHITECTURES, threads: int = 0) 
 
 
 def usage_table(results: dict[tuple[str, int], Compiled]) -> str:
-    """Markdown: registers per kernel and architecture, with bytes spilled in brackets where there are any."""
+    """Return Markdown: registers per kernel and architecture, with bytes spilled in brackets where there are any."""
     architectures = sorted({architecture for _, architecture in results})
     lines = ["| kernel | shared memory | " + " | ".join(f"sm_{a}" for a in architectures) + " |"]
     lines.append("|---" * (len(architectures) + 2) + "|")

@@ -60,7 +60,7 @@ class Driver:
         self.call("cuCtxSetCurrent", context)
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Any call; raises DriverError (MemoryError where memory is short) with the driver's own words."""
+        """Call a function of the driver."""
         code = getattr(self._library, name)(*arguments)
         if code == 0:
             return

@@ -14,7 +14,7 @@ FOLDER = KERNELS / "cuda"
 
 @cache
 def programs() -> dict[str, tuple[str, ...]]:
-    """Kernel names by program: ``blend`` is ``csrc/cuda/blend.cu``."""
+    """Return kernel names by program: ``blend`` is ``csrc/cuda/blend.cu``."""
     return {path.stem: _kernels(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("*.cu"))}
 
 
@@ -26,7 +26,7 @@ def program_of(kernel: str) -> str:
 
 @cache
 def digest() -> str:
-    """Changes whenever a source or a header does."""
+    """Hash the sources and headers."""
     found = hashlib.sha256()
     for path in sorted([*FOLDER.glob("*"), *KERNELS.rglob("*.h")]):
         found.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
@@ -34,7 +34,8 @@ def digest() -> str:
 
 
 def _kernels(text: str) -> tuple[str, ...]:
-    """Names that KERNEL(name, ..), or a macro around it that is written NAME(name, ..) at the margin, declares."""
+    """Return names that KERNEL(name, ..), or a macro around it that is written NAME(name, ..) at the margin,
+    declares."""
     macros = re.findall(r"^#define (\w+)\((?:name\b[^)]*)\)[\s\\]*\n\s*KERNEL\(name", text, re.MULTILINE)
     pattern = rf"^(?:{'|'.join(['KERNEL', *macros])})\((\w+)"
     return tuple(re.findall(pattern, text, re.MULTILINE))

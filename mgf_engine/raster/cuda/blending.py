@@ -93,7 +93,7 @@ class Rasterizer:
         return self.bin_tiles(self.project(raw, camera, sh_degree, tile_mask), wait)
 
     def project(self, raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> Projection:
-        """Records, exact footprints and depths of all Gaussians."""
+        """Project all Gaussians: records, exact footprints and depths."""
         n, packed = len(raw.positions), camera.packed().numpy().tobytes()
         tiles_y, tiles_x = camera.tiles
         mask = (
@@ -221,7 +221,7 @@ class Rasterizer:
 
 
 def _needed(total: Tensor) -> int:
-    """Waits for the number of entries."""
+    """Wait for the number of entries."""
     needed = int(total[0])
     if needed > MOST:
         raise RuntimeError("The Gaussians touch more tiles than the kernels can list; prune the field.")

@@ -128,7 +128,8 @@ class DevicePass:
         self.gradient = torch.zeros(planes, *self.alpha.shape, device=launcher.device)
 
     def run(self, camera: Intrinsics) -> tuple[Tensor, Tensor]:
-        """The total (a scalar) and the terms [3] (colour, geometry, background); :meth:`gradients` has theirs then."""
+        """Return the total (a scalar) and the terms [3] (colour, geometry, background); :meth:`gradients` has theirs
+        then."""
         self._compose()
         slopes, similarity, edge = self._similarity() if self.weights.ssim > 0 else (None, None, 0.0)
         if slopes is not None and self.levels.count > 1:
@@ -145,7 +146,7 @@ class DevicePass:
         return total[0], parts
 
     def gradients(self) -> list[Tensor]:
-        """Of the maps, in the order they came."""
+        """Return the gradients of the maps, in the order they came."""
         g = self.gradient
         found = [g[:_ALPHA], g[_ALPHA]]
         if self.distortion is not None:
@@ -156,7 +157,7 @@ class DevicePass:
         return torch.empty(shape, dtype=dtype, device=self.launcher.device)
 
     def _at_box(self, map: Tensor | None) -> At | None:
-        """A map's first pixel in the box."""
+        """Return a map's first pixel in the box."""
         y, x = self.photo.origin
         return None if map is None else At(map, y * map.stride(-2) + x)
 
@@ -181,7 +182,7 @@ class DevicePass:
             self.launcher.launch("loss_halve", blocks(pixels), self.levels.packed, scale, self.scratch)
 
     def _similarity(self) -> tuple[Tensor, Tensor, float]:
-        """Slopes by label [scales, 2, ids], the SSIM terms (float64 [1]) and the extra slope of an edge."""
+        """Return slopes by label [scales, 2, ids], the SSIM terms (float64 [1]) and the extra slope of an edge."""
         photo, w, (base, edge) = self.on_device, self.weights, self._pixel_weights()
         given = (self.levels.packed, photo.maps, self.ids, self.scratch, self.sums)
         self.launcher.launch("loss_similarity", sum(self.levels.tiles), *given)

@@ -40,7 +40,7 @@ class DevicePoints:
         near: float,
         stop: float,
     ) -> NDArray[np.uint8]:
-        """As :meth:`mgf_engine.raster.points.PointOpacity.lower`."""
+        """Do as :meth:`mgf_engine.raster.points.PointOpacity.lower`."""
         n, tiles = len(points), -(-view.width // TILE) * -(-view.height // TILE)
         place, verdict, keys = self._locate(points, view, mask, near)
         sorted_keys, order = self._rasterizer.sort(keys, None, (tiles * _INNERS).bit_length())
@@ -58,7 +58,7 @@ class DevicePoints:
     def _locate(
         self, points: NDArray[np.float32], view: View, mask: NDArray[np.uint8], near: float
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Place, verdict and sort key of every point."""
+        """Return place, verdict and sort key of every point."""
         n = len(points)
         pose = np.concatenate(pose_and_intrinsics(view)).tobytes()
         place, verdict = self._empty(torch.float32, n, 3), self._empty(torch.uint8, n)
@@ -68,7 +68,7 @@ class DevicePoints:
         return place, verdict, keys
 
     def _grown(self, view: View, wanted: Tensor) -> Projection:
-        """The field as the view sees it, with footprints grown to points between pixel centres."""
+        """Return the field as the view sees it, with footprints grown to points between pixel centres."""
         seen = self._rasterizer.project(self._raw, Camera.from_view(view), 0, None)
         sums = self._empty(torch.int32, seen.tiles_y, seen.tiles_x + 1)
         self._launcher.launch("mask_rows", blocks(seen.tiles_y), seen.tiles_x, seen.tiles_y, wanted, sums)
@@ -79,7 +79,7 @@ class DevicePoints:
         return seen
 
     def _front(self, view: View) -> Tensor:
-        """Depth [n] before which each Gaussian contributes less than 1/255."""
+        """Return depth [n] before which each Gaussian contributes less than 1/255."""
         axis = self._upload(torch.from_numpy(view.rotation[2].astype(np.float64)))
         depth = self._raw.positions.double() @ axis + float(view.translation[2])
         deviation = torch.einsum("nik,i->nk", self._spread, axis).norm(dim=1)

@@ -52,7 +52,7 @@ class TileListCapacity:
         return self._lost + sum(asked.needed > asked.room for asked in self._asked)
 
     def take(self, gaussians: int, tiles: int) -> int:
-        """Room for a rendering of so many Gaussians into so many tiles; 0: not known, wait."""
+        """Return the room for a rendering of so many Gaussians into so many tiles; 0: not known, wait."""
         self._hear()
         if tiles not in self._per_gaussian:
             return 0
@@ -60,12 +60,12 @@ class TileListCapacity:
         return min(steps * _STEP, MOST)
 
     def learn(self, needed: int, gaussians: int, tiles: int) -> None:
-        """A rendering of so many Gaussians into so many tiles needed so many entries."""
+        """Learn that a rendering of so many Gaussians into so many tiles needed so many entries."""
         before = self._per_gaussian.get(tiles, 0.0)
         self._per_gaussian[tiles] = max(_KEPT * before, needed / max(gaussians, 1))
 
     def learn_later(self, answer: Callable[[], Sequence[int]], room: int, gaussians: int, tiles: int) -> None:
-        """A rendering was started with ``room``; ``answer`` waits for (entries needed, entries listed)."""
+        """Learn from a rendering started with ``room``, whose ``answer`` waits for (entries needed, entries listed)."""
         self._asked.append(_Asked(answer, room, gaussians, tiles))
 
     def state(self) -> dict[str, Any]:
@@ -88,7 +88,7 @@ class TileListCapacity:
         self._asked = [_Asked(partial(tuple, numbers[:1]), *numbers[1:]) for numbers in asked]
 
     def _hear(self) -> None:
-        """Takes in all answers but the last.
+        """Take in all answers but the last.
 
         To wait for them does not make the card run dry: the host is a whole rendering and its gradients ahead of them,
         and the card has those to do meanwhile.
