@@ -81,6 +81,7 @@ def add_elements(
         photo: RGB uint8 [H, W, 3].
         clicks: part name -> clicks; they win over what is found automatically.
         sam: asked with a grid of points; None finds elements by colour.
+        options: of the colour fields, the grid of points, and the least size of an element.
     """
     inside = building(labels)
     if not inside.any():
@@ -170,7 +171,14 @@ def _around(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, sli
 def sam_elements(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam, options: PartOptions = PartOptions()
 ) -> list[NDArray[np.bool_]]:
-    """Segment by a grid of single points: masks good by the model's own word, stable, of a sensible size, not twice."""
+    """Segment by a grid of single points: masks good by the model's own word, stable, of a sensible size, not twice.
+
+    Args:
+        photo: RGB uint8 [H, W, 3].
+        inside: bool [H, W], where the building is.
+        sam: the model that is asked.
+        options: of the grid, and when a mask is good enough.
+    """
     embedding = sam.embed(photo)
     ys, xs = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     step = max(4.0, max(ys[-1] - ys[0], xs[-1] - xs[0]) / options.grid)
@@ -201,8 +209,10 @@ def tie_parts(
     """Tie elements of different photos that show the same sparse points into scene-wide parts.
 
     Args:
+        scene: its points, and the views that observed each.
         labels: label maps of all views.
         names: per view, label -> the user's name.
+        options: how many points two elements must share.
     """
     element = np.zeros(len(scene.track_view), np.int64)  # label under each observation
     for index, labels_here in enumerate(labels):

@@ -59,7 +59,11 @@ class PromptsFile:
 
     @classmethod
     def read(cls, path: Path) -> PromptsFile:
-        """Read the file, unchecked but for its size; BadInput where that cannot be done."""
+        """Read the file, unchecked but for its size; BadInput where that cannot be done.
+
+        Raises:
+            BadInput: the file is too large for clicks, cannot be read, or does not hold them in the known form.
+        """
         try:
             if path.stat().st_size > _LARGEST_FILE:
                 size = path.stat().st_size >> 20

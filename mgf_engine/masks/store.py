@@ -48,9 +48,13 @@ def save_masks(
     """Write a mask set.
 
     Args:
+        masks: label maps and scores of all views.
+        scene: the scene they belong to, whose photo names the files get.
+        folder: the job's mask folder; made where it is missing.
         reasons: per view, why it is flagged (empty where it is fine).
         figures: whatever else is worth keeping in ``scores.json``.
         parts: scene-wide second-level parts, for ``parts.json``.
+        threads: photos that are written at a time.
     """
     files = label_files(scene)
     (folder / "labels").mkdir(parents=True, exist_ok=True)
@@ -123,7 +127,11 @@ def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write an image through memory, so that any path works on any system."""
+    """Write an image through memory, so that any path works on any system.
+
+    Raises:
+        OSError: the picture cannot be encoded.
+    """
     ok, data = cv2.imencode(path.suffix, image)
     if not ok:
         raise OSError(f"cannot encode '{path}'")

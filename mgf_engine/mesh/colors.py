@@ -55,9 +55,12 @@ def color_from_photos(
     """Colour the vertices of a mesh from the photos that show them.
 
     Args:
+        mesh: normalised frame.
         views: cameras whose photos may be used.
         photo: position in ``views`` -> RGB uint8 [H, W, 3].
         inside: per view, bool [H, W]: pixels that show the building.
+        progress: called with the share of the views done.
+        options: size of the samples, and which of them are left out.
     """
     weight = np.zeros((len(mesh.vertices), options.best), np.float32)
     shown = np.zeros((len(mesh.vertices), options.best, 3), np.uint8)

@@ -41,7 +41,9 @@ def faces_near_clicks(
 
     Args:
         mesh: normalised frame.
+        views: cameras of the photos.
         clicks: per view, where it was clicked on the building, working pixels [K, 2].
+        options: what counts as near.
 
     Returns:
         All faces where no click meets the mesh.

@@ -72,11 +72,13 @@ def reduce_faces(
     cannot be met within the tolerances they are loosened, those of colours first.
 
     Args:
+        mesh: with or without colours.
         most: highest number of faces; 0 for no limit. Topology may not allow it; the result then has a few more.
         tolerance: distance that each given vertex may have from the result, [N] or one for all; 0 keeps every face
             beyond ``most``.
         color_tolerance: root mean square difference of colours around each collapsed edge, in grey levels per
             channel; below zero colours do not matter.
+        progress: called with the share of the faces that are gone already.
 
     Raises:
         MemoryError: the work needs about 350 bytes per vertex.

@@ -75,6 +75,7 @@ def make_depth_maps(
         masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
         neighbours: per view the numbers of those to match with; empty for no matching.
         options: of the matching, the smoothing and the fusion.
+        progress: called with the share of the views done.
         device: where ``show`` draws.
         prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
         spill: where their pixels are kept; in memory when None.
@@ -137,7 +138,14 @@ def _match(asked: _Asked, options: FusionOptions) -> DepthMap:
 def render_surface(
     gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None, options: TsdfOptions = TsdfOptions()
 ) -> Surface:
-    """Render the surface of the field in a view, with the photo's brightness beside it."""
+    """Render the surface of the field in a view, with the photo's brightness beside it.
+
+    Args:
+        gaussians: normalised frame.
+        view: camera of the photo.
+        grey: its brightness, uint8 [H, W]; needed for the matching alone.
+        options: from which opacity on the field counts as a surface.
+    """
     with torch.no_grad():
         seen = render(gaussians, Camera.from_view(view), sh_degree=0).cpu()
     assert seen.median is not None and seen.normal is not None
@@ -152,7 +160,14 @@ def render_surface(
 def depth_map(
     surface: Surface, mask: NDArray[np.uint8], matched: Matched, options: TsdfOptions = TsdfOptions()
 ) -> DepthMap:
-    """Make the depth map of a surface for the fusion, with its matched depth and the weight of each pixel."""
+    """Make the depth map of a surface for the fusion, with its matched depth and the weight of each pixel.
+
+    Args:
+        surface: what the view shows.
+        mask: uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes it.
+        matched: depth and its reliability, from the matching.
+        options: how confirmed and unconfirmed pixels count.
+    """
     view, normal, depth = surface.view, surface.normal, matched.depth
     trust = options.unmatched if matched.trust is None else matched.trust
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx

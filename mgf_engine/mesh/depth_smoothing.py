@@ -78,7 +78,17 @@ def smooth_map(
     rounds: int,
     steps: int,
 ) -> Array:
-    """Smooth a map in float32, as :func:`mgf_engine.mesh.reference_depth_smoothing.smooth_map` does in float64."""
+    """Smooth a map in float32, as :func:`mgf_engine.mesh.reference_depth_smoothing.smooth_map` does in float64.
+
+    Args:
+        weight: [H, W], of each pixel's own value; 0 where it has none.
+        target: [H, W], the values.
+        joined: which pixels show one surface with those two rows, and two columns, on.
+        strength: weight of second differences.
+        crease: size of a second difference from which on it counts less.
+        rounds: how often these weights are computed anew.
+        steps: of conjugate gradients in each round.
+    """
     height, width = target.shape
     stride = 2 * MARGIN[1] + -(-width // LANES) * LANES
     planes = np.zeros((11, height + 2 * MARGIN[0], stride), np.float32)

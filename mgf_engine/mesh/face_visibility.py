@@ -87,8 +87,11 @@ def count_uncovered(
     """Count as :func:`count_pixels` once some faces are gone; draws only where one of the others was seen.
 
     Args:
+        mesh: normalised frame.
         left: bool [F], at least one face. What is counted of the others has no meaning.
         counts: of all faces, or of more than are left.
+        views: cameras of the photos.
+        labels: as :func:`count_pixels` takes them.
     """
     blocks, number_of = Blocks.of(mesh.vertices, mesh.faces[left]), np.flatnonzero(left)
     stays = np.append(left, True)  # the last for pixels that see none

@@ -49,5 +49,12 @@ def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
 
 
 def judging_masks(scene: Scene, masks: MaskSet, views: Sequence[int], dilation: int) -> list[NDArray[np.uint8]]:
-    """Convert the label maps of ``views`` for the fields, see :func:`judging_mask`."""
+    """Convert the label maps of ``views`` for the fields, see :func:`judging_mask`.
+
+    Args:
+        scene: whose views the masks are of.
+        masks: label maps of all views.
+        views: numbers of those that are converted.
+        dilation: px by which masks grow.
+    """
     return [judging_mask(masks.labels[i], dilation) for i in views]

@@ -116,6 +116,8 @@ def find_level(
     them crosses zero (an end that stays twice counts half: the Illinois rule), else the middle.
 
     Args:
+        solid: [E, 3], ends in what is solid.
+        free: [E, 3], ends in free space.
         signed: (points [n, 3], share of the work done) -> [n], below zero in what is solid; between -1 and 1 it goes
             with the distance from the surface, beyond that only its sign counts; NaN is not solid.
         steps: points tried on each segment at most.

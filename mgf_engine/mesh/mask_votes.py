@@ -41,10 +41,12 @@ def cut_background(
     """Remove the faces that lie on background in most of the pixels that see them.
 
     Args:
+        mesh: normalised frame.
         views: photos that vote, normalised frame.
         labels: label map of each view, uint8 [H, W]; ignored pixels do not vote. Faces that no view sees stay.
         counts: those of the mesh, where they are known already.
         left: faces of whole parts that are left from the beginning, bool [F]; None for all.
+        options: which share of background removes a face, and how far votes are averaged.
     """
     counts = counts or count_pixels(mesh, views, labels)
     left = np.ones(len(mesh.faces), bool) if left is None else left.copy()

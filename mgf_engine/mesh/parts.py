@@ -54,6 +54,9 @@ def face_parts(mesh: Mesh, scene: Scene, masks: MaskSet, parts: Sequence[Element
 
     Args:
         mesh: normalised frame.
+        scene: cameras of the photos.
+        masks: their label maps.
+        parts: of each part, its element in each photo.
     """
     votes = np.zeros((len(mesh.vertices), len(parts) + 1), np.uint16)
     for index in sorted({view for elements in parts for view in elements}):

@@ -112,6 +112,12 @@ def correlations(
 
     The tried depths are ``depth / (1 + (k - steps // 2) * step)``; pixels less than two from the rim are left out.
 
+    Args:
+        first: photo and surface whose depths are tried.
+        others: those of the neighbours.
+        pixels: flat indices, [N].
+        options: number and length of the steps, and what hides a pixel.
+
     Returns:
         sums [N, steps], number of neighbours [N], and the steps [N].
     """

@@ -66,8 +66,13 @@ def merge_cells(
     """Merge once, see :func:`merge_flat`.
 
     Args:
+        mesh: vertices with colours, and faces.
         cell: number of each vertex's cell, [N].
         tolerance: root mean square distance from the plane, [N]; the first vertex of a group counts.
+        options: how plane a cell must be.
+
+    Raises:
+        MemoryError: the work needs more than is free.
     """
     at, into = np.array(mesh.vertices, np.float64, order="C"), np.empty(len(mesh.vertices), np.int32)
     given = np.ascontiguousarray(mesh.faces), np.asarray(cell, np.int32), np.asarray(tolerance, np.float32)

@@ -18,8 +18,11 @@ def depth_steps(
     """Compute the relative change [N] of the inverse depth that moves ``pixels`` by ``length`` in the other photo.
 
     Args:
+        pixels: flat indices, [N].
         depth: of the first photo, [H, W].
         between: of each neighbour, as :func:`match_depths` takes it.
+        length: px, by which a pixel moves in the neighbour where it moves most.
+        limit: largest relative change.
     """
     rows, columns = np.divmod(pixels, depth.shape[1])
     places = np.stack([columns + 0.5, rows + 0.5, np.ones(len(pixels))], 1)
@@ -39,10 +42,16 @@ def match_depths(
     """Correlate the patches around ``pixels`` [N], [N, steps], and give 1 or 0 [N] whether the neighbour has a say.
 
     Args:
+        pixels: flat indices, [N].
         normals: [N, 3], first camera's frame.
+        step: relative change of the inverse depth from one try to the next, [N].
+        steps: number of tries.
         first, other: (brightness, depth) of each photo, [H, W] each.
         inverse_intrinsics: 1 / fx, 1 / fy, cx, cy of the first photo.
         between: M and b, flat [12]: (u, v, 1) ~ M (x, y, 1) + b / depth.
+        jump: relative difference in depth from which on two pixels show two surfaces.
+        hidden: share of the depth by which the neighbour must see something nearer to hide a pixel.
+        texture: least standard deviation of the brightness in a patch, grey levels.
     """
     scores, counts = np.zeros((len(pixels), steps)), np.zeros(len(pixels))
     for n, pixel in enumerate(pixels):

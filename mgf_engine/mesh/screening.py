@@ -40,6 +40,12 @@ def screen(
 ) -> Gaussians:
     """Select the Gaussians that pass the vote of eq. 3 (all of them where the screening or the masks are off).
 
+    Args:
+        gaussians: normalised frame.
+        scene: cameras of the photos.
+        masks: their label maps.
+        options: whether and how strictly to vote.
+
     Raises:
         BadInput: the field is empty, or the masks vote against every Gaussian.
     """

@@ -84,8 +84,11 @@ def beside_surface(
     """Add points on both sides of a surface where no Gaussian spans any, so that the level set can follow it.
 
     Args:
+        spanned: the points so far.
+        mesh: the surface, normalised frame.
         pixel: size of a pixel at the building.
         box: where given, only in and beside it.
+        options: where points count as missing, and how far from the surface they are put.
     """
     spacing = options.spacing * pixel
     face, points = sample_poisson_disk(mesh, spacing, np.random.default_rng(0))

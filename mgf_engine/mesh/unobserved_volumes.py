@@ -46,9 +46,11 @@ def drop_unobserved(
     """Remove the patches that are not confirmed and have free space close behind them.
 
     Args:
+        mesh: normalised frame.
         confirmed: [N], vertices that photos show.
         pixel: size of a pixel at each vertex, [N].
         free: whether points [N, 3] lie in free space, [N].
+        options: how thick such a volume may be, and where behind its faces free space is looked for.
     """
     made_up, patch, area = unconfirmed_patches(mesh, confirmed)
     if not len(made_up):

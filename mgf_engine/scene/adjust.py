@@ -56,6 +56,7 @@ def adjust_if_inconsistent(
     """Adjust a model where its cameras and points disagree, with a warning; return it as it is elsewhere.
 
     Args:
+        model: cameras, points and observations as the user gave them.
         resolution: longest side of the working photos; errors are measured in their pixels.
         reporter: for the warning and the request to cancel.
         options: whether to adjust, from which error, and how much better the result must be.

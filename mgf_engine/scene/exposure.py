@@ -47,7 +47,10 @@ def even_exposure(scene: Scene, folder: Path, threads: int = 1, options: Exposur
     """Rewrite the working photos in ``folder`` so that all show the building in the same light.
 
     Args:
+        scene: its points tell which pixels of the photos show the same.
         folder: holds the working photos of ``scene`` under their file names.
+        threads: photos that are worked on at a time.
+        options: from which difference on photos are changed, and how strongly.
 
     Returns:
         What each photo's channels were multiplied by, [V, 3]; ones where nothing was changed.

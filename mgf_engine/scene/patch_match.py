@@ -182,7 +182,17 @@ def search_struct(
     photo: Photo, bounds: tuple[float, float], others: int, number: int, colour: int, consistent: bool,
     o: PatchMatchOptions,
 ) -> NDArray[np.void]:  # fmt: skip
-    """Return the options of half a round as the kernel takes them."""
+    """Return the options of half a round as the kernel takes them.
+
+    Args:
+        photo: as the kernel takes it.
+        bounds: least and greatest inverse depth.
+        others: number of neighbours.
+        number: of the round; steps get shorter with it, and it seeds the random numbers.
+        colour: 0 or 1, which half of the pixels is searched.
+        consistent: whether the neighbours' own depths count.
+        o: options of the search.
+    """
     search, factor = np.zeros(1, SEARCH), 0.5**number
     search["low"], search["high"] = bounds
     search["texture"], search["contrast"] = o.texture, o.contrast

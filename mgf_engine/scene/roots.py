@@ -58,6 +58,7 @@ def sample_views(
         centres: [V, 3] camera centres, normalised frame.
         directions: [V, 3] unit viewing directions.
         seen: [V] number of points observed by each view.
+        count: number of views.
         wanted: views that are taken in any case, however many.
     """
     feature = np.concatenate([centres / CAMERA_DISTANCE, directions], 1)

@@ -179,6 +179,8 @@ def photo_consistency(
 
     Args:
         brightness, trusted: [T], of each observation, and whether it counts among the others.
+        scene: its points, and the views that observed each.
+        options: how many points and photos are needed for a correlation.
     """
     owner, points = scene.track_point, len(scene.points)
     count = np.bincount(owner[trusted], minlength=points)

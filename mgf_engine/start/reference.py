@@ -31,7 +31,14 @@ def _image_line(segments: Segments, view: int, line: Array) -> tuple[Array, Arra
 
 
 def support(segments: Segments, m: int, line: Array, reach: float) -> float:
-    """Compute how far segment ``m`` covers a line [2, 3] in its photo, 0..1."""
+    """Compute how far segment ``m`` covers a line [2, 3] in its photo, 0..1.
+
+    Args:
+        segments: of all photos.
+        m: row of the segment.
+        line: two points on it, normalised frame, [2, 3].
+        reach: px, distance within which it covers the line.
+    """
     found = _image_line(segments, int(segments.view[m]), line)
     if found is None:
         return 0.0
@@ -51,7 +58,14 @@ def same_colour(segments: Segments, n: int, m: int) -> bool:
 
 
 def vote(segments: Segments, view: int, line: Array, n: int) -> tuple[int, float]:
-    """Find the segment of a photo that fits a line of segment ``n`` best, and its score; -1, 0 for none."""
+    """Find the segment of a photo that fits a line of segment ``n`` best, and its score; -1, 0 for none.
+
+    Args:
+        segments: of all photos.
+        view: number of the photo.
+        line: two points on it, normalised frame, [2, 3].
+        n: row of the segment whose line it is.
+    """
     rows = range(segments.first[view], segments.first[view + 1])
     scores = [support(segments, m, line, segments.options.reach) * same_colour(segments, n, m) for m in rows]
     best = int(np.argmax(scores)) if scores else -1
@@ -125,7 +139,14 @@ def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple
 
 
 def count_outside(points: Array, projections: Array, outside: NDArray[np.uint8], margin: float) -> NDArray[np.int64]:
-    """Count as :func:`mgf_engine.start.views.count_outside` does, without a bound."""
+    """Count as :func:`mgf_engine.start.views.count_outside` does, without a bound.
+
+    Args:
+        points: [N, 3], normalised frame.
+        projections: normalised frame -> pixels, per view [V, 3, 4].
+        outside: per view, how far outside of the mask each pixel lies, eighths of a px, uint8 [V, H, W].
+        margin: px from the mask from which on a view calls a point outside.
+    """
     result = np.zeros(len(points), np.int64)
     for p, distance in zip(projections, outside, strict=True):
         for n, x in enumerate(points):
@@ -163,7 +184,14 @@ def smooth_point(
 
 
 def snap_to_planes(points: Array, planes: Array, near: Array, o: PlaneOptions) -> Array:
-    """Move points [N, 3] onto planes [K, 4] as :func:`mgf_engine.start.planes.snap_to_planes` does."""
+    """Move points [N, 3] onto planes [K, 4] as :func:`mgf_engine.start.planes.snap_to_planes` does.
+
+    Args:
+        points: [N, 3], normalised frame.
+        planes: (normal, offset) of each, [K, 4].
+        near: distance within which a point moves, per point.
+        o: options of the planes.
+    """
     normals, distance, out = planes[:, :3], points @ planes[:, :3].T + planes[:, 3], points.copy()
     for n in range(len(points)):
         rows: list[int] = []

@@ -262,6 +262,8 @@ def over_building(
 
     Args:
         points: [P, 3]; keep: [P], points of the building.
+        shape: direction of "up" and what is known of each point.
+        options: how far above the plan, and how high, points must lie.
     """
     keep = keep & _supported(shape, keep)
     if keep.sum() < 10:

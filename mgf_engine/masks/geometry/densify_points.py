@@ -53,8 +53,11 @@ def densify_points(
     """Return the scene with points, and tracks through the photos that confirm them, where it has none.
 
     Args:
+        scene: normalised frame.
         leafy: view -> bool [h, w] of any size: leaves and grass, which are never flat nor the building.
+        threads: photos that are worked on at a time.
         check: called between photos; may raise to cancel.
+        options: grid, matching and agreement of the new points.
 
     Returns:
         A scene whose first points are those of ``scene``; their observations come first, too.

@@ -55,7 +55,11 @@ def find_ground(
     """Find the plane most points agree on that lies below the cameras and nearly all points, or None.
 
     Args:
+        scene: normalised frame.
+        shape: direction of "up", flatness and normals of its points.
         outside: [P], 0..1, how likely each point is not the building; weighs the support.
+        seed: of the planes that are tried.
+        options: number of planes tried, their slope, and the support they need.
     """
     upright = np.abs(shape.normals @ shape.up) * shape.flatness
     weight = np.clip(outside, 0, 1) * np.clip(2 * upright - 0.6, 0, 1)

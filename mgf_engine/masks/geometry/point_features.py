@@ -137,6 +137,8 @@ def clicked_groups(
     Args:
         points: [P, 3]; keep: [P].
         clicked: rows of the points that were clicked on.
+        shape: neighbours and spacing of the points.
+        options: the gap that parts two groups.
 
     Returns:
         bool [P]; all kept points where no clicked one is among them.

@@ -44,6 +44,12 @@ def hull_cells(
 ) -> tuple[NDArray[np.float64], float]:
     """Return the centres [N, 3] of the cells that the masks of ``views`` leave to the building, and the cells' size.
 
+    Args:
+        scene: normalised frame.
+        masks: label maps of all its views.
+        views: those whose masks carve the hull.
+        options: number of cells, and how many views may disagree.
+
     Raises:
         BadInput: the masks have no place in common.
     """
@@ -142,6 +148,12 @@ def points_to_match(
     """Return a scene as :func:`with_hull_points` does, and as it is where the masks have no place in common.
 
     For stereo, which can do without: photos that share no points are matched with none.
+
+    Args:
+        scene: normalised frame.
+        masks: label maps of all its views.
+        views: those whose masks carve the hull.
+        options: of the hull.
     """
     try:
         return with_hull_points(scene, masks, views, options)

@@ -72,6 +72,7 @@ def fit_mixture(
         weights: [N], at least 0.
         components: how many Gaussians at most.
         seed: of the sampling and the start.
+        scale: [F], what each feature is divided by.
     """
     keep = np.flatnonzero(weights > 1e-3)
     if len(keep) < 12:

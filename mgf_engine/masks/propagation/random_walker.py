@@ -63,6 +63,8 @@ class LabelPropagation:
         """Return the probability that follows from the clicks.
 
         Args:
+            prompts: the user's clicks.
+            seed: of the mixtures of appearance.
             rounds: number of rounds; None for that of the options.
             views: where the geometry is looked at; None for all. With some, the probability holds for these alone.
         """

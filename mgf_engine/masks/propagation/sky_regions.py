@@ -80,6 +80,7 @@ def draw_skyline(
 
     Args:
         lab: CIELAB [H, W, 3], see :func:`lab_of`; mask: [H, W]; sky: [H, W], the regions that are sky.
+        options: how like the sky a pixel must be, and how far from the mask's edge it is looked for.
     """
     if not (sky & ~mask).any():
         return mask

@@ -70,9 +70,12 @@ def remove_far_background(
     """Make background, in place, of what looks like the far background beside the building.
 
     Args:
+        scene: normalised frame.
         labels: per view uint8 [H, W]; only that of an open building should be given.
         up: [3], normalised frame.
         points_in: view -> [N, 2], pixels in which it observed sparse points of the building.
+        threads: photos that are worked on at a time.
+        options: levels over the horizon, and how alike their colours must be.
     """
 
     def learn(index: int) -> ElevationColors:

@@ -50,6 +50,7 @@ def find_missing_pixels(
         labels: label map, uint8 [H, W], see :mod:`mgf_engine.model.masks`.
         sky: bool [H, W].
         negative: clicks on the background, pixels [N, 2]; a patch that holds one stays as it is.
+        options: what counts as homogeneous, and how far a region may reach from the mask.
     """
     mask = (labels != BACKGROUND) & (labels != IGNORE)
     flat = np.linalg.norm(_gradient(lab), axis=-1) < options.edge

@@ -46,9 +46,12 @@ class Patches:
         """Compare with other pictures, CIELAB [n, h, w, 3].
 
         Args:
+            labs: CIELAB of the others, uint8 [n, h, w, 3].
             seen: as for :meth:`correlate`.
             count: how many of the others, the best for each pixel, count.
             most: CIELAB distance; other colours are not alike, whatever their pattern is.
+            last: how many of the others, at the end of ``labs``, are compared without regard to colour as well.
+            count_last: how many of these, the best for each pixel, count.
 
         Returns:
             [h, w] each: correlations, where the colours are alike; distances of the colours, negative, -255 where

@@ -59,9 +59,11 @@ def find_sky_holes(
     Args:
         lab: CIELAB [H, W, 3], see :func:`lab_of`.
         mask: [H, W], where the building is or may be; sky: [H, W], regions that are sky.
+        view: camera of the photo.
         up: [3], normalised frame.
         points: [N, 2], pixels in which this photo observed sparse points: a window that mirrors the sky has as many as
             the wall around it.
+        options: size and colour of a hole.
     """
     none = np.zeros_like(mask)
     if not sky.any():

@@ -67,8 +67,10 @@ def find_silhouette(
 
     Args:
         lab: CIELAB [H, W, 3], see :func:`lab_of`; sky: [H, W], regions that are sky; up: [3], normalised frame.
+        view: camera of the photo.
         widths: how far around a pixel sky may be to know its colour, see :data:`WIDTHS`.
         degrees: over the horizon from which anything is told.
+        options: colour distances and sizes of what counts as sky or as something before it.
     """
     over = over_horizon(view, up, degrees)
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
@@ -202,9 +204,11 @@ def carve(
     Cells are divided in eight as long as they may be solid, so that the sky's emptiness is cheap.
 
     Args:
+        views: cameras of the photos.
         outlines: one per view; photos without anything solid have no say.
         corner: lowest corner of the cube, normalised frame, [3]; size: its side.
         cell: the side down to which cells are divided.
+        options: how many photos must see a cell as something, and how many may see it as sky.
     """
     told = [(v, _sums(o.empty), _sums(o.solid)) for v, o in zip(views, outlines, strict=True) if o.solid.any()]
     hull = SilhouetteHull(np.zeros((1, 3), np.int64), corner, size)

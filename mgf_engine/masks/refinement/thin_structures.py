@@ -58,6 +58,9 @@ class ThinStructures:
         """Add the parts to the label map of a photo, in place.
 
         Args:
+            index: number of the photo in the scene.
+            view: its camera.
+            shown: its label map, uint8 [H, W]; changed.
             ground: finds what shows the ground; None where there is no plane of it.
         """
         covered = self.hull.cover(view) & ~building(shown)

@@ -101,6 +101,9 @@ def download_weights(model: str, folder: Path | None, reporter: Reporter, base_u
     """Fetch the two files of a model, going on where a broken download stopped; returns their folder.
 
     Args:
+        model: name of the model.
+        folder: where to put them; None for the user's cache.
+        reporter: for the progress and the request to cancel.
         base_url: where files lie that have no place of their own.
 
     Raises:
@@ -199,7 +202,11 @@ def _fetch(file: WeightFile, target: Path, base_url: str, reporter: Reporter, do
 
 
 def check_file(path: Path, file: WeightFile, folder: Path) -> None:
-    """Refuse a file that is damaged or of another version."""
+    """Refuse a file that is damaged or of another version.
+
+    Raises:
+        BadInput: the file is damaged or of another version.
+    """
     if path.stat().st_size != file.size or _digest(path) != file.sha256:
         raise BadInput(
             f"'{path}' is damaged or of another version (wrong size or SHA-256); delete it and run 'mgf weights "

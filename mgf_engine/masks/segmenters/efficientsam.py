@@ -65,7 +65,14 @@ class EfficientSam:
         self._encoding = threading.Lock()  # one image at a time bounds the memory
 
     def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
-        """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt asks with other points."""
+        """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt asks with other points.
+
+        Args:
+            index: number of the photo in the scene.
+            photo: RGB uint8 [H, W, 3].
+            hints: clicks and points on the building and beside it.
+            attempt: 0 for the first; a further one starts from other points.
+        """
         embedding = self.embed(photo)
         size = (photo.shape[0], photo.shape[1])
         best = Segment(np.zeros(size, bool), -1.0)
@@ -79,7 +86,11 @@ class EfficientSam:
         return Segment(best.mask, max(0.0, best.score))
 
     def embed(self, photo: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Return the embedding [1, 256, 64, 64] of a photo RGB uint8 [H, W, 3], from the cache where it is."""
+        """Return the embedding [1, 256, 64, 64] of a photo RGB uint8 [H, W, 3], from the cache where it is.
+
+        Raises:
+            BadInput: the encoder answers in another shape than EfficientSAM's.
+        """
         key = hashlib.sha256(self._model.encode() + str(photo.shape).encode() + photo.tobytes()).hexdigest()[:24]
         path = self._cache / f"{key}.npy"
         try:
@@ -111,6 +122,9 @@ class EfficientSam:
 
         Returns:
             Logits [3, h, w] on the reduced photo (above 0 is inside), and the model's own quality estimates [3].
+
+        Raises:
+            BadInput: the decoder answers in another shape than EfficientSAM's.
         """
         height, width = _reduced(*size)
         scaled = points[:MAX_POINTS] * (width / size[1], height / size[0])

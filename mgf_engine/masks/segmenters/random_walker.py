@@ -26,7 +26,14 @@ class RandomWalker:
     name = "random_walker"
 
     def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
-        """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt follows the points closer."""
+        """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt follows the points closer.
+
+        Args:
+            index: number of the photo in the scene.
+            photo: RGB uint8 [H, W, 3].
+            hints: clicks and points on the building and beside it.
+            attempt: 0 for the first; a further one follows the points closer.
+        """
         probability = hints.probability if attempt == 0 else follow_points(hints)
         mask = clean(to_edges(photo, probability) > 0.5, hints)
         return Segment(mask, agreement(mask, hints))

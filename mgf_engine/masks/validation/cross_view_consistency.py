@@ -45,8 +45,11 @@ def find_contradicted_masks(
     The worst third is taken out at a time: wrong masks make right ones look wrong, too.
 
     Args:
+        scene: its points, and the views that observed each.
+        labels: label maps of all views.
         used: bool [V], the views that have a mask.
         dilation: masks grow by this before observations are tested, px.
+        options: how many points must agree, and from which share on a mask is contradicted.
 
     Raises:
         BadInput: the masks contradict each other, and there is no majority.

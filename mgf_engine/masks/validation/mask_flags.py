@@ -71,8 +71,11 @@ def flag_by_masks(
     """Return why each mask is left out without points to test it: only because the other photos' masks contradict it.
 
     Args:
+        scene: normalised frame.
         masks: those used are the others.
+        reasons: per view, why it is flagged already (empty where it is fine).
         judged: bool [V], views whose reason stands, since enough points lie in their masks.
+        options: when the other photos' masks contradict one.
     """
     result = list(reasons)
     used = np.flatnonzero(masks.used).tolist()
