@@ -55,7 +55,11 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: list[str]) -> int:
-    """Run with the given arguments; returns the exit code."""
+    """Run with the given arguments; returns the exit code.
+
+    Raises:
+        UserError: nothing to import, or drawings and models without a job.
+    """
     package = _package()
     UserError = importlib.import_module(f"{package}.common.errors").UserError
     try:
@@ -208,7 +212,11 @@ def _dress(scene) -> None:
 
 
 def save(bpy, path: Path, package: str) -> None:
-    """Write the .blend to a temporary name first, so that a full disk leaves no half file."""
+    """Write the .blend to a temporary name first, so that a full disk leaves no half file.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
     errors = importlib.import_module(f"{package}.common.errors")
     files = importlib.import_module(f"{package}.common.files")
     temporary = path.with_name(f".{path.stem}.writing.blend")

@@ -44,7 +44,19 @@ def option(
     path: str = "",
     advanced: bool = True,
 ) -> Any:
-    """Define a dataclass field with its section, help, limits and unit as metadata; ``path`` is "file" or "folder"."""
+    """Define a dataclass field with its section, help, limits and unit as metadata.
+
+    Args:
+        default: of the field.
+        section: stage that the option belongs to.
+        help: one sentence for command line, panel and documentation.
+        low: least value; None for no limit.
+        high: largest value; None for no limit.
+        choices: allowed values of a text.
+        unit: of the number, such as px.
+        path: "file" or "folder" where the value is a path.
+        advanced: False for the options that users see first.
+    """
     return field(
         default=default,
         metadata={

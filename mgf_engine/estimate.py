@@ -142,6 +142,9 @@ def estimate(
     """Estimate time and memory of the stages of a job with these options.
 
     Args:
+        config: options of the job.
+        photos: number and size of the scene's photos.
+        stages: those that are to run.
         speed: time of this machine over that of the measured one; what is known of it when None.
         budget: bytes that may be used: fewer photos are worked on at a time where all threads together would take more.
     """
@@ -151,7 +154,14 @@ def estimate(
 
 
 def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
-    """Find the least change of options that keeps a job below a budget, as flags; empty where none does."""
+    """Find the least change of options that keeps a job below a budget, as flags; empty where none does.
+
+    Args:
+        config: options of the job.
+        photos: number and size of the scene's photos.
+        budget: bytes that the job may use.
+        stages: those that are to run.
+    """
     for changes in _changes(config, photos):
         if max(estimate(replace(config, **changes), photos, stages, 1.0, 0.0).memory.values()) <= budget:
             return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in changes.items())
@@ -172,7 +182,14 @@ def _changes(config: Config, photos: Photos) -> Iterator[dict[str, Any]]:
 
 
 def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
-    """Return one sentence where a job needs more than a budget; empty where it fits."""
+    """Return one sentence where a job needs more than a budget; empty where it fits.
+
+    Args:
+        config: options of the job.
+        photos: number and size of the scene's photos.
+        budget: bytes that the job may use.
+        stages: those that are to run.
+    """
     found = estimate(config, photos, stages, 1.0, 0.0)
     needed = found.memory[found.largest]
     if needed <= budget:
@@ -233,7 +250,14 @@ def _speed_file() -> Path:
 
 
 def as_data(found: Estimate, config: Config, photos: Photos, budget: float) -> dict[str, Any]:
-    """Return all of an estimate as plain data: seconds, bytes."""
+    """Return all of an estimate as plain data: seconds, bytes.
+
+    Args:
+        found: the estimate.
+        config: options of the job.
+        photos: number and size of the scene's photos.
+        budget: bytes that the job may use.
+    """
     asked = quantities(config, photos)
     return {
         "photos": photos.count, "used": asked["photos"], "size": list(photos.size), "cameras_known": photos.placed,

@@ -116,7 +116,11 @@ def shrink(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write RGB [height, width, 3] or grey [height, width] without loss and without ever leaving half a file."""
+    """Write RGB [height, width, 3] or grey [height, width] without loss and without ever leaving half a file.
+
+    Raises:
+        ValueError: the picture has an unknown number of channels, or cannot be encoded.
+    """
     shown = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
     ok, data = cv2.imencode(".png", shown, [number for pair in _PNG_HOW for number in pair])
     if not ok:

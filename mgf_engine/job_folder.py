@@ -128,6 +128,9 @@ def check_inputs(source: Path, prompts: Path | None, masks: Path | None, kept: P
     """Check that the user's files are there.
 
     Args:
+        source: the scene's folder.
+        prompts: the clicks; None where there are none.
+        masks: the folder of the user's own masks; None where there are none.
         kept: the clicks that the job keeps, named where the user's own are gone.
 
     Raises:

@@ -135,7 +135,11 @@ class Reporter:
         return self._cancel.is_set()
 
     def check(self) -> None:
-        """Raise :class:`Cancelled` if a stop was asked for."""
+        """Raise :class:`Cancelled` if a stop was asked for.
+
+        Raises:
+            Cancelled: a stop was asked for.
+        """
         if self._cancel.is_set():
             raise Cancelled("Cancelled; run again with --resume to continue.")
 

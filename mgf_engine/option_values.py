@@ -26,6 +26,12 @@ def convert(name: str, value: Any, default: Any) -> Any:
 def check_limits(name: str, value: Any, low: float | None, high: float | None) -> None:
     """Check that a number, or each number of a tuple, lies between two limits; None for no limit.
 
+    Args:
+        name: of the option, for the message.
+        value: a number or a tuple of numbers.
+        low: least value.
+        high: largest value.
+
     Raises:
         BadInput: it does not.
     """
@@ -37,7 +43,12 @@ def check_limits(name: str, value: Any, low: float | None, high: float | None) -
 
 
 def parse(kind: type, value: Any) -> Any:
-    """Convert a value to bool, int, finite float or str; ValueError or TypeError where it is no such value."""
+    """Convert a value to bool, int, finite float or str; ValueError or TypeError where it is no such value.
+
+    Raises:
+        ValueError: the text has no value of the type.
+        TypeError: the value is of another type.
+    """
     if kind is bool:
         key = str(value).strip().lower()
         if key not in _SWITCH:
@@ -60,7 +71,11 @@ def parse(kind: type, value: Any) -> Any:
 
 
 def parse_tuple(default: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
-    """Convert a list, or text with commas, to as many numbers of the same types as the default has."""
+    """Convert a list, or text with commas, to as many numbers of the same types as the default has.
+
+    Raises:
+        ValueError: another number of values is wanted.
+    """
     parts = value.split(",") if isinstance(value, str) else list(value)
     if len(parts) != len(default):
         raise ValueError(value)

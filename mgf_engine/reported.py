@@ -91,6 +91,9 @@ def send_failed(reporter: Reporter, code: int, text: str, log: str | None = None
     """Say that the work ended early and why, even where nobody reads any more.
 
     Args:
+        reporter: where it is said.
+        code: exit code.
+        text: why, in one sentence.
         log: path of the file with the details.
     """
     try:

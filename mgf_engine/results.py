@@ -48,7 +48,11 @@ def load_field(job: Job) -> Gaussians:
 
 
 def load_mesh(job: Job) -> Mesh:
-    """Read the mesh, scene frame."""
+    """Read the mesh, scene frame.
+
+    Raises:
+        BadInput: the mesh is missing or damaged.
+    """
     with _made_by(job, "mesh"):
         try:
             return read_ply(job.path("mesh.ply"))

@@ -53,6 +53,7 @@ def keep_run(job: Path, names: Iterable[str], manifest: dict[str, Any], given: d
     """Keep a finished run under a number of its own and write the job's ``deliver.json``, which names its files.
 
     Args:
+        job: the job folder.
         names: files and folders of the job folder that belong to the result; those that are not there are left out.
         manifest: what ``deliver.json`` says, file names relative to the job folder.
         given: the options the user gave.

@@ -122,6 +122,7 @@ def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float, te
     """Turn the window's viewports to an imported scene and let them draw its colours.
 
     Args:
+        context: tells the window.
         middle: [3], world.
         reach: radius of what should be seen, world units.
         texture: whether the colours are a texture's, not the vertices'.

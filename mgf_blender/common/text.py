@@ -55,7 +55,14 @@ def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str) -> None:
 
 
 def draw_value(layout: bpy.types.UILayout, name: str, value: str, name_share: float = 0.3) -> None:
-    """Draw a name and its value beside it, on as many lines as it needs."""
+    """Draw a name and its value beside it, on as many lines as it needs.
+
+    Args:
+        layout: to draw into.
+        name: translated already.
+        value: as text.
+        name_share: share of the width that the name gets.
+    """
     for i, line in enumerate(wrapped(value, _fits_here(1 - name_share))):
         split = layout.split(factor=name_share)
         split.label(text="" if i else name, translate=False)

@@ -63,7 +63,14 @@ def mark_of(scene: bpy.types.Scene, point: str, photo: str) -> int:
 
 
 def set_mark(scene: bpy.types.Scene, point: str, photo: str, uv: tuple[float, float]) -> None:
-    """Mark a point in a photo, in the place of an earlier mark."""
+    """Mark a point in a photo, in the place of an earlier mark.
+
+    Args:
+        scene: whose marks are meant.
+        point: name of the control point.
+        photo: name of the photo.
+        uv: pixel of the photo.
+    """
     marks, at = scene.mgf.georef.marks, mark_of(scene, point, photo)
     mark = marks[at] if at >= 0 else marks.add()
     mark.point, mark.photo, mark.uv = point, photo, uv

@@ -20,6 +20,9 @@ def dragged(
     """Return where a mark at pixel ``at`` goes when the pointer moves over the photo from ``before`` to ``now``.
 
     Args:
+        at: where the mark is.
+        before: where the pointer was, pixels of the photo.
+        now: where it is.
         fine: the mark goes a tenth of the pointer's way.
         size: width and height of the photo, which the mark does not leave.
     """

@@ -86,7 +86,16 @@ def replace_clicks(scene: bpy.types.Scene, found: dict[str, list[tuple[float, fl
 def add_click(
     photo: bpy.types.PropertyGroup, u: float, v: float, negative: bool, part: str, proposed: bool = False
 ) -> None:
-    """Append a click to a photo of the list."""
+    """Append a click to a photo of the list.
+
+    Args:
+        photo: of the scene's list.
+        u: column, pixels of the photo.
+        v: row, pixels of the photo.
+        negative: the click is on the background.
+        part: name of the part that is meant; empty for the building.
+        proposed: it was not made by hand and waits to be accepted.
+    """
     click = photo.clicks.add()
     click.uv, click.negative, click.part, click.proposed = (u, v), negative, part, proposed
 

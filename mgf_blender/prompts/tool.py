@@ -16,7 +16,14 @@ TOOL_ID = "mgf.point_tool"
 
 
 def nearest(photo: bpy.types.PropertyGroup, u: float, v: float, reach: float) -> int:
-    """Return the index of the click nearest to a pixel within ``reach`` pixels, or -1."""
+    """Return the index of the click nearest to a pixel within ``reach`` pixels, or -1.
+
+    Args:
+        photo: of the scene's list.
+        u: column, pixels of the photo.
+        v: row, pixels of the photo.
+        reach: pixels of the photo.
+    """
     best, found = reach, -1
     for i, click in enumerate(photo.clicks):
         distance = ((click.uv[0] - u) ** 2 + (click.uv[1] - v) ** 2) ** 0.5

@@ -29,6 +29,11 @@ def draw_run(
     """Draw the button that starts a run, where none of these kinds goes on, and how the last one does or did.
 
     Args:
+        layout: to draw into.
+        scene: whose runs are meant.
+        kinds: of runs, the one that the button starts first.
+        operator: idname of the one that starts it.
+        icon: of the button.
         second: operator and icon of a button below it.
 
     Returns:

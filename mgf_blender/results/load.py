@@ -118,6 +118,7 @@ def import_result(
     """Import a finished job; earlier results in the same tree are replaced, other objects stay.
 
     Args:
+        scene: to import into.
         folder: the job folder.
         tree: the imported COLMAP scene; made from the job's own cameras when None.
         content: what :func:`read_result` gave for the folder, when that was read before.

@@ -37,11 +37,16 @@ def render_picture(
     """Render the mesh to a PNG; the scene keeps its own camera, world and settings.
 
     Args:
+        scene: it holds the tree.
+        tree: the imported scene with its mesh.
         path: where the PNG goes.
         size: width and height in pixels.
         samples: per pixel, for Cycles and EEVEE.
         engine: CYCLES, WORKBENCH or EEVEE.
         turn: degrees around the building from where most cameras stand.
+
+    Raises:
+        ValueError: the tree has no mesh.
     """
     meshes = tree.objects("Mesh")
     if not meshes:

@@ -145,6 +145,12 @@ def quaternion_to_matrix(q: np.ndarray) -> np.ndarray:
 def make_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Camera:
     """Make the pinhole part of a COLMAP camera.
 
+    Args:
+        model: COLMAP's name of the camera model.
+        width: of the photos, pixels.
+        height: of the photos, pixels.
+        params: of the model, in COLMAP's order.
+
     Raises:
         UserError: the model is unknown or a number is unusable.
     """

@@ -46,6 +46,7 @@ def import_scene(
     """Import cameras with photos and sparse points.
 
     Args:
+        scene: to import into.
         path: a model file, a model folder or the project folder around it.
         photo_folder: where the photos lie; searched when None.
         upright: turn the scene so that the photos' up is z; False keeps the model's axes.

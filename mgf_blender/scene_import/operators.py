@@ -236,7 +236,15 @@ class MGF_FH_colmap(bpy.types.FileHandler):
 def bring_in(
     scene: bpy.types.Scene, path: Path, upright: bool, replace: bool, operator: bpy.types.Operator | None = None
 ) -> Imported:
-    """Import into a scene and remember source and root photos, as every way of importing does."""
+    """Import into a scene and remember source and root photos, as every way of importing does.
+
+    Args:
+        scene: to import into.
+        path: of the model, or a folder around it.
+        upright: turn the scene so that the photos' up is z.
+        replace: an earlier import gives way.
+        operator: takes warnings, where one runs.
+    """
     state, path = scene.mgf, path.absolute()
     photos = Path(bpy.path.abspath(state.photo_folder)) if state.photo_folder else None
     done = import_scene(scene, path, photos, upright, Tree.find(scene) if replace else None)

@@ -60,7 +60,14 @@ def draw_elevation(
 def classify(
     chain: Chain, regions: Regions, pixel: float, options: ElevationOptions = ElevationOptions()
 ) -> str | None:
-    """Return the layer of a border between two regions; None where there is nothing to draw."""
+    """Return the layer of a border between two regions; None where there is nothing to draw.
+
+    Args:
+        chain: border between two regions.
+        regions: of the elevation, with their planes.
+        pixel: a ground pixel, local unit.
+        options: from which step in depth and which angle on a border is a line.
+    """
     if chain.low == NOTHING:
         return OUTLINE
     length = float(np.linalg.norm(np.diff(chain.corners, axis=0), axis=1).sum()) * regions.grid.resolution

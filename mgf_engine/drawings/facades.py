@@ -66,6 +66,12 @@ def find_facades(survey: Survey, options: FacadeOptions = FacadeOptions()) -> li
 def facade_through(survey: Survey, points: Array, name: str, options: FacadeOptions = FacadeOptions()) -> Facade:
     """Return the facade through three points [3, 3] of the scene frame.
 
+    Args:
+        survey: mesh in the local frame, and what is known of it.
+        points: [3, 3], scene frame.
+        name: of the facade.
+        options: how level or steep it may be.
+
     Raises:
         BadInput: the points lie on a line, or on a level plane.
     """

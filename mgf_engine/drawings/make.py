@@ -106,6 +106,12 @@ class Work:
 def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter: Reporter) -> Path:
     """Draw everything; returns the folder.
 
+    Args:
+        job: its folder.
+        out: folder of the drawings; None for ``drawings`` in the job folder.
+        wanted: drawings, formats and scales.
+        reporter: for progress, warnings and the request to cancel.
+
     Raises:
         BadInput: the job has no mesh, or something wanted is impossible.
     """

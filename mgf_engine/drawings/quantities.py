@@ -37,7 +37,10 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
     """Measure a facade.
 
     Args:
+        survey: mesh in the local frame.
+        facade: its plane.
         deviation: of the wall from its plane in the local unit, NaN beside it, [H, W].
+        parts: outlines of windows, doors and other named parts on it.
     """
     small = "mm" if survey.georeference.metric else "1/1000 units"
     unit, wall = survey.unit, survey.areas[facade.wall].sum()

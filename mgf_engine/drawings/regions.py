@@ -79,7 +79,14 @@ def survey_planes(survey: Survey, options: PlanarOptions = PlanarOptions()) -> P
 
 
 def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOptions = RegionOptions()) -> Regions:
-    """Find the regions that a frame shows."""
+    """Find the regions that a frame shows.
+
+    Args:
+        survey: mesh in the local frame.
+        planes: of its faces.
+        frame: what the drawing shows.
+        options: least sizes of regions.
+    """
     pixel = survey.working_pixel
     resolution = max(options.pixel * pixel, float(frame.size.max()) / options.longest_side)
     seen = render_grid(survey, plan_grid(frame, resolution, survey.unit))

@@ -56,7 +56,12 @@ def write_sheet(
     """Write a PDF or SVG, by the path's ending, at 1:scale (see :func:`choose_scale`).
 
     Args:
+        path: of the sheet.
+        drawing: its lines.
         image, grid: what lies under the lines, and where; None for lines alone.
+        title: below the drawing.
+        paper: size of the sheet, such as A3.
+        scale: denominator of the scale.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -92,8 +92,10 @@ def straighten(
 
     Args:
         corners: [n, 2], drawing coordinates.
+        ends: numbers of the places where the chain ends.
         pixel: a ground pixel.
         known: line (a, b, c) with ``a x + b y + c = 0`` and (a, b) of length 1 where the planes on both sides meet.
+        options: how far a run may leave the chain, and what counts as level or upright.
     """
     closed = ends[0] == ends[1]
     if closed:
@@ -137,7 +139,14 @@ def split(points: Array, tolerance: float) -> list[int]:
 
 
 def crossing(runs: list[Run], place: Array, pixel: float, options: StraightenOptions = StraightenOptions()) -> Array:
-    """Return where lines meet near a place [2]: of least squares, level, upright and known lines before others."""
+    """Return where lines meet near a place [2]: of least squares, level, upright and known lines before others.
+
+    Args:
+        runs: lines that meet there.
+        place: [2], drawing coordinates.
+        pixel: a ground pixel.
+        options: how far from the place they may cross.
+    """
     matrix, right = 1e-9 * np.eye(2), 1e-9 * place
     for run in runs:
         across = np.array([-run.along[1], run.along[0]])
@@ -155,7 +164,14 @@ def crossing(runs: list[Run], place: Array, pixel: float, options: StraightenOpt
 def join_ends(
     strokes: list[Stroke], places: dict[int, Array], pixel: float, options: StraightenOptions = StraightenOptions()
 ) -> None:
-    """Bring all strokes that end in one place to one point; ``places``: where each place is, [2]."""
+    """Bring all strokes that end in one place to one point; ``places``: where each place is, [2].
+
+    Args:
+        strokes: changed in place.
+        places: number -> where the place is, [2].
+        pixel: a ground pixel.
+        options: how far an end may be moved.
+    """
     meeting: dict[int, list[tuple[Stroke, int]]] = {}
     for stroke in strokes:
         if not stroke.closed:

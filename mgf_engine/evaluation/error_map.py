@@ -28,6 +28,9 @@ def write_error_map(path: Path, mesh: Surface, truth: Surface, threshold: float)
     Grey blue is right, yellow one threshold away, dark red four thresholds and more.
 
     Args:
+        path: of the PNG.
+        mesh: in the coordinates of the truth.
+        truth: the true surface.
         threshold: a distance that counts as right, units of the meshes.
 
     Raises:

@@ -68,8 +68,10 @@ def measure_evenness(mesh: Surface, ground_pixel: float, samples: int = SAMPLES,
     """Measure the largest planes of a mesh and how even they are.
 
     Args:
+        mesh: in any unit.
         ground_pixel: length that a pixel of the photos covers on the building, in the units of the mesh.
         samples: points sampled on the mesh.
+        seed: of the sampling and of the planes that are tried.
 
     Raises:
         BadInput: the pixel's length or the number of samples is not a number above 0.

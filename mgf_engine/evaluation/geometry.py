@@ -212,7 +212,16 @@ def compare_surfaces(
     align: str = "none",
     seed: int = 0,
 ) -> Comparison:
-    """Return what :func:`score_surface` takes its scores from; arguments as there.
+    """Return what :func:`score_surface` takes its scores from.
+
+    Args:
+        mesh: in the coordinates of the truth.
+        truth: the true surface.
+        samples: points drawn on each of both.
+        cameras: where given, only true points that one of them sees count.
+        crop: [2, 3] low and high corner; points outside are left out on both sides.
+        align: ``none``, ``rigid`` or ``similarity``: how the mesh is registered first.
+        seed: of the sampling.
 
     Raises:
         BadInput: too many samples, nothing inside the crop, or no true point seen.

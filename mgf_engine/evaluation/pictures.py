@@ -77,6 +77,10 @@ def turntable(
     """Return the mesh (normalised frame) from ``count`` sides; up is where the photographers' cameras say it is.
 
     Args:
+        mesh: normalised frame.
+        scene: its cameras tell where up is.
+        count: number of pictures.
+        size: width and height of each, pixels.
         relief: without colours and lit from the side, so that pits show.
 
     Returns:
@@ -91,7 +95,14 @@ def turntable(
 
 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:
-    """Place cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side."""
+    """Place cameras on a circle around the mesh, 25 degrees above it, the first one on the photographers' side.
+
+    Args:
+        mesh: normalised frame.
+        scene: its cameras tell where up is, and from which side photos were taken.
+        count: number of cameras.
+        size: width and height of their pictures, pixels.
+    """
     up = up_from_cameras(scene)
     centre, radius = _ball(mesh)
     towards = np.mean([view.centre for view in scene.views], axis=0) - centre
@@ -107,8 +118,10 @@ def circle_views(
     """Place cameras on a circle around the mesh, 25 degrees above it.
 
     Args:
+        mesh: normalised frame.
         up: unit direction.
         side: where the first camera stands, seen from the mesh; what is along ``up`` of it does not matter.
+        count: number of cameras.
         size: width and height of the pictures.
     """
     centre, radius = _ball(mesh)

@@ -196,7 +196,11 @@ def _render(data: ReportData) -> str:
 
 
 def embed(picture: Picture, side: int = _PICTURE_SIDE) -> str:
-    """Return a picture as a ``data:`` address, shrunk to ``side`` pixels at most (never enlarged)."""
+    """Return a picture as a ``data:`` address, shrunk to ``side`` pixels at most (never enlarged).
+
+    Raises:
+        ValueError: the picture has an unknown number of channels, or cannot be encoded.
+    """
     image = shrunk(read_rgb(picture) if isinstance(picture, Path) else picture, side)
     bgr = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2BGR)
     ok, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])

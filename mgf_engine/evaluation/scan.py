@@ -62,7 +62,10 @@ def compare_with_scan(
     """Register a scan with a mesh and measure the distances of its points.
 
     Args:
+        mesh: in the coordinates of the scan, or near them where it is registered.
+        scan: [N, 3].
         align: ``none``, ``rigid`` or ``similarity``.
+        thresholds: distances that scores are wanted for, units of the mesh.
         reach: distance beyond which scan points belong to something else; None takes :data:`REACH` of the mesh's size.
 
     Raises:

@@ -26,6 +26,10 @@ def write_scan_picture(path: Path, mesh: Surface, found: ScanDistances, reach: f
     """Write the picture; full colour at the 95th percentile of the distances.
 
     Args:
+        path: of the PNG.
+        mesh: in the coordinates of the scan.
+        found: distances of the scan's points.
+        reach: distance within which scan points colour a vertex.
         unit: of the mesh's coordinates, where it is known.
 
     Raises:

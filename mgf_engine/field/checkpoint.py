@@ -67,7 +67,11 @@ def write_checkpoint(checkpoint: Checkpoint, path: Path) -> None:
 
 
 def read_checkpoint(path: Path) -> Checkpoint | None:
-    """Read the checkpoint at ``path``, or None when there is none or it is damaged (training then starts over)."""
+    """Read the checkpoint at ``path``, or None when there is none or it is damaged (training then starts over).
+
+    Raises:
+        ValueError: the file is of another format.
+    """
     if not path.exists():
         return None
     try:

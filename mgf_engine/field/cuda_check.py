@@ -45,7 +45,14 @@ def check_card() -> int:
 
 
 def differences(n: int, width: int, height: int, rounds: int) -> list[str]:
-    """Compare card and CPU and print every figure; returns the differences in words, none if all is well."""
+    """Compare card and CPU and print every figure; returns the differences in words, none if all is well.
+
+    Args:
+        n: number of Gaussians.
+        width: of the pictures, pixels.
+        height: of the pictures, pixels.
+        rounds: iterations of the training.
+    """
     figures = cuda_compare.compare(n, width, height)
     for name, value in figures.items():
         print(f"  {name:<32} {value:.2g}")
@@ -62,7 +69,14 @@ def differences(n: int, width: int, height: int, rounds: int) -> list[str]:
 
 def trained_apart(n: int, width: int, height: int, rounds: int) -> float:
     """Measure the difference of the losses at the end of one training on the card and on the CPU, per loss taken off
-    there."""
+    there.
+
+    Args:
+        n: number of Gaussians.
+        width: of the pictures, pixels.
+        height: of the pictures, pixels.
+        rounds: iterations of the training.
+    """
     first, last = zip(*(_train(n, width, height, rounds, name) for name in ("cpu", "cuda")), strict=True)
     return abs(last[0] - last[1]) / max(first[0] - last[0], 1e-12)
 

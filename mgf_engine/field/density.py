@@ -60,6 +60,7 @@ def refine(
     """Prune Gaussians and, if ``grow``, split others; rows may change places.
 
     Args:
+        optimiser: holds the field; its moments move with the rows.
         stats: gathered since the last round, rows as in the optimiser's field.
         keep: bool [N]; false for Gaussians the masks vote against.
         budget: maximum number of Gaussians after the round.

@@ -33,7 +33,14 @@ class FilterOptions:
 def update_filter(
     field: Gaussians, views: Sequence[View], threads: int = 1, options: FilterOptions = FilterOptions()
 ) -> None:
-    """Set ``filter_3d`` from the finest sampling of each centre over ``views``, in place."""
+    """Set ``filter_3d`` from the finest sampling of each centre over ``views``, in place.
+
+    Args:
+        field: normalised frame; changed.
+        views: cameras of the training photos.
+        threads: views that are worked on at a time.
+        options: width of the filter.
+    """
     finest = finest_sampling(field.positions.detach().cpu().numpy(), views, threads, options.margin)
     seen = finest > 0
     width = np.float32(np.sqrt(options.variance)) / np.where(seen, finest, 1)

@@ -21,7 +21,15 @@ from mgf_engine.raster.reference_losses import normal_consistency, ssim_maps
 def total_loss(
     rendering: Rendering, target: Target, options: LossOptions, backdrop: Tensor, geometry: float
 ) -> LossTerms:
-    """Compute as :func:`mgf_engine.field.losses.total_loss` does, in the type of ``rendering.color``."""
+    """Compute as :func:`mgf_engine.field.losses.total_loss` does, in the type of ``rendering.color``.
+
+    Args:
+        rendering: maps of the whole frame.
+        target: photo, mask and labels.
+        options: weights of the terms.
+        backdrop: [3], colour behind the field.
+        geometry: factor on the geometric terms, 0 before they begin.
+    """
     pixels = target.pixels(rendering.color.dtype)
     alpha = target.crop(rendering.alpha)
     color = target.crop(rendering.color) + (1.0 - alpha) * backdrop[:, None, None]
@@ -69,6 +77,8 @@ def ms_ssim(color: Tensor, pixels: Pixels, mask: Tensor, ssim: Tensor, contrast:
     """Return multi-scale SSIM pooled over one mask; see :func:`mgf_engine.raster.loss.ms_ssim`.
 
     Args:
+        color: [3, h, w], rendered.
+        pixels: the photo's, and its weights.
         mask: bool [h, w].
         ssim, contrast: the maps at full resolution.
     """

@@ -112,7 +112,11 @@ def read_texture(folder: Path) -> Texture:
 
 
 def encode_jpeg(texture: Texture) -> bytes:
-    """Return the texture's picture as a JPEG file."""
+    """Return the texture's picture as a JPEG file.
+
+    Raises:
+        RuntimeError: OpenCV cannot encode the picture.
+    """
     ok, data = cv2.imencode(".jpg", cv2.cvtColor(texture.image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     if not ok:
         raise RuntimeError(f"could not encode a texture of {texture.image.shape}")
@@ -161,6 +165,9 @@ def write_glb(
     """Write Binary glTF; vertices around the mesh's centre, the centre as the translation of the node.
 
     Args:
+        mesh: any frame with z up, or as ``turn`` expects it.
+        path: of the file.
+        texture: places of the faces' corners, and their picture; None for vertex colours.
         turn: rotation [3, 3] that the node adds, such as from z up to glTF's y up; None keeps the axes.
         extras: kept in ``asset.extras``.
         picture: the texture's picture as JPEG (default: the one in the same folder).

@@ -64,6 +64,9 @@ def render_parallel(at: NDArray[np.float64], faces: NDArray[np.int32], height: i
 
     Args:
         at: of each vertex [N, 3]: column and row in pixels, and how near it is (larger is nearer, any unit).
+        faces: vertices of each, [F, 3].
+        height: of the picture, pixels.
+        width: of the picture, pixels.
 
     Returns:
         The face at each pixel, and as ``depth`` how near it is; 0 and -1 where there is none.
@@ -111,6 +114,8 @@ def shaded(
     """Return a picture of the mesh, RGB uint8 [H, W, 3] on white.
 
     Args:
+        mesh: normalised frame.
+        view: camera.
         color: with the vertex colours instead of clay; faces seen from behind are reddish either way.
         oversample: samples per pixel in each direction.
         from_side: lit from the upper left, so that pits in a wall show; else from the camera.

@@ -31,7 +31,14 @@ def georeference_job(job: Job, scene: Scene, reporter: Reporter) -> Georeference
 
 
 def write_models(job: Job, mesh: Mesh, fit: GeoreferenceFit, texture: Texture | None) -> None:
-    """Write the job's mesh (scene frame) in true coordinates."""
+    """Write the job's mesh (scene frame) in true coordinates.
+
+    Args:
+        job: a finished job.
+        mesh: scene frame.
+        fit: scene frame to local frame.
+        texture: of the mesh, where it has one.
+    """
     config = job.config
     write_georeferenced(mesh, fit.georeference, job.folder, texture, config.export_obj, config.export_glb)
 

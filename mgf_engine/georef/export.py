@@ -30,6 +30,9 @@ def write_georeferenced(
     """Write the mesh (scene frame) in the local frame below the job folder; None where nothing tells its scale.
 
     Args:
+        mesh: scene frame.
+        georeference: scene frame to local frame, and its CRS.
+        job: its folder.
         texture: where the mesh has one; its picture lies in the job folder.
         obj, glb: the formats to write beside PLY.
     """

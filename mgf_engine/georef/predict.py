@@ -41,6 +41,8 @@ def write_places(job: Path, given: Mapping[str, Any], out: Path, reporter: Repor
     Args:
         job: its scene is enough, it need not be finished.
         given: ``control``, and where there are some ``marks`` and ``crs``.
+        out: the JSON file.
+        reporter: for progress and warnings.
 
     Raises:
         BadInput: the job has no scene yet, or a file cannot be used.
@@ -73,6 +75,14 @@ def known_places(
     options: GeoreferenceOptions,
 ) -> dict[str, tuple[Array, str, float]]:
     """Find where each point is by the best evidence.
+
+    Args:
+        scene: normalised frame.
+        control: points and marks of the user.
+        placed: points that marks in two photos and more place.
+        failed: point -> why its marks do not.
+        georeference: of the scene, as far as it is known.
+        options: CRS, and what counts as wrong.
 
     Returns:
         Point -> its position [3], normalised frame, what it is known by, and its error in the same units.

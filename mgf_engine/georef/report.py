@@ -58,7 +58,10 @@ def replace_section(page: Path, html: str, begin: str = BEGIN, end: str = END) -
     """Put a new section into a finished page, in the place of the old one; before its end where it has none.
 
     Args:
+        page: the HTML file.
         html: from its mark ``begin`` to its mark ``end``, by which the next one finds it.
+        begin: mark at the section's beginning.
+        end: mark at its end.
     """
     text = page.read_text(encoding="utf-8")
     first, last = text.find(begin), text.find(end)

@@ -49,7 +49,12 @@ def transfer_texture(
     """Return the texture of a coarse mesh, from that of the full mesh in the same frame.
 
     Args:
+        coarse: mesh that gets the texture.
+        full: mesh that has it.
+        texture: of the full mesh.
         side: of the picture, pixels; at least the options' ``least_side`` is taken.
+        progress: called with the share of the work done.
+        options: charts and sizes.
     """
     side = max(options.least_side, side)
     uv, height = _charts(coarse, side, options)
@@ -133,6 +138,8 @@ def colors_at(spot: Array, face: NDArray[np.integer], surface: Surface, texture:
 
     Args:
         spot: the points, [n, 3]; face: which face each lies on, [n].
+        surface: the mesh.
+        texture: of the mesh.
     """
     a, b, c = (surface.vertices[surface.faces[face, k]] for k in range(3))
     first, second, off = b - a, c - a, spot - a

@@ -23,6 +23,8 @@ def make_cityjson(solid: Solid, survey: Survey, name: str, detailed: Solid | Non
     """Make the contents of the file; coordinates are those of the CRS, or local where there is none.
 
     Args:
+        solid: local frame.
+        survey: tells the CRS and where the local frame lies.
         name: of the building, its identifier in the file.
         detailed: the same with windows and doors, whose vertices begin with those of the solid: a second geometry.
     """

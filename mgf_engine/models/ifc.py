@@ -22,7 +22,14 @@ NAMES = {WALL: "Wall", ROOF: "Roof face", GROUND: "Ground", WINDOW: "Window", DO
 
 
 def write_ifc(path: Path, solid: Solid, survey: Survey, name: str) -> None:
-    """Write the solid in the local frame, metres."""
+    """Write the solid in the local frame, metres.
+
+    Args:
+        path: of the file.
+        solid: local frame.
+        survey: tells the CRS and where the local frame lies.
+        name: of the building.
+    """
     import ifcopenshell
     import ifcopenshell.api.root
     import ifcopenshell.api.unit

@@ -61,7 +61,10 @@ def reduce_chain(
     """Return the mesh and coarser ones, each made from the full mesh, so that errors do not add up.
 
     Args:
+        mesh: the full one, with or without colours.
         errors: how far each coarser mesh may lie from the full one, in its unit; empty takes the options' shares.
+        progress: called with the share of the work done.
+        options: number of levels, and their errors as shares of the size.
     """
     chain = [mesh]
     steps = len(errors) or len(options.shares)

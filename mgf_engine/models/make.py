@@ -36,6 +36,12 @@ FORMAT = 1
 def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Reporter) -> Path:
     """Make everything that is wanted; returns the folder.
 
+    Args:
+        job: its folder.
+        out: folder of the models; None for ``models`` in the job folder.
+        wanted: levels of detail, solid and points.
+        reporter: for progress, warnings and the request to cancel.
+
     Raises:
         BadInput: the job has no mesh, or something wanted is impossible.
     """

@@ -19,7 +19,11 @@ FILE = "building.usdz"
 
 
 def write_usd(path: Path, levels: Sequence[tuple[Mesh, Texture | None]], survey: Survey) -> None:
-    """Write the levels, the finest first, z up, in metres (or the scene's units), local frame."""
+    """Write the levels, the finest first, z up, in metres (or the scene's units), local frame.
+
+    Raises:
+        RuntimeError: the file cannot be written.
+    """
     from pxr import Sdf, Usd, UsdGeom
 
     with tempfile.TemporaryDirectory(prefix=".usd-", dir=path.parent) as folder:

@@ -41,6 +41,10 @@ def adam_step(
         active: only the first so many numbers of each row are touched. None: all.
         backend: ``cpu``, ``cuda``, ``cuda-source-on-cpu`` or ``reference`` (plain torch). None: ``cuda`` for parameters
             on a card, else ``cpu``.
+
+    Raises:
+        ValueError: a tensor is not float32 or has another shape, or ``lr`` has too many rates or not one for each
+            number.
     """
     backend = backend_for(parameter, backend)
     rows = len(parameter)

@@ -57,6 +57,12 @@ class Camera:
         """Return the camera of a view, its pictures reduced by ``factor`` (0.5: half the size, at least one pixel).
 
         Sizes are rounded to whole pixels and the intrinsics follow the size really taken, per axis.
+
+        Args:
+            view: camera of the photo.
+            factor: by which its pictures are reduced.
+            near: depth in front of which nothing is drawn, normalised units.
+            far: depth behind which nothing is drawn, normalised units.
         """
         width, height = max(1, round(view.width * factor)), max(1, round(view.height * factor))
         x, y = width / view.width, height / view.height

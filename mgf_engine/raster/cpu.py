@@ -107,12 +107,27 @@ def list_tiles(
     raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None, wait: bool = True
 ) -> TileLists:
     """Do as :func:`build_lists`, for parameters that are ready for the kernels; ``wait`` has a meaning on cards
-    only."""
+    only.
+
+    Args:
+        raw: parameters of the Gaussians, ready for the kernels.
+        camera: of the picture.
+        sh_degree: of the colours.
+        tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
+        wait: of no meaning here, see :class:`mgf_engine.raster.cuda.blending.Rasterizer`.
+    """
     return bin_tiles(project(raw, camera, sh_degree, tile_mask))
 
 
 def project(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> Projection:
-    """Project all Gaussians: records, exact footprints and depths."""
+    """Project all Gaussians: records, exact footprints and depths.
+
+    Args:
+        raw: parameters of the Gaussians, ready for the kernels.
+        camera: of the picture.
+        sh_degree: of the colours.
+        tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
+    """
     n, frame, packed = len(raw.positions), Frame(), camera.packed()
     tiles_y, tiles_x = camera.tiles
     mask = torch.ones(tiles_y, tiles_x, dtype=torch.uint8) if tile_mask is None else (tile_mask != 0).to(torch.uint8)
@@ -149,7 +164,11 @@ def bin_tiles(seen: Projection) -> TileLists:
 
 
 def check_entries(entries: int) -> None:
-    """Refuse lists of all tiles that are together longer than 32-bit numbers reach."""
+    """Refuse lists of all tiles that are together longer than 32-bit numbers reach.
+
+    Raises:
+        BadInput: the lists are longer than 32-bit numbers reach.
+    """
     if entries >= 2**31:
         raise BadInput(
             f"The Gaussians touch {entries:,} tiles, more than the kernels can list; lower --resolution or "
@@ -204,6 +223,13 @@ def backward(
     """Return gradients of positions, log_scales, rotations, opacity_logits and sh.
 
     Args:
+        raw: parameters of the Gaussians, ready for the kernels.
+        sh_degree: of the colours.
+        lists: what each tile was drawn from.
+        image: what was drawn, planes of ``csrc/raster/blend.h``.
+        hits: per pixel, after which entry of its list drawing ended.
+        gradients: of the loss by each output.
+        error_map: float32 [H, W], per-pixel error that ``statistics`` gather; None for zero.
         statistics: (weight, error, grad2d, max_radius, count) to add to, or none.
     """
     sums = blend_backward(lists, image, hits, gradients, error_map, statistics is not None)

@@ -131,11 +131,16 @@ def image_loss(
 
     Args:
         rendering: maps of the whole frame; depth, normal and distortion only count where their factor is not zero.
+        photo: photo and labels, worked out once (:func:`photo_side`).
+        weights: of the terms.
         backdrop: float32 [3] on the CPU, colour behind the field inside the mask.
         camera: intrinsics of the whole frame.
         error: float32 [h, w], rows may be apart; receives the absolute colour error inside the box plus alpha on the
             ring.
         backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for maps on a card, else ``cpu``.
+
+    Raises:
+        ValueError: the backend cannot read the maps' kind of memory.
     """
     backend = backend_for(rendering.color, backend)
     maps = [rendering.color, rendering.alpha]

@@ -108,6 +108,9 @@ class PointOpacity:
 
         Returns:
             uint8 [N], the verdict of :class:`Located`; points SEEN were asked for.
+
+        Raises:
+            MemoryError: the work needs more than is free.
         """
         if self._device is not None:
             _check_mask(view, mask)

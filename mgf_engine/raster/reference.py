@@ -164,7 +164,17 @@ def render(
     error_map: Tensor | None = None,
     geometry: bool = True,
 ) -> Rendering:
-    """Do as :func:`mgf_engine.raster.api.render`; the outputs are float64."""
+    """Do as :func:`mgf_engine.raster.api.render`; the outputs are float64.
+
+    Args:
+        gaussians: normalised frame.
+        camera: of the picture.
+        sh_degree: of the colours.
+        tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
+        stats: to add to, or none.
+        error_map: float32 [H, W], per-pixel error that ``stats.error`` gathers; None for zero.
+        geometry: depth, normal and distortion are wanted, too.
+    """
     wanted = wanted_pixels(camera, tile_mask)
     pixels = pixel_centres(wanted)
     seen = project(gaussians, camera, sh_degree)
@@ -206,6 +216,10 @@ def uncertain(gaussians: Gaussians, camera: Camera, sh_degree: int, tile_mask: T
     [H, W].
 
     Args:
+        gaussians: normalised frame.
+        camera: of the picture.
+        sh_degree: of the colours.
+        tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
         margin: relative distance to a threshold (response 1/255, the clamp at 0.99, transmittance 1e-4 and 1/2, the
             near plane) below which the decision counts as open.
     """

@@ -55,6 +55,7 @@ def normal_consistency(
         depth: [H, W], along the optical axis; <= 0 is no surface.
         normal: [3, H, W], rendered normals in the camera's frame, premultiplied, facing the camera.
         weight: [H, W], >= 0; a pixel counts when it and its four neighbours have a positive weight and depth.
+        camera: intrinsics of the maps.
         alpha: [H, W], accumulated opacity; None takes 1, so that pixels not fully covered cost something too.
     """
     alpha = torch.ones_like(depth) if alpha is None else alpha

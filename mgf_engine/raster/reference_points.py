@@ -20,6 +20,7 @@ def opacity_of_points(points: NDArray[np.float64], gaussians: Gaussians, view: V
     Args:
         points: [N, 3], normalised frame, in front of the camera.
         gaussians: n Gaussians.
+        view: camera of the photo.
         near: a Gaussian counts when its largest value on the ray lies beyond this depth.
     """
     rotation = torch.from_numpy(view.rotation)

@@ -106,7 +106,11 @@ class SparseModel:
 
 
 def damaged(path: Path, detail: str) -> NoReturn:
-    """Refuse a file that ends too early or holds nonsense."""
+    """Refuse a file that ends too early or holds nonsense.
+
+    Raises:
+        BadInput: always, for what fails inside.
+    """
     raise BadInput(f"The COLMAP file '{path}' is cut off or damaged ({detail}); copy or export it again.")
 
 

@@ -100,6 +100,9 @@ def look_up(view: View, source: Source, points: NDArray[np.float64], scale: floa
     """Look up the photo of a view at points [n, 3]; RGB uint8 [n, 3].
 
     Args:
+        view: camera of the photo.
+        source: reads its photo.
+        points: [n, 3], normalised frame.
         scale: pixels wanted per pixel of the working photo; a photo that has more is made smaller first.
     """
     return sample_photo(view, shrunk(view, source, scale), points)

@@ -70,8 +70,12 @@ def level_seams(
     """Compute the corrections for the faces painted as ``label`` [F] says.
 
     Args:
+        mesh: normalised frame.
+        label: view that paints each face, int32 [F].
         neighbours: pairs of faces that share an edge, [E, 2].
+        views: cameras of the photos.
         photo: position in ``views`` -> working photo.
+        o: weights of the levelling.
     """
     key = (label[:, None].astype(np.int64) + 1) * len(mesh.vertices) + mesh.faces
     node, of_corner = np.unique(key, return_inverse=True)

@@ -55,8 +55,12 @@ def make_texture(
 
     Args:
         mesh: normalised frame, with vertex colours.
+        scene: cameras of the photos.
+        masks: their label maps.
         largest_side: of the picture, pixels.
         warn: gets a sentence when photos of the user are gone; their working copies are taken instead.
+        progress: called with the share of the work done.
+        options: of the choice of views, the levelling and the picture.
     """
     painting = choose_painting(mesh, scene, masks, lambda share: progress(_LEVELLED * share), options)
     views, label, neighbours = painting.views, painting.label, painting.neighbours

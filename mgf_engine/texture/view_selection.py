@@ -37,8 +37,10 @@ def choose_views(
     """Choose the view that paints each face, :data:`NO_VIEW` where none shows it, int32 [F].
 
     Args:
+        sights: which views show each face, and how large.
         neighbours: pairs of faces that share an edge, [E, 2].
         area: of each face, [F].
+        options: of the cover and the smoothing.
         least_size: share of the largest size of a face from which a photo may take it over from its neighbours.
     """
     best = np.zeros(sights.faces, np.float32)

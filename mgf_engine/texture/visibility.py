@@ -69,8 +69,11 @@ def find_face_views(
 
     Args:
         mesh: normalised frame.
+        views: cameras of the photos.
         photo: position in ``views`` -> working photo, RGB uint8 [H, W, 3].
         inside: position in ``views`` -> bool [H, W], pixels that show the building.
+        progress: called with the share of the views done.
+        options: from which size on a view shows a face.
     """
     normals = face_normals(mesh)
 

@@ -61,9 +61,11 @@ def make_hulls(
     """Make a hull for each footprint.
 
     Args:
+        ids: names of the footprints.
         polygons: shapely [N], local frame.
         points: [P, 3] sparse points, local frame, z up.
         metre: length of a metre there.
+        options: heights over the ground, and what counts as a building.
     """
     import shapely
 
@@ -133,7 +135,14 @@ def prism(polygon: Any, low: float, high: float) -> tuple[Array, NDArray[np.int3
 
 
 def samples(polygon: Any, low: float, high: float, spacing: float) -> tuple[Array, Array]:
-    """Return points spread over walls and roof of a prism, [S, 3], and their outward normals [S, 3]."""
+    """Return points spread over walls and roof of a prism, [S, 3], and their outward normals [S, 3].
+
+    Args:
+        polygon: the footprint, shapely.
+        low: height of the floor.
+        high: height of the roof.
+        spacing: distance of the points.
+    """
     import shapely
 
     places, normals = [], []

@@ -24,6 +24,9 @@ def draw_map(path: Path, scene: Scene, placed: Placed, outlines: list[tuple[str,
     """Write the map of a scene as PNG.
 
     Args:
+        path: of the PNG.
+        scene: cameras and sparse points.
+        placed: the footprints, and scene frame to local frame.
         outlines: name, state and shapely polygon (local frame) of each building.
     """
     from matplotlib.figure import Figure

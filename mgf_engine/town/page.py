@@ -28,6 +28,8 @@ def write_page(path: Path, town: Path, rows: list[dict[str, Any]], refresh: int 
     """Write the page.
 
     Args:
+        path: of the page.
+        town: folder of the town.
         rows: of :func:`mgf_engine.town.result.read_rows`.
         refresh: seconds after which a browser asks for it again; 0 never.
         files: what came back, which the page names as far as it is there.

@@ -75,9 +75,13 @@ def place_footprints(
     """Bring footprints to the scene.
 
     Args:
+        footprints: as their file has them.
+        scene: cameras and sparse points.
+        config: tells where the scene is: control points, CRS, or the GPS of its photos.
         crs: coordinate reference system of the file in the place of the one that it names; ``scene`` for coordinates
             of the scene frame.
         pairs: file of points known in both, see :func:`read_pairs`.
+        warn: takes a sentence about what looks wrong.
 
     Raises:
         BadInput: nothing tells where the scene is, a CRS or the pairs cannot be used, or no footprint lies near it.

@@ -127,8 +127,12 @@ def make_plan(
     """Find hull, photos and clicks of every building near the photos.
 
     Args:
+        scene: all photos.
+        placed: the footprints in the local frame.
+        footprints: as their file has them.
         most: photos of a building at most.
         say: takes a line of progress.
+        options: of hulls, photos and clicks.
     """
     points = local_points(scene, placed.georeference)
     near = np.flatnonzero(near_scene(placed.polygons, points, placed.metre))

@@ -74,8 +74,11 @@ def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool,
     """Write ``town.glb``, ``town.gpkg``, ``town.city.json`` and 3D Tiles, and put what meshes tell into the rows.
 
     Args:
+        town: its folder.
+        rows: of the table, changed in place.
         most_faces: of each building in ``town.glb``.
         tiles: 3D Tiles are wanted.
+        wanted: what every building's job makes.
     """
     georeference, metre = read_georeference(town), float(read_plan(town)["metre"])
     meshes = {}
@@ -133,7 +136,14 @@ def measure(mesh: Mesh, row: dict[str, Any], metre: float) -> dict[str, float]:
 
 
 def write_table(path: Path, town: Path, rows: list[dict[str, Any]], georeference: Georeference) -> None:
-    """Write the buildings as a GeoPackage."""
+    """Write the buildings as a GeoPackage.
+
+    Args:
+        path: of the GeoPackage.
+        town: its folder.
+        rows: of the table.
+        georeference: local frame and CRS.
+    """
     import pyogrio
     import shapely
 

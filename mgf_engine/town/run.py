@@ -209,6 +209,13 @@ def table(rows: list[dict[str, Any]]) -> Any:
 def finish(town: Path, code: int, most_faces: int, tiles: bool, wanted: Wanted) -> int:
     """Gather the results, print the table, and say what failed.
 
+    Args:
+        town: its folder.
+        code: exit code of Snakemake.
+        most_faces: of each building in ``town.glb``.
+        tiles: 3D Tiles are wanted.
+        wanted: what every building's job makes.
+
     Raises:
         BadInput: Snakemake itself could not run, or a building failed.
     """

@@ -64,7 +64,14 @@ def make_solid(folder: Path, georeference_of: Path) -> dict[str, Any]:
 
 def ground_of_neighbours(town: Path, name: str, georeference: Georeference, reach: float) -> shapely.Geometry:
     """Return the footprints of the other buildings of a town with so much around them, local frame; not of what is torn
-    down."""
+    down.
+
+    Args:
+        town: its folder.
+        name: of the building whose neighbours are meant.
+        georeference: of the building's job, whose local frame is taken.
+        reach: metres around the footprints that count as theirs.
+    """
     import shapely
 
     features = json.loads((town / "buildings.geojson").read_text(encoding="utf-8"))["features"]

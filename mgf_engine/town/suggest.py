@@ -90,7 +90,10 @@ def clicks_on_one(
     """Return clicks on the building at a point, in the crop box, or the largest one.
 
     Args:
+        scene: its photos and sparse points.
+        config: crop box and coordinates.
         point: x, y, z in the scene frame.
+        reporter: for progress and warnings.
 
     Returns:
         The clicks as ``prompts.json`` holds them, and one sentence about the building.

@@ -29,7 +29,9 @@ def write_tiles(
     """Write the tileset, two GLB files for each building, and one of the terrain.
 
     Args:
+        folder: of the tileset.
         meshes: by name, local frame.
+        georeference: local frame and CRS.
         terrain: local frame, with its texture, whose picture lies in ``terrain`` beside the folder.
 
     Returns:

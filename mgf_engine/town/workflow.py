@@ -61,6 +61,9 @@ def write_config(
     """Write what the Snakefile wants to know.
 
     Args:
+        town: its folder.
+        executor: where the jobs run.
+        wanted: what every building's job makes.
         buildings: that will run; photos: of the whole scene.
         given: options of jobs.
 

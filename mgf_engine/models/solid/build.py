@@ -53,7 +53,9 @@ def build_solid(
     """Build the solid of a survey, checked and measured.
 
     Args:
+        survey: mesh in the local frame, and what is known of it.
         detail: steps and offsets below this size are left out; None takes it from photos and size.
+        options: what is too little evidence, and of every step.
         taken: ground of the neighbours and so much around it as their walls may lie beside the map, local frame. What
             lies there is a party wall, which nobody can see, and no reason to refuse the solid.
 

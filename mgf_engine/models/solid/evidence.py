@@ -103,7 +103,9 @@ def gather_evidence(
     """Read all that the mesh tells.
 
     Args:
+        survey: mesh in the local frame, and what is known of it.
         detail: steps and offsets below this size are left out; None takes it from photos and size.
+        options: least sizes, angles and areas.
         taken: ground of the neighbours, as :func:`mgf_engine.models.solid.build.build_solid` takes it.
     """
     size = float(np.linalg.norm(np.ptp(survey.mesh.vertices[:, :2], axis=0)))

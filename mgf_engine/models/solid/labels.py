@@ -44,8 +44,11 @@ def choose_planes(
     """Choose the label of each cell: 0 outside, k + 1 the k-th of ``slopes``; [C].
 
     Args:
+        cells: of the ground plan.
         owner: the cell of each pixel.
+        evidence: heights of the mesh, and where it stands.
         slopes: [P, 3], planes ``z = a x + b y + c``.
+        options: weights of volume and borders.
     """
     cap = max(options.cap * (evidence.top - evidence.ground), 3 * evidence.detail)
     cost = _volumes(cells, owner, evidence, slopes, cap)

@@ -54,7 +54,10 @@ def make_polyhedron(
     """Make the solid of labelled cells.
 
     Args:
+        cells: of the ground plan.
         label: of each cell, 0 outside, k + 1 the k-th of ``slopes``.
+        slopes: [P, 3], planes ``z = a x + b y + c``.
+        ground: height of the floor.
         lines: that the cells were cut along; walls on one line become one face.
     """
     of = [*label.tolist(), 0]  # the last is what OUTSIDE points to

@@ -125,7 +125,11 @@ class Nvrtc:
         )
 
     def compile(self, source: bytes, name: str, options: Sequence[str]) -> tuple[bytes, str]:
-        """Return the cubin of a source, and the compiler's remarks; RuntimeError with them when it does not compile."""
+        """Return the cubin of a source, and the compiler's remarks; RuntimeError with them when it does not compile.
+
+        Raises:
+            RuntimeError: the source does not compile; with the compiler's log.
+        """
         program = ctypes.c_void_p()
         headers, names = (ctypes.c_char_p * 1)(_STDINT), (ctypes.c_char_p * 1)(b"stdint.h")
         self._call("nvrtcCreateProgram", ctypes.byref(program), source, name.encode(), 1, headers, names)

@@ -45,7 +45,15 @@ class Driver:
     def launch(
         self, function: ctypes.c_void_p, grid: tuple[int, int], threads: int, stream: int, arguments: Any
     ) -> None:
-        """Start a kernel on a stream; arguments: array of addresses."""
+        """Start a kernel on a stream.
+
+        Args:
+            function: handle of the kernel.
+            grid: blocks in x and y.
+            threads: in each block.
+            stream: handle of the stream; 0 for the default one.
+            arguments: array of the addresses of the kernel's arguments.
+        """
         self.call(
             "cuLaunchKernel", function, *grid, 1, threads, 1, 1, 0, ctypes.c_void_p(stream), arguments, None
         )  # fmt: skip
@@ -60,7 +68,12 @@ class Driver:
         self.call("cuCtxSetCurrent", context)
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Call a function of the driver."""
+        """Call a function of the driver.
+
+        Raises:
+            MemoryError: the card has too little memory.
+            DriverError: anything else, in the driver's own words.
+        """
         code = getattr(self._library, name)(*arguments)
         if code == 0:
             return

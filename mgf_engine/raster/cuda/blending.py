@@ -88,12 +88,23 @@ class Rasterizer:
         """Project Gaussians and list them per tile.
 
         Args:
+            raw: parameters of the Gaussians, ready for the kernels.
+            camera: of the picture.
+            sh_degree: of the colours.
+            tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
             wait: for the number of entries, so that the lists have just the room they need.
         """
         return self.bin_tiles(self.project(raw, camera, sh_degree, tile_mask), wait)
 
     def project(self, raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None) -> Projection:
-        """Project all Gaussians: records, exact footprints and depths."""
+        """Project all Gaussians: records, exact footprints and depths.
+
+        Args:
+            raw: parameters of the Gaussians, ready for the kernels.
+            camera: of the picture.
+            sh_degree: of the colours.
+            tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
+        """
         n, packed = len(raw.positions), camera.packed().numpy().tobytes()
         tiles_y, tiles_x = camera.tiles
         mask = (
@@ -118,6 +129,7 @@ class Rasterizer:
         Args:
             keys: int32 [n], read as unsigned.
             values: int32 [n]; None: 0..n - 1.
+            bits: how many of the lowest bits of the keys differ.
             listed: int32 [1] on the device, how many items there are; None: n. Rows beyond are undefined.
         """
         n, runs = len(keys), blocks(len(keys), _RUN)
@@ -179,7 +191,18 @@ class Rasterizer:
         error_map: Tensor | None,
         statistics: tuple[Tensor, ...] | None,
     ) -> tuple[Tensor, ...]:
-        """Return gradients of positions, log_scales, rotations, opacity_logits and sh; see :func:`.cpu.backward`."""
+        """Return gradients of positions, log_scales, rotations, opacity_logits and sh; see :func:`.cpu.backward`.
+
+        Args:
+            raw: parameters of the Gaussians, ready for the kernels.
+            sh_degree: of the colours.
+            lists: what each tile was drawn from.
+            image: what was drawn.
+            hits: per pixel, after which entry of its list drawing ended.
+            gradients: of the loss by each output.
+            error_map: float32 [H, W], per-pixel error that statistics gather; None for zero.
+            statistics: to add to, or none.
+        """
         sums = self.blend_backward(lists, image, hits, gradients, error_map, statistics is not None)
         return self.project_backward(raw, sh_degree, lists, hits, sums, gradients.level, statistics)
 
@@ -192,7 +215,16 @@ class Rasterizer:
         error_map: Tensor | None,
         stats: bool,
     ) -> Tensor:
-        """Return sums over each tile's pixels for every slot, float32 [room, 24] (``csrc/raster/blend_backward.h``)."""
+        """Return sums over each tile's pixels for every slot, float32 [room, 24] (``csrc/raster/blend_backward.h``).
+
+        Args:
+            lists: what each tile was drawn from.
+            image: what was drawn.
+            hits: per pixel, after which entry of its list drawing ended.
+            gradients: of the loss by each output.
+            error_map: float32 [H, W], per-pixel error that statistics gather; None for zero.
+            stats: whether sums for the statistics are wanted, too.
+        """
         sums = self.empty(torch.float32, len(hits), SUMS)
         g = gradients
         given = (g.color, g.alpha, g.depth, g.median, g.normal, g.distortion, error_map)
@@ -210,7 +242,17 @@ class Rasterizer:
         level: int,
         statistics: tuple[Tensor, ...] | None,
     ) -> tuple[Tensor, ...]:
-        """Return gradients of the raw parameters from the sums of all list entries; adds to the statistics."""
+        """Return gradients of the raw parameters from the sums of all list entries; adds to the statistics.
+
+        Args:
+            raw: parameters of the Gaussians, ready for the kernels.
+            sh_degree: of the colours.
+            lists: what each tile was drawn from.
+            hits: per pixel, after which entry of its list drawing ended.
+            sums: of :meth:`blend_backward`.
+            level: which outputs have gradients: colour, depth as well, or all.
+            statistics: to add to, or none.
+        """
         n = len(raw.positions)
         gradients = tuple(torch.empty_like(t) for t in raw.all[:5])
         columns = SUMS if statistics is not None or level > 0 else 16

@@ -40,7 +40,16 @@ class DevicePoints:
         near: float,
         stop: float,
     ) -> NDArray[np.uint8]:
-        """Do as :meth:`mgf_engine.raster.points.PointOpacity.lower`."""
+        """Do as :meth:`mgf_engine.raster.points.PointOpacity.lower`.
+
+        Args:
+            lowest: float32 [N, 2], the two smallest opacities found so far; changed in place.
+            points: float32 [N, 3], normalised frame.
+            view: camera of the photo.
+            mask: uint8 [H, W], as these kernels read it.
+            near: depth in front of which nothing counts.
+            stop: transmittance at which the exact value no longer matters.
+        """
         n, tiles = len(points), -(-view.width // TILE) * -(-view.height // TILE)
         place, verdict, keys = self._locate(points, view, mask, near)
         sorted_keys, order = self._rasterizer.sort(keys, None, (tiles * _INNERS).bit_length())

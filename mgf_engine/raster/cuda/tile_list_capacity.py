@@ -65,7 +65,14 @@ class TileListCapacity:
         self._per_gaussian[tiles] = max(_KEPT * before, needed / max(gaussians, 1))
 
     def learn_later(self, answer: Callable[[], Sequence[int]], room: int, gaussians: int, tiles: int) -> None:
-        """Learn from a rendering started with ``room``, whose ``answer`` waits for (entries needed, entries listed)."""
+        """Learn from a rendering started with ``room``, whose ``answer`` waits for (entries needed, entries listed).
+
+        Args:
+            answer: waits for entries needed and entries listed.
+            room: that the rendering was given, in entries.
+            gaussians: their number.
+            tiles: their number.
+        """
         self._asked.append(_Asked(answer, room, gaussians, tiles))
 
     def state(self) -> dict[str, Any]:
