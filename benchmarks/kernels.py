@@ -29,7 +29,7 @@ from mgf_engine.field.targets import Target
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.native import library
 from mgf_engine.raster import cpu
-from mgf_engine.raster.adam import adam_step
+from mgf_engine.raster.adam import AdamStep, adam_step
 from mgf_engine.raster.api import Camera, Rendering, render
 from mgf_engine.raster.camera import TILE
 
@@ -94,7 +94,7 @@ class Iteration:
         active = 3 * (self.degree + 1) ** 2
         for i, (parameter, moments) in enumerate(zip(self.raw.all[:5], self.moments, strict=True)):
             columns = active if i == 4 else None
-            adam_step(parameter, gradients[i], moments[0], moments[1], 1e-6, 1, visible, active=columns)
+            adam_step(parameter, gradients[i], (moments[0], moments[1]), AdamStep(1e-6, 1), visible, active=columns)
 
 
 def parts_table(n: int, width: int, height: int, outputs: str, rounds: int) -> dict[str, Clock]:

@@ -24,7 +24,7 @@ from benchmarks.suites import Run
 from benchmarks.true_masks import write_elements
 from mgf_engine import __version__
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.geometry import cameras_of, compare_surfaces
+from mgf_engine.evaluation.geometry import ComparisonOptions, cameras_of, compare_surfaces
 from mgf_engine.evaluation.materials import read_materials
 from mgf_engine.evaluation.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.geometry.mesh_files import read_ply, write_ply
@@ -171,7 +171,7 @@ def measure(
     crop = scene.crop if whole_picture else above_ground(scene.crop)
     _to_true_frame(mesh, scene)
     truth = read_surface(scene.truth)
-    found = compare_surfaces(read_surface(mesh), truth, samples, scene.cameras, crop)
+    found = compare_surfaces(read_surface(mesh), truth, ComparisonOptions(samples, scene.cameras, crop))
     scores = found.scores(thresholds, read_materials(scene.truth, len(truth.faces)))
     if scene.openwork is not None:
         row["without_openwork"] = found.without(scene.openwork).scores(thresholds).as_dict()

@@ -27,7 +27,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.native.library import set_threads
 from mgf_engine.system import cpu_seconds
-from mgf_engine.texture import texture_pipeline
+from mgf_engine.texture import painting
 from mgf_engine.texture.texture_pipeline import make_texture
 
 SIZE, WORKING = (6000, 4000), (750, 500)
@@ -89,7 +89,7 @@ def measure(photos: int, rounds: int, side: int, threads: int) -> dict[str, floa
     with tempfile.TemporaryDirectory() as name:
         scene, masks, mesh = many_photos(Path(name), photos), striped_masks(photos), fine_house(rounds)
         before = cpu_seconds()
-        opening = mock.patch.object(texture_pipeline, "original_photo", wraps=texture_pipeline.original_photo)
+        opening = mock.patch.object(painting, "original_photo", wraps=painting.original_photo)
         with opening as opened, MemoryMonitor() as memory:
             texture = make_texture(mesh, scene, masks, side, print)
     assert texture.image.shape[2] == 3 and texture.image.std() > 0

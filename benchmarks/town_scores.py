@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.prompts import inside_points, spread_photos
 from benchmarks.scenes import _read_png
-from mgf_engine.evaluation.geometry import cameras_of, score_surface
+from mgf_engine.evaluation.geometry import ComparisonOptions, cameras_of, score_surface
 from mgf_engine.evaluation.surfaces import read_surface
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.normalise import rotation_of
@@ -77,7 +77,9 @@ def scores(scene: Path, town: Path, thresholds: tuple[float, ...] = (0.1, 0.2)) 
         true = read_surface(scene / "buildings" / name / "truth.ply")
         masks = scene / "buildings" / name / "masks"
         cameras = cameras_of(scene / "sparse/0", partial(_mask, masks))
-        result = score_surface(read_surface(job / "mesh.ply"), true, list(thresholds), 200_000, cameras)
+        result = score_surface(
+            read_surface(job / "mesh.ply"), true, list(thresholds), ComparisonOptions(200_000, cameras)
+        )
         rows.append({
             "id": name, "verdict": "found", "f1": result.f1, "accuracy": result.accuracy,
             "completeness": result.completeness, "cpu": row["done"]["cpu_seconds"], "photos": len(row["photos"]),

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from mgf_engine.config import Config, make_config
-from mgf_engine.evaluation.geometry import GeometryScores, colmap_cameras, score_surface
+from mgf_engine.evaluation.geometry import ComparisonOptions, GeometryScores, colmap_cameras, score_surface
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.field import trainer
 from mgf_engine.geometry.mesh_files import in_scene, read_ply
@@ -292,7 +292,8 @@ def evaluate(
         BadInput: a mesh or the scene cannot be read, or impossible numbers.
     """
     cameras = None if scene is None else colmap_cameras(Path(scene))
-    return score_surface(_surface(mesh), _surface(truth), tuple(thresholds), samples, cameras, align=align)
+    options = ComparisonOptions(samples, cameras, align=align)
+    return score_surface(_surface(mesh), _surface(truth), tuple(thresholds), options)
 
 
 def _surface(mesh: Mesh | PathLike) -> Surface:

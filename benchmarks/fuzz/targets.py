@@ -150,7 +150,7 @@ def _prepare_ply(folder: Path) -> None:
 
 
 def _read_ply(folder: Path) -> Any:
-    from mgf_engine.evaluation.geometry import compare_surfaces
+    from mgf_engine.evaluation.geometry import ComparisonOptions, compare_surfaces
     from mgf_engine.evaluation.surfaces import read_surface
     from mgf_engine.geometry.mesh_files import read_ply
 
@@ -161,7 +161,7 @@ def _read_ply(folder: Path) -> Any:
         use_mesh(read_ply(path), scene, all_inside(scene), folder)
 
     def compare(path: Path) -> None:
-        compare_surfaces(read_surface(path), truth, 100)
+        compare_surfaces(read_surface(path), truth, ComparisonOptions(100))
 
     for name in ("binary.ply", "ascii.ply", "plain.ply"):
         _ignore_bad_input(use, folder / name)

@@ -41,7 +41,8 @@ from mgf_engine.mesh.plane_detection import PlanarOptions, Planes
 from mgf_engine.messages import Reporter
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json
-from mgf_engine.texture.texture_pipeline import Painting, TextureOptions, choose_painting
+from mgf_engine.texture.painting import Painting
+from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
 STAGE = "drawings"
 INDEX = "drawings.json"

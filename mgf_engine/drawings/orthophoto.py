@@ -21,7 +21,7 @@ from mgf_engine.model.masks import building
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.photos import Room
 from mgf_engine.texture.bake import barycentric, look_up
-from mgf_engine.texture.texture_pipeline import Painting
+from mgf_engine.texture.painting import Painting
 
 AROUND = np.ones((3, 3), np.uint8)
 RIM = 1e-3  # what a photo counts where the point lies within a pixel of an outline: its colour is mixed there

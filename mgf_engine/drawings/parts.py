@@ -16,7 +16,7 @@ from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.project import Grid, GridBuffers
 from mgf_engine.drawings.straighten import StraightenOptions, straighten
 from mgf_engine.drawings.trace import trace
-from mgf_engine.texture.texture_pipeline import Painting
+from mgf_engine.texture.painting import Painting
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ def _check(args: argparse.Namespace) -> None:
 def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
     """Score against the truth, with the picture that was asked for."""
     from mgf_engine.evaluation.error_map import write_error_map
-    from mgf_engine.evaluation.geometry import colmap_cameras, moved, score_surface
+    from mgf_engine.evaluation.geometry import ComparisonOptions, colmap_cameras, moved, score_surface
     from mgf_engine.evaluation.materials import read_materials
     from mgf_engine.evaluation.surfaces import read_surface
 
@@ -111,16 +111,8 @@ def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
     truth = read_surface(args.truth)
     materials = read_materials(args.truth, len(truth.faces))
     leave_out = read_surface(args.leave_out) if args.leave_out else None
-    scores = score_surface(
-        mesh,
-        truth,
-        args.thresholds,
-        args.samples,
-        cameras,
-        align=args.align or "none",
-        leave_out=leave_out,
-        materials=materials,
-    )
+    options = ComparisonOptions(args.samples, cameras, align=args.align or "none")
+    scores = score_surface(mesh, truth, args.thresholds, options, leave_out, materials)
     if args.picture:
         write_error_map(args.picture, moved(mesh, scores.alignment), truth, min(args.thresholds))
     return scores

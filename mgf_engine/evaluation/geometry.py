@@ -166,15 +166,31 @@ class Comparison:
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class ComparisonOptions:
+    """How a mesh is compared with the truth.
+
+    Attributes:
+        samples: number of points sampled on each of both.
+        cameras: true points none of them sees are left out; None keeps all.
+        crop: [2, 3] low and high corner; points outside are left out on both sides (for reconstructions that hold more
+            than the truth does).
+        align: ``none``, ``rigid`` or ``similarity``: register the mesh first.
+        seed: of the samples.
+    """
+
+    samples: int = 1_000_000
+    cameras: Sequence[SeeingCamera] | None = None
+    crop: Points | None = None
+    align: str = "none"
+    seed: int = 0
+
+
 def score_surface(
     mesh: Surface,
     truth: Surface,
     thresholds: Sequence[float] = (0.05,),
-    samples: int = 1_000_000,
-    cameras: Sequence[SeeingCamera] | None = None,
-    crop: Points | None = None,
-    align: str = "none",
-    seed: int = 0,
+    options: ComparisonOptions = ComparisonOptions(),
     leave_out: Surface | None = None,
     materials: Materials | None = None,
 ) -> GeometryScores:
@@ -184,12 +200,7 @@ def score_surface(
         mesh: to be judged.
         truth: to judge it by.
         thresholds: distances that count as right, in the units of the meshes.
-        samples: points sampled on each mesh.
-        cameras: true points none of them sees are left out; None keeps all.
-        crop: [2, 3] low and high corner; points outside are left out on both sides (for reconstructions that hold more
-            than the truth does).
-        align: ``none``, ``rigid`` or ``similarity``: register the mesh first.
-        seed: of the samples.
+        options: samples, and what is left out on both sides.
         leave_out: a part of the truth that is not judged: points of both meshes that it is the nearest part to are left
             out (the paper leaves out Dortmund's steel framework so, section 4.3.1).
         materials: of the truth's faces; None for no scores by material.
@@ -197,48 +208,32 @@ def score_surface(
     Raises:
         BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point left to judge.
     """
-    if samples < 1 or not thresholds or not all(0 < t < math.inf for t in thresholds):
+    if options.samples < 1 or not thresholds or not all(0 < t < math.inf for t in thresholds):
         raise BadInput("Thresholds and the number of samples must be finite and larger than 0.")
-    found = compare_surfaces(mesh, truth, samples, cameras, crop, align, seed)
+    found = compare_surfaces(mesh, truth, options)
     return (found if leave_out is None else found.without(leave_out)).scores(thresholds, materials)
 
 
-def compare_surfaces(
-    mesh: Surface,
-    truth: Surface,
-    samples: int = 1_000_000,
-    cameras: Sequence[SeeingCamera] | None = None,
-    crop: Points | None = None,
-    align: str = "none",
-    seed: int = 0,
-) -> Comparison:
-    """Return what :func:`score_surface` takes its scores from.
-
-    Args:
-        mesh: in the coordinates of the truth.
-        truth: the true surface.
-        samples: points drawn on each of both.
-        cameras: where given, only true points that one of them sees count.
-        crop: [2, 3] low and high corner; points outside are left out on both sides.
-        align: ``none``, ``rigid`` or ``similarity``: how the mesh is registered first.
-        seed: of the sampling.
+def compare_surfaces(mesh: Surface, truth: Surface, options: ComparisonOptions = ComparisonOptions()) -> Comparison:
+    """Measure the distances between a mesh and the truth, which :func:`score_surface` takes its scores from.
 
     Raises:
         BadInput: too many samples, nothing inside the crop, or no true point seen.
     """
+    samples, crop = options.samples, options.crop
     if samples > MOST_SAMPLES:
         raise BadInput(f"The number of samples must be at most {MOST_SAMPLES}, not {samples}.")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(options.seed)
     matrix = np.eye(4)
     hygiene = mesh.hygiene()
-    if align != "none":
-        matrix = align_to(mesh, truth, scale=align == "similarity")
+    if options.align != "none":
+        matrix = align_to(mesh, truth, scale=options.align == "similarity")
         mesh = moved(mesh, matrix)
     true_points, true_faces = _inside(*truth.sample(samples, rng), crop)
     points, own = _inside(*mesh.sample(samples, rng), crop)
     inside = len(true_points)
-    if cameras is not None:
-        seen = truth.seen_by(true_points, cameras)
+    if options.cameras is not None:
+        seen = truth.seen_by(true_points, options.cameras)
         true_points, true_faces = true_points[seen], true_faces[seen]
     _check_any(true_points)
     errors, faces = _nearest(truth, points)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +47,26 @@ _RELIEF_SIDES = 4
 _BYTES_PER_PIXEL = 300  # of a photo while it is compared with its rendering (measured)
 
 
+@dataclass(frozen=True)
+class JobResults:
+    """What the stages of a job have made.
+
+    Attributes:
+        scene: photos, cameras and sparse points.
+        masks: the building in each photo.
+        field: normalised frame.
+        mesh: normalised frame.
+    """
+
+    scene: Scene
+    masks: MaskSet
+    field: Gaussians
+    mesh: Mesh
+
+
 def report_job(
     job: Job,
-    scene: Scene,
-    masks: MaskSet,
-    field: Gaussians,
-    mesh: Mesh,
+    results: JobResults,
     texture: Callable[[], Texture | None],
     fit: GeoreferenceFit,
     reporter: Reporter,
@@ -61,18 +75,16 @@ def report_job(
 
     Args:
         job: open job.
-        scene: photos, cameras and sparse points.
-        masks: the building in each photo.
-        field: normalised frame.
-        mesh: normalised frame.
+        results: of its stages.
         texture: waits for the mesh's texture, which may still be in the making; all files it belongs to are there then.
         fit: where the building is.
         reporter: for progress, warnings and the request to cancel.
     """
+    scene, masks, field, mesh = results.scene, results.masks, results.field, results.mesh
     shown, lpips = _shown_views(scene, masks), find_lpips(Path(job.config.weights) if job.config.weights else None)
 
     def one(index: int) -> ViewReport:
-        return _view_report(index, scene, masks, field, mesh, job.config.sh_degree, index in shown, lpips)
+        return _view_report(index, results, job.config.sh_degree, index in shown, lpips)
 
     views: list[ViewReport] = []
     each = _BYTES_PER_PIXEL * most_pixels(scene.views)
@@ -134,23 +146,17 @@ def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:
 
 
 def _view_report(
-    index: int,
-    scene: Scene,
-    masks: MaskSet,
-    field: Gaussians,
-    mesh: Mesh,
-    sh_degree: int,
-    shown: bool,
-    lpips: Lpips | None = None,
+    index: int, results: JobResults, sh_degree: int, shown: bool, lpips: Lpips | None = None
 ) -> ViewReport:
     """Score and draw a held-out or shown view; others only appear in the table, with a note when left out."""
+    scene, masks = results.scene, results.masks
     view = scene.views[index]
     note = "" if masks.used[index] else "mask too weak, not used"
     report = ViewReport(view.name, index in scene.held_out, note=note)
     if not shown:
         return report
     photo, mask = scene.photo(index), building(masks.labels[index])
-    rendering = render_view(field, view, sh_degree)
+    rendering = render_view(results.field, view, sh_degree)
     render = _to_picture(rendering.color.numpy())
     if masks.used[index]:
         report.scores = score(photo, render, mask, lpips)
@@ -161,7 +167,7 @@ def _view_report(
         "mask": mask_overlay(photo, masks.labels[index]),
         "render": on_white(render, mask),
         "normals": normal_picture(normals, rendering.alpha.numpy()),
-        "mesh": shaded(mesh, view, from_side=True),
+        "mesh": shaded(results.mesh, view, from_side=True),
         "error": error_picture(photo, render, mask),
     }
     # Of a thousand photos a hundred are kept out: in full size these would take gigabytes until the page is written.

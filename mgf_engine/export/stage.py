@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.export.report import report_job
+from mgf_engine.export.report import JobResults, report_job
 from mgf_engine.export.views import render_view, straight_rgba
 from mgf_engine.field.export import offset_of
 from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_texture
@@ -77,7 +77,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
             write_models(job, mesh, fit, made)
             return made
 
-        figures = report_job(job, scene, masks, field, normalised, texture, fit, reporter)
+        figures = report_job(job, JobResults(scene, masks, field, normalised), texture, fit, reporter)
     manifest = {**_manifest(job, scene, renders, figures), **_offset(field, scene)}
     keep_run(job.folder, _RESULT, manifest, job.given)
     return figures

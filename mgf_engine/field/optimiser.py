@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from mgf_engine.model.gaussians import Gaussians
-from mgf_engine.raster.adam import adam_step
+from mgf_engine.raster.adam import AdamStep, adam_step
 
 TRAINED = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
 
@@ -57,12 +57,11 @@ class Optimiser:
             parameter.requires_grad_(False)
             if gradient is None:
                 continue
-            first, second = self.moments[name]
             columns = parameter[0].numel()
             scale = torch.full((columns,), rates[name])
             if name == "sh":
                 scale[3:] *= sh_rest_share
-            adam_step(parameter, gradient, first, second, scale, self.step_count, visible)
+            adam_step(parameter, gradient, self.moments[name], AdamStep(scale, self.step_count), visible)
 
     def keep(self, index: Tensor) -> None:
         """Drop every row not in ``index`` (bool mask or int64 indices)."""

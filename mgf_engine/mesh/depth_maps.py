@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from mgf_engine.mesh.depth_smoothing import smooth_depth
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.photometric import Matched, Surface, match_surface, without_match
-from mgf_engine.mesh.prior import PriorOptions, choose_depths, combine_surfaces
+from mgf_engine.mesh.prior import KnownSurface, PriorOptions, choose_depths, combine_surfaces
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
@@ -29,8 +29,6 @@ FAR = 1e6  # depth of what lies behind everything
 BYTES_PER_PIXEL = 150  # of a depth map while it is matched and smoothed (measured)
 
 Progress = Callable[[float], None]
-#: Number of a view -> what it shows of a surface known before, and how sure that is [H, W].
-Known = Callable[[int], tuple[Surface, NDArray[np.float32]]]
 
 
 @dataclass(frozen=True)
@@ -50,38 +48,49 @@ class DepthMap:
 
 
 @dataclass(frozen=True)
+class ViewSurfaces:
+    """What the views show, asked for once for each while it is needed.
+
+    Attributes:
+        show: number of a view -> the surface it shows.
+        device: where ``show`` draws.
+        prior: number of a view -> what it shows of a surface known before; None for none.
+    """
+
+    show: Callable[[int], Surface]
+    device: torch.device = CPU
+    prior: Callable[[int], KnownSurface] | None = None
+
+
+@dataclass(frozen=True)
 class _Asked:
-    """A view's mask, what it and its neighbours show, and what they show of the prior with how sure that is."""
+    """A view's mask, what it and its neighbours show, and what they show of the prior."""
 
     mask: NDArray[np.uint8]
     surfaces: list[Surface]
-    prior: list[tuple[Surface, NDArray[np.float32]]]
+    prior: list[KnownSurface]
 
 
 def make_depth_maps(
-    show: Callable[[int], Surface],
+    shown: ViewSurfaces,
     masks: Sequence[NDArray[np.uint8]],
     neighbours: Sequence[Sequence[int]] = (),
     options: FusionOptions = FusionOptions(),
     progress: Progress = lambda share: None,
-    device: torch.device = CPU,
-    prior: Known | None = None,
     spill: Spill | None = None,
 ) -> list[DepthMap]:
     """Make the depth maps of all views: rendered, matched with neighbouring photos, smoothed.
 
     Args:
-        show: number of a view -> the surface it shows; asked once for each while it is needed.
+        shown: what the views show.
         masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
         neighbours: per view the numbers of those to match with; empty for no matching.
         options: of the matching, the smoothing and the fusion.
         progress: called with the share of the views done.
-        device: where ``show`` draws.
-        prior: number of a view -> what it shows of a surface known before, and how sure that is [H, W].
         spill: where their pixels are kept; in memory when None.
     """
     near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
-    asked = _views_with_neighbours(show, masks, near, options.prior, device, prior)
+    asked = _views_with_neighbours(shown, masks, near, options.prior)
     each = BYTES_PER_PIXEL * max((mask.size for mask in masks), default=0)
     maps: list[DepthMap] = []
     for found in parallel_map(lambda view: _match(view, options), asked, bytes_each=each):
@@ -91,28 +100,23 @@ def make_depth_maps(
 
 
 def _views_with_neighbours(
-    show: Callable[[int], Surface],
-    masks: Sequence[NDArray[np.uint8]],
-    near: Sequence[list[int]],
-    options: PriorOptions,
-    device: torch.device,
-    prior: Known | None,
+    shown: ViewSurfaces, masks: Sequence[NDArray[np.uint8]], near: Sequence[list[int]], options: PriorOptions
 ) -> Iterator[_Asked]:
     """Yield each view with its neighbours; a surface is kept only as long as a view still to come is matched with
     it."""
     wanted = [(number, *near[number]) for number in range(len(masks))]
     in_order = [k for numbers in wanted for k in numbers]
     left = np.bincount(in_order, minlength=len(masks))
-    shown = each_view(show, list(dict.fromkeys(in_order)), device)
+    drawn = each_view(shown.show, list(dict.fromkeys(in_order)), shown.device)
     surfaces: dict[int, Surface] = {}
-    before: dict[int, tuple[Surface, NDArray[np.float32]]] = {}  # and what they show of the prior
+    before: dict[int, KnownSurface] = {}  # and what they show of the prior
     for numbers, mask in zip(wanted, masks, strict=True):
         for k in numbers:
             if k not in surfaces:
-                surfaces[k] = next(shown)
-                if prior is not None:
-                    before[k] = prior(k)
-                    surfaces[k] = combine_surfaces(surfaces[k], *before[k], options)
+                surfaces[k] = next(drawn)
+                if shown.prior is not None:
+                    before[k] = shown.prior(k)
+                    surfaces[k] = combine_surfaces(surfaces[k], before[k], options)
         yield _Asked(mask, [surfaces[k] for k in numbers], [before[k] for k in numbers if k in before])
         for k in numbers:
             left[k] -= 1
@@ -126,9 +130,9 @@ def _match(asked: _Asked, options: FusionOptions) -> DepthMap:
     surface, *others = asked.surfaces
     found = match_surface(surface, others, options.match) if others else without_match(surface)
     if asked.prior:
-        (known, sure), *rest = asked.prior
+        known, *rest = asked.prior
         surface, found = choose_depths(
-            surface, known, sure, found, [other for other, _ in rest], options.match, options=options.prior
+            surface, known, found, [other.surface for other in rest], options.match, options=options.prior
         )
     if options.smoothing.strength > 0:
         found = replace(found, depth=smooth_depth(surface.depth, found, options.smoothing))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -20,22 +20,19 @@ from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
-from mgf_engine.mesh.face_visibility import count_pixels
-from mgf_engine.mesh.holes import cap_rims, fill_holes
+from mgf_engine.mesh.holes import cap_rims
 from mgf_engine.mesh.hull import judging_masks
-from mgf_engine.mesh.isosurface import FREE, find_level, march
+from mgf_engine.mesh.level_set import clean_level_set, extract_level_set
 from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
-from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar import flatten
-from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
-from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
-from mgf_engine.mesh.tsdf import Photos, TsdfField, fuse_gaussians
-from mgf_engine.mesh.unobserved_volumes import drop_unobserved
+from mgf_engine.mesh.tetrahedra import beside_surface, tetra_points
+from mgf_engine.mesh.trusted_views import Photos, TrustedViews
+from mgf_engine.mesh.tsdf import TsdfField, fuse_gaussians
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
@@ -50,25 +47,7 @@ from mgf_engine.timing import PartTimes
 log = logging.getLogger("mgf")
 
 #: Shares of the stage, for the progress bar.
-_RENDERED, _TETRAHEDRA, _CLASSIFIED, _PLACED, _CLEANED, _REFINED, _COLORED = 0.15, 0.22, 0.3, 0.5, 0.6, 0.75, 0.8
-
-
-@dataclass(frozen=True)
-class TrustedViews:
-    """The photos whose masks are good enough to tell solid from free.
-
-    Attributes:
-        indices: their numbers in the scene.
-        verdicts: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
-        labels: label map of each view.
-        photos: their brightness, and which are compared; None where depths are not to be matched.
-    """
-
-    indices: list[int]
-    views: list[View]
-    verdicts: list[NDArray[np.uint8]]
-    labels: list[NDArray[np.uint8]]
-    photos: Photos | None
+_RENDERED, _TETRAHEDRA, _PLACED, _CLEANED, _REFINED, _COLORED = 0.15, 0.22, 0.5, 0.6, 0.75, 0.8
 
 
 def extract_mesh(
@@ -117,7 +96,10 @@ def extract_mesh(
             tetrahedra = made(reporter.check)
     reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
     with times.part("level set"):
-        mesh = extract_level_set(spanned, tetrahedra, field, options.level_steps, reporter)
+        mesh = extract_level_set(
+            spanned, tetrahedra, field, options.level_steps,
+            lambda share: reporter.progress(_TETRAHEDRA + (_PLACED - _TETRAHEDRA) * share),
+        )  # fmt: skip
         del tetrahedra
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
@@ -214,6 +196,17 @@ def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions 
     )
 
 
+def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], options: ExtractionOptions) -> Photos:
+    position = {view: number for number, view in enumerate(chosen)}
+    scene_to_match, kept = points_to_match(scene, masks, chosen, options.mask_hull)
+    pairs = matching_views(scene_to_match, kept, chosen, options.neighbours, options.matching)
+
+    def grey(number: int) -> NDArray[np.uint8]:
+        return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)
+
+    return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
+
+
 def surface_field(
     gaussians: Gaussians,
     trusted: TrustedViews,
@@ -244,17 +237,6 @@ def surface_field(
     return OpacityField(gaussians, trusted.views, trusted.verdicts, options.opacity, fused)
 
 
-def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], options: ExtractionOptions) -> Photos:
-    position = {view: number for number, view in enumerate(chosen)}
-    scene_to_match, kept = points_to_match(scene, masks, chosen, options.mask_hull)
-    pairs = matching_views(scene_to_match, kept, chosen, options.neighbours, options.matching)
-
-    def grey(number: int) -> NDArray[np.uint8]:
-        return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)
-
-    return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
-
-
 def select_near_box(gaussians: Gaussians, box: CropBox, beside: float) -> Gaussians:
     """Select the Gaussians in the crop box and up to a share ``beside`` of its size around it.
 
@@ -268,96 +250,6 @@ def select_near_box(gaussians: Gaussians, box: CropBox, beside: float) -> Gaussi
     if not near.any():
         raise BadInput("No Gaussian lies in the crop box; enlarge it or move it over the building.")
     return gaussians.select(torch.from_numpy(near))
-
-
-def extract_level_set(
-    spanned: TetraPoints,
-    tetrahedra: NDArray[np.int32],
-    field: OpacityField | TsdfField,
-    steps: int,
-    reporter: Reporter,
-) -> Mesh:
-    """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
-
-    Args:
-        spanned: points of the tetrahedra.
-        tetrahedra: their corners, [T, 4].
-        field: tells solid from free.
-        steps: of the search for the level on each edge.
-        reporter: for progress, warnings and the request to cancel.
-
-    Raises:
-        BadInput: there is no surface: everything is free, solid or unseen.
-    """
-    state = field.classify(spanned.points, lambda s: reporter.progress(_TETRAHEDRA + (_CLASSIFIED - _TETRAHEDRA) * s))
-    crossing = march(tetrahedra, state, spanned.points)
-    if len(crossing.faces) == 0:
-        raise BadInput("The field has no surface inside the masks; train longer, or check the masks and the cameras.")
-    kept = crossing.faces[~_overlong(spanned, crossing.edges)[crossing.faces].any(1)]
-    solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
-
-    def signed(points: NDArray[np.float64], share: float) -> NDArray[np.float32]:
-        start = _CLASSIFIED + (_PLACED - _CLASSIFIED) * share
-        step = (_PLACED - _CLASSIFIED) / max(steps, 1)
-        return field.signed(points, lambda s: reporter.progress(start + step * s))
-
-    vertices = find_level(solid, free, signed, steps)
-    return Mesh(vertices, kept, np.zeros((len(vertices), 3), np.uint8))
-
-
-def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return edges longer than the extents of both their Gaussians together: nothing is known along them, bool [E]."""
-    length = np.linalg.norm(spanned.points[edges[:, 0]] - spanned.points[edges[:, 1]], axis=1)
-    too_long: NDArray[np.bool_] = length > spanned.extent[edges].sum(1)
-    return too_long
-
-
-def clean_level_set(
-    mesh: Mesh,
-    field: OpacityField | TsdfField,
-    views: Sequence[View],
-    options: ExtractionOptions,
-    labels: Sequence[NDArray[np.uint8]] | None = None,
-) -> Mesh:
-    """Clean the level set: remove false parts, orient it outward, close small holes, smooth it.
-
-    Args:
-        mesh: the level set.
-        field: that it was extracted from.
-        views: the cameras.
-        options: which steps to take, and how.
-        labels: label map of each view, where the masks are to vote on the faces.
-
-    Raises:
-        BadInput: nothing is left.
-    """
-    mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
-    if options.merge_flat:
-        mesh = merge_flat(mesh, views, options.clustering)
-    free = lambda points: field.classify(points) == FREE  # noqa: E731
-    if options.drop_unseen:
-        mesh = replace(mesh, values=field.known(mesh.vertices))
-        if "confidence" in mesh.values:
-            confirmed = mesh.values["confidence"] >= options.fill.unconfirmed
-            mesh = drop_unobserved(mesh, confirmed, ground_pixels(mesh, views), free, options.volumes)
-        mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], options.made_up), values={})
-    mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, options.min_component))
-    counts = count_pixels(mesh, views, labels)
-    mesh = clean.orient_outward(mesh, counts.front, counts.back)
-    seen = np.ones(len(mesh.faces), bool)
-    if options.drop_unseen:
-        seen = clean.seen_parts(mesh, counts.front + counts.back, options.min_component)
-    if labels is None:
-        mesh = clean.with_faces(mesh, mesh.faces[seen])
-    else:
-        mesh = cut_background(mesh, views, labels, counts, seen, options.votes)
-        mesh = clean.drop_small_parts(mesh, options.min_component)
-        mesh = clean.split_nonmanifold(mesh)
-    if len(mesh.faces) == 0:
-        raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
-    if options.fill_holes:
-        mesh = fill_holes(mesh, options.small_hole * ground_pixels(mesh, views), free)
-    return clean.smooth(mesh, options.smoothing)
 
 
 def keep_clicked_parts(
@@ -398,10 +290,8 @@ def refine_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, r
         options: rounds, matching and refinement.
         reporter: for progress, warnings and the request to cancel.
     """
-    if trusted.photos is None:
-        return mesh
     return refine(
-        mesh, trusted.views, trusted.verdicts, trusted.photos, options.refine_rounds,
+        mesh, trusted, options.refine_rounds,
         lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share), options.fusion,
         options.refinement,
     )  # fmt: skip

@@ -39,6 +39,19 @@ class PriorOptions:
 
 
 @dataclass(frozen=True)
+class KnownSurface:
+    """What a view shows of a surface known before the field.
+
+    Attributes:
+        surface: its depth and normals.
+        sure: strength of its planes, 0..1, float32 [H, W].
+    """
+
+    surface: Surface
+    sure: Array
+
+
+@dataclass(frozen=True)
 class Prior:
     """A surface known before the field.
 
@@ -55,12 +68,12 @@ class Prior:
         """Unit normal of each face, [F, 3]."""
         return face_normals(self.mesh)
 
-    def seen_from(self, view: View, grey: NDArray[np.uint8]) -> tuple[Surface, Array]:
-        """Render the prior from a view; returns its surface and its strength, [H, W]."""
+    def seen_from(self, view: View, grey: NDArray[np.uint8]) -> KnownSurface:
+        """Render the prior from a view, with the photo's brightness [H, W] beside it."""
         buffers = render_mesh(self.mesh, view)
         surface = visible_surface(buffers.depth, buffers.face, self.normals, view, grey)
         sure = np.where(surface.depth > 0, self.sure[np.maximum(buffers.face, 0)], 0).astype(np.float32)
-        return surface, sure
+        return KnownSurface(surface, sure)
 
 
 def visible_surface(
@@ -85,15 +98,15 @@ def visible_surface(
     return Surface(view, grey, np.where(front, depth, 0.0).astype(np.float32), normal, np.zeros(face.shape, bool))
 
 
-def combine_surfaces(field: Surface, prior: Surface, sure: Array, options: PriorOptions = PriorOptions()) -> Surface:
+def combine_surfaces(field: Surface, known: KnownSurface, options: PriorOptions = PriorOptions()) -> Surface:
     """Combine field and prior: the prior where both are one and its plane is sure, or the field shows nothing.
 
     Args:
         field: as the field shows it in a view.
-        prior: as the prior shows it there.
-        sure: strength of the prior's planes, 0..1, [H, W].
+        known: as the prior shows it there.
         options: when a plane is certain.
     """
+    prior, sure = known.surface, known.sure
     same = np.abs(field.depth - prior.depth) * field.view.fx < options.same * prior.depth
     take = (prior.depth > 0) & ((same & (sure >= options.sure)) | (field.depth == 0))
     depth = np.where(take, prior.depth, field.depth).astype(np.float32)
@@ -102,24 +115,28 @@ def combine_surfaces(field: Surface, prior: Surface, sure: Array, options: Prior
 
 
 def choose_depths(
-    field: Surface, prior: Surface, sure: Array, matched: Matched, others: Sequence[Surface],
-    search: MatchOptions, match: Callable[[Surface, Sequence[Surface], MatchOptions], Matched] = match_surface,
+    field: Surface,
+    known: KnownSurface,
+    matched: Matched,
+    others: Sequence[Surface],
+    search: MatchOptions,
+    match: Callable[[Surface, Sequence[Surface], MatchOptions], Matched] = match_surface,
     options: PriorOptions = PriorOptions(),
-) -> tuple[Surface, Matched]:  # fmt: skip
+) -> tuple[Surface, Matched]:
     """Choose surface and matched depth of a view, each pixel from the field or from the prior.
 
     Args:
         field: as :func:`combine_surfaces` gives it.
-        prior: as the prior shows it in the view.
-        sure: strength of the prior's planes, 0..1, [H, W].
+        known: as the prior shows it in the view.
         matched: the matched depth of ``field``.
         others: what the neighbours show of the prior.
         search: steps of the matching.
         match: matches a surface with its neighbours.
         options: of the choice.
     """
-    known = prior.depth > 0
-    apart = known & (np.abs(field.depth - prior.depth) * field.view.fx >= options.same * prior.depth)
+    prior, sure = known.surface, known.sure
+    there = prior.depth > 0
+    apart = there & (np.abs(field.depth - prior.depth) * field.view.fx >= options.same * prior.depth)
     rival = match(replace(prior, depth=np.where(apart, prior.depth, 0).astype(np.float32)), others, search)
     better = rival.likeness > matched.likeness - np.where(sure >= options.sure, options.gain, -options.gain)
     # A field shows what is behind where its Gaussians leave gaps; the prior, which is closed, does not.
@@ -128,7 +145,7 @@ def choose_depths(
     depth = np.where(take, rival.depth, matched.depth).astype(np.float32)
     likeness = np.where(take, rival.likeness, matched.likeness).astype(np.float32)
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
-    here = known & (np.abs(depth - prior.depth) * field.view.fx < options.same * prior.depth)
+    here = there & (np.abs(depth - prior.depth) * field.view.fx < options.same * prior.depth)
     trust = np.where(here, options.trust[0] + options.trust[1] * sure, options.trust[0]).astype(np.float32)
     precision = np.where(take, rival.precision, matched.precision)
     precision = np.where((precision == 0) & here, options.plane_precision * sure, precision).astype(np.float32)

@@ -8,7 +8,7 @@ precisely. Only vertices move; no face is added or removed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,11 +18,12 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
-from mgf_engine.mesh.depth_maps import make_depth_maps
+from mgf_engine.mesh.depth_maps import ViewSurfaces, make_depth_maps
 from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.photometric import Surface
 from mgf_engine.mesh.prior import visible_surface
-from mgf_engine.mesh.tsdf import Photos, TsdfField
+from mgf_engine.mesh.trusted_views import Photos, TrustedViews
+from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
@@ -49,9 +50,7 @@ class RefinementOptions:
 
 def refine(
     mesh: Mesh,
-    views: Sequence[View],
-    masks: Sequence[NDArray[np.uint8]],
-    photos: Photos,
+    trusted: TrustedViews,
     rounds: int,
     progress: Callable[[float], None] = lambda share: None,
     fusion: FusionOptions = FusionOptions(),
@@ -61,22 +60,22 @@ def refine(
 
     Args:
         mesh: normalised frame.
-        views: the cameras, normalised frame.
-        masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
-        photos: their brightness, and which are matched.
+        trusted: photos and masks; without photos to match the mesh stays as it is.
         rounds: number of times.
         progress: called with the share that is done.
         fusion: options of the matching, the smoothing and the fusion.
         options: of the refinement.
     """
+    if trusted.photos is None:
+        return mesh
     for number in range(rounds):
         normals = vertex_normals(mesh)
 
         def report(share: float, done: int = number) -> None:
             progress((done + share) / rounds)
 
-        field = _fuse_matched(mesh, normals, views, masks, photos, report, options.narrowed(fusion))
-        mesh = onto_surface(mesh, normals, field, ground_pixels(mesh, views), options)
+        field = _fuse_matched(mesh, normals, trusted, trusted.photos, report, options.narrowed(fusion))
+        mesh = onto_surface(mesh, normals, field, ground_pixels(mesh, trusted.views), options)
     return mesh
 
 
@@ -96,8 +95,7 @@ def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: N
 def _fuse_matched(
     mesh: Mesh,
     vertex_normal: NDArray[np.float64],
-    views: Sequence[View],
-    masks: Sequence[NDArray[np.uint8]],
+    trusted: TrustedViews,
     photos: Photos,
     progress: Callable[[float], None],
     options: FusionOptions,
@@ -107,9 +105,10 @@ def _fuse_matched(
     normals = smoothed / np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-12)
 
     def show(number: int) -> Surface:
-        return render_surface(mesh, normals, views[number], photos.grey(number))
+        return render_surface(mesh, normals, trusted.views[number], photos.grey(number))
 
-    return TsdfField(make_depth_maps(show, masks, photos.neighbours, options, progress), options.tsdf)
+    maps = make_depth_maps(ViewSurfaces(show), trusted.verdicts, photos.neighbours, options, progress)
+    return TsdfField(maps, options.tsdf)
 
 
 def onto_surface(

@@ -10,18 +10,18 @@ the minimum over views decides, and asking costs a look-up per view instead of a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.depth_maps import DepthMap, Progress, make_depth_maps, render_surface
+from mgf_engine.mesh.depth_maps import DepthMap, Progress, ViewSurfaces, make_depth_maps, render_surface
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.photometric import Surface
-from mgf_engine.mesh.prior import Prior
+from mgf_engine.mesh.prior import KnownSurface, Prior
+from mgf_engine.mesh.trusted_views import Photos
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import parallel
@@ -44,19 +44,6 @@ _VIEW = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
     for names, kind in (("labels map rows height width", "<i8"), ("band least_slope", "<f8"))
     for name in names.split()
 ]
-
-
-@dataclass(frozen=True)
-class Photos:
-    """What matching needs of the photos.
-
-    Attributes:
-        grey: number of a view -> uint8 [H, W], brightness.
-        neighbours: per view the numbers of those to match it with.
-    """
-
-    grey: Callable[[int], NDArray[np.uint8]]
-    neighbours: Sequence[Sequence[int]]
 
 
 class TsdfField:
@@ -205,13 +192,11 @@ def fuse_gaussians(
     def show(number: int) -> Surface:
         return render_surface(gaussians, views[number], photos.grey(number) if photos else None, options.tsdf)
 
-    def known(number: int) -> tuple[Surface, NDArray[np.float32]]:
+    def known(number: int) -> KnownSurface:
         assert prior is not None and photos is not None
         return prior.seen_from(views[number], photos.grey(number))
 
     spill = Spill()
-    maps = make_depth_maps(
-        show, masks, photos.neighbours if photos else (), options, progress, gaussians.positions.device,
-        known if prior is not None and photos is not None else None, spill,
-    )  # fmt: skip
+    shown = ViewSurfaces(show, gaussians.positions.device, known if prior is not None and photos is not None else None)
+    maps = make_depth_maps(shown, masks, photos.neighbours if photos else (), options, progress, spill)
     return TsdfField(maps, options.tsdf, spill)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -19,7 +19,7 @@ from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.photos import Room
 from mgf_engine.texture.charts import ChartOptions
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
-from mgf_engine.texture.seams import Corrections
+from mgf_engine.texture.painting import Painting
 
 BLOCK = 1 << 18  # pixels looked up together, which bounds the memory: each takes some 300 bytes meanwhile
 
@@ -27,10 +27,7 @@ BLOCK = 1 << 18  # pixels looked up together, which bounds the memory: each take
 def bake(
     mesh: Mesh,
     layout: Layout,
-    label: NDArray[np.int32],
-    views: Sequence[View],
-    corrections: Corrections,
-    source: Callable[[int], Source],
+    painting: Painting,
     progress: Callable[[float], None] = lambda share: None,
     options: ChartOptions = ChartOptions(),
 ) -> NDArray[np.uint8]:
@@ -39,13 +36,11 @@ def bake(
     Args:
         mesh: normalised frame.
         layout: place of each face in the picture.
-        label: [F], the view that paints each face.
-        views: the cameras.
-        corrections: of the colours at seams.
-        source: position in ``views`` -> what to paint with.
+        painting: which photo paints which face, and the photos.
         progress: called with the share that is done.
         options: of the layout.
     """
+    label, views, corrections = painting.label, painting.views, painting.corrections
     face = draw_triangles(layout.at, layout.height, layout.width)
     pixel = np.flatnonzero(face >= 0)
     pixel = pixel[np.argsort(label[face.ravel()[pixel]], kind="stable")]
@@ -60,7 +55,7 @@ def bake(
         if index == NO_VIEW:
             return in_blocks(parts[k], None)
         with room.photo(views[index].original_width, views[index].original_height):
-            return in_blocks(parts[k], shrunk(views[index], source(index), layout.scale))
+            return in_blocks(parts[k], shrunk(views[index], painting.source(index), layout.scale))
 
     def in_blocks(pixels: NDArray[np.int64], photo: Source | None) -> NDArray[np.uint8]:
         found = np.empty((len(pixels), 3), np.uint8)

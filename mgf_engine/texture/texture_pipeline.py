@@ -10,19 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.rasterize import corners
 from mgf_engine.mesh.screening import voting_views
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.scene.exposure import with_gain
-from mgf_engine.scene.photos import original_photo
 from mgf_engine.texture.bake import bake
 from mgf_engine.texture.charts import ChartOptions, lay_out
-from mgf_engine.texture.model import NO_VIEW, Source, painting_views
-from mgf_engine.texture.seams import Corrections, SeamOptions, level_seams
+from mgf_engine.texture.model import NO_VIEW, painting_views
+from mgf_engine.texture.painting import Originals, Painting
+from mgf_engine.texture.seams import SeamOptions, level_seams
 from mgf_engine.texture.view_selection import ViewSelectionOptions, choose_views, face_neighbours, patches
 from mgf_engine.texture.visibility import VisibilityOptions, find_face_views
 
@@ -64,20 +62,19 @@ def make_texture(
     """
     painting = choose_painting(mesh, scene, masks, lambda share: progress(_LEVELLED * share), options)
     views, label, neighbours = painting.views, painting.label, painting.neighbours
-    corrections, originals = painting.corrections, painting.source
     finest = float(np.median([v.original_width / v.width for v in views]))
     layout = lay_out(
         _in_views(mesh, label, views), label, patches(label, neighbours), max(1.0, finest), largest_side,
         options.charts,
     )  # fmt: skip
     image = bake(
-        mesh, layout, label, views, corrections, originals,
-        lambda share: progress(_LEVELLED + (1 - _LEVELLED) * share), options.charts,
+        mesh, layout, painting, lambda share: progress(_LEVELLED + (1 - _LEVELLED) * share), options.charts
     )  # fmt: skip
-    if originals.gone:
+    gone = painting.source.gone
+    if gone:
         warn(
-            f"{len(originals.gone)} of {len(views)} photos cannot be read any more (first: "
-            f"{originals.gone[0]}); the texture uses their smaller working copies. Put the photos back and run "
+            f"{len(gone)} of {len(views)} photos cannot be read any more (first: "
+            f"{gone[0]}); the texture uses their smaller working copies. Put the photos back and run "
             "again for a sharper texture."
         )
     log.info(
@@ -86,28 +83,6 @@ def make_texture(
     )  # fmt: skip
     u, v = layout.at[..., 0] / layout.width, 1 - layout.at[..., 1] / layout.height
     return Texture(np.stack([u, v], -1).astype(np.float32), image)
-
-
-@dataclass(frozen=True)
-class Painting:
-    """Which photo paints which face, and how.
-
-    Attributes:
-        chosen: the views' places in the scene; views: those that may paint.
-        label: int32 [F], place among ``views``, :data:`NO_VIEW` where none shows the face.
-        neighbours: pairs of faces that share an edge, [E, 2].
-        corrections: what makes seams vanish.
-        source: place among ``views`` -> the photo to paint with.
-        visibility: options that the views were found by.
-    """
-
-    chosen: list[int]
-    views: list[View]
-    label: NDArray[np.int32]
-    neighbours: NDArray[np.int64]
-    corrections: Corrections
-    source: Originals
-    visibility: VisibilityOptions
 
 
 def choose_painting(
@@ -148,29 +123,6 @@ def choose_painting(
     progress(1.0)
     originals = Originals(views, photo)
     return Painting(chosen, views, label, neighbours, corrections, originals, options.visibility)
-
-
-class Originals:
-    """The photos as the user took them, in the exposure of the working photos; working photos where they are gone.
-
-    Attributes:
-        gone: why each could not be read.
-    """
-
-    def __init__(self, views: list[View], working: Callable[[int], NDArray[np.uint8]]) -> None:
-        self._views, self._working = views, working
-        self.gone: list[str] = []
-
-    def __call__(self, index: int) -> Source:
-        view = self._views[index]
-        try:
-            image = original_photo(view)
-        except BadInput as error:
-            self.gone.append(str(error))
-            return Source(self._working(index), False)
-        if view.gain != (1.0, 1.0, 1.0):
-            image = with_gain(image, view.gain)
-        return Source(image, True)
 
 
 def _in_views(mesh: Mesh, label: NDArray[np.int32], views: list[View]) -> NDArray[np.float64]:

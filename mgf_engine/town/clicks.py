@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
-from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.roots import camera_poses, sample_views
 from mgf_engine.town.hulls import Hull, HullOptions, prism
-from mgf_engine.town.place import to_normalised
-from mgf_engine.town.view_selection import HullBuffers, ViewSelection
+from mgf_engine.town.view_selection import HullScene, ViewSelection
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -94,29 +92,22 @@ def sides_of(
 
 
 def suggest_clicks(
-    scene: Scene,
-    georeference: Georeference,
-    hull: Hull,
-    number: int,
-    hulls: Sequence[Hull],
-    points: Array,
-    drawn: HullBuffers,
-    choice: ViewSelection,
-    metre: float,
-    options: ClickOptions = ClickOptions(),
+    town: HullScene, number: int, choice: ViewSelection, options: ClickOptions = ClickOptions()
 ) -> dict[str, dict[str, list[list[float]]]]:
     """Suggest clicks on one building in the form of ``prompts.json``, pixels of the user's photos.
 
     Args:
-        number: of the hull in ``drawn``.
-        points: [P, 3] sparse points, local frame.
+        town: photos and hulls.
+        number: of the building's hull in the town.
         choice: its photos.
+        options: number of clicks, and how far they keep from edges.
     """
-    sides = sides_of(hull, hulls, points, metre, options)
-    alone = _mesh(scene, georeference, hull.polygon, hull.low - 0.3 * metre, hull.high)
+    scene, drawn, hull = town.scene, town.drawn, town.hulls[number]
+    sides = sides_of(hull, town.hulls, town.points, town.metre, options)
+    alone = _mesh(town, hull.polygon, hull.low - 0.3 * town.metre, hull.high)
     middle = hull.polygon.buffer(-0.15 * math.sqrt(hull.polygon.area))
     middle = middle if not middle.is_empty else hull.polygon
-    core = _mesh(scene, georeference, middle, hull.low, hull.low + 0.6 * (hull.high - hull.low))
+    core = _mesh(town, middle, hull.low, hull.low + 0.6 * (hull.high - hull.low))
     result: dict[str, dict[str, list[list[float]]]] = {}
     for index in _clicked(scene, choice, [float((owner == number).mean()) for owner in drawn.owner], options):
         rows = scene.observations(index)
@@ -163,9 +154,9 @@ def _clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float], optio
     return [photos[k] for k in sample_views(centres, directions, order, count)]
 
 
-def _mesh(scene: Scene, georeference: Georeference, polygon: object, low: float, high: float) -> Mesh:
+def _mesh(town: HullScene, polygon: object, low: float, high: float) -> Mesh:
     vertices, faces = prism(polygon, low, high)
-    vertices = to_normalised(scene, georeference, vertices)
+    vertices = town.normalised(vertices)
     return Mesh(vertices, faces, np.zeros(vertices.shape, np.uint8))
 
 

@@ -21,14 +21,7 @@ from mgf_engine.town.find import OutlineOptions, find_outlines
 from mgf_engine.town.footprints import Footprints
 from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN, Hull, HullOptions, make_hulls
 from mgf_engine.town.place import Placed, local_points, near_scene
-from mgf_engine.town.view_selection import (
-    FEWEST,
-    BuildingViewOptions,
-    HullBuffers,
-    ViewSelection,
-    choose_photos,
-    draw_hulls,
-)
+from mgf_engine.town.view_selection import FEWEST, BuildingViewOptions, HullScene, ViewSelection, choose_photos
 
 Array = NDArray[np.float64]
 BUILDINGS, SCENE, FILE, ONE = "buildings", "scene", "buildings.json", "building.json"
@@ -139,11 +132,11 @@ def make_plan(
     hulls = make_hulls([footprints.ids[k] for k in near], placed.polygons[near], points, placed.metre, options.hulls)
     hulls += _unmapped(placed, points, hulls, options)
     standing = [h for h in hulls if h.state != GONE] or hulls
-    drawn = draw_hulls(scene, placed.georeference, standing, placed.metre, options.views)
+    town = HullScene.draw(scene, placed.georeference, placed.metre, points, standing, options.views)
     buildings = []
     for count, hull in enumerate(hulls, 1):
         number = next((k for k, other in enumerate(standing) if other is hull), -1)
-        buildings.append(plan_building(scene, placed, hull, number, standing, points, drawn, most, options))
+        buildings.append(plan_building(town, hull, number, most, options))
         say(f"{count} of {len(hulls)} buildings: {hull.id}, {buildings[-1].hull.state}")
     return Plan(scene, placed, tuple(buildings), len(footprints.ids) - len(near), footprints.passed_over, options)
 
@@ -164,32 +157,26 @@ def _unmapped(placed: Placed, points: Array, hulls: Sequence[Hull], options: Pla
 
 
 def plan_building(
-    scene: Scene,
-    placed: Placed,
-    hull: Hull,
-    number: int,
-    hulls: Sequence[Hull],
-    points: Array,
-    drawn: HullBuffers,
-    most: int,
-    options: PlanOptions = PlanOptions(),
+    town: HullScene, hull: Hull, number: int, most: int, options: PlanOptions = PlanOptions()
 ) -> Building:
     """Choose photos and clicks of one building.
 
     Args:
-        number: of the hull among ``hulls`` and in ``drawn``; -1 where it is not among them.
+        town: photos and hulls.
+        hull: of the building.
+        number: of the hull in the town; -1 where it is not among those.
+        most: photos at most.
+        options: of the photos and the clicks, and what is too little.
     """
     if number < 0 or hull.state == UNMAPPED:
         return Building(hull, ViewSelection([], 0.0, 0.0, 0.0, 0), {})
-    choice = choose_photos(scene, placed.georeference, hull, number, hulls, drawn, most, placed.metre, options.views)
+    choice = choose_photos(town, number, most, options.views)
     if len(choice.photos) < FEWEST:
         few = f"Photos that show it: {len(choice.photos)}, where {FEWEST} are needed; fly there again."
         return Building(replace(hull, state=UNSEEN, reason=few), choice, {})
     if hull.state != READY:
         return Building(hull, choice, {})
-    clicks = suggest_clicks(
-        scene, placed.georeference, hull, number, hulls, points, drawn, choice, placed.metre, options.clicks
-    )
+    clicks = suggest_clicks(town, number, choice, options.clicks)
     if len(clicks) < FEWEST:
         few = f"Only {len(clicks)} photos show spots that surely are on it; click it by hand."
         return Building(replace(hull, state=DOUBTFUL, reason=few), choice, {})

@@ -28,7 +28,7 @@ from mgf_engine.town.hulls import READY, make_hulls
 from mgf_engine.town.place import local_points, place_scene
 from mgf_engine.town.plan import PlanOptions
 from mgf_engine.town.submodel import write_if_changed
-from mgf_engine.town.view_selection import FEWEST, choose_photos, draw_hulls
+from mgf_engine.town.view_selection import FEWEST, HullScene, choose_photos
 
 Array = NDArray[np.float64]
 Clicks = dict[str, dict[str, list[list[float]]]]
@@ -114,9 +114,9 @@ def clicks_on_one(
     hulls = make_hulls([str(k) for k in range(len(shapes))], shapes, points, metre, options.hulls)
     if hulls[0].state != READY:
         raise BadInput(f"No clicks can be suggested there: {hulls[0].reason}")
-    drawn = draw_hulls(scene, georeference, hulls, metre, options.views)
-    choice = choose_photos(scene, georeference, hulls[0], 0, hulls, drawn, len(scene.views), metre, options.views)
-    clicks = suggest_clicks(scene, georeference, hulls[0], 0, hulls, points, drawn, choice, metre, options.clicks)
+    town = HullScene.draw(scene, georeference, metre, points, hulls, options.views)
+    choice = choose_photos(town, 0, len(scene.views), options.views)
+    clicks = suggest_clicks(town, 0, choice, options.clicks)
     if len(clicks) < FEWEST:
         raise BadInput(f"Only {len(clicks)} photos show spots that surely are on the building; click it by hand.")
     middle = shapely.centroid(wanted)

@@ -52,6 +52,54 @@ class HullBuffers:
 
 
 @dataclass(frozen=True)
+class HullScene:
+    """The photos of a town with the hulls of all its buildings.
+
+    Attributes:
+        scene: photos and cameras.
+        georeference: scene frame to local frame.
+        metre: length of a metre in the local frame.
+        points: [P, 3] sparse points, local frame.
+        hulls: of the buildings, local frame.
+        drawn: the hulls as the photos see them.
+    """
+
+    scene: Scene
+    georeference: Georeference
+    metre: float
+    points: Array
+    hulls: Sequence[Hull]
+    drawn: HullBuffers
+
+    @classmethod
+    def draw(
+        cls,
+        scene: Scene,
+        georeference: Georeference,
+        metre: float,
+        points: Array,
+        hulls: Sequence[Hull],
+        options: BuildingViewOptions = BuildingViewOptions(),
+    ) -> HullScene:
+        """Draw the hulls into the photos.
+
+        Args:
+            scene: photos and cameras.
+            georeference: scene frame to local frame.
+            metre: length of a metre in the local frame.
+            points: [P, 3] sparse points, local frame.
+            hulls: of the buildings, local frame.
+            options: size of the maps.
+        """
+        drawn = draw_hulls(scene, georeference, hulls, metre, options)
+        return cls(scene, georeference, metre, points, hulls, drawn)
+
+    def normalised(self, points: Array) -> Array:
+        """Convert points [N, 3] of the local frame to the normalised frame."""
+        return to_normalised(self.scene, self.georeference, points)
+
+
+@dataclass(frozen=True)
 class ViewSelection:
     """The photos of one building.
 
@@ -114,15 +162,7 @@ def draw_hulls(
 
 
 def choose_photos(
-    scene: Scene,
-    georeference: Georeference,
-    hull: Hull,
-    number: int,
-    hulls: Sequence[Hull],
-    drawn: HullBuffers,
-    most: int,
-    metre: float,
-    options: BuildingViewOptions = BuildingViewOptions(),
+    town: HullScene, number: int, most: int, options: BuildingViewOptions = BuildingViewOptions()
 ) -> ViewSelection:
     """Choose the photos worth using for a hull: together they see as much of it as possible, near and face on.
 
@@ -130,16 +170,19 @@ def choose_photos(
     resolution there, over that of the best photo, less for spots that photos taken before show already.
 
     Args:
-        number: of the hull among ``hulls`` and in ``drawn``.
+        town: photos and hulls.
+        number: of the hull in the town.
         most: photos at most.
+        options: spots of the hull, and what a photo must show of them.
     """
+    hull, metre = town.hulls[number], town.metre
     low = max(hull.low, hull.low + 0.1 * (hull.high - hull.low))
     spots, normals = samples(hull.polygon, low, hull.high, options.spacing * metre)
-    outside = _towards_neighbours(spots + options.party_wall * metre * normals, hull, hulls)
+    outside = _towards_neighbours(spots + options.party_wall * metre * normals, hull, town.hulls)
     spots, normals = spots[~outside], normals[~outside]
-    places = to_normalised(scene, georeference, spots)
-    turned = to_normalised(scene, georeference, spots + normals * metre) - places
-    seen = _look(scene, drawn, number, places, turned, options)
+    places = town.normalised(spots)
+    turned = town.normalised(spots + normals * metre) - places
+    seen = _look(town.scene, town.drawn, number, places, turned, options)
     candidates = int((seen.shares > 0).sum())
     worth = (seen.shares >= options.least_share) & (seen.quality > 0).any(1)
     if not worth.any():

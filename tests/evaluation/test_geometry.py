@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.geometry import mask_iou, score_surface
+from mgf_engine.evaluation.geometry import ComparisonOptions, mask_iou, score_surface
 from mgf_engine.evaluation.materials import Materials, read_materials
 from mgf_engine.evaluation.surfaces import SeeingCamera, Surface, read_surface
 
@@ -39,25 +39,25 @@ def camera_from_above(mask: np.ndarray | None = None) -> SeeingCamera:
 
 def test_truth_against_itself_is_perfect_at_every_threshold() -> None:
     ball = sphere(3.0)
-    scores = score_surface(ball, ball, (1e-6, 0.01, 1.0), samples=20_000)
+    scores = score_surface(ball, ball, (1e-06, 0.01, 1.0), ComparisonOptions(20000))
     assert scores.accuracy == scores.completeness == scores.f1 == (100.0, 100.0, 100.0)
     assert scores.mean_error < 1e-9 and scores.mean_gap < 1e-9
 
 
 def test_a_shifted_plane_is_right_from_the_size_of_the_shift_on() -> None:
-    scores = score_surface(plane(0.05), plane(0.0), (0.049, 0.051), samples=5_000)
+    scores = score_surface(plane(0.05), plane(0.0), (0.049, 0.051), ComparisonOptions(5000))
     assert scores.f1 == (0.0, 100.0)
     assert scores.mean_error == pytest.approx(0.05) and scores.median_gap == pytest.approx(0.05)
 
 
 def test_concentric_spheres_are_their_difference_in_radius_apart() -> None:
-    scores = score_surface(sphere(1.02), sphere(1.0), (0.019, 0.022), samples=20_000)
+    scores = score_surface(sphere(1.02), sphere(1.0), (0.019, 0.022), ComparisonOptions(20000))
     assert scores.mean_error == pytest.approx(0.02, rel=0.02)
     assert scores.f1[0] < 5 and scores.f1[1] == 100.0
 
 
 def test_half_a_plane_is_accurate_but_half_complete() -> None:
-    scores = score_surface(plane(0.0, start=2.0), plane(0.0), (1e-6,), samples=20_000)
+    scores = score_surface(plane(0.0, start=2.0), plane(0.0), (1e-06,), ComparisonOptions(20000))
     assert scores.accuracy == (100.0,)
     assert scores.completeness[0] == pytest.approx(50.0, abs=0.5)
     assert scores.f1[0] == pytest.approx(2 * 100 * 50 / 150, abs=0.5)
@@ -81,9 +81,9 @@ def test_true_points_no_camera_saw_are_left_out() -> None:
     truth = Surface(
         np.concatenate([low.vertices, high.vertices]), np.concatenate([low.faces, high.faces + len(low.vertices)])
     )
-    everything = score_surface(high, truth, (0.01,), samples=30_000)
+    everything = score_surface(high, truth, (0.01,), ComparisonOptions(30000))
     assert everything.completeness[0] == pytest.approx(100 / 3, abs=1)
-    seen = score_surface(high, truth, (0.01,), samples=30_000, cameras=[camera_from_above()])
+    seen = score_surface(high, truth, (0.01,), ComparisonOptions(30000, cameras=[camera_from_above()]))
     # Under the upper plane (2 <= x <= 4), the camera at x = 2 sees nothing of the lower one.
     assert seen.completeness[0] == pytest.approx(50.0, abs=1)
     assert seen.truth_seen == pytest.approx(200 / 3, abs=1)
@@ -92,15 +92,15 @@ def test_true_points_no_camera_saw_are_left_out() -> None:
 def test_a_mask_hides_what_stands_behind_an_occluder() -> None:
     mask = np.ones((100, 100), dtype=bool)
     mask[:, :50] = False
-    scores = score_surface(plane(0.0), plane(0.0), (0.01,), samples=10_000, cameras=[camera_from_above(mask)])
+    scores = score_surface(plane(0.0), plane(0.0), (0.01,), ComparisonOptions(10000, cameras=[camera_from_above(mask)]))
     assert scores.truth_seen == pytest.approx(50.0, abs=1)
 
 
 def test_what_lies_outside_the_crop_does_not_count() -> None:
     big = Surface(plane(0.0, size=4.0).vertices * 2, plane(0.0).faces)
     crop = np.array([[0.0, 0, -1], [4, 4, 1]])
-    assert score_surface(big, plane(0.0), (0.01,), samples=10_000).accuracy[0] == pytest.approx(25, abs=1)
-    cropped = score_surface(big, plane(0.0), (0.01,), samples=10_000, crop=crop)
+    assert score_surface(big, plane(0.0), (0.01,), ComparisonOptions(10000)).accuracy[0] == pytest.approx(25, abs=1)
+    cropped = score_surface(big, plane(0.0), (0.01,), ComparisonOptions(10000, crop=crop))
     assert cropped.f1 == (100.0,)
     assert cropped.outside_crop == pytest.approx(75, abs=1)
 
@@ -109,12 +109,12 @@ def test_a_part_of_the_truth_can_be_left_out_on_both_sides() -> None:
     wall, roof = plane(0.0), plane(5.0)
     both = Surface(np.r_[wall.vertices, roof.vertices], np.r_[wall.faces, roof.faces + len(wall.vertices)])
     poor = Surface(np.r_[wall.vertices, plane(5.3).vertices], both.faces)  # the roof is off, the wall is right
-    assert score_surface(poor, both, (0.01,), samples=10_000).f1[0] == pytest.approx(50, abs=1)
-    rest = score_surface(poor, both, (0.01,), samples=10_000, leave_out=roof)
+    assert score_surface(poor, both, (0.01,), ComparisonOptions(10000)).f1[0] == pytest.approx(50, abs=1)
+    rest = score_surface(poor, both, (0.01,), ComparisonOptions(10000), leave_out=roof)
     assert rest.f1 == (100.0,) and rest.truth_seen == 100.0
-    assert score_surface(poor, both, (0.01,), samples=10_000, leave_out=wall).f1 == (0.0,)
+    assert score_surface(poor, both, (0.01,), ComparisonOptions(10000), leave_out=wall).f1 == (0.0,)
     with pytest.raises(BadInput, match="to be judged"):
-        score_surface(poor, both, (0.01,), samples=100, leave_out=both)
+        score_surface(poor, both, (0.01,), ComparisonOptions(100), leave_out=both)
 
 
 @pytest.mark.parametrize("kind", ["rigid", "similarity"])
@@ -124,14 +124,14 @@ def test_alignment_undoes_a_motion(kind: str) -> None:
     turn = trimesh.transformations.rotation_matrix(0.06, [0.3, -0.2, 1.0])[:3, :3]
     scale = 1.04 if kind == "similarity" else 1.0
     moved = Surface(scale * truth.vertices @ turn.T + [0.1, -0.08, 0.05], truth.faces)
-    assert score_surface(moved, truth, (0.002,), samples=5_000).f1[0] < 30
-    assert score_surface(moved, truth, (0.002,), samples=5_000, align=kind).f1[0] == 100.0
+    assert score_surface(moved, truth, (0.002,), ComparisonOptions(5000)).f1[0] < 30
+    assert score_surface(moved, truth, (0.002,), ComparisonOptions(5000, align=kind)).f1[0] == 100.0
 
 
 def test_rigid_alignment_keeps_the_scale() -> None:
     truth = sphere(1.0)
     bigger = Surface(truth.vertices * 1.1, truth.faces)
-    scores = score_surface(bigger, truth, (0.01,), samples=2_000, align="rigid")
+    scores = score_surface(bigger, truth, (0.01,), ComparisonOptions(2000, align="rigid"))
     assert np.linalg.det(np.array(scores.alignment)[:3, :3]) == pytest.approx(1.0)
     assert scores.mean_error > 0.05
 
@@ -164,7 +164,7 @@ def test_files_give_the_same_scores_as_surfaces(tmp_path: Path) -> None:
     for end in ("ply", "obj", "glb"):
         path = tmp_path / f"straße ball.{end}"
         ball.export(path)
-        scores = score_surface(read_surface(path), read_surface(path), (0.001,), samples=1_000)
+        scores = score_surface(read_surface(path), read_surface(path), (0.001,), ComparisonOptions(1000))
         assert scores.f1 == (100.0,)
         assert json.loads(json.dumps(scores.as_dict()))["hygiene"]["faces"] == len(ball.faces)
 
@@ -180,10 +180,10 @@ def test_bad_input_is_one_clear_sentence(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"no faces|Cannot read"):
         read_surface(tmp_path / "cloud.ply")
     with pytest.raises(BadInput, match="larger than 0"):
-        score_surface(plane(0), plane(0), (0.0,), samples=10)
+        score_surface(plane(0), plane(0), (0.0,), ComparisonOptions(10))
     far = np.array([[90.0, 90, 90], [99, 99, 99]])
     with pytest.raises(BadInput, match="share one frame"):
-        score_surface(plane(0), plane(0), (0.1,), samples=10, crop=far)
+        score_surface(plane(0), plane(0), (0.1,), ComparisonOptions(10, crop=far))
     with pytest.raises(BadInput, match="not numbers"):
         Surface(np.full((3, 3), np.nan), np.array([[0, 1, 2]]))
 
@@ -196,12 +196,14 @@ def bent(degrees: float) -> Surface:
 
 
 def test_normals_are_measured_where_the_mesh_is_near_the_truth() -> None:
-    scores = score_surface(bent(3.0), plane(0.0), (10.0,), samples=5_000)
+    scores = score_surface(bent(3.0), plane(0.0), (10.0,), ComparisonOptions(5000))
     assert scores.normal_median == pytest.approx(3.0) and scores.normal_90 == pytest.approx(3.0)
     turned = Surface(bent(3.0).vertices, bent(3.0).faces[:, ::-1])
-    assert score_surface(turned, plane(0.0), (10.0,), samples=5_000).normal_90 == pytest.approx(3.0)
-    assert score_surface(plane(0.0), plane(0.0), (0.1,), samples=5_000).normal_90 == pytest.approx(0.0, abs=1e-6)
-    assert score_surface(plane(1.0), plane(0.0), (0.1,), samples=5_000).normal_median is None
+    assert score_surface(turned, plane(0.0), (10.0,), ComparisonOptions(5000)).normal_90 == pytest.approx(3.0)
+    assert score_surface(plane(0.0), plane(0.0), (0.1,), ComparisonOptions(5000)).normal_90 == pytest.approx(
+        0.0, abs=1e-6
+    )
+    assert score_surface(plane(1.0), plane(0.0), (0.1,), ComparisonOptions(5000)).normal_median is None
 
 
 def test_scores_by_material() -> None:
@@ -210,19 +212,19 @@ def test_scores_by_material() -> None:
     names = np.r_[np.full(len(wall.faces), 2), np.zeros(len(roof.faces))].astype(np.int64)
     poor = Surface(np.r_[wall.vertices, plane(5.3, size=2.0).vertices], both.faces)
     scores = score_surface(
-        poor, both, (0.01, 0.5), samples=10_000, materials=Materials(("slate", "glass", "brick"), names)
+        poor, both, (0.01, 0.5), ComparisonOptions(10000), materials=Materials(("slate", "glass", "brick"), names)
     )
     assert list(scores.materials) == ["brick", "slate"]  # the largest first; no face is of glass
     brick, slate = scores.materials.values()
     assert brick.share == pytest.approx(80, abs=0.5) and brick.f1 == (100.0, 100.0)
     assert slate.f1 == (0.0, 100.0) and slate.normal_90 == pytest.approx(0.0, abs=1e-6)
     nothing = score_surface(
-        wall, both, (0.01,), samples=10_000, materials=Materials(("slate", "glass", "brick"), names)
+        wall, both, (0.01,), ComparisonOptions(10000), materials=Materials(("slate", "glass", "brick"), names)
     )
     assert nothing.materials["slate"].f1 == (0.0,) and nothing.materials["slate"].normal_median is None
     json.dumps(nothing.as_dict(), allow_nan=False)
     without = score_surface(
-        poor, both, (0.01,), samples=10_000, leave_out=roof, materials=Materials(("a", "b", "c"), names)
+        poor, both, (0.01,), ComparisonOptions(10000), leave_out=roof, materials=Materials(("a", "b", "c"), names)
     )
     assert list(without.materials) == ["c"]
 

@@ -205,7 +205,7 @@ def test_pictures_wait_for_the_page_in_the_size_it_shows(monkeypatch) -> None:
     )
     monkeypatch.setattr(job_report, "render_view", lambda *given: drawn)
     monkeypatch.setattr(job_report, "shaded", lambda *given, **how: rgb)
-    report = job_report._view_report(0, scene, masks, None, None, 0, True)
+    report = job_report._view_report(0, job_report.JobResults(scene, masks, None, None), 0, True)
     monkeypatch.setattr(job_report, "draw_textured", lambda *given: (rgb, None))
     quality = job_report._show_texture(None, None, scene, masks, [report])
     assert quality is not None and quality > 40  # in full size: the same picture

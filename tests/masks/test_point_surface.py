@@ -11,7 +11,7 @@ from masks.test_building_extent import camera
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs
 from mgf_engine.masks.geometry.point_features import measure_point_features
-from mgf_engine.masks.geometry.point_surface import SPLAT, Surface, _first_of_each, make_surface
+from mgf_engine.masks.geometry.point_surface import SPLAT, Columns, Surface, _first_of_each, make_surface
 from mgf_engine.model.scene import Scene, Similarity, View
 
 SIZE = (100, 150)
@@ -23,7 +23,7 @@ def wall(coarse: float) -> Surface:
     points = np.stack([rng.uniform(-2, 2, 20_000), np.full(20_000, -1.0), rng.uniform(1, 3, 20_000)], 1)
     blank = _scene(points)
     shape = measure_point_features(blank)
-    return make_surface(blank, shape, np.ones(len(points), bool), None, discs=True, coarse=coarse)
+    return make_surface(blank, shape, np.ones(len(points), bool), discs=True, coarse=coarse)
 
 
 def _scene(points: np.ndarray) -> Scene:
@@ -115,7 +115,7 @@ def columns_below(points: np.ndarray) -> np.ndarray:
     ground = Ground(np.array([0.0, 0, 1]), 0.0, 0.01)
     shape, every = measure_point_features(blank), np.ones(len(points), bool)
     over = Overhangs(points, shape.up, float(np.median(shape.spacing)))
-    samples = make_surface(blank, shape, every, ground, discs=False, overhangs=over).samples
+    samples = make_surface(blank, shape, every, discs=False, columns=Columns(over, ground)).samples
     return samples[np.abs(samples[:, 2] - 1.5) < 0.3, :2]
 
 

@@ -11,7 +11,7 @@ import pytest
 from mgf_engine.mesh.depth_maps import depth_map
 from mgf_engine.mesh.fusion_options import TsdfOptions
 from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface
-from mgf_engine.mesh.prior import Prior, PriorOptions, choose_depths, combine_surfaces
+from mgf_engine.mesh.prior import KnownSurface, Prior, PriorOptions, choose_depths, combine_surfaces
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.raster.points import INSIDE
 from tests.mesh.test_photometric import SIZE, view
@@ -38,10 +38,9 @@ def likes(depth: float):
 
 def decide(field: float, prior: float, sure: float, confirmed: float) -> tuple[Surface, Matched]:
     match = likes(confirmed)
-    both, known = combine_surfaces(surface(field), surface(prior), NOTHING + np.float32(sure)), surface(prior)
-    return choose_depths(
-        both, known, NOTHING + np.float32(sure), match(both, [], MatchOptions()), [], MatchOptions(), match
-    )
+    known = KnownSurface(surface(prior), NOTHING + np.float32(sure))
+    both = combine_surfaces(surface(field), known)
+    return choose_depths(both, known, match(both, [], MatchOptions()), [], MatchOptions(), match)
 
 
 @pytest.mark.parametrize(("confirmed", "taken"), [(AT, AT), (BESIDE, BESIDE), (9.0, BESIDE)])
@@ -59,7 +58,7 @@ def test_the_prior_fills_what_the_field_does_not_show() -> None:
 def test_a_sure_plane_stands_for_a_field_that_lies_almost_on_it() -> None:
     near = AT * (1 + 1.0 / view(0.0).fx)
     for sure, taken in ((1.0, AT), (0.0, near)):
-        both = combine_surfaces(surface(near), surface(AT), NOTHING + np.float32(sure))
+        both = combine_surfaces(surface(near), KnownSurface(surface(AT), NOTHING + np.float32(sure)))
         np.testing.assert_allclose(both.depth, taken, rtol=1e-6)
 
 
@@ -80,11 +79,11 @@ def test_a_view_shows_the_prior_from_the_front_only() -> None:
     square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     front = Mesh(square, np.array([[0, 2, 1], [0, 3, 2]], np.int32), np.zeros((4, 3), np.uint8))
     sure = np.array([0.3, 0.7], np.float32)
-    shown, known = Prior(front, sure).seen_from(seen, np.zeros((SIZE, SIZE), np.uint8))
-    assert set(np.unique(known)) == {np.float32(0), np.float32(0.3), np.float32(0.7)}
-    assert (shown.depth[known > 0] > 4.5).all()
+    known = Prior(front, sure).seen_from(seen, np.zeros((SIZE, SIZE), np.uint8))
+    assert set(np.unique(known.sure)) == {np.float32(0), np.float32(0.3), np.float32(0.7)}
+    assert (known.surface.depth[known.sure > 0] > 4.5).all()
     back = replace(front, faces=front.faces[:, ::-1].copy())
-    assert not Prior(back, sure).seen_from(seen, np.zeros((SIZE, SIZE), np.uint8))[0].depth.any()
+    assert not Prior(back, sure).seen_from(seen, np.zeros((SIZE, SIZE), np.uint8)).surface.depth.any()
 
 
 def test_matching_without_neighbours_leaves_the_prior_alone() -> None:

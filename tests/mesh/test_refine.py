@@ -19,7 +19,7 @@ from mgf_engine.mesh.extract import extract_mesh, find_trusted_views
 from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.refine import refine
-from mgf_engine.mesh.tsdf import Photos
+from mgf_engine.mesh.trusted_views import Photos, TrustedViews
 
 from .test_extract import mesh_options, reporter
 
@@ -53,12 +53,16 @@ def setting():
     return views, verdicts, truth, replace(truth, vertices=truth.vertices * (1 + dents)[:, None]), pixel
 
 
+def trusted(views, verdicts, greys, near) -> TrustedViews:
+    return TrustedViews(list(range(len(views))), views, verdicts, [], Photos(lambda k: greys[k], near))
+
+
 def refined(setting, plain: bool, rounds: int = 1):
     views, verdicts, _, dented, _ = setting
     greys = [painted(view, plain) for view in views]
     near = [[k for k in (n - 1, n + 1) if 0 <= k < len(views)] for n in range(len(views))]
     shares: list[float] = []
-    mesh = refine(dented, views, verdicts, Photos(lambda k: greys[k], near), rounds, shares.append, UNSMOOTHED)
+    mesh = refine(dented, trusted(views, verdicts, greys, near), rounds, shares.append, UNSMOOTHED)
     assert shares == sorted(shares) and (not rounds or 0.5 < shares[-1] <= 1)
     return mesh
 
@@ -103,7 +107,7 @@ def test_a_thin_bar_does_not_shrink(setting):
     width = 1.25 * ground_pixels(bar, views).mean()
     thin = replace(bar, vertices=bar.vertices * (width, width, 1.0))
     greys = [painted(view, plain=True) for view in views]
-    refined_bar = refine(thin, views, verdicts, Photos(lambda k: greys[k], [[] for _ in views]), 1, fusion=UNSMOOTHED)
+    refined_bar = refine(thin, trusted(views, verdicts, greys, [[] for _ in views]), 1, fusion=UNSMOOTHED)
     before, after, smoothed = (as_trimesh(mesh).volume for mesh in (thin, refined_bar, smooth(thin, 2)))
     assert smoothed < 0.93 * before and after > 0.98 * before
 

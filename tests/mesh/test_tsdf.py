@@ -9,7 +9,7 @@ import pytest
 from support.analytic import HEIGHT, WIDTH, camera, ring
 
 from mgf_engine.mesh import depth_maps
-from mgf_engine.mesh.depth_maps import DepthMap, make_depth_maps
+from mgf_engine.mesh.depth_maps import DepthMap, ViewSurfaces, make_depth_maps
 from mgf_engine.mesh.fusion_options import TsdfOptions
 from mgf_engine.mesh.isosurface import FREE, SOLID
 from mgf_engine.mesh.photometric import Surface
@@ -41,7 +41,7 @@ def wall_field(deeper: int, masks: list[np.ndarray] | None = None) -> TsdfField:
         normal[..., 2] = -1
         return Surface(view, np.zeros(depth.shape, np.uint8), depth, normal, np.zeros(depth.shape, bool))
 
-    return TsdfField(make_depth_maps(show, masks or [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT))
+    return TsdfField(make_depth_maps(ViewSurfaces(show), masks or [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT))
 
 
 def behind(pixels: float) -> np.ndarray:

@@ -7,15 +7,21 @@ import pytest
 import torch
 from rendered import device_of
 
-from mgf_engine.raster.adam import adam_step
+from mgf_engine.raster.adam import AdamStep, adam_step
 
 SHAPES = [(0, 3), (1, 3), (7, 4), (100,), (300, 16, 3), (5000, 3)]
 
 
 def tensors(*shape: int) -> list[torch.Tensor]:
+    """Parameter, gradient and both moments."""
     g = torch.Generator().manual_seed(0)
     p, gradient, m, v = (torch.randn(*shape, generator=g) for _ in range(4))
     return [p, gradient, 0.1 * m, 0.01 * v.abs()]
+
+
+def take(values: list[torch.Tensor], step: AdamStep, visible: torch.Tensor | None = None, **options) -> None:
+    parameter, gradient, first, second = values
+    adam_step(parameter, gradient, (first, second), step, visible, **options)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -27,8 +33,9 @@ def test_agrees_with_plain_torch(backend: str, shape: tuple[int, ...], case: str
     rate = torch.linspace(0.01, 0.1, width) if case in ("rates", "columns") else 0.02
     active = max(1, width // 4) if case == "columns" else None
     for step in (1, 2, 50):
-        adam_step(*ours, rate, step, None if seen is None else seen.to(ours[0].device), active=active, backend=backend)
-        adam_step(*twin, rate, step, seen, active=active, backend="reference")
+        shown = None if seen is None else seen.to(ours[0].device)
+        take(ours, AdamStep(rate, step), shown, active=active, backend=backend)
+        take(twin, AdamStep(rate, step), seen, active=active, backend="reference")
     for a, b, start in zip([t.cpu() for t in ours], twin, tensors(*shape), strict=True):
         assert torch.allclose(a, b, rtol=1e-5, atol=1e-5)  # steps of up to 10 where v is almost 0
         if seen is not None:
@@ -43,12 +50,12 @@ def test_agrees_with_torch_optim(variant: str) -> None:
     for step in range(1, 11):
         parameter.grad = gradient * step
         optimiser.step()
-        adam_step(own, gradient * step, m, v, 0.05, step)
+        adam_step(own, gradient * step, (m, v), AdamStep(0.05, step))
     assert torch.allclose(own, parameter.detach(), atol=1e-5)
 
 
 def test_wrong_rates_are_refused() -> None:
     with pytest.raises(ValueError, match="rates"):
-        adam_step(*tensors(5, 3), torch.ones(2), 1)
+        take(tensors(5, 3), AdamStep(torch.ones(2), 1))
     with pytest.raises(ValueError, match="float32"):
-        adam_step(*(t.double() for t in tensors(5, 3)), 0.1, 1)
+        take([t.double() for t in tensors(5, 3)], AdamStep(0.1, 1))

@@ -16,7 +16,7 @@ from mgf_engine.geometry.rasterize import corners, draw_triangles
 from mgf_engine.model.scene import View
 from mgf_engine.model.topology import Adjacency
 from mgf_engine.native import build, library
-from mgf_engine.raster.adam import adam_step
+from mgf_engine.raster.adam import AdamStep, adam_step
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.loss import LossWeights, image_loss, photo_side
 from mgf_engine.raster.points import INSIDE, PointOpacity
@@ -80,8 +80,8 @@ def render() -> None:
 
 
 def step() -> None:
-    values = [torch.ones(5000, 3) for _ in range(4)]
-    adam_step(*values, lr=0.1, step=1, backend="cpu")
+    parameter, gradient, first, second = (torch.ones(5000, 3) for _ in range(4))
+    adam_step(parameter, gradient, (first, second), AdamStep(0.1, 1), backend="cpu")
 
 
 def opacity() -> None:

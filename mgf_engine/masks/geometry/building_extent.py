@@ -26,7 +26,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs, enclosed
 from mgf_engine.masks.geometry.point_features import PointFeatures
-from mgf_engine.masks.geometry.point_surface import Map, SurfaceOptions, make_surface
+from mgf_engine.masks.geometry.point_surface import Columns, Map, SurfaceOptions, make_surface
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.gravity import looking_down
 
@@ -101,18 +101,15 @@ class BuildingExtent:
         self.scene, self.keep, self.ground = scene, keep, ground
         self.visibility = visibility
         fine = self.options.fine * _map_pixel(scene, keep, self.options)
-        over = None
+        columns = None
         if keep.any():
             spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene) is None
             over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen, options.overhangs)
-        self.columns = make_surface(
-            scene, shape, keep, ground, discs=False, overhangs=over, coarse=fine, options=options.surface
-        )
-        self.body = make_surface(
-            scene, shape, keep, ground, discs=True, overhangs=over, coarse=fine, options=options.surface
-        )
+            columns = Columns(over, ground)
+        self.columns = make_surface(scene, shape, keep, False, columns, fine, options.surface)
+        self.body = make_surface(scene, shape, keep, True, columns, fine, options.surface)
         others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)
-        self.others = make_surface(scene, shape, others, None, discs=True, coarse=fine, options=options.surface)
+        self.others = make_surface(scene, shape, others, True, None, fine, options.surface)
         self.floor = ground or _lowest(scene, shape, keep)
 
     def place(self, index: int) -> ViewRegions:

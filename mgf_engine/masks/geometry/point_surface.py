@@ -100,13 +100,25 @@ def _matrix(view: View, h: int, w: int) -> NDArray[np.float32]:
     return np.ascontiguousarray(frame @ np.column_stack([view.rotation, view.translation]), np.float32)
 
 
+@dataclass(frozen=True)
+class Columns:
+    """What is below points: columns of samples down to the ground.
+
+    Attributes:
+        overhangs: points that have none: discs instead, and what is astray among them is left out.
+        ground: where columns end; None: the lowest points around.
+    """
+
+    overhangs: Overhangs
+    ground: Ground | None
+
+
 def make_surface(
     scene: Scene,
     shape: PointFeatures,
     keep: Map,
-    ground: Ground | None,
     discs: bool,
-    overhangs: Overhangs | None = None,
+    columns: Columns | None = None,
     coarse: float = 0.0,
     options: SurfaceOptions = SurfaceOptions(),
 ) -> Surface:
@@ -116,10 +128,8 @@ def make_surface(
         scene: sparse points.
         shape: spacing, flatness and height of the points.
         keep: bool [P], points of the building.
-        ground: where columns end; None: the lowest points around.
         discs: add a disc around each point whose neighbours are flat.
-        overhangs: add what is below all but these, down to the ground; these get discs, and what is astray among them
-            is left out. None: no columns.
+        columns: add what is below points; None: nothing.
         coarse: side of the cells, where that is more than half the spacing of the points; finer ones are not seen.
         options: of the samples.
     """
@@ -129,6 +139,7 @@ def make_surface(
     spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
     cell = max(options.cell * usual, coarse)
     owner = np.flatnonzero(keep)
+    overhangs = None if columns is None else columns.overhangs
     if overhangs is not None:
         owner = owner[~(overhangs(scene.points[owner]) & shape.astray[owner])]
     samples = scene.points[owner]
@@ -136,9 +147,9 @@ def make_surface(
     if len(flat):
         wide, around = _discs(scene.points, spacing, shape, flat, options)
         samples, owner = _thin(np.concatenate([samples, wide]), np.concatenate([owner, around]), cell)
-    if overhangs is not None:
+    if columns is not None:
         top = _highest(samples, shape.up, cell)
-        top = top[~overhangs(samples[top])]
+        top, ground = top[~columns.overhangs(samples[top])], columns.ground
         height = np.maximum(ground.height(samples[top]), 0) if ground is not None else shape.height[owner[top]]
         below, count = _columns(samples[top], height, shape.up, cell, options)
         samples = np.concatenate([samples, below])

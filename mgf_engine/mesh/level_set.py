@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The level set: the surface between solid and free corners of tetrahedra, and what cleans it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.geometry import clean
+from mgf_engine.mesh.decimate import ground_pixels
+from mgf_engine.mesh.face_visibility import count_pixels
+from mgf_engine.mesh.holes import fill_holes
+from mgf_engine.mesh.isosurface import FREE, find_level, march
+from mgf_engine.mesh.mask_votes import cut_background
+from mgf_engine.mesh.opacity import OpacityField
+from mgf_engine.mesh.options import ExtractionOptions
+from mgf_engine.mesh.planar_clustering import merge_flat
+from mgf_engine.mesh.tetrahedra import TetraPoints
+from mgf_engine.mesh.tsdf import TsdfField
+from mgf_engine.mesh.unobserved_volumes import drop_unobserved
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+
+_CLASSIFIED = 0.3  # share of the extraction, for the progress bar
+
+
+def extract_level_set(
+    spanned: TetraPoints,
+    tetrahedra: NDArray[np.int32],
+    field: OpacityField | TsdfField,
+    steps: int,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Mesh:
+    """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
+
+    Args:
+        spanned: points of the tetrahedra.
+        tetrahedra: their corners, [T, 4].
+        field: tells solid from free.
+        steps: of the search for the level on each edge.
+        progress: called with the share of the work done.
+
+    Raises:
+        BadInput: there is no surface: everything is free, solid or unseen.
+    """
+    state = field.classify(spanned.points, lambda share: progress(_CLASSIFIED * share))
+    crossing = march(tetrahedra, state, spanned.points)
+    if len(crossing.faces) == 0:
+        raise BadInput("The field has no surface inside the masks; train longer, or check the masks and the cameras.")
+    kept = crossing.faces[~_overlong(spanned, crossing.edges)[crossing.faces].any(1)]
+    solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
+
+    def signed(points: NDArray[np.float64], share: float) -> NDArray[np.float32]:
+        return field.signed(
+            points, lambda step: progress(_CLASSIFIED + (1 - _CLASSIFIED) * (share + step / max(steps, 1)))
+        )
+
+    vertices = find_level(solid, free, signed, steps)
+    return Mesh(vertices, kept, np.zeros((len(vertices), 3), np.uint8))
+
+
+def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Return edges longer than the extents of both their Gaussians together: nothing is known along them, bool [E]."""
+    length = np.linalg.norm(spanned.points[edges[:, 0]] - spanned.points[edges[:, 1]], axis=1)
+    too_long: NDArray[np.bool_] = length > spanned.extent[edges].sum(1)
+    return too_long
+
+
+def clean_level_set(
+    mesh: Mesh,
+    field: OpacityField | TsdfField,
+    views: Sequence[View],
+    options: ExtractionOptions,
+    labels: Sequence[NDArray[np.uint8]] | None = None,
+) -> Mesh:
+    """Clean the level set: remove false parts, orient it outward, close small holes, smooth it.
+
+    Args:
+        mesh: the level set.
+        field: that it was extracted from.
+        views: the cameras.
+        options: which steps to take, and how.
+        labels: label map of each view, where the masks are to vote on the faces.
+
+    Raises:
+        BadInput: nothing is left.
+    """
+    mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
+    if options.merge_flat:
+        mesh = merge_flat(mesh, views, options.clustering)
+    free = lambda points: field.classify(points) == FREE  # noqa: E731
+    if options.drop_unseen:
+        mesh = replace(mesh, values=field.known(mesh.vertices))
+        if "confidence" in mesh.values:
+            confirmed = mesh.values["confidence"] >= options.fill.unconfirmed
+            mesh = drop_unobserved(mesh, confirmed, ground_pixels(mesh, views), free, options.volumes)
+        mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], options.made_up), values={})
+    mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, options.min_component))
+    counts = count_pixels(mesh, views, labels)
+    mesh = clean.orient_outward(mesh, counts.front, counts.back)
+    seen = np.ones(len(mesh.faces), bool)
+    if options.drop_unseen:
+        seen = clean.seen_parts(mesh, counts.front + counts.back, options.min_component)
+    if labels is None:
+        mesh = clean.with_faces(mesh, mesh.faces[seen])
+    else:
+        mesh = cut_background(mesh, views, labels, counts, seen, options.votes)
+        mesh = clean.drop_small_parts(mesh, options.min_component)
+        mesh = clean.split_nonmanifold(mesh)
+    if len(mesh.faces) == 0:
+        raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
+    if options.fill_holes:
+        mesh = fill_holes(mesh, options.small_hole * ground_pixels(mesh, views), free)
+    return clean.smooth(mesh, options.smoothing)

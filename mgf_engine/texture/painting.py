@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The choice of photos that paint a mesh, with the photos themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.model.scene import View
+from mgf_engine.scene.exposure import with_gain
+from mgf_engine.scene.photos import original_photo
+from mgf_engine.texture.model import Source
+from mgf_engine.texture.seams import Corrections
+from mgf_engine.texture.visibility import VisibilityOptions
+
+
+class Originals:
+    """The photos as the user took them, in the exposure of the working photos; working photos where they are gone.
+
+    Attributes:
+        gone: why each could not be read.
+    """
+
+    def __init__(self, views: list[View], working: Callable[[int], NDArray[np.uint8]]) -> None:
+        self._views, self._working = views, working
+        self.gone: list[str] = []
+
+    def __call__(self, index: int) -> Source:
+        view = self._views[index]
+        try:
+            image = original_photo(view)
+        except BadInput as error:
+            self.gone.append(str(error))
+            return Source(self._working(index), False)
+        if view.gain != (1.0, 1.0, 1.0):
+            image = with_gain(image, view.gain)
+        return Source(image, True)
+
+
+@dataclass(frozen=True)
+class Painting:
+    """Which photo paints which face, and how.
+
+    Attributes:
+        chosen: the views' places in the scene; views: those that may paint.
+        label: int32 [F], place among ``views``, :data:`NO_VIEW` where none shows the face.
+        neighbours: pairs of faces that share an edge, [E, 2].
+        corrections: what makes seams vanish.
+        source: place among ``views`` -> the photo to paint with.
+        visibility: options that the views were found by.
+    """
+
+    chosen: list[int]
+    views: list[View]
+    label: NDArray[np.int32]
+    neighbours: NDArray[np.int64]
+    corrections: Corrections
+    source: Originals
+    visibility: VisibilityOptions
