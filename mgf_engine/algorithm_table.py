@@ -69,6 +69,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("thin_structures", "masks", "Thin structures against the sky", "masks.refinement.thin_structures:ThinStructureOptions"),
     Algorithm("votes", "masks", "Vote of the masks on points and Gaussians", "masks.points:VoteOptions", also=("preview",)),
     Algorithm("propagation", "masks", "Drawing and checking of the masks", "masks.propagation.propagate:PropagationOptions", also=("preview",)),
+    Algorithm("mask_drawing", "masks", "Masks from the probability of building", "masks.segmenters.random_walker:MaskDrawingOptions", also=("preview",)),
     Algorithm("homogeneous_regions", "masks", "Completion of homogeneous regions", "masks.refinement.homogeneous_regions:HomogeneousRegionOptions"),
     Algorithm("mask_flags", "masks", "Masks that are left out", "masks.validation.mask_flags:FlagOptions"),
     Algorithm("densify_points", "masks", "Points by stereo where structure from motion found none", "masks.geometry.densify_points:DensifyOptions"),
@@ -116,6 +117,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("unobserved_volumes", "mesh", "Removal of volumes that no photo shows", "mesh.unobserved_volumes:UnobservedVolumeOptions"),
     Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mesh.options:ExtractionOptions"),
     Algorithm("tetrahedra", "mesh", "Points that the tetrahedra join", "mesh.tetrahedra:TetrahedraOptions"),
+    Algorithm("mesh_parts", "mesh", "Vote of the photos on the parts of faces", "mesh.parts:FacePartOptions", also=("drawings", "models")),
     Algorithm("component_filter", "mesh", "Parts of the mesh that no click belongs to", "mesh.component_filter:ComponentFilterOptions"),
     # deliver
     Algorithm("texture_visibility", "deliver", "Photos that show a face", "texture.visibility:VisibilityOptions", also=("drawings", "models")),
@@ -145,7 +147,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("scale_bar_fit", "georef", "Scale from known distances", "georef.options:ScaleBarOptions"),
     Algorithm("control_adjustment", "georef", "Bundle adjustment with control points", "georef.options:ControlAdjustmentOptions"),
     # town
-    Algorithm("town_plan", "town", "Buildings of a scene and their points", "town.plan:PlanOptions"),
+    Algorithm("town_plan", "town", "Buildings of a scene and their points", "town.plan:PlanOptions", also=("suggest-clicks",)),
     Algorithm("building_box", "town", "Crop box of each building", "town.crop:BuildingBoxOptions"),
     Algorithm("terrain", "town", "Terrain between the buildings", "town.terrain:TerrainOptions"),
     Algorithm("building_hulls", "town", "Ground and height of each building", "town.hulls:HullOptions", also=("suggest-clicks",)),

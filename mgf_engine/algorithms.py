@@ -34,6 +34,11 @@ def parameter(default: Any, help: str, unit: str = "", *, low: float | None = 0,
 
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}
+#: Option -> its name now; taken for one version, with a warning.
+RENAMED_OPTIONS = {
+    "patch_match.most_off": "patch_match.consistency_max_cost",
+    "patch_match.held_score": "patch_match.consistency_min_ncc",
+}
 
 
 def is_algorithm_option(name: str) -> bool:
@@ -132,7 +137,7 @@ def algorithm_values(given: dict[str, Any]) -> dict[str, Any]:
         BadInput: an unknown option, a value of the wrong type or outside its limits.
     """
     result = {}
-    for key, value in sorted(given.items()):
+    for key, value in sorted((RENAMED_OPTIONS.get(key, key), value) for key, value in given.items()):
         section, _, name = key.partition(".")
         spec = next((f for f in algorithm_named(section).parameters() if f.name == name), None)
         if spec is None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mgf_engine.algorithms import (
+    RENAMED_OPTIONS,
     algorithm_default,
     algorithm_named,
     algorithm_values,
@@ -364,8 +365,13 @@ def options_schema() -> dict[str, Any]:
 
 
 def renamed_values(given: dict[str, Any]) -> list[str]:
-    """Return a sentence for each value that :data:`RENAMED` still takes."""
-    return [
+    """Return a sentence for each value that :data:`RENAMED` still takes, and for each option of an earlier name."""
+    options = [
+        f"{name} has been renamed to {RENAMED_OPTIONS[name]}; the old name works in this version only."
+        for name in given
+        if name in RENAMED_OPTIONS
+    ]
+    return options + [
         f"{name}={value} has been renamed to {name}={RENAMED[name][value]}; the old value works in this version only."
         for name, value in given.items()
         if isinstance(value, str) and value in RENAMED.get(name, {})

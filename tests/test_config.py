@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mgf_engine.algorithms import RENAMED_OPTIONS, algorithm_default
 from mgf_engine.config import (
     PRESETS,
     RENAMED,
@@ -113,6 +114,18 @@ def test_a_value_of_an_earlier_version_is_taken_with_a_warning() -> None:
     (text,) = renamed_values({"segmenter": "grabcut", "weights": "grabcut", "seed": 3})
     assert "segmenter=random_walker" in text and "this version only" in text
     assert renamed_values({"segmenter": "random_walker"}) == []
+
+
+def test_options_of_an_earlier_name_are_taken_with_a_sentence() -> None:
+    old = {"patch_match.most_off": "2", "patch_match.held_score": 0.5}
+    now = make_config({"patch_match.consistency_max_cost": 2.0, "patch_match.consistency_min_ncc": 0.5})
+    assert make_config(old) == now
+    assert [text.split(" has been renamed to ")[0] for text in renamed_values(old)] == list(old)
+    for name in RENAMED_OPTIONS.values():
+        algorithm_default(name)  # fails where there is no such option
+
+
+def test_renamed_values_are_choices() -> None:
     assert all(new in Config.__dataclass_fields__[name].metadata["choices"] and old != new
                for name, values in RENAMED.items() for old, new in values.items())  # fmt: skip
 

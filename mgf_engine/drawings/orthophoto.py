@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.geometry.rasterize import render_mesh
-from mgf_engine.mesh.colors import SLACK
 from mgf_engine.model.masks import building
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.photos import Room
@@ -43,15 +42,15 @@ class Visibility:
         """
         camera = self._painting.views[view]
         at, depth = camera.project(points)
-        border = self._painting.visibility.border
+        border, hidden = self._painting.visibility.border, self._painting.visibility.hidden
         inside = (depth > 0) & (at > border).all(1) & (at < (camera.width - border, camera.height - border)).all(1)
         nearest, farthest, shown = self._looked(view)
         column, row = np.where(inside[:, None], at, 0).astype(np.int64).T
         ray = camera.centre - points
         facing = (ray * normals).sum(1) / np.maximum(np.linalg.norm(ray, axis=1), 1e-300)
-        inside &= (farthest[row, column] * (1 + SLACK) >= depth) & (shown[row, column] > 0)
+        inside &= (farthest[row, column] * (1 + hidden) >= depth) & (shown[row, column] > 0)
         inside &= facing > self._painting.visibility.least_cosine
-        clear = (nearest[row, column] * (1 + SLACK) >= depth) & (shown[row, column] > 1)
+        clear = (nearest[row, column] * (1 + hidden) >= depth) & (shown[row, column] > 1)
         size = facing * (camera.fx / np.where(inside, depth, 1.0)) ** 2
         return np.where(inside, np.where(clear, size, RIM * size), 0.0), inside & clear
 

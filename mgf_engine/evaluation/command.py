@@ -137,7 +137,7 @@ def _read_mesh(path: Path) -> Surface:
 
 def _compare_with_scan(args: argparse.Namespace, mesh: Surface) -> dict[str, Any]:
     """Print what a scan says about the mesh, and draw it where that was asked for; returns the figures."""
-    from mgf_engine.evaluation.scan import compare_with_scan, scan_table
+    from mgf_engine.evaluation.scan import ScanOptions, compare_with_scan, scan_table
     from mgf_engine.evaluation.scan_files import read_scan
     from mgf_engine.evaluation.scan_picture import write_scan_picture
     from mgf_engine.evaluation.surfaces import Surface
@@ -145,7 +145,9 @@ def _compare_with_scan(args: argparse.Namespace, mesh: Surface) -> dict[str, Any
     scan = read_scan(args.scan)
     origin = mesh.vertices.mean(0)  # near which ICP is exact, also at the size of UTM
     local = Surface(mesh.vertices - origin, mesh.faces, str(args.mesh))
-    scores, found = compare_with_scan(local, scan - origin, args.align or "rigid", args.thresholds, args.reach)
+    scores, found = compare_with_scan(
+        local, scan - origin, args.align or "rigid", args.thresholds, ScanOptions(args.reach)
+    )
     print(scan_table(scores))
     if args.picture:
         metres = (args.mesh / "georeferenced" / "mesh.ply").is_file()

@@ -19,13 +19,32 @@ from scipy.spatial import cKDTree
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Points, Surface
 
-PLANES = 8
-REACH = 3.0  # ground pixels that a point of a plane may lie beside it
-SAMPLES = 100_000
-FEWEST = 0.01  # share of all points below which no further plane is looked for
-#: Planes tried, points they are tried on, how many of the best are fitted, and how often.
-TRIES, TRIED_ON, FITTED, FITS = 4000, 4000, 12, 3
-NEAR = 30.0  # ground pixels within which the points lie that half of the planes are laid through
+
+@dataclass(frozen=True)
+class EvennessOptions:
+    """How the planes of a mesh are found; figures compare only where these are the same.
+
+    Attributes:
+        samples: number of points sampled on the mesh.
+        planes: maximum number of planes.
+        least_share: share of all points below which no further plane is looked for.
+        reach: distance from a plane within which a point lies in it, ground pixels.
+        near: distance within which the three points lie that half of the planes are laid through, ground pixels.
+        tries: number of planes that are tried.
+        tried_on: number of points they are tried on.
+        fitted: number of the best ones that are fitted.
+        rounds: number of rounds of fitting.
+    """
+
+    samples: int = 100_000
+    planes: int = 8
+    least_share: float = 0.01
+    reach: float = 3.0
+    near: float = 30.0
+    tries: int = 4000
+    tried_on: int = 4000
+    fitted: int = 12
+    rounds: int = 3
 
 
 @dataclass(frozen=True)
@@ -64,27 +83,30 @@ class Evenness:
         return {"ground_pixel": self.ground_pixel, "mean": mean, "planes": [asdict(plane) for plane in self.planes]}
 
 
-def measure_evenness(mesh: Surface, ground_pixel: float, samples: int = SAMPLES, seed: int = 0) -> Evenness:
+def measure_evenness(
+    mesh: Surface, ground_pixel: float, options: EvennessOptions = EvennessOptions(), seed: int = 0
+) -> Evenness:
     """Measure the largest planes of a mesh and how even they are.
 
     Args:
         mesh: in any unit.
         ground_pixel: length that a pixel of the photos covers on the building, in the units of the mesh.
-        samples: points sampled on the mesh.
+        options: number of samples, and how planes are found.
         seed: of the sampling and of the planes that are tried.
 
     Raises:
         BadInput: the pixel's length or the number of samples is not a number above 0.
     """
+    samples = options.samples
     if not (0 < ground_pixel < np.inf and samples > 0):
         raise BadInput("A ground pixel and the number of samples must be finite and larger than 0.")
     rng = np.random.default_rng(seed)
     points, face = mesh.sample(samples, rng)
     points = points - points.mean(0)
-    normals, reach = mesh.normals(face), REACH * ground_pixel
+    normals = mesh.normals(face)
     left, planes = np.arange(samples), list[Plane]()
-    while len(planes) < PLANES and len(left) >= max(FEWEST * samples, 3):
-        centre, normal, held = _largest_plane(points[left], reach, ground_pixel, rng)
+    while len(planes) < options.planes and len(left) >= max(options.least_share * samples, 3):
+        centre, normal, held = _largest_plane(points[left], ground_pixel, rng, options)
         if len(held) < 3:
             break
         held = left[held]
@@ -119,25 +141,26 @@ def typical_pixel(distances: Sequence[Points], focals: Sequence[float]) -> float
 
 
 def _largest_plane(
-    points: Points, reach: float, near: float, rng: np.random.Generator
+    points: Points, ground_pixel: float, rng: np.random.Generator, options: EvennessOptions
 ) -> tuple[Points, Points, NDArray[np.int64]]:
     """Return a point on the plane and its normal, [3] each, and the rows of points [N, 3] within reach of it."""
-    some = points[rng.choice(len(points), min(TRIED_ON, len(points)), replace=False)]
-    middle, normals = _planes_through(some, NEAR * near, rng)
+    reach = options.reach * ground_pixel
+    some = points[rng.choice(len(points), min(options.tried_on, len(points)), replace=False)]
+    middle, normals = _planes_through(some, options.near * ground_pixel, options.tries, rng)
     counts = _counts(some, normals, np.einsum("ti,ti->t", middle, normals), reach)
-    best = np.argsort(-counts, kind="stable")[:FITTED]
-    fitted = [_fit(some, middle[k], normals[k], reach) for k in best]
+    best = np.argsort(-counts, kind="stable")[: options.fitted]
+    fitted = [_fit(some, middle[k], normals[k], reach, options.rounds) for k in best]
     counts = _counts(some, np.stack([n for _, n in fitted]), np.array([c @ n for c, n in fitted]), reach)
     centre, normal = fitted[int(np.argmax(counts))]
-    centre, normal = _fit(points, centre, normal, reach)
+    centre, normal = _fit(points, centre, normal, reach, options.rounds)
     return centre, normal, np.flatnonzero(np.abs((points - centre) @ normal) < reach)
 
 
-def _planes_through(points: Points, near: float, rng: np.random.Generator) -> tuple[Points, Points]:
+def _planes_through(points: Points, near: float, tries: int, rng: np.random.Generator) -> tuple[Points, Points]:
     """Return planes through three points each, half of them near each other: where they are and their normals, [T, 3]
     each."""
-    first, second, third = rng.integers(0, len(points), (3, TRIES))
-    for row, around in enumerate(cKDTree(points).query_ball_point(points[first[: TRIES // 2]], near)):
+    first, second, third = rng.integers(0, len(points), (3, tries))
+    for row, around in enumerate(cKDTree(points).query_ball_point(points[first[: tries // 2]], near)):
         second[row], third[row] = rng.choice(around, 2)
     normals = np.cross(points[second] - points[first], points[third] - points[first])
     length = np.linalg.norm(normals, axis=1)
@@ -158,9 +181,9 @@ def _counts(points: Points, normals: Points, offsets: Points, reach: float) -> N
     return result
 
 
-def _fit(points: Points, centre: Points, normal: Points, reach: float) -> tuple[Points, Points]:
+def _fit(points: Points, centre: Points, normal: Points, reach: float, rounds: int) -> tuple[Points, Points]:
     """Fit the plane of least squares through the points within reach of it, a few times over."""
-    for _ in range(FITS):
+    for _ in range(rounds):
         held = points[np.abs((points - centre) @ normal) < reach]
         if len(held) < 3:
             break

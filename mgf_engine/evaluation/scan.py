@@ -13,10 +13,28 @@ from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.align import align_points
 from mgf_engine.evaluation.surfaces import Points, Surface
 
-REACH = 0.02  # of the mesh's size: scan points beyond belong to something else
-FIRST_REACH = 0.1  # the same while the scan is being registered
-ICP_POINTS = 20_000
-ALIGNED = 0.5  # of the reach: a larger median distance means that the registration failed
+
+@dataclass(frozen=True)
+class ScanOptions:
+    """How a mesh is compared with a scan.
+
+    Attributes:
+        reach: distance beyond which scan points belong to something else, units of the mesh; None takes the next.
+        reach_share: the same as a share of the mesh's size.
+        first_reach: the same while the scan is being registered.
+        icp_points: maximum number of scan points that it is registered by.
+        aligned: median distance beyond which the registration failed, as a share of the reach.
+        least_points: minimum number of scan points on the mesh.
+        samples: points on the mesh that tell how much of it the scan covers.
+    """
+
+    reach: float | None = None
+    reach_share: float = 0.02
+    first_reach: float = 0.1
+    icp_points: int = 20_000
+    aligned: float = 0.5
+    least_points: int = 100
+    samples: int = 20_000
 
 
 @dataclass(frozen=True)
@@ -57,7 +75,7 @@ class ScanDistances:
 
 
 def compare_with_scan(
-    mesh: Surface, scan: Points, align: str, thresholds: list[float], reach: float | None = None
+    mesh: Surface, scan: Points, align: str, thresholds: list[float], options: ScanOptions = ScanOptions()
 ) -> tuple[ScanScores, ScanDistances]:
     """Register a scan with a mesh and measure the distances of its points.
 
@@ -66,25 +84,25 @@ def compare_with_scan(
         scan: [N, 3].
         align: ``none``, ``rigid`` or ``similarity``.
         thresholds: distances that scores are wanted for, units of the mesh.
-        reach: distance beyond which scan points belong to something else; None takes :data:`REACH` of the mesh's size.
+        options: which points belong to the mesh, and how they are registered.
 
     Raises:
         BadInput: the scan does not lie on the mesh.
     """
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     size = float(np.linalg.norm(high - low))
-    reach = REACH * size if reach is None else reach
+    reach = options.reach_share * size if options.reach is None else options.reach
     moved, total = scan, np.eye(4)
     if align != "none":
-        near = _around(moved, low, high, FIRST_REACH * size)
-        if len(near) >= 100:
-            some = near[np.random.default_rng(0).permutation(len(near))[:ICP_POINTS]]
+        near = _around(moved, low, high, options.first_reach * size)
+        if len(near) >= options.least_points:
+            some = near[np.random.default_rng(0).permutation(len(near))[: options.icp_points]]
             total = align_points(some, mesh, align == "similarity")
             moved = scan @ total[:3, :3].T + total[:3, 3]
     near = _around(moved, low, high, reach)
     squared, face, spot = mesh.closest(near) if len(near) else (np.zeros(0), np.zeros(0, np.int64), near)
     kept = squared < reach**2
-    if kept.sum() < 100 or np.sqrt(np.median(squared[kept])) > ALIGNED * reach:
+    if kept.sum() < options.least_points or np.sqrt(np.median(squared[kept])) > options.aligned * reach:
         raise BadInput(
             "The scan does not lie on the mesh; both need the same coordinates to within a tenth of the building "
             "(mgf georef), or a registration by hand first."
@@ -96,7 +114,7 @@ def compare_with_scan(
     scores = ScanScores(
         total.tolist(), len(near), len(scan) - len(near), reach, float(outside.mean()),
         float(np.sqrt((outside**2).mean())), median, p90, p95, thresholds,
-        [float((away < t).mean()) for t in thresholds], _covered(mesh, near, reach),
+        [float((away < t).mean()) for t in thresholds], _covered(mesh, near, reach, options.samples),
     )  # fmt: skip
     return scores, ScanDistances(near, outside)
 
@@ -105,11 +123,11 @@ def _around(points: Points, low: Points, high: Points, margin: float) -> Points:
     return points[((points > low - margin) & (points < high + margin)).all(1)]
 
 
-def _covered(mesh: Surface, points: Points, reach: float) -> float:
+def _covered(mesh: Surface, points: Points, reach: float, samples: int) -> float:
     """Return the share of the mesh's area that lies near scan points."""
     from scipy.spatial import cKDTree
 
-    places = mesh.sample(20_000, np.random.default_rng(0))[0]
+    places = mesh.sample(samples, np.random.default_rng(0))[0]
     return float((cKDTree(points).query(places, distance_upper_bound=reach)[0] < reach).mean())
 
 

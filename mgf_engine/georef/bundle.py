@@ -30,7 +30,7 @@ from mgf_engine.georef.options import ControlAdjustmentOptions, GeoreferenceOpti
 from mgf_engine.georef.triangulate import Placed
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.adjust import OUTLIER, choose_observations
+from mgf_engine.scene.adjust import choose_observations
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
 from mgf_engine.scene.colmap_bundle import moved, projection_errors
 from mgf_engine.scene.sparse import SparseModel
@@ -109,7 +109,7 @@ def adjust_to_control(
     with np.errstate(all="ignore"):  # points behind cameras
         here = moved(model, to_world)
         errors = projection_errors(here, resolution)
-    chosen = choose_observations(here, np.isfinite(errors) & (errors < OUTLIER))
+    chosen = choose_observations(here, np.isfinite(errors) & (errors < options.adjustment.outlier))
     sigma = _sigma(errors[chosen], options.adjustment)
     known = _known_points(model, scene, points, sigma, options.point.mark_accuracy)
     if not len(chosen) or len(known) < 3:

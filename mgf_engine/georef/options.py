@@ -74,6 +74,7 @@ class ControlAdjustmentOptions:
     control_loss: float = parameter(
         3.0, "Minimum scale of Cauchy's loss of coordinates in the first round, in standard deviations", low=1e-3
     )
+    outlier: float = parameter(4.0, "Reprojection error from which an observation is left out", "px", low=0.1)
 
 
 @dataclass(frozen=True)

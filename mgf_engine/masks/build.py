@@ -26,7 +26,7 @@ from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam
 from mgf_engine.masks.segmenters.notice import notice
-from mgf_engine.masks.segmenters.random_walker import RandomWalker
+from mgf_engine.masks.segmenters.random_walker import MaskDrawingOptions, RandomWalker
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.user_masks import read_supplied
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions, find_contradicted_masks
@@ -117,13 +117,13 @@ def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] =
         BadInput: EfficientSAM is asked for and its weights are missing or damaged.
     """
     if config.segmenter == "random_walker":
-        return RandomWalker()
+        return RandomWalker(config.algorithm(MaskDrawingOptions))
     where = Path(config.weights) if config.weights else default_folder()
     weights = find_weights(where)
     if weights is None:
         if config.segmenter == "efficientsam":
             raise BadInput(missing_text(where))
-        return RandomWalker()
+        return RandomWalker(config.algorithm(MaskDrawingOptions))
     threads = config.threads or cores()
     return EfficientSam(weights[1], weights[2], folder / "embeddings", threads, config.device != "cpu", warn)
 

@@ -18,7 +18,6 @@ from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.library import call
 from mgf_engine.native.parallel import parallel_map
 
-SLACK = 0.01  # of the depth: a vertex this much behind the visible surface still counts as seen
 _BYTES_PER_PIXEL, _BYTES_PER_VERTEX = 30, 80  # while a view is drawn
 CHUNK = 1 << 15  # vertices that are blended at a time
 STRIP = 4096  # pixels in a row of what is looked up at once; OpenCV takes fewer than 32,768 columns and rows
@@ -34,6 +33,9 @@ class ColorOptions:
     least_facing: float = parameter(0.1, "Minimum cosine of the angle at which a photo sees a vertex", high=1)
     outlier: float = parameter(
         40.0, "Difference from the median beyond which a photo is left out (reflections, passers-by)", "grey levels"
+    )
+    hidden: float = parameter(
+        0.01, "Distance behind the visible surface from which a vertex is hidden, as a share of its depth"
     )
 
 
@@ -60,14 +62,14 @@ def color_from_photos(
         photo: position in ``views`` -> RGB uint8 [H, W, 3].
         inside: per view, bool [H, W]: pixels that show the building.
         progress: called with the share of the views done.
-        options: size of the samples, and which of them are left out.
+        options: number of the samples, and which of them are left out.
     """
     weight = np.zeros((len(mesh.vertices), options.best), np.float32)
     shown = np.zeros((len(mesh.vertices), options.best, 3), np.uint8)
     normals, each = vertex_normals(mesh), _BYTES_PER_PIXEL * most_pixels(views) + _BYTES_PER_VERTEX * len(mesh.vertices)
 
     def seen(i: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
-        return _samples(mesh, normals, views[i], photo(i), inside[i], options.least_facing)
+        return _samples(mesh, normals, views[i], photo(i), inside[i], options)
 
     for i, (index, new_weight, new_shown) in enumerate(parallel_map(seen, range(len(views)), bytes_each=each)):
         progress(i / len(views))
@@ -91,7 +93,7 @@ def _samples(
     view: View,
     photo: NDArray[np.uint8],
     inside: NDArray[np.bool_],
-    least_facing: float,
+    options: ColorOptions,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
     """Return vertices that a view sees, how well, and the colour it sees there."""
     at = corners(mesh.vertices, view)
@@ -99,8 +101,8 @@ def _samples(
     farthest = cv2.dilate(render_mesh(mesh, view, at).depth, np.ones((3, 3), np.uint8))
     index, weight = np.empty(len(at), np.int64), np.empty(len(at), np.float32)
     points, shown = np.ascontiguousarray(mesh.vertices, dtype=np.float64), np.ascontiguousarray(inside)
-    camera = np.array([*view.centre, view.fx, least_facing])
-    given = (len(at), at, points, normals, camera, farthest, shown, *farthest.shape, 1.0 + SLACK)
+    camera = np.array([*view.centre, view.fx, options.least_facing])
+    given = (len(at), at, points, normals, camera, farthest, shown, *farthest.shape, 1.0 + options.hidden)
     count = call("mgf_seen_vertices", *given, index, weight)
     return index[:count], weight[:count], sample(photo, at[index[:count], :2])
 

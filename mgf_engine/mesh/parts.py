@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh
@@ -25,10 +27,18 @@ from mgf_engine.system import atomic_path
 REST = "building"
 FILE = "mesh_parts.npz"
 MOST = 254  # parts that fit into a byte beside the rest
-BEHIND = 0.01  # a vertex further behind what a view shows, as a share of its depth, is hidden there
 
 #: View index -> its labels that are the part.
 Elements = dict[int, list[int]]
+
+
+@dataclass(frozen=True)
+class FacePartOptions:
+    """Options of the vote of the photos on the parts of faces."""
+
+    hidden: float = parameter(
+        0.01, "Distance behind the visible surface from which a vertex is hidden, as a share of its depth"
+    )
 
 
 def named_parts(masks_folder: Path, scene: Scene) -> dict[str, Elements]:
@@ -49,7 +59,13 @@ def named_parts(masks_folder: Path, scene: Scene) -> dict[str, Elements]:
     return result
 
 
-def face_parts(mesh: Mesh, scene: Scene, masks: MaskSet, parts: Sequence[Elements]) -> NDArray[np.uint8]:
+def face_parts(
+    mesh: Mesh,
+    scene: Scene,
+    masks: MaskSet,
+    parts: Sequence[Elements],
+    options: FacePartOptions = FacePartOptions(),
+) -> NDArray[np.uint8]:
     """Find the part of each face by the photos' labels, uint8 [F]: 0 for none, k + 1 for ``parts[k]``.
 
     Args:
@@ -57,12 +73,13 @@ def face_parts(mesh: Mesh, scene: Scene, masks: MaskSet, parts: Sequence[Element
         scene: cameras of the photos.
         masks: their label maps.
         parts: of each part, its element in each photo.
+        options: which vertices a photo shows.
     """
     votes = np.zeros((len(mesh.vertices), len(parts) + 1), np.uint16)
     for index in sorted({view for elements in parts for view in elements}):
         if not masks.used[index]:
             continue
-        seen, row, column = _seen(mesh, scene, index)
+        seen, row, column = _seen(mesh, scene, index, options)
         labels = masks.labels[index]
         table = np.zeros(256, np.int64)
         for k, elements in enumerate(parts):
@@ -82,7 +99,9 @@ def write_parts(names: Sequence[str], face: NDArray[np.uint8], path: Path) -> No
         np.savez_compressed(file, names=np.array([REST, *names]), face=face)
 
 
-def _seen(mesh: Mesh, scene: Scene, index: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def _seen(
+    mesh: Mesh, scene: Scene, index: int, options: FacePartOptions
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return vertices that a view shows, and the pixel (row, column) of each."""
     view = scene.views[index]
     at = corners(mesh.vertices, view)
@@ -91,5 +110,5 @@ def _seen(mesh: Mesh, scene: Scene, index: int) -> tuple[NDArray[np.int64], NDAr
     inside = (at[:, 2] > 0) & (row >= 0) & (row < view.height) & (column >= 0) & (column < view.width)
     seen = np.flatnonzero(inside)
     shown = surface[row[seen], column[seen]]
-    seen = seen[(shown > 0) & (shown * (1 + BEHIND) * at[seen, 2] >= 1)]
+    seen = seen[(shown > 0) & (shown * (1 + options.hidden) * at[seen, 2] >= 1)]
     return seen, row[seen], column[seen]

@@ -13,7 +13,7 @@ from mgf_engine.job import Job
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.parts import FILE as PARTS_FILE
-from mgf_engine.mesh.parts import face_parts, named_parts, write_parts
+from mgf_engine.mesh.parts import FacePartOptions, face_parts, named_parts, write_parts
 from mgf_engine.messages import Reporter
 from mgf_engine.results import load_field, load_inputs
 from mgf_engine.start.store import FILE as START
@@ -34,7 +34,8 @@ def run_mesh(job: Job, reporter: Reporter) -> dict[str, Any]:
     write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
     named = named_parts(job.path("masks"), scene)
     if named:
-        write_parts(list(named), face_parts(mesh, scene, masks, list(named.values())), job.path(PARTS_FILE))
+        voted = face_parts(mesh, scene, masks, list(named.values()), job.config.algorithm(FacePartOptions))
+        write_parts(list(named), voted, job.path(PARTS_FILE))
     figures: dict[str, Any] = {"vertices": len(mesh.vertices), "faces": len(mesh.faces), **times.figures()}
     if "confidence" in mesh.values:
         # By area: vertices are many where the surface is rough, and there it is least certain.

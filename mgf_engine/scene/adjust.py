@@ -28,9 +28,6 @@ from mgf_engine.scene.sparse import SparseModel, check_model
 from mgf_engine.subprocesses import run_worker
 
 Indices = NDArray[np.int64]
-#: An observation is an outlier beyond this reprojection error, working pixels, plus so many times the first decile of
-#: all errors. The checks of the scene use the same limit, so that what they report is what was left out here.
-OUTLIER, OUTLIER_FACTOR = 4.0, 3.0
 COMMAND = (sys.executable, "-m", "mgf_engine.scene.adjust_worker")
 
 
@@ -48,6 +45,8 @@ class AdjustOptions:
     most_photos: int = parameter(600, "Number of photos beyond which the model is taken as it is", low=3)
     most_points: int = parameter(3000, "Maximum number of points that settle the cameras, beside the next", low=8)
     points_per_photo: int = parameter(60, "Number of points that each photo should see", low=1)
+    outlier: float = parameter(4.0, "Reprojection error beyond which an observation is an outlier, plus the next", "px")
+    outlier_factor: float = parameter(3.0, "Factor on the first decile of all reprojection errors")
 
 
 def adjust_if_inconsistent(
@@ -85,7 +84,7 @@ def _adjusted(
     It is the median error of the observations of points that are not stray.
     """
     errors = projection_errors(model, resolution)
-    sound = ~far_points(errors, model.points.start)[owners(model)] & np.isfinite(errors)
+    sound = ~far_points(errors, model.points.start, options)[owners(model)] & np.isfinite(errors)
     before = float(np.median(errors[sound])) if sound.any() else 0.0
     chosen = choose_observations(model, sound, options)
     if before <= options.from_error or not 3 <= len(model.images) <= options.most_photos or not len(chosen):
@@ -100,16 +99,19 @@ def _adjusted(
     return (before, after, result) if after < options.better * before and _valid(result) else (before, before, model)
 
 
-def far_points(distances: NDArray[np.float64], start: NDArray[np.int64]) -> NDArray[np.bool_]:
+def far_points(
+    distances: NDArray[np.float64], start: NDArray[np.int64], options: AdjustOptions = AdjustOptions()
+) -> NDArray[np.bool_]:
     """Find the points that most of their photos see elsewhere, bool [P]. Holds while a sixth of them are sound.
 
     Args:
         distances: of each observation from its point's projection, working pixels, [T].
         start: observations of point i are ``start[i]:start[i + 1]``.
+        options: which observations are outliers.
     """
     if not len(distances):
         return np.zeros(len(start) - 1, bool)
-    limit = OUTLIER + OUTLIER_FACTOR * float(np.percentile(distances, 10))
+    limit = options.outlier + options.outlier_factor * float(np.percentile(distances, 10))
     far = np.concatenate([[0], np.cumsum(distances > limit)])
     return np.asarray(far[start[1:]] - far[start[:-1]] > 0.5 * np.diff(start))
 

@@ -20,9 +20,6 @@ from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
-#: What makes photos an aerial grid looking straight down, no number to tune: how many, the length of their mean
-#: viewing direction (1: all look the same way), and the width of the grid as a share of its length.
-_GRID_PHOTOS, _GRID_ALIGNMENT, _GRID_WIDTH = 8, 0.97, 0.3
 
 
 @dataclass(frozen=True)
@@ -40,6 +37,11 @@ class GravityOptions:
     most_photos: int = parameter(40, "Maximum number of photos that edges are looked for in", low=1)
     samples: int = parameter(1500, "Number of pairs of edges that are tried (RANSAC)", low=1)
     least_length: float = parameter(0.04, "Minimum length of an edge, as a share of the photo's longest side", high=1)
+    grid_photos: int = parameter(8, "Minimum number of photos of an aerial grid that looks straight down", low=3)
+    grid_alignment: float = parameter(
+        0.97, "Minimum length of the mean viewing direction of such a grid (1 all look the same way)", high=1
+    )
+    grid_width: float = parameter(0.3, "Minimum width of such a grid, as a share of its length", high=1)
 
 
 @dataclass(frozen=True)
@@ -82,17 +84,17 @@ def find_up(
     if len(told) >= max(3, len(scene.views) // 4):
         rough = UpDirection(_unit(np.median(told, axis=0)), np.radians(options.tag_sd), "tags")
     else:
-        rough = UpDirection(up_from_cameras(scene), np.radians(options.level_sd), "cameras")
+        rough = UpDirection(up_from_cameras(scene, options), np.radians(options.level_sd), "cameras")
     return up_from_edges(scene, rough.vector, threads, options) or rough
 
 
-def up_from_cameras(scene: Scene) -> Array:
+def up_from_cameras(scene: Scene, options: GravityOptions = GravityOptions()) -> Array:
     """Estimate up from how cameras are held: upright with a level horizon, or straight down; unit [3].
 
     Up is perpendicular to the x axes of level cameras. Where they look in too few directions to tell (a facade), the
     mean of what is up in the photos decides what they leave open.
     """
-    down = looking_down(scene)
+    down = looking_down(scene, options)
     if down is not None:
         return -down
     mean = -np.mean([view.rotation[1] for view in scene.views], axis=0)
@@ -107,14 +109,14 @@ def up_from_cameras(scene: Scene) -> Array:
     return np.asarray(up if up @ mean > 0.5 else mean)
 
 
-def looking_down(scene: Scene) -> NDArray[np.float64] | None:
+def looking_down(scene: Scene, options: GravityOptions = GravityOptions()) -> NDArray[np.float64] | None:
     """Return the common viewing direction of a grid of photos, [3]; None without one.
 
     Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.
     """
     axis = np.stack([v.rotation[2] for v in scene.views]).mean(0)
     length = np.linalg.norm(axis)
-    if len(scene.views) < _GRID_PHOTOS or length < _GRID_ALIGNMENT:
+    if len(scene.views) < options.grid_photos or length < options.grid_alignment:
         return None
     axis /= length
     centres = np.stack([v.centre for v in scene.views])
@@ -122,7 +124,7 @@ def looking_down(scene: Scene) -> NDArray[np.float64] | None:
     across = centres - np.outer(centres @ axis, axis)
     wide = np.linalg.svd(across, compute_uv=False)
     flat = np.linalg.norm(centres @ axis) < 0.5 * wide[1]
-    return axis if flat and wide[1] > _GRID_WIDTH * wide[0] else None
+    return axis if flat and wide[1] > options.grid_width * wide[0] else None
 
 
 def up_from_edges(

@@ -51,8 +51,10 @@ class PatchMatchOptions:
         0.25, "Search beyond the inverse depths of the sparse points, as a share of their range"
     )
     consistency: float = parameter(0.1, "Correlation that each pixel of distance from a neighbour's depth costs")
-    most_off: float = parameter(3.0, "Distance from a neighbour's depth from which it costs no more", "px")
-    held_score: float = parameter(0.4, "Minimum correlation of depths that photos are held against", high=1)
+    consistency_max_cost: float = parameter(
+        3.0, "Distance from a neighbour's depth from which it costs no more (forward-backward reprojection error)", "px"
+    )
+    consistency_min_ncc: float = parameter(0.4, "Minimum correlation of depths that photos are held against", high=1)
     agreed_score: float = parameter(
         0.3, "Minimum correlation, less that cost, of a depth that semi-global matching found, too", high=1
     )
@@ -112,7 +114,7 @@ def improve_depths(
             planes[i] = begun
             _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(o.rounds), o)
     for k in range(o.consistent_rounds):
-        held = {i: p.depth(depths.photos[i].grey.shape, o.held_score) for i, p in planes.items()}
+        held = {i: p.depth(depths.photos[i].grey.shape, o.consistency_min_ncc) for i, p in planes.items()}
         for i in planes:
             check()
             near = [j for j in chosen[i] if j in held]
@@ -197,7 +199,7 @@ def search_struct(
     search["low"], search["high"] = bounds
     search["texture"], search["contrast"] = o.texture, o.contrast
     search["shift"], search["tilt"] = o.shift * factor, o.tilt * factor
-    search["consistency"], search["most_off"] = o.consistency if consistent else 0, o.most_off
+    search["consistency"], search["most_off"] = o.consistency if consistent else 0, o.consistency_max_cost
     search["inverse_focal"] = 1 / photo.intrinsics[0, 0], 1 / photo.intrinsics[1, 1]
     search["best"], search["seed"] = min(o.best, others), 2 * number + colour
     return search

@@ -21,8 +21,7 @@ from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
 _SECOND_DIFFERENCE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)  # its noise gain is 6
-_BLOCK, _AROUND, _MARGIN = 8, 9, 5  # pixels
-_DARKEST, _BRIGHTEST = 16.0, 235.0  # clipped pixels have no noise
+_MARGIN = 5  # px: differences over four pixels stay inside the photo
 
 
 @dataclass(frozen=True)
@@ -34,6 +33,10 @@ class QualityOptions:
     out_of_line: float = parameter(
         0.6, "Sharpness of a blurred photo, as a share of the median photo's, below which it is left out", high=1
     )
+    block: int = parameter(8, "Side of the blocks that noise is measured in", "px", low=2)
+    darkest: float = parameter(16.0, "Grey value below which pixels are clipped and have no noise", "grey levels")
+    brightest: float = parameter(235.0, "Grey value above which pixels are clipped and have no noise", "grey levels")
+    around: int = parameter(9, "Side of the windows around observations that sharpness is measured in", "px", low=1)
 
 
 @dataclass(frozen=True)
@@ -50,20 +53,27 @@ class Quality:
     sharpness: Array
 
 
-def photo_quality(scene: Scene, folder: Path, threads: int = 1) -> Quality:
-    """Measure noise and sharpness of the working photos in ``folder``."""
+def photo_quality(scene: Scene, folder: Path, threads: int = 1, options: QualityOptions = QualityOptions()) -> Quality:
+    """Measure noise and sharpness of the working photos.
+
+    Args:
+        scene: its views and their observations.
+        folder: of the working photos.
+        threads: photos that are worked on at a time.
+        options: what noise and sharpness are measured in.
+    """
 
     def measure(index: int) -> tuple[float, float]:
         photo = PHOTOS.get(folder / Path(scene.views[index].file).name, read_rgb)
         green = photo[..., 1].astype(np.float32)
-        return noise_of(green), sharpness_of(green, scene.track_uv[scene.observations(index)])
+        return noise_of(green, options), sharpness_of(green, scene.track_uv[scene.observations(index)], options)
 
     found = list(parallel_map(measure, range(len(scene.views)), threads))
     noise, sharpness = np.reshape(found, (-1, 2)).T
     return Quality(noise, sharpness)
 
 
-def noise_of(grey: NDArray[np.float32]) -> float:
+def noise_of(grey: NDArray[np.float32], options: QualityOptions = QualityOptions()) -> float:
     """Estimate the standard deviation of the noise in a photo [H, W], grey values of 0..255; NaN where nearly all is
     clipped.
 
@@ -71,20 +81,22 @@ def noise_of(grey: NDArray[np.float32]) -> float:
     The calmest tenth of all blocks is taken: texture adds to the others.
     """
     size = np.abs(cv2.filter2D(grey, -1, _SECOND_DIFFERENCE))[1:-1, 1:-1]
-    usable = ((grey > _DARKEST) & (grey < _BRIGHTEST)).astype(np.float32)[1:-1, 1:-1]
-    values = _block_means(size)[_block_means(usable) > 0.9]
+    usable = ((grey > options.darkest) & (grey < options.brightest)).astype(np.float32)[1:-1, 1:-1]
+    values = _block_means(size, options.block)[_block_means(usable, options.block) > 0.9]
     if len(values) < 10:
         return float("nan")
     return float(np.percentile(values, 10) * np.sqrt(np.pi / 2) / 6)
 
 
-def _block_means(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    high, wide = (n // _BLOCK for n in values.shape)
-    blocks = values[: high * _BLOCK, : wide * _BLOCK].reshape(high, _BLOCK, wide, _BLOCK)
+def _block_means(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    high, wide = (n // side for n in values.shape)
+    blocks = values[: high * side, : wide * side].reshape(high, side, wide, side)
     return np.asarray(blocks.mean((1, 3)), np.float32)
 
 
-def sharpness_of(grey: NDArray[np.float32], uv: NDArray[np.floating]) -> float:
+def sharpness_of(
+    grey: NDArray[np.float32], uv: NDArray[np.floating], options: QualityOptions = QualityOptions()
+) -> float:
     """Measure sharpness around the observations uv [N, 2] of a photo [H, W]; see :class:`Quality`. NaN where nothing
     is.
 
@@ -94,7 +106,7 @@ def sharpness_of(grey: NDArray[np.float32], uv: NDArray[np.floating]) -> float:
     x, y = np.floor(uv).astype(np.int64).T
     near = np.zeros(grey.shape, np.uint8)
     near[np.clip(y, 0, grey.shape[0] - 1), np.clip(x, 0, grey.shape[1] - 1)] = 1
-    near = np.asarray(cv2.dilate(near, np.ones((_AROUND, _AROUND), np.uint8)), np.uint8)
+    near = np.asarray(cv2.dilate(near, np.ones((options.around, options.around), np.uint8)), np.uint8)
     inner = near[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] > 0
     if not inner.any():
         return float("nan")

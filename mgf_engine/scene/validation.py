@@ -16,7 +16,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.adjust import far_points
+from mgf_engine.scene.adjust import AdjustOptions, far_points
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.quality import QualityOptions, blurred_views, photo_quality, poor_photos
 from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots
@@ -43,6 +43,8 @@ class ValidationOptions:
     least_points: int = parameter(30, "Number of points that half of the photos see, below which a warning is given")
     least_surround: float = parameter(225.0, "Angle around the building without a warning", "degrees", high=360)
     quality: QualityOptions = QualityOptions()
+    #: What adjusting leaves out is what is reported.
+    adjust: AdjustOptions = AdjustOptions()
 
 
 def filter_outliers(
@@ -66,7 +68,7 @@ def filter_outliers(
     Raises:
         BadInput: fewer than two photos or no points are left.
     """
-    stray = find_outlier_points(scene)
+    stray = find_outlier_points(scene, options.adjust)
     if stray.any():
         share = float(stray.mean())
         scene = keep_points(scene, ~stray)
@@ -76,7 +78,7 @@ def filter_outliers(
                 "COLMAP model again for better ones."
             )
     scene = _without_foreign(scene, observed_colors(scene, folder, threads).mean(1), every, reporter, options)
-    quality = photo_quality(scene, folder, threads)
+    quality = photo_quality(scene, folder, threads, options.quality)
     scene = _without_blurred(scene, blurred_views(quality, options.quality), every, reporter, options)
     for text in (*poor_photos(quality, options.quality), *diagnose(scene, options)):
         reporter.warning(text)
@@ -137,9 +139,9 @@ def reprojection_errors(scene: Scene) -> Array:
     return errors
 
 
-def find_outlier_points(scene: Scene) -> NDArray[np.bool_]:
+def find_outlier_points(scene: Scene, options: AdjustOptions = AdjustOptions()) -> NDArray[np.bool_]:
     """Find points that most of their photos see elsewhere, bool [P]."""
-    return far_points(reprojection_errors(scene), scene.track_start)
+    return far_points(reprojection_errors(scene), scene.track_start, options)
 
 
 def find_outlier_views(

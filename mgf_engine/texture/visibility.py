@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, face_normals, render_mesh
-from mgf_engine.mesh.colors import SLACK, sample
+from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.parallel import parallel_map
@@ -33,6 +33,9 @@ class VisibilityOptions:
     )
     odd_weight: float = parameter(0.01, "Weight of a face's size in a photo that shows it in such a colour")
     border: float = parameter(1.5, "Width of the border of a photo that paints nothing", "px")
+    hidden: float = parameter(
+        0.01, "Distance behind the visible surface from which a place is hidden, as a share of its depth"
+    )
     least_cosine: float = parameter(
         0.15, "Cosine between a face's normal and the ray below which a photo does not paint it", high=1
     )
@@ -136,7 +139,7 @@ def _shown(
     u, v, inverse = at.T
     high, wide = view.height - o.border, view.width - o.border
     framed = (inverse > 0) & (u > o.border) & (v > o.border) & (u < wide) & (v < high)
-    visible, off = _at_vertices(mesh, np.flatnonzero(framed), at, buffers.depth, photo, inside)
+    visible, off = _at_vertices(mesh, np.flatnonzero(framed), at, buffers.depth, photo, inside, o.hidden)
     drawn = np.bincount(buffers.face[(buffers.face >= 0) & inside], minlength=len(mesh.faces))
     at_corners = np.asarray(visible[mesh.faces].all(1))
     face = np.flatnonzero(at_corners | ((drawn > 0) & framed[mesh.faces].all(1)))
@@ -155,11 +158,12 @@ def _at_vertices(
     depth: NDArray[np.float32],
     photo: NDArray[np.uint8],
     inside: NDArray[np.bool_],
+    hidden: float,
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
     """Find the vertices a view shows, and the colour difference of the photo there (largest channel); [N] both."""
     around = np.ones((3, 3), np.uint8)  # vertices on a rim lie half beside it
     x, y = at[framed, :2].astype(np.int64).T
-    near = cv2.dilate(depth, around)[y, x] * (1 + SLACK) * at[framed, 2] >= 1
+    near = cv2.dilate(depth, around)[y, x] * (1 + hidden) * at[framed, 2] >= 1
     visible, off = np.zeros(len(at), bool), np.zeros(len(at), np.float32)
     visible[framed] = near & (cv2.dilate(inside.astype(np.uint8), around)[y, x] > 0)
     off[framed] = np.abs(sample(photo, at[framed, :2]).astype(np.float32) - mesh.colors[framed]).max(1)

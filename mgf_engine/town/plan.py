@@ -39,6 +39,7 @@ class PlanOptions:
     least_seen: float = parameter(
         0.4, "Share of walls and roof seen by two photos below which a building is doubtful", high=1
     )
+    point_reach: float = parameter(15.0, "Maximum distance from a given point to the building that it means", "m")
     box: BuildingBoxOptions = BuildingBoxOptions()
     hulls: HullOptions = HullOptions()
     outlines: OutlineOptions = OutlineOptions()

@@ -35,7 +35,6 @@ Clicks = dict[str, dict[str, list[list[float]]]]
 STAGE = "suggest"
 CLICKS, SHEET = "prompts.json", "clicks.jpg"
 _GREEN, _RED, _TILE = (60, 220, 60), (40, 40, 235), 480
-_FAR = 15.0  # metres from a point to the building that it means
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -107,7 +106,7 @@ def clicks_on_one(
     georeference, metre = place_scene(scene, config, reporter.warning)
     points = local_points(scene, georeference)
     polygons = [outline.polygon for outline in find_outlines(points, metre, options.outlines)]
-    wanted = _region(config, point, georeference, polygons, metre)
+    wanted = _region(config, point, georeference, polygons, metre, options.point_reach)
     others = [p for p in polygons if p.intersection(wanted).area < 0.3 * min(p.area, wanted.area)]
     shapes = np.empty(1 + len(others), object)
     shapes[:] = [wanted, *others]
@@ -126,7 +125,12 @@ def clicks_on_one(
 
 
 def _region(
-    config: Config, point: Sequence[float] | None, georeference: Georeference, polygons: list[Any], metre: float
+    config: Config,
+    point: Sequence[float] | None,
+    georeference: Georeference,
+    polygons: list[Any],
+    metre: float,
+    reach: float,
 ) -> Any:
     """Return the outline of the building that is meant."""
     import shapely
@@ -146,7 +150,7 @@ def _region(
     place = georeference.local(np.array(point, float))
     spot = shapely.Point(place[:2])
     nearest = min(polygons, key=lambda polygon: float(polygon.distance(spot)))
-    if nearest.distance(spot) > _FAR * metre:
+    if nearest.distance(spot) > reach * metre:
         raise BadInput(
             f"The point lies {nearest.distance(spot) / metre:.0f} m from the nearest building that was found; give one "
             "in the coordinates of the scene, on the building."

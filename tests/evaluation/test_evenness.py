@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.evenness import Evenness, measure_evenness, typical_pixel
+from mgf_engine.evaluation.evenness import Evenness, EvennessOptions, measure_evenness, typical_pixel
 from mgf_engine.evaluation.geometry import colmap_pixel
 from mgf_engine.evaluation.surfaces import Surface
 
@@ -88,7 +88,7 @@ def test_odd_meshes_give_figures_or_a_sentence() -> None:
     assert json.loads(json.dumps(measure_evenness(needle, PIXEL).as_dict(), allow_nan=False))["mean"]["rms"] < 1e-6
     ball = np.random.default_rng(0).standard_normal((3000, 3))
     soup = Surface(50 * ball, np.arange(3000).reshape(-1, 3))
-    json.dumps(measure_evenness(soup, 1e-6, samples=2000).as_dict(), allow_nan=False)
+    json.dumps(measure_evenness(soup, 1e-6, EvennessOptions(samples=2000)).as_dict(), allow_nan=False)
     assert Evenness(1.0, ()).as_dict()["mean"] is None
     for pixel in (0.0, np.nan, np.inf):
         with pytest.raises(BadInput, match="larger than 0"):

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.synthetic.house import OFFSET, house_mesh
 from mgf_engine.cli import main
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.scan import compare_with_scan
+from mgf_engine.evaluation.scan import ScanOptions, compare_with_scan
 from mgf_engine.evaluation.scan_files import read_scan
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.mesh_files import write_ply
@@ -51,7 +51,7 @@ def moved(scan: np.ndarray, degrees: float = 0.6, by: float = 0.05) -> np.ndarra
 
 
 def test_a_moved_scan_comes_back(house: Surface, scan: np.ndarray) -> None:
-    scores, found = compare_with_scan(house, moved(scan), "rigid", [0.01, 0.05], 0.1)
+    scores, found = compare_with_scan(house, moved(scan), "rigid", [0.01, 0.05], ScanOptions(0.1))
     away = moved(scan) @ np.array(scores.alignment)[:3, :3].T + np.array(scores.alignment)[:3, 3] - scan
     assert np.abs(away[:60_000]).max() < 0.006  # the wall that was moved pulls a little
     east = found.points[:, 0] > 1.9
@@ -62,14 +62,14 @@ def test_a_moved_scan_comes_back(house: Surface, scan: np.ndarray) -> None:
 
 
 def test_without_registration_the_offset_stays(house: Surface, scan: np.ndarray) -> None:
-    scores, _ = compare_with_scan(house, scan + np.array([0, 0, 0.05]), "none", [0.05], 0.1)
+    scores, _ = compare_with_scan(house, scan + np.array([0, 0, 0.05]), "none", [0.05], ScanOptions(0.1))
     assert scores.rms > 0.02 and np.array(scores.alignment) == pytest.approx(np.eye(4))
 
 
 def test_a_scan_of_something_else_is_refused(house: Surface, scan: np.ndarray) -> None:
     for other in (scan + np.array([500.0, 0, 0]), scan * 3):
         with pytest.raises(BadInput, match="does not lie on the mesh"):
-            compare_with_scan(house, other, "none", [0.05], 0.05)
+            compare_with_scan(house, other, "none", [0.05], ScanOptions(0.05))
 
 
 def test_every_kind_of_file_gives_the_same_points(scan: np.ndarray, tmp_path: Path) -> None:

@@ -9,7 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from mgf_engine.masks.image_ops import distance
-from mgf_engine.masks.refinement.patch_ncc import PATCH, TEXTURE, Map, Patches
+from mgf_engine.masks.refinement.ground_homography import GroundHomographyOptions
+from mgf_engine.masks.refinement.patch_ncc import PATCH, Map, Patches
+
+TEXTURE = GroundHomographyOptions.texture
 
 
 def mean(image: Map) -> Map:

@@ -28,7 +28,7 @@ from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs, encl
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.geometry.point_surface import Columns, Map, SurfaceOptions, make_surface
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.scene.gravity import looking_down
+from mgf_engine.scene.gravity import GravityOptions, looking_down
 
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
@@ -61,6 +61,7 @@ class ExtentOptions:
     )
     overhangs: OverhangOptions = OverhangOptions()
     surface: SurfaceOptions = SurfaceOptions()
+    gravity: GravityOptions = GravityOptions()
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class BuildingExtent:
         fine = self.options.fine * _map_pixel(scene, keep, self.options)
         columns = None
         if keep.any():
-            spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene) is None
+            spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene, options.gravity) is None
             over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen, options.overhangs)
             columns = Columns(over, ground)
         self.columns = make_surface(scene, shape, keep, False, columns, fine, options.surface)

@@ -20,7 +20,6 @@ from mgf_engine.native.library import call
 Map = NDArray[np.bool_]
 Points = NDArray[np.float64]
 
-SPLAT = 0.8  # cells; radius of a sample
 _RINGS = ((0.5, 6), (1.0, 12))  # share of the disc's radius, samples
 
 
@@ -32,6 +31,7 @@ class SurfaceOptions:
     disc: float = parameter(0.9, "Radius of the disc around a point on a flat surface", "point spacings")
     flat: float = parameter(0.6, "Flatness from which a point has a surface", high=1)
     cell: float = parameter(0.5, "Minimum distance between samples", "point spacings", low=0.01)
+    splat: float = parameter(0.8, "Radius of a sample where the surface is drawn, as a share of that distance")
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,14 @@ class Surface:
 
     Attributes:
         cell: normalised units; tolerance: half the points' spacing, by which depths may be off.
+        splat: radius of a sample, in cells.
     """
 
     samples: Points
     spacing: Points
     cell: float
     tolerance: float
+    splat: float = SurfaceOptions.splat
 
     def project(self, view: View, h: int, w: int) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
         """Return map pixels (y * w + x), depths and spacings in map pixels of the samples inside the frame, [N]
@@ -77,7 +79,7 @@ class Surface:
         """Return the nearest depth among discs around the samples; infinite where there is none, [h, w]."""
         most = max(0, int(2 * np.log2(max(h, w) / 4)))
         # Discs get larger by the square root of two from one level to the next.
-        limits = SPLAT * self.cell * view.fx * w / view.width / 2 ** ((np.arange(most) + 0.5) / 2)
+        limits = self.splat * self.cell * view.fx * w / view.width / 2 ** ((np.arange(most) + 0.5) / 2)
         spots = np.full((most + 1, h, w), np.inf, np.float32)
         used = call(
             "mgf_nearest_samples", len(self.samples), self._columns, _matrix(view, h, w), h, w, most + 1,
@@ -134,7 +136,7 @@ def make_surface(
         options: of the samples.
     """
     if not keep.any():
-        return Surface(np.zeros((0, 3)), np.zeros(0), 1.0, 1.0)
+        return Surface(np.zeros((0, 3)), np.zeros(0), 1.0, 1.0, options.splat)
     usual = float(np.median(shape.spacing[keep]))
     spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
     cell = max(options.cell * usual, coarse)
@@ -154,7 +156,7 @@ def make_surface(
         below, count = _columns(samples[top], height, shape.up, cell, options)
         samples = np.concatenate([samples, below])
         samples, owner = _thin(samples, np.concatenate([owner, np.repeat(owner[top], count)]), cell)
-    return Surface(samples, spacing[owner], cell, options.cell * usual)
+    return Surface(samples, spacing[owner], cell, options.cell * usual, options.splat)
 
 
 def _discs(

@@ -45,7 +45,7 @@ from mgf_engine.masks.refinement.stray_pieces import find_stray_pieces
 from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
 from mgf_engine.masks.refinement.vegetation import LeafOptions, find_foreground_leaves
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
-from mgf_engine.masks.validation.cross_view_consistency import FEWEST_SPOTS
+from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions
 from mgf_engine.masks.validation.mask_flags import FlagOptions, consistency, flag_by_masks, flag_reason
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, MaskSet, building
@@ -294,7 +294,8 @@ class _Propagator:
     def _judge_by_clicks(self, reasons: list[str]) -> list[str]:
         """Drop the reasons that rest on too few points, and judge those masks by clicks and other masks."""
         kept = self._accepted(self.scene, list(self.views))
-        judged = [len(self._seen_points(i, kept)) >= FEWEST_SPOTS or i in self.prompts for i in self.views]
+        least = self.config.algorithm(CrossViewOptions).least_points
+        judged = [len(self._seen_points(i, kept)) >= least or i in self.prompts for i in self.views]
         masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
         return flag_by_masks(self.scene, masks, reasons, np.array(judged), self.config.algorithm(FlagOptions))
 

@@ -25,11 +25,6 @@ from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
 
-#: Degrees over the horizon between which colours are compared, in steps: farther below, ground is near enough for other
-#: photos to confirm it; above is sky.
-LOWEST, HIGHEST, STEP = -25.0, 6.0, 0.5
-LEVELS = round((HIGHEST - LOWEST) / STEP)
-
 
 @dataclass(frozen=True)
 class FarBackgroundOptions:
@@ -46,11 +41,24 @@ class FarBackgroundOptions:
         0.05, "Share of the building's sparse points with the colour beyond which it proves nothing", high=1
     )
     enough_points: int = parameter(10, "Minimum number of sparse points for that test")
+    elevations: tuple[float, float] = parameter(
+        (-25.0, 6.0),
+        "Elevations between which colours are compared: below, other photos confirm the ground; above is sky",
+        "degrees",
+        low=-90,
+        high=90,
+    )
+    step: float = parameter(0.5, "Step of these elevations", "degrees", low=0.01)
+
+    @property
+    def levels(self) -> int:
+        """Number of steps between the elevations."""
+        return round((self.elevations[1] - self.elevations[0]) / self.step)
 
 
 @dataclass(frozen=True)
 class ElevationColors:
-    """The background by height over the horizon: CIELAB [LEVELS, 3] and how far from it is alike, [LEVELS].
+    """The background by height over the horizon: CIELAB [L, 3] and how far from it is alike, [L], for each level.
 
     A distance of 0 is one that nothing is known of.
     """
@@ -82,7 +90,7 @@ def remove_far_background(
         return _beside(scene.photo(index), labels[index], scene.views[index], up, options)
 
     def cut(index: int) -> None:
-        level = _level_of(scene.views[index], up)
+        level = _level_of(scene.views[index], up, options)
         alike = _alike(scene.photo(index), level, levels[index])
         if not _holds_points(alike, level, points_in(index), options):
             labels[index][alike] = BACKGROUND
@@ -97,12 +105,12 @@ def _beside(
     photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, up: NDArray[np.float64], o: FarBackgroundOptions
 ) -> ElevationColors:
     """Return the usual colour of each level in one photo's background."""
-    level = _level_of(view, up)
+    level = _level_of(view, up, o)
     chosen = (level >= 0) & shrink(labels == BACKGROUND, o.rim)
     order = np.argsort(level[chosen], kind="stable")
     colours = _colour(photo)[chosen][order]
-    cuts = np.searchsorted(level[chosen][order], np.arange(LEVELS + 1))
-    result = ElevationColors(np.zeros((LEVELS, 3), np.float32), np.zeros(LEVELS, np.float32))
+    cuts = np.searchsorted(level[chosen][order], np.arange(o.levels + 1))
+    result = ElevationColors(np.zeros((o.levels, 3), np.float32), np.zeros(o.levels, np.float32))
     for row, (start, end) in enumerate(pairwise(cuts)):
         if end - start >= o.least_pixels:
             here = colours[start:end]
@@ -148,10 +156,10 @@ def _holds_points(
     return bool(len(here) >= o.enough_points and here.mean() > o.alike_points)
 
 
-def _level_of(view: View, up: NDArray[np.float64]) -> NDArray[np.int16]:
+def _level_of(view: View, up: NDArray[np.float64], o: FarBackgroundOptions) -> NDArray[np.int16]:
     """Return the row of each pixel's level, -1 below and above all, [H, W]."""
-    level = np.floor((elevation(view, up) - LOWEST) / STEP).astype(np.int16)  # sorted fast
-    level[level >= LEVELS] = -1
+    level = np.floor((elevation(view, up) - o.elevations[0]) / o.step).astype(np.int16)  # sorted fast
+    level[level >= o.levels] = -1
     return np.maximum(level, -1)
 
 

@@ -37,6 +37,7 @@ class GroundHomographyOptions:
     scales: tuple[float, float] = parameter((0.5, 2.0), "Ratio of the distances of two photos from the ground")
     best: float = parameter(0.3, "Share of the photos, the best ones, that must agree on average", high=1)
     correlation: float = parameter(0.5, "Minimum normalised cross-correlation of patches", high=1)
+    texture: float = parameter(0.5, "Minimum variance of a patch's lightness")
     colour: float = parameter(12.0, "Maximum colour distance of patches")
     raised: tuple[float, float, float] = parameter(
         (1.5, 4.0, 9.0), "Parallax of planes above the ground that must fit worse", "px"
@@ -137,7 +138,7 @@ class GroundFinder:
         others = self._others(index, mask, depth) if box is not None else []
         if box is None or len(others) < self.options.least_photos:
             return result
-        patches = Patches(self._lab(index)[box.part])
+        patches = Patches(self._lab(index)[box.part], self.options.texture)
         pictures, seen = self._through(index, others, self._lab, box, self.ground)
         fits, colours, level = patches.compare(
             pictures,

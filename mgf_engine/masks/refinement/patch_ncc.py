@@ -12,16 +12,20 @@ from mgf_engine.native.library import call
 Map = NDArray[np.float32]
 
 PATCH = 5  # px, the side; the kernel's, too
-TEXTURE = 0.5  # variance of the lightness below which a patch cannot be compared
 
 
 class Patches:
     """A photo's patches, ready to be compared with others: uint8 CIELAB [h, w, 3].
 
     The comparison itself is ``csrc/stereo/patches.c``.
+
+    Args:
+        lab: of the photo.
+        texture: variance of the lightness below which a patch cannot be compared.
     """
 
-    def __init__(self, lab: NDArray[np.uint8]) -> None:
+    def __init__(self, lab: NDArray[np.uint8], texture: float = 0.5) -> None:
+        self.texture = texture
         self.lightness = lab[..., 0].astype(np.float32) * np.float32(100 / 255)
         self.average = _mean(self.lightness)
         self.variance = _mean(self.lightness**2) - self.average**2
@@ -67,8 +71,8 @@ class Patches:
     ) -> None:  # fmt: skip
         failed = call(
             "mgf_compare_patches", len(others), *self.lightness.shape, 1 if others.ndim == 3 else others.shape[3],
-            others, seen, self.lightness, self.average, self.variance, None if fits is None else self.smooth, TEXTURE,
-            float(most), count, fits, colours, last, count_last, alone,
+            others, seen, self.lightness, self.average, self.variance, None if fits is None else self.smooth,
+            float(self.texture), float(most), count, fits, colours, last, count_last, alone,
         )  # fmt: skip
         if failed:
             raise MemoryError("Not enough memory to compare patches of the photos; work at a lower resolution.")

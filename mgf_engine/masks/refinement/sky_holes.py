@@ -6,7 +6,7 @@ A mask is drawn around such parts as a whole. Called building, the air between t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
 from mgf_engine.masks.points import pixel_at
-from mgf_engine.masks.refinement.sky_silhouette import OVER_HORIZON, SilhouetteOptions, find_silhouette, over_horizon
+from mgf_engine.masks.refinement.sky_silhouette import SilhouetteOptions, find_silhouette, over_horizon
 from mgf_engine.model.scene import View
 
 
@@ -68,13 +68,14 @@ def find_sky_holes(
     none = np.zeros_like(mask)
     if not sky.any():
         return none
-    seen = find_silhouette(lab, sky, view, up, degrees=-90, options=options.silhouette)
-    over, under = over_horizon(view, up, options.horizon), ~over_horizon(view, up, -OVER_HORIZON)
+    seen = find_silhouette(lab, sky, view, up, replace(options.silhouette, horizon=-90.0))
+    horizon = options.silhouette.horizon
+    over, under = over_horizon(view, up, options.horizon), ~over_horizon(view, up, -horizon)
     gaps = seen.empty & mask
     if not (gaps & over).any():
         return none
     clear = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((9, 9), np.uint8), borderValue=1) > 0
-    if _pale(lab, mask & under, clear & over_horizon(view, up), options) > options.pale:
+    if _pale(lab, mask & under, clear & over_horizon(view, up, horizon), options) > options.pale:
         return none
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(gaps.astype(np.uint8), connectivity=4)
     good = stats[:, cv2.CC_STAT_AREA] >= options.smallest

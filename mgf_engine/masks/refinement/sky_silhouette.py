@@ -21,13 +21,6 @@ from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.image_ops import distance
 from mgf_engine.model.scene import View
 
-#: The sky's colour around a pixel is a mean of this width, and of the second where the first finds none; of the side.
-WIDTHS = (0.03, 0.1)
-#: Degrees over the horizon from which nothing can be ground.
-OVER_HORIZON = 1.5
-#: Share of a hull's cells, the lowest, that stand on something.
-FOOT_SHARE = 0.25
-
 
 @dataclass(frozen=True)
 class SilhouetteOptions:
@@ -44,6 +37,11 @@ class SilhouetteOptions:
     photos: int = parameter(3, "Number of photos that must see a cell before the sky", low=1)
     photo_share: float = parameter(0.25, "Minimum of that number, as a share of the photos with a silhouette", high=1)
     most_cells: int = parameter(3000000, "Maximum number of cells of the hull", low=8)
+    widths: tuple[float, float] = parameter(
+        (0.03, 0.1), "Widths of the means of the sky's colour, the second where the first finds none, share of the side"
+    )
+    horizon: float = parameter(1.5, "Elevation from which nothing can be ground", "degrees", low=-90, high=90)
+    feet: float = parameter(0.25, "Share of a hull's cells, the lowest, that stand on something", high=1)
 
 
 @dataclass(frozen=True)
@@ -59,8 +57,6 @@ def find_silhouette(
     sky: NDArray[np.bool_],
     view: View,
     up: NDArray[np.float64],
-    widths: Sequence[float] = WIDTHS,
-    degrees: float = OVER_HORIZON,
     options: SilhouetteOptions = SilhouetteOptions(),
 ) -> SkySilhouette:
     """Tell sky from what stands before it, over the horizon of the photo.
@@ -68,21 +64,19 @@ def find_silhouette(
     Args:
         lab: CIELAB [H, W, 3], see :func:`lab_of`; sky: [H, W], regions that are sky; up: [3], normalised frame.
         view: camera of the photo.
-        widths: how far around a pixel sky may be to know its colour, see :data:`WIDTHS`.
-        degrees: over the horizon from which anything is told.
-        options: colour distances and sizes of what counts as sky or as something before it.
+        options: elevation from which anything is told, and colour distances of the sky and of what is before it.
     """
-    over = over_horizon(view, up, degrees)
+    over = over_horizon(view, up, options.horizon)
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not (sure & over).any():
         return SkySilhouette(np.zeros_like(sky), np.zeros_like(sky))
-    around, known = _sky_around(lab, sure, widths, options)
+    around, known = _sky_around(lab, sure, options)
     away = distance(lab, around)
     most = max(options.sky_distance, options.sky_spread * float(np.percentile(away[sure], 95)))
     return SkySilhouette(over & known & (away < most), over & known & (away > 2 * most))
 
 
-def over_horizon(view: View, up: NDArray[np.float64], degrees: float = OVER_HORIZON) -> NDArray[np.bool_]:
+def over_horizon(view: View, up: NDArray[np.float64], degrees: float = SilhouetteOptions.horizon) -> NDArray[np.bool_]:
     """Return pixels whose rays rise by more than so much, [H, W]: no level ground is seen there."""
     rise, length = _rays(view, up)
     return np.asarray(rise > np.sin(np.radians(degrees)) * length, bool)
@@ -104,7 +98,7 @@ def _rays(view: View, up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 
 def _sky_around(
-    lab: NDArray[np.float32], sure: NDArray[np.bool_], widths: Sequence[float], options: SilhouetteOptions
+    lab: NDArray[np.float32], sure: NDArray[np.bool_], options: SilhouetteOptions
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return the colour of the sky around each pixel [H, W, 3], and where there is any, [H, W]."""
     height, width = sure.shape
@@ -113,7 +107,7 @@ def _sky_around(
     weight = cv2.resize(sure.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     colour = cv2.resize(lab * sure[..., None], size, interpolation=cv2.INTER_AREA)
     mean, total = np.zeros_like(colour), np.zeros_like(weight)
-    for share in widths:
+    for share in options.widths:
         sigma = max(1.0, share * max(size))
         near = cv2.GaussianBlur(weight, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
         new = (total <= 1e-3) & (near > 1e-3)
@@ -161,11 +155,11 @@ class SilhouetteHull:
         """Return the cells that are kept, [N] bool."""
         return SilhouetteHull(self.places[keep], self.corner, self.side)
 
-    def standing(self, ground: Ground) -> SilhouetteHull:
+    def standing(self, ground: Ground, options: SilhouetteOptions = SilhouetteOptions()) -> SilhouetteHull:
         """Return the hull with columns from its lowest cells down to the ground: what no photo shows before the sky
         carries them."""
         height = ground.height(self.centres)
-        lowest = height < np.quantile(height, FOOT_SHARE)
+        lowest = height < np.quantile(height, options.feet)
         feet, height = self.centres[lowest], height[lowest]
         below = np.arange(1, np.ceil(height.max(initial=0) / self.side) + 1)
         over = height[:, None] - below * self.side > -self.side / 2

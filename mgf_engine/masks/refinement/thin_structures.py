@@ -112,7 +112,7 @@ def find_thin_structures(
     if not wanted:
         return None
     hull = hull.where(np.isin(parts, list(wanted)))
-    return ThinStructures(hull if ground is None else hull.standing(ground), outlines, explained)
+    return ThinStructures(hull if ground is None else hull.standing(ground, options.silhouette), outlines, explained)
 
 
 def _missed(

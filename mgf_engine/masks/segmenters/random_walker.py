@@ -9,21 +9,40 @@ white walls), specks without a point are dropped.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement, inside
 
-#: Pieces and holes below this share of the photo are noise unless points say otherwise.
-SPECK = 0.002
-HOLE = 0.02
+
+@dataclass(frozen=True)
+class MaskDrawingOptions:
+    """Options of the masks that are drawn from probabilities."""
+
+    speck: float = parameter(0.002, "Share of the photo below which a piece without points on it is noise", high=1)
+    hole: float = parameter(0.02, "Share of the photo below which a hole without points in it is filled", high=1)
+    least_points: int = parameter(3, "Number of points that keep a piece or a hole", low=1)
+    edge: float = parameter(
+        0.03, "Difference of colour that the guided filter takes for an edge, as a share of all grey levels", low=1e-4
+    )
+    radius: float = parameter(0.01, "Radius of the guided filter, as a share of the longer side", high=1)
+    near: float = parameter(
+        0.02, "Radius within which points speak for pixels in the second attempt, as a share of the longer side", high=1
+    )
 
 
 class RandomWalker:
-    """BuildingProbability to mask; stateless."""
+    """From the probability of "building" to masks."""
 
     name = "random_walker"
+
+    def __init__(self, options: MaskDrawingOptions = MaskDrawingOptions()) -> None:
+        self.options = options
 
     def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
         """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt follows the points closer.
@@ -34,15 +53,15 @@ class RandomWalker:
             hints: clicks and points on the building and beside it.
             attempt: 0 for the first; a further one follows the points closer.
         """
-        probability = hints.probability if attempt == 0 else follow_points(hints)
-        mask = clean(to_edges(photo, probability) > 0.5, hints)
+        probability = hints.probability if attempt == 0 else follow_points(hints, self.options)
+        mask = clean(to_edges(photo, probability, self.options) > 0.5, hints, self.options)
         return Segment(mask, agreement(mask, hints))
 
 
-def follow_points(hints: Hints) -> NDArray[np.float32]:
+def follow_points(hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions()) -> NDArray[np.float32]:
     """Return the probability bent towards the points of this photo: each speaks for the pixels around it."""
     h, w = hints.probability.shape
-    radius = 0.02 * max(h, w)
+    radius = options.near * max(h, w)
     votes = np.zeros((2, h, w), np.float32)
     for plane, points in zip(votes, (hints.rejected, hints.accepted), strict=True):
         x = np.clip(np.floor(points[:, 0]).astype(int), 0, w - 1)
@@ -53,29 +72,48 @@ def follow_points(hints: Hints) -> NDArray[np.float32]:
     return ((near[1] + weight * hints.probability) / (near[0] + near[1] + weight)).astype(np.float32)
 
 
-def to_edges(photo: NDArray[np.uint8], probability: NDArray[np.float32]) -> NDArray[np.float32]:
+def to_edges(
+    photo: NDArray[np.uint8], probability: NDArray[np.float32], options: MaskDrawingOptions = MaskDrawingOptions()
+) -> NDArray[np.float32]:
     """Return the probability drawn to the photo's edges, float32 [H, W]."""
-    radius = max(4, round(max(photo.shape[:2]) / 100))
+    radius = max(4, round(options.radius * max(photo.shape[:2])))
     guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
-    return np.asarray(cv2.ximgproc.guidedFilter(guide, probability, radius, (0.03 * 255) ** 2), np.float32)
+    return np.asarray(cv2.ximgproc.guidedFilter(guide, probability, radius, (options.edge * 255) ** 2), np.float32)
 
 
-def clean(mask: NDArray[np.bool_], hints: Hints) -> NDArray[np.bool_]:
+def clean(
+    mask: NDArray[np.bool_], hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions()
+) -> NDArray[np.bool_]:
     """Drop specks, fill holes; points and clicks that say otherwise win."""
-    mask = _fill(mask, hints.accepted, hints.positive, SPECK, value=False)
-    return _fill(mask, hints.rejected, hints.negative, HOLE, value=True)
+    for value, share, points, clicks in (
+        (False, options.speck, hints.accepted, hints.positive),
+        (True, options.hole, hints.rejected, hints.negative),
+    ):
+        evidence = ((points, 1), (clicks, options.least_points))
+        mask = _fill(mask, evidence, share * mask.size, options.least_points, value)
+    return mask
 
 
-def _fill(mask: NDArray[np.bool_], points: NDArray, clicks: NDArray, share: float, value: bool) -> NDArray[np.bool_]:
-    """Turn small pieces that are not ``value`` into it, unless a click or enough points lie on them."""
+def _fill(
+    mask: NDArray[np.bool_], found: Sequence[tuple[NDArray, int]], most: float, enough: int, value: bool
+) -> NDArray[np.bool_]:
+    """Turn small pieces that are not ``value`` into it, unless enough is found on them.
+
+    Args:
+        mask: bool [H, W].
+        found: places [N, 2] in pixels, and what each of them counts.
+        most: area below which a piece is small, pixels.
+        enough: sum of what is found that keeps a piece.
+        value: of the mask around the pieces.
+    """
     pieces = (mask != value).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(pieces, connectivity=4)
     evidence = np.zeros(count, np.int64)
-    for found, weight in ((points, 1), (clicks, 100)):
-        rows = found[inside(pieces.astype(bool), found)]
+    for places, weight in found:
+        rows = places[inside(pieces.astype(bool), places)]
         x, y = np.floor(rows).astype(np.int64).T if len(rows) else (np.zeros(0, int), np.zeros(0, int))
         np.add.at(evidence, labels[np.clip(y, 0, mask.shape[0] - 1), np.clip(x, 0, mask.shape[1] - 1)], weight)
-    small = (stats[:, cv2.CC_STAT_AREA] < share * mask.size) & (evidence < 3)
+    small = (stats[:, cv2.CC_STAT_AREA] < most) & (evidence < enough)
     small[0] = False
     result = mask.copy()
     result[small[labels]] = value

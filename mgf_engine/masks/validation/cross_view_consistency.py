@@ -20,8 +20,6 @@ from mgf_engine.masks.points import LabelMaps, pixel_at
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
 
-FEWEST_SPOTS = 15
-
 
 @dataclass(frozen=True)
 class CrossViewOptions:
@@ -31,6 +29,7 @@ class CrossViewOptions:
         0.35, "Agreement with the others below which a mask is left out (1 all, 0 a random mask)", low=-1, high=1
     )
     consistent: float = parameter(0.6, "Agreement that the other masks must have among themselves", low=-1, high=1)
+    least_points: int = parameter(15, "Minimum number of points that tell the agreement of a mask", low=1)
 
 
 def find_contradicted_masks(
@@ -59,7 +58,9 @@ def find_contradicted_masks(
     found: dict[int, float] = {}
     while True:
         trusted = (says != 0) & ~np.isin(scene.track_view, list(found))
-        score = np.array([_agreement(i, says, owner, scene, trusted) for i in range(len(scene.views))])
+        score = np.array(
+            [_agreement(i, says, owner, scene, trusted, options.least_points) for i in range(len(scene.views))]
+        )
         score[list(found)] = np.nan
         low = np.flatnonzero(score < options.contradicted)
         if not len(low):
@@ -87,7 +88,7 @@ def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: in
 
 
 def _agreement(
-    index: int, says: NDArray[np.int8], owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_]
+    index: int, says: NDArray[np.int8], owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_], least: int
 ) -> float:
     """Rate how a view agrees with the majority of the trusted others: share right inside plus share right outside, less
     1; where few points tell of one side, the other's share doubled, less 1. NaN where too few points tell.
@@ -96,8 +97,8 @@ def _agreement(
     others = trusted & ~own
     total = np.bincount(owner[others], says[others], len(scene.points))
     mine = own & (says != 0) & (total[owner] != 0)
-    if mine.sum() < FEWEST_SPOTS:
+    if mine.sum() < least:
         return float("nan")
     right, inside = np.sign(total[owner[mine]]) == says[mine], total[owner[mine]] > 0
-    shares = [right[side].mean() for side in (inside, ~inside) if side.sum() >= FEWEST_SPOTS]
+    shares = [right[side].mean() for side in (inside, ~inside) if side.sum() >= least]
     return float(2 * np.mean(shares) - 1) if shares else float("nan")
