@@ -11,7 +11,7 @@ from masks.test_building_extent import camera
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs
 from mgf_engine.masks.geometry.point_features import measure_point_features
-from mgf_engine.masks.geometry.point_surface import SPLAT, Columns, Surface, _first_of_each, make_surface
+from mgf_engine.masks.geometry.point_surface import Columns, Surface, SurfaceOptions, _first_of_each, make_surface
 from mgf_engine.model.scene import Scene, Similarity, View
 
 SIZE = (100, 150)
@@ -63,7 +63,7 @@ def test_projection_is_that_of_the_view():
 def nearest_disc(surface: Surface, view: View, h: int, w: int) -> np.ndarray:
     """Plain twin: each sample's disc, its radius one of a few, drawn with its depth where nothing nearer is."""
     places, depth, _ = surface.project(view, h, w)
-    radius = SPLAT * surface.cell * view.fx / depth * w / view.width
+    radius = SurfaceOptions.splat * surface.cell * view.fx / depth * w / view.width
     level = np.clip(np.round(2 * np.log2(np.maximum(radius, 1))), 0, 2 * np.log2(max(h, w) / 4)).astype(int)
     result = np.full((h, w), np.inf, np.float32)
     for step in np.unique(level):

@@ -8,7 +8,7 @@ import numpy as np
 from support.analytic import ball, camera, ring
 
 from mgf_engine.geometry.rasterize import corners, render_mesh
-from mgf_engine.mesh.colors import SLACK, ColorOptions, _samples, color_from_photos, sample, vertex_normals
+from mgf_engine.mesh.colors import ColorOptions, _samples, color_from_photos, sample, vertex_normals
 
 from .test_clean import empty, merged
 
@@ -85,7 +85,7 @@ def test_vertices_are_seen_as_the_plain_formulas_say() -> None:
     photo = rng.integers(0, 256, (view.height, view.width, 3), dtype=np.uint8)
     inside = rng.random((view.height, view.width)) < 0.9
     normals = vertex_normals(mesh)
-    index, weight, shown = _samples(mesh, normals, view, photo, inside, ColorOptions.least_facing)
+    index, weight, shown = _samples(mesh, normals, view, photo, inside, ColorOptions())
 
     at = corners(mesh.vertices, view)
     farthest = cv2.dilate(render_mesh(mesh, view).depth, np.ones((3, 3), np.uint8))
@@ -96,7 +96,7 @@ def test_vertices_are_seen_as_the_plain_formulas_say() -> None:
         toward = view.centre - mesh.vertices[i]
         distance = np.linalg.norm(toward)
         facing = normals[i] @ toward / distance
-        if farthest[int(v), int(u)] * (1 + SLACK) * inverse >= 1 and facing > ColorOptions.least_facing:
+        if farthest[int(v), int(u)] * (1 + ColorOptions.hidden) * inverse >= 1 and facing > ColorOptions.least_facing:
             expected.append((i, (facing * view.fx / distance) ** 2))
     assert 300 < len(expected) < len(at) / 2
     np.testing.assert_array_equal(index, [i for i, _ in expected])
