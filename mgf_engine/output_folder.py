@@ -9,8 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
+from mgf_engine.messages import Reporter
 from mgf_engine.system import cpu_seconds, peak_memory
 
 
@@ -28,6 +31,36 @@ class Cost:
         yield
         self.seconds[name] = round(self.seconds.get(name, 0.0) + cpu_seconds() - begun, 2)
         self.memory[name] = peak_memory()
+
+
+@dataclass(kw_only=True)
+class Deliverables:
+    """What the parts of a run share that makes files of a finished job.
+
+    Attributes:
+        config: options of the algorithms.
+        folder: where files go.
+        reporter: for progress, warnings and the request to cancel.
+        cost: of each deliverable.
+        files: name -> what is known about it, for the folder's index.
+    """
+
+    config: Config
+    folder: Path
+    reporter: Reporter
+    cost: Cost
+    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def add(self, name: str, **facts: Any) -> Path:
+        """Return the path of a file to write, on record with what is known about it."""
+        self.files[name] = facts
+        return self.folder / name
+
+    def send(self, folder: Path, **figures: int) -> None:
+        """Send the files, which are in their folder now, and figures as the result of the command."""
+        files = {name: str(folder / name) for name in self.files}
+        figures["CPU seconds"] = round(sum(self.cost.seconds.values()))
+        self.reporter.send("result", path=str(folder), files=files, figures=figures)
 
 
 def check_place(folder: Path, index: str, what: str) -> None:

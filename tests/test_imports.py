@@ -16,9 +16,9 @@ ROOT = Path(__file__).resolve().parents[1]
 #: Packages and modules of ``mgf_engine``, from the bottom up: each may import those before it.
 ORDER = (
     *("system", "errors", "stages", "subprocesses", "timing", "memory", "spill", "morton", "safe_npz", "sampling"),
-    *("images", "output_folder"),
+    "images",
     *("option_values", "algorithm_table", "algorithms", "costs", "config", "option_list"),  # options
-    *("messages", "terminal", "reported"),  # reports
+    *("messages", "terminal", "reported", "output_folder"),  # reports
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
     *("runs", "inputs", "job_folder", "job", "results", "estimate"),  # the job folder

@@ -68,7 +68,8 @@ def _draw(args: argparse.Namespace, reporter: Reporter) -> None:
     millimetres = read_number("--resolution", args.resolution, "a length in MM")
     scale = read_number("--scale", args.scale and args.scale.removeprefix("1:"), "the N of 1:N, a number")
     algorithms = read_algorithm_options(args, "drawings")
-    from mgf_engine.drawings.make import DrawingOptions, make_drawings
+    from mgf_engine.drawings.make import make_drawings
+    from mgf_engine.drawings.work import DrawingOptions
 
     logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
     kinds = frozenset(args.draw or KINDS)

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation, with_parts
 from mgf_engine.drawings.facades import FacadeOptions, facade_through, find_facades, plan_frame
 from mgf_engine.drawings.geotiff import write_geotiff
-from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Facade, Frame, LineDrawing, Survey
 from mgf_engine.drawings.orthophoto import Visibility, paint
@@ -24,7 +21,6 @@ from mgf_engine.drawings.parts import PartOutlineOptions, part_lines, part_share
 from mgf_engine.drawings.project import Grid, GridBuffers, plan_grid, render_grid, round_resolution
 from mgf_engine.drawings.quantities import (
     QuantityOptions,
-    Row,
     building_rows,
     deviation_picture,
     wall_deviation,
@@ -35,6 +31,7 @@ from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.section import SectionOptions, cut, section_frames
 from mgf_engine.drawings.sheets import choose_scale, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
+from mgf_engine.drawings.work import DrawingOptions, Work
 from mgf_engine.job_folder import locked, with_algorithms_of_job
 from mgf_engine.masks.store import write_png
 from mgf_engine.mesh.plane_detection import PlanarOptions, Planes
@@ -50,58 +47,6 @@ FORMAT = 1
 #: Marks of the section in the job's report.
 BEGIN, END = "<!-- quantities -->", "<!-- /quantities -->"
 _CHOSEN, _PAINTED = 0.3, 0.8  # shares of the work
-
-
-@dataclass(frozen=True)
-class DrawingOptions:
-    """What ``mgf drawings`` was asked for.
-
-    Attributes:
-        facades: three points of the scene frame for each facade; empty finds them.
-        resolution: of rasters in the local unit per pixel; None takes the photos' own.
-        sections: planes to cut at, as :func:`section_frames` reads them; empty takes three through the middle.
-        paper: of the sheets, A3 or A1.
-        scale: of the sheets, the N of 1:N; None takes the largest round one that fits.
-        kinds: what to draw, of :data:`KINDS`.
-        algorithms: options of the algorithms, ``section.name`` -> value; those that the job was made with otherwise.
-    """
-
-    facades: Sequence[Sequence[Sequence[float]]] = ()
-    resolution: float | None = None
-    sections: Sequence[str] = ()
-    paper: str = "A3"
-    scale: float | None = None
-    kinds: frozenset[str] = frozenset(KINDS)
-    algorithms: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass
-class Work:
-    """What the parts of a run share.
-
-    Attributes:
-        config: options of the algorithms.
-        folder: where files go; files: name -> what is known about it, for ``drawings.json``; rows: quantities.
-    """
-
-    survey: Survey
-    facades: list[Facade]
-    wanted: DrawingOptions
-    config: Config
-    folder: Path
-    reporter: Reporter
-    cost: Cost = field(default_factory=Cost)
-    files: dict[str, dict[str, Any]] = field(default_factory=dict)
-    rows: list[Row] = field(default_factory=list)
-
-    def wants(self, *kinds: str) -> bool:
-        """Tell whether one of these was asked for."""
-        return not self.wanted.kinds.isdisjoint(kinds)
-
-    def add(self, name: str, **facts: Any) -> Path:
-        """Return the path of a file to write, on record with what is known about it."""
-        self.files[name] = facts
-        return self.folder / name
 
 
 def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter: Reporter) -> Path:
@@ -127,15 +72,16 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
             survey = read_survey(job, options=config.algorithm(UpOptions))
             facades = _facades(survey, wanted, config.algorithm(FacadeOptions))
         _tell(survey, reporter)
-        work = Work(survey, facades, wanted, config, beside, reporter, cost)
+        work = Work(
+            survey=survey, facades=facades, wanted=wanted,
+            config=config, folder=beside, reporter=reporter, cost=cost,
+        )  # fmt: skip
         _draw(work)
         write_json(beside / INDEX, _index(work))
         work.folder = folder
         if work.rows:
             _report(work, job)
-    files = {name: str(folder / name) for name in work.files}
-    figures = {"facades": len(facades), "CPU seconds": round(sum(cost.seconds.values()))}
-    reporter.send("result", path=str(folder), files=files, figures=figures)
+    work.send(folder, facades=len(facades))
     return folder
 
 

@@ -57,7 +57,10 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
             painted = (job / IMAGE).is_file() and (job / COORDINATES).is_file()
             texture = read_texture(job) if painted else None
         _tell(survey, reporter)
-        work = Work(job, survey, texture, wanted, config, beside, reporter, cost)
+        work = Work(
+            job=job, survey=survey, texture=texture, wanted=wanted,
+            config=config, folder=beside, reporter=reporter, cost=cost,
+        )  # fmt: skip
         if {"lod", "tiles", "usd"} & set(wanted.kinds):
             write_levels(work)
         if {"solid", "ifc"} & set(wanted.kinds):
@@ -67,9 +70,7 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
         write_json(beside / INDEX, _index(work))
     if out is None:
         add_to_report(job / "report.html", work)
-    files = {name: str(folder / name) for name in work.files}
-    figures = {"CPU seconds": round(sum(cost.seconds.values()))}
-    reporter.send("result", path=str(folder), files=files, figures=figures)
+    work.send(folder)
     return folder
 
 

@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.config import Config
 from mgf_engine.drawings.model import Survey
-from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
-from mgf_engine.output_folder import Cost
+from mgf_engine.output_folder import Deliverables
 
 KINDS = ("lod", "tiles", "solid", "ifc", "usd", "points")
 
@@ -38,13 +36,11 @@ class ModelOptions:
     algorithms: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass
-class Work:
+@dataclass(kw_only=True)
+class Work(Deliverables):
     """What the parts of a run share.
 
     Attributes:
-        config: options of the algorithms.
-        folder: where files go; files: name -> what is known about it, for ``models.json``.
         levels: levels of detail and their textures, the full mesh first.
     """
 
@@ -52,14 +48,4 @@ class Work:
     survey: Survey
     texture: Texture | None
     wanted: ModelOptions
-    config: Config
-    folder: Path
-    reporter: Reporter
-    cost: Cost = field(default_factory=Cost)
-    files: dict[str, dict[str, Any]] = field(default_factory=dict)
     levels: list[tuple[Mesh, Texture | None]] = field(default_factory=list)
-
-    def add(self, name: str, **facts: Any) -> Path:
-        """Return the path of a file to write, on record with what is known about it."""
-        self.files[name] = facts
-        return self.folder / name

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from mgf_engine.drawings.make import DrawingOptions, make_drawings
+from mgf_engine.drawings.make import make_drawings
+from mgf_engine.drawings.work import DrawingOptions
 from mgf_engine.messages import Reporter
 from tests.drawings.job_of_house import FinishedJob, finish_job
 

@@ -14,7 +14,8 @@ import pytest
 import rasterio
 
 from benchmarks.synthetic.house import OFFSET
-from mgf_engine.drawings.make import DrawingOptions, make_drawings
+from mgf_engine.drawings.make import make_drawings
+from mgf_engine.drawings.work import DrawingOptions
 from mgf_engine.georef.model import METRE, Georeference, write_georeference
 from mgf_engine.messages import Reporter
 from tests.drawings.job_of_house import WINDOWS, FinishedJob

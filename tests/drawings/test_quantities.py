@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import rasterio
 
-from mgf_engine.drawings.make import DrawingOptions, make_drawings
+from mgf_engine.drawings.make import make_drawings
 from mgf_engine.drawings.sheets import choose_scale
+from mgf_engine.drawings.work import DrawingOptions
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from tests.drawings.job_of_house import FinishedJob

@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.drawings.project import Grid
-from mgf_engine.models.solid.evidence import Line2
 from mgf_engine.models.solid.model import Array
+from mgf_engine.models.solid.plan_lines import Line2
 
 STEP = 5000  # crossings of lines lie on a grid of the plan's size over this
 OUTSIDE = -1

@@ -16,8 +16,8 @@ import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.models.solid.cells import Cells
-from mgf_engine.models.solid.evidence import Line2
 from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Array, Solid, SolidFace
+from mgf_engine.models.solid.plan_lines import Line2
 
 LEVEL = 2.5  # steps of the plan's grid: heights this near at one corner are one
 SHORT = 6.0  # steps of the grid: shorter edges become one corner

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Options of the evidence for a solid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.drawings.regions import RegionOptions
+from mgf_engine.mesh.plane_detection import PlanarOptions
+
+
+@dataclass(frozen=True)
+class EvidenceOptions:
+    """Options of the evidence for a solid."""
+
+    detail_pixels: float = parameter(8.0, "Detail, where none is given", "ground px", low=0.1)
+    detail_share: float = parameter(0.01, "Minimum of that detail, as a share of the building's size", high=1)
+    steepest: float = parameter(75.0, "Largest tilt of a roof plane", "degrees", high=89)
+    level: float = parameter(1.5, "Tilt below which a roof plane is made level", "degrees", high=45)
+    least_roof: float = parameter(0.005, "Minimum area of a roof plane, as a share of the footprint", high=1)
+    main_angle: float = parameter(
+        4.0, "Largest angle between a wall and the main direction that it is turned into", "degrees", low=0.1, high=45
+    )
+    most_lines: int = parameter(60, "Maximum number of lines that cut the ground plan", low=4)
+    same_angle: float = parameter(8.0, "Largest angle between two lines that are merged", "degrees", high=90)
+    overhang: float = parameter(4.0, "Largest distance between a wall and its eaves, in details")
+    overhang_share: float = parameter(0.1, "Minimum of that distance, as a share of the building's height")
+    winding: float = parameter(0.35, "Winding number of the mesh from which a place is inside", high=1)
+    inside_height: float = parameter(0.45, "Height at which places are tested, as a share of the building's", high=1)
+    least_wall: float = parameter(0.004, "Minimum area of a wall, as a share of all walls", high=1)
+    same_direction: float = parameter(15.0, "Largest angle between the walls of one direction", "degrees", high=90)
+    most_directions: int = parameter(12, "Maximum number of directions of walls", low=1)
+    regions: RegionOptions = RegionOptions()
+    planes: PlanarOptions = PlanarOptions()
