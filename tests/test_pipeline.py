@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -19,27 +18,16 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from support.jobs import ENVIRONMENT, finish, start
 
 from benchmarks.synthetic.house import OFFSET, House, build_house, ring_view
 
 OPTIONS = ["--iterations", "250", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
-ENVIRONMENT = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
 
 
 @pytest.fixture(scope="session")
 def house(tmp_path_factory: pytest.TempPathFactory) -> House:
     return build_house(tmp_path_factory.mktemp("maison à côté"))
-
-
-def start(*args: object) -> subprocess.Popen:
-    command = [sys.executable, "-m", "mgf_engine", *map(str, args), "--progress", "json"]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
-
-
-def finish(run: subprocess.Popen) -> list[dict]:
-    out, err = run.communicate(timeout=400)
-    assert "Traceback" not in err, err
-    return [json.loads(line) for line in out.splitlines()]
 
 
 def reconstruct(house: House, job: Path, *more: object) -> list[dict]:

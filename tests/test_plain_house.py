@@ -9,7 +9,7 @@ import cv2
 import igl
 import numpy as np
 import pytest
-from test_pipeline import finish, start
+from support.jobs import finish, start
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house, write_inputs
 from mgf_engine.config import make_config

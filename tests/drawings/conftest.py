@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.job_of_house import FinishedJob, finish_job
 
 from mgf_engine.drawings.make import make_drawings
 from mgf_engine.drawings.work import DrawingOptions
 from mgf_engine.messages import Reporter
-from tests.drawings.job_of_house import FinishedJob, finish_job
 
 
 @pytest.fixture(scope="session")

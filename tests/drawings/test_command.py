@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.job_of_house import FinishedJob
 
 from mgf_engine.cli import main
-from tests.drawings.job_of_house import FinishedJob
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, list[dict[str, Any]]]:

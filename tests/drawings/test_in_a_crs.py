@@ -12,13 +12,13 @@ import ezdxf
 import numpy as np
 import pytest
 import rasterio
+from support.job_of_house import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.make import make_drawings
 from mgf_engine.drawings.work import DrawingOptions
 from mgf_engine.georef.model import METRE, Georeference, write_georeference
 from mgf_engine.messages import Reporter
-from tests.drawings.job_of_house import WINDOWS, FinishedJob
 
 ORIGIN, SCALE, TURN = np.array([691_234.0, 5_334_876.0, 519.0]), 2.5, 30.0  # degrees anticlockwise
 

@@ -10,6 +10,7 @@ from typing import Any
 import ezdxf
 import numpy as np
 import pytest
+from support.job_of_house import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.facades import find_facades
@@ -17,7 +18,6 @@ from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
 from mgf_engine.drawings.section import cut, section_frames
 from mgf_engine.errors import BadInput
-from tests.drawings.job_of_house import WINDOWS, FinishedJob
 
 GROUND = float(OFFSET[2])
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+from support.job_of_house import WINDOWS
 
 from benchmarks.synthetic.house import OFFSET
-from tests.drawings.job_of_house import WINDOWS
 
 
 def edges_of_dark(dark: np.ndarray) -> list[tuple[float, float]]:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+from support.job_of_house import FinishedJob
 
 from mgf_engine.drawings.make import make_drawings
 from mgf_engine.drawings.sheets import choose_scale
 from mgf_engine.drawings.work import DrawingOptions
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from tests.drawings.job_of_house import FinishedJob
 
 
 @pytest.fixture

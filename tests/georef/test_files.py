@@ -7,8 +7,8 @@ import struct
 import numpy as np
 import pytest
 import trimesh
+from support.survey_site import CRS, ORIGIN, write_photo
 
-from georef.site import CRS, ORIGIN, write_photo
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CHECK, CONTROL, read_control
 from mgf_engine.georef.export import write_georeferenced

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.survey_site import CRS, ORIGIN, TARGETS, make_site, write_gps
 
-from georef.site import CRS, ORIGIN, TARGETS, make_site, write_gps
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.find import find_georeference

@@ -8,8 +8,8 @@ import json
 
 import numpy as np
 import pytest
+from support.survey_site import CRS, ORIGIN, TARGETS, make_site, write_gps
 
-from georef.site import CRS, ORIGIN, TARGETS, make_site, write_gps
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.command import add_arguments, read_options

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.level_camera import camera
 
 from mgf_engine.masks.geometry.building_extent import (
     BuildingExtent,
@@ -21,12 +22,6 @@ from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.scene.gravity import up_from_cameras
 
 WALL, GROUND = 600, 600
-
-
-def camera(x: float) -> View:
-    """At (x, -6, 1.5), looking along +y, z up."""
-    rotation = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    return View(f"{x}", "", 300, 200, 250.0, 250.0, 150.0, 100.0, rotation, -rotation @ [x, -6, 1.5], 300, 200)
 
 
 @pytest.fixture(scope="module")

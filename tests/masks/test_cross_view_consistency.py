@@ -6,11 +6,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from support.small_scene import make_scene, view
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.validation.cross_view_consistency import find_contradicted_masks
 from mgf_engine.model.scene import Scene
-from tests.masks.test_points import make_scene, view
 
 VIEWS, SIDE = 10, 40
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import numpy as np
 import pytest
+from support.small_scene import make_scene, view
 
 from mgf_engine.masks.parts import LAST_ELEMENT, add_elements, tie_parts
 from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
-from tests.masks.test_points import make_scene, view
 
 WINDOWS = [(30, 40), (30, 90), (30, 140), (80, 40), (80, 140)]
 DOOR = (75, 88)

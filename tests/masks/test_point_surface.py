@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from masks.test_building_extent import camera
+from support.level_camera import camera
 
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs

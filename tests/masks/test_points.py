@@ -1,31 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.small_scene import make_scene, view
 
 from mgf_engine.masks.points import VoteOptions, Votes, decide, project_votes, track_votes, vote
 from mgf_engine.model.masks import BUILDING, IGNORE, MaskSet
-from mgf_engine.model.scene import Scene, Similarity, View
+from mgf_engine.model.scene import Scene
 
 OPTIONS = VoteOptions(dilation=0)
-
-
-def view(name: str, x: float, **changes: object) -> View:
-    """A camera at (x, 0, 0) looking along +z; a point at depth 1 on the axis falls on the middle of 20 x 10 px."""
-    base = View(name, name, 20, 10, 10.0, 10.0, 10.0, 5.0, np.eye(3), np.array([-x, 0, 0.0]), 20, 10)
-    return replace(base, **changes)
-
-
-def make_scene(views: list[View], points: np.ndarray, tracks: list[list[tuple[int, float, float]]]) -> Scene:
-    flat = [o for t in tracks for o in t]
-    return Scene(
-        tuple(views), points, np.zeros((len(points), 3), np.uint8), np.zeros(len(points), np.float32),
-        np.cumsum([0] + [len(t) for t in tracks]), np.array([o[0] for o in flat], np.int32),
-        np.array([o[1:] for o in flat], np.float32).reshape(-1, 2), Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (),
-        Path("."),
-    )  # fmt: skip
 
 
 @pytest.fixture

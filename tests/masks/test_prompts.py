@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.small_scene import make_scene, view
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.model.scene import Lens, Scene
 from mgf_engine.scene.cameras import to_original
-from tests.masks.test_points import make_scene, view
 
 
 @pytest.fixture

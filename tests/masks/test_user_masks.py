@@ -4,11 +4,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.small_scene import make_scene, view
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.user_masks import read_supplied, to_labels
 from mgf_engine.model.scene import Scene
-from tests.masks.test_points import make_scene, view
 
 WHERE = Path("mask.png")
 

@@ -6,21 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.analytic import as_trimesh, ball, cuboid, ring
+from support.meshes import empty, merged
 
 from mgf_engine.geometry import clean
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import boundary_loops, cap_rims, fill_holes
 from mgf_engine.model.mesh import Mesh
-
-
-def merged(*meshes: Mesh) -> Mesh:
-    starts = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
-    faces = [m.faces + s for m, s in zip(meshes, starts, strict=True)]
-    return Mesh(
-        np.concatenate([m.vertices for m in meshes]),
-        np.concatenate(faces).astype(np.int32),
-        np.concatenate([m.colors for m in meshes]),
-    )
 
 
 def moved(mesh: Mesh, *offset: float) -> Mesh:
@@ -29,10 +20,6 @@ def moved(mesh: Mesh, *offset: float) -> Mesh:
 
 def without(mesh: Mesh, keep) -> Mesh:
     return clean.with_faces(mesh, mesh.faces[keep])
-
-
-def empty() -> Mesh:
-    return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8))
 
 
 def test_weld_joins_equal_points_and_drops_what_collapses():

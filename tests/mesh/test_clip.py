@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.analytic import as_trimesh, ball, box, cuboid, ring, scene_of
+from support.mesh_stage import mesh_options
 
 from mgf_engine.errors import BadInput
 from mgf_engine.mesh.clip import clip
@@ -13,8 +14,6 @@ from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.scene.crop import parse_crop_box
-
-from .test_extract import mesh_options
 
 HALF_TURNED = np.array([[0.6, 0.8, 0.0, -0.1]])
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from support.analytic import ball, camera, ring
+from support.meshes import empty, merged
 
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.mesh.colors import ColorOptions, _samples, color_from_photos, sample, vertex_normals
-
-from .test_clean import empty, merged
 
 
 def true_color(points: np.ndarray) -> np.ndarray:

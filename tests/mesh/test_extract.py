@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import igl
 import numpy as np
@@ -10,27 +9,14 @@ import pytest
 import torch
 import trimesh
 from support.analytic import as_trimesh, ball, box, cuboid, discs, mesh_of, ring, scene_of, sphere
+from support.mesh_stage import mesh_options, reporter
 
 from mgf_engine import memory
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.mesh.extract import extract_mesh
-from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.screening import screen, voting_views
-from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.timing import PartTimes
-
-
-def mesh_options(given: dict[str, Any]) -> ExtractionOptions:
-    """What the mesh stage makes of the options of a job."""
-    return make_config(given).algorithm(ExtractionOptions)
-
-
-def reporter(sink=lambda message: None) -> Reporter:
-    result = Reporter(sink, min_interval=0.0)
-    result.stage("mesh")
-    return result
 
 
 def distance(points, truth):

@@ -7,17 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.sideways import view_beside
 
 from mgf_engine.mesh.depth_maps import depth_map
 from mgf_engine.mesh.fusion_options import TsdfOptions
 from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface
 from mgf_engine.mesh.prior import KnownSurface, Prior, PriorOptions, choose_depths, combine_surfaces
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
 from mgf_engine.raster.points import INSIDE
-from tests.mesh.test_photometric import SIZE, view
 
 AT, BESIDE = 5.0, 5.5
+SIZE = 64
 NOTHING = np.zeros((SIZE, SIZE), np.float32)
+
+
+def view(x: float) -> View:
+    return view_beside(x, 0.0, (SIZE, SIZE), (80.0, 84.0), (31.0, 33.0), AT)
 
 
 def surface(depth: float) -> Surface:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.analytic import as_trimesh, ball, camera, scene_of, sphere
+from support.mesh_stage import mesh_options, reporter
 from support.rays import pixel_rays
 
 from mgf_engine.geometry.clean import smooth
@@ -20,8 +21,6 @@ from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews
-
-from .test_extract import mesh_options, reporter
 
 FINE = 6  # subdivisions of the ball
 UNSMOOTHED = FusionOptions(smoothing=SmoothingOptions(strength=0.0))  # what matching alone does

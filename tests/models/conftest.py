@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.job_of_house import FinishedJob, finish_job
 from trimesh.remesh import subdivide_to_size
 
 from benchmarks.synthetic.house import OFFSET
@@ -22,7 +23,6 @@ from mgf_engine.models.make import make_models
 from mgf_engine.models.work import ModelOptions
 from mgf_engine.scene.store import read_scene
 from mgf_engine.texture.texture_pipeline import make_texture
-from tests.drawings.job_of_house import FinishedJob, finish_job
 
 CORNER = (500_300.0, 5_500_200.0, 100.0)  # of the house, in UTM
 

@@ -9,6 +9,7 @@ from typing import Any
 import DracoPy
 import numpy as np
 import pytest
+from support.job_of_house import FinishedJob
 
 from mgf_engine.geometry.mesh_files import write_glb
 from mgf_engine.messages import Reporter
@@ -16,7 +17,6 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.models.draco import EXTENSION, compress_glb, read_accessor, read_glb
 from mgf_engine.models.make import make_models
 from mgf_engine.models.work import ModelOptions
-from tests.drawings.job_of_house import FinishedJob
 
 
 def opened(path: Path) -> tuple[dict[str, Any], Any, dict[str, int], bytes]:

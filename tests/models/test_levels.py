@@ -15,6 +15,7 @@ import numpy as np
 import pyproj
 import pytest
 import trimesh
+from support.job_of_house import FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.cli import main
@@ -25,7 +26,6 @@ from mgf_engine.models.make import make_models
 from mgf_engine.models.work import ModelOptions
 from mgf_engine.scene.store import read_scene
 from mgf_engine.texture.draw import draw_textured
-from tests.drawings.job_of_house import FinishedJob
 from tests.models.conftest import CORNER, fine_house
 
 FROM_GLTF = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # y up -> z up, as points @ this

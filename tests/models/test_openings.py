@@ -11,6 +11,7 @@ import ifcopenshell
 import ifcopenshell.util.element
 import numpy as np
 import pytest
+from support.job_of_house import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.load import read_survey
@@ -19,7 +20,6 @@ from mgf_engine.models.solid.build import build_solid
 from mgf_engine.models.solid.model import WALL, WINDOW, Solid
 from mgf_engine.models.solid.openings import add_openings
 from mgf_engine.models.solid.polyhedron import faults_of, volume_of
-from tests.drawings.job_of_house import WINDOWS, FinishedJob
 
 
 @pytest.fixture(scope="module")

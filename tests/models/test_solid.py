@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from support.job_of_house import FinishedJob
+from support.solid_shapes import BUILDINGS, Wing, building, volume
 
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
@@ -29,9 +31,7 @@ from mgf_engine.models.solid.build import NoSolid, build_solid
 from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Solid
 from mgf_engine.models.solid.polyhedron import faults_of, triangles
 from mgf_engine.models.work import ModelOptions
-from tests.drawings.job_of_house import FinishedJob
 from tests.models.conftest import CORNER
-from tests.models.shapes import BUILDINGS, Wing, building, volume
 
 PIXEL = 0.03  # metres on the building, of its photos
 

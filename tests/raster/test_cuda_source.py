@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 from rendered import OUTPUTS, Result, camera, gaussians, random_weights, run, skip_without_card
-from test_projection import check_lists
+from support.tile_lists import check_lists
 
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.native.cuda.emulated import SourceOnCpu

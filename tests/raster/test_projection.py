@@ -11,11 +11,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rendered import camera, gaussians
+from support.tile_lists import check_lists
 from torch import Tensor
 
 from mgf_engine.raster import reference
 from mgf_engine.raster.api import build_lists
-from mgf_engine.raster.cpu import TileLists
 
 
 def answer(records: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
@@ -68,29 +68,6 @@ def test_normal_of_a_flat_gaussian_is_its_short_axis(variant: str) -> None:
     assert cosine.min() > 0.999
     centres = reference.project(field, view, 0).centre[listed]
     assert ((lists.records[listed, 17:20].double() * centres).sum(1) < 0).all(), "a normal looks away from the camera"
-
-
-def check_lists(lists: TileLists, touched: Tensor, mask: Tensor) -> Tensor:
-    """Structure of the lists; returns bool [N, tiles]: which Gaussian is listed where."""
-    tiles = lists.tiles_x * lists.tiles_y
-    ranges = lists.ranges.tolist()
-    assert ranges[0] == 0 and ranges[-1] == lists.entries == int(lists.slot_starts[-1])
-    listed = torch.zeros(len(lists.tile_counts), tiles, dtype=torch.bool)
-    for tile in range(tiles):
-        gid = lists.gid[ranges[tile] : ranges[tile + 1]].long()
-        assert len(gid.unique()) == len(gid)
-        depths = lists.records[gid, 10]
-        assert (depths.diff() >= 0).all(), "a list is not front to back"
-        listed[gid, tile] = True
-    assert torch.equal(listed.sum(1).int(), lists.tile_counts)
-    slots = lists.slots.long()
-    assert torch.equal(slots.sort().values, torch.arange(lists.entries))
-    starts = lists.slot_starts[lists.gid.long()]
-    assert ((slots >= starts) & (slots < starts + lists.tile_counts[lists.gid.long()])).all()
-    wanted = touched.flatten(1) & mask.flatten().bool()
-    assert not (wanted & ~listed).any(), "a tile misses a Gaussian that shows in it"
-    assert not listed[:, ~mask.flatten().bool()].any(), "a tile outside the mask is listed"
-    return listed
 
 
 @settings(max_examples=20)

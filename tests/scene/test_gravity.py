@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.small_scene import grid, photos, tilted
 
 from mgf_engine.scene.gravity import common_direction, up_from_cameras
-from tests.masks.test_point_features import grid, photos, tilted
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.small_scene import make_scene, view
 
 from benchmarks.perturb import perturb
 from benchmarks.synthetic.colmap_scene import Messages
@@ -31,7 +32,6 @@ from mgf_engine.scene.validation import (
     surround_angle,
     triangulation_angle,
 )
-from tests.masks.test_points import make_scene, view
 
 
 @pytest.fixture(scope="module")

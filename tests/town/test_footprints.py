@@ -10,6 +10,7 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
+from support.survey_site import CRS, ORIGIN, Site, make_site, write_gps
 
 from benchmarks.synthetic.street import write_footprints
 from mgf_engine.cli import main
@@ -19,7 +20,6 @@ from mgf_engine.georef.crs import Projection
 from mgf_engine.town import plan
 from mgf_engine.town.footprints import read_footprints
 from mgf_engine.town.place import place_footprints, transformed
-from tests.georef.site import CRS, ORIGIN, Site, make_site, write_gps
 
 SQUARE = shapely.box(*(ORIGIN[:2] - (5, 4)), *(ORIGIN[:2] + np.array([5, 4])))
 PAIR = np.array([SQUARE, shapely.MultiPolygon([shapely.box(0, 0, 3, 3), shapely.box(5, 0, 7, 3)])], object)

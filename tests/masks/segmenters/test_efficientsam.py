@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The whole path through ONNX Runtime, on a small pair that segments by colour (the real weights are not here)."""
 
-import hashlib
 import io
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +9,7 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
+from support.segmenters import hints, install, iou
 
 from benchmarks.synthetic.house import House
 from mgf_engine.config import make_config
@@ -17,8 +17,6 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks.build import build_masks, choose_segmenter
 from mgf_engine.masks.parts import sam_elements
 from mgf_engine.masks.segmenters import download
-from mgf_engine.masks.segmenters.base import Hints
-from mgf_engine.masks.segmenters.download import WeightFile
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam, queries, spread
 from mgf_engine.masks.segmenters.notice import used
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
@@ -28,12 +26,6 @@ from mgf_engine.model.scene import Scene
 from tests.masks.small_sam import write_pair
 
 RED, GREEN = (200, 60, 50), (60, 150, 70)
-
-
-def hints(shape: tuple[int, int], **given: object) -> Hints:
-    none = np.zeros((0, 2))
-    fields = {"positive": none, "negative": none, "accepted": none, "rejected": none, "box": None}
-    return Hints(**{**fields, "probability": np.zeros(shape, np.float32), **given})
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +43,6 @@ def photo() -> np.ndarray:
     image = np.full((160, 240, 3), GREEN, np.uint8)
     image[40:120, 60:180] = RED
     return image
-
-
-def iou(a: np.ndarray, b: np.ndarray) -> float:
-    return float((a & b).sum() / (a | b).sum())
 
 
 def test_segments_what_the_points_are_on(sam: EfficientSam, photo: np.ndarray):
@@ -136,16 +124,6 @@ def test_whole_stage(scene: Scene, house: House, tmp_path: Path, monkeypatch: py
     scores = [iou(building(m), house.masks[v.name]) for m, v in zip(masks.labels, scene.views, strict=True)]
     assert np.mean(scores) > 0.85
     assert len(list((tmp_path / "masks/embeddings").glob("*.npy"))) == len(scene.views)
-
-
-def install(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put the small pair where the real weights would be, with its own sizes and checksums."""
-    names = [f.name for f in download.WEIGHTS["vitt"]]
-    paths = write_pair(folder, *names)
-    files = tuple(
-        WeightFile(p.name, p.stat().st_size, hashlib.sha256(p.read_bytes()).hexdigest()) for p in paths
-    )  # fmt: skip
-    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
 
 
 def test_choice_of_the_segmenter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

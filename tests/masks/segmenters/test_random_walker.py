@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import cv2
 import numpy as np
+from support.segmenters import hints
 
 from mgf_engine.masks.segmenters.base import agreement
 from mgf_engine.masks.segmenters.random_walker import RandomWalker, clean, follow_points, to_edges
-from tests.masks.segmenters.test_efficientsam import hints
 
 SHAPE = (160, 240)
 

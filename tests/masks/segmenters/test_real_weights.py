@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.segmenters import install, iou
 
 from benchmarks.synthetic.house import House
 from mgf_engine.config import make_config
@@ -21,7 +22,6 @@ from mgf_engine.masks.segmenters.notice import used
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
 from tests.masks.conftest import quiet
-from tests.masks.segmenters.test_efficientsam import install, iou
 
 VARIABLE = "MGF_TEST_WEIGHTS"
 
