@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the opacity is asked: points spanned by the Gaussians, between which the tetrahedra lie (``delaunay.py``).
+"""Where the opacity is asked: points spanned by the Gaussians, joined by the tetrahedra of
+:mod:`mgf_engine.geometry.delaunay`.
 
 Each Gaussian gives its centre and the corners of its box. The box reaches as far as the Gaussian is visible,
 sqrt(2 ln(255 alpha)) standard deviations (there its contribution falls below 1/255), and never beyond three.

@@ -14,7 +14,8 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class PhotoSide:
-    """What a render is compared with, cut to a box of the frame; make it with :func:`photo_side`.
+    """What a render is compared with, cut to a box of the frame; make it with
+    :func:`mgf_engine.raster.loss.photo_side`.
 
     Attributes:
         image: uint8 [3, h, w].

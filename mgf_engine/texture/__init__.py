@@ -2,6 +2,7 @@
 """A texture for the finished mesh: one picture, cut from the photos as the user took them, and where each face finds
 its part of it.
 
-Which photo shows which face (``sights``), which one paints it (``choose``), where that goes in the picture
-(``charts``), how seams between photos vanish (``seams``), and the pixels themselves (``bake``); ``make`` runs it all.
+Which photo shows which face (``visibility``), which one paints it (``view_selection``), where that goes in the picture
+(``charts``), how seams between photos vanish (``seams``), and the pixels themselves (``bake``); ``texture_pipeline``
+runs it all.
 """

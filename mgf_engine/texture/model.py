@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the files of this room hand to each other."""
+"""Data that the steps of the texture hand to each other."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Painting:
 
     Attributes:
         chosen: the views' places in the scene; views: those that may paint.
-        label: int32 [F], place among ``views``, :data:`NO_VIEW` where none shows the face.
+        label: int32 [F], place among ``views``, :data:`mgf_engine.texture.model.NO_VIEW` where none shows the face.
         neighbours: pairs of faces that share an edge, [E, 2].
         corrections: what makes seams vanish.
         source: place among ``views`` -> the photo to paint with.

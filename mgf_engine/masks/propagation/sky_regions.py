@@ -79,7 +79,8 @@ def draw_skyline(
     """Draw the mask's edge against the sky pixel by pixel: regions are coarser than roof edges and chimneys.
 
     Args:
-        lab: CIELAB [H, W, 3], see :func:`lab_of`; mask: [H, W]; sky: [H, W], the regions that are sky.
+        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.propagation.appearance.lab_of`; mask: [H, W]; sky: [H, W],
+            the regions that are sky.
         options: how like the sky a pixel must be, and how far from the mask's edge it is looked for.
     """
     if not (sky & ~mask).any():

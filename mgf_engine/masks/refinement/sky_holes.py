@@ -57,7 +57,7 @@ def find_sky_holes(
     """Find pixels that are sky behind the building, [H, W].
 
     Args:
-        lab: CIELAB [H, W, 3], see :func:`lab_of`.
+        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.propagation.appearance.lab_of`.
         mask: [H, W], where the building is or may be; sky: [H, W], regions that are sky.
         view: camera of the photo.
         up: [3], normalised frame.

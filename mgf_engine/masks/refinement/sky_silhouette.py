@@ -62,7 +62,8 @@ def find_silhouette(
     """Tell sky from what stands before it, over the horizon of the photo.
 
     Args:
-        lab: CIELAB [H, W, 3], see :func:`lab_of`; sky: [H, W], regions that are sky; up: [3], normalised frame.
+        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.propagation.appearance.lab_of`; sky: [H, W], regions that are
+            sky; up: [3], normalised frame.
         view: camera of the photo.
         options: elevation from which anything is told, and colour distances of the sky and of what is before it.
     """

@@ -175,7 +175,17 @@ def roof_lines(
     reach: float,
     options: EvidenceOptions,
 ) -> list[Line2]:
-    """Find where roof planes meet, exactly, and where one stands over another without a wall near that."""
+    """Find where roof planes meet, exactly, and where one stands over another without a wall near that.
+
+    Args:
+        label: of each pixel of the ground plan, row of ``slopes`` + 1; 0 for none.
+        slopes: [P, 3], roof planes ``z = a x + b y + c``.
+        regions: with the grid of the ground plan.
+        walls: lines that explain others near them.
+        detail: twice of it is the length of the shortest line.
+        reach: distance within which a wall explains a line.
+        options: angles of lines that are merged.
+    """
     found: list[Line2] = []
     for chain in trace(label):
         if chain.low == 0:
@@ -198,7 +208,16 @@ def roof_lines(
 def outline_lines(
     inside: NDArray[np.bool_], grid: Grid, walls: list[Line2], detail: float, reach: float, options: EvidenceOptions
 ) -> list[Line2]:
-    """Return straight parts of the outline from above that no wall stands below."""
+    """Return straight parts of the outline from above that no wall stands below.
+
+    Args:
+        inside: bool [H, W], where the building stands.
+        grid: of the ground plan.
+        walls: lines that explain others near them.
+        detail: twice of it is the length of the shortest line.
+        reach: distance within which a wall explains a line.
+        options: angles of lines that are merged.
+    """
     found: list[Line2] = []
     for chain in trace(inside.astype(np.int32)):
         at = grid.places(chain.corners)

@@ -191,7 +191,8 @@ class Rasterizer:
         error_map: Tensor | None,
         statistics: tuple[Tensor, ...] | None,
     ) -> tuple[Tensor, ...]:
-        """Return gradients of positions, log_scales, rotations, opacity_logits and sh; see :func:`.cpu.backward`.
+        """Return gradients of positions, log_scales, rotations, opacity_logits and sh; see
+        :func:`mgf_engine.raster.cpu.backward`.
 
         Args:
             raw: parameters of the Gaussians, ready for the kernels.
