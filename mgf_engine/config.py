@@ -213,6 +213,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "even_exposure": False,
         "second_level": "on",
         "voters": "roots",
+        "vote_tolerance": 0.0,
         "vote_dilation": 0,
         "mask_margin": 0.0,
         "start": "sparse",
@@ -247,6 +248,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "face_error": 0.0,
         "min_component": 0.0,
         "texture": False,
+        "votes.few": 0,
         "pose_adjustment.adjust": False,
         "propagation.retry_below": 0.0,
         "propagation.disagree_above": 1.0,
@@ -278,13 +280,21 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
     values = {name: _convert(known[name], value) for name, value in own.items()}
     preset = PRESETS[values.get("preset", Config.preset)]
     algorithms = algorithm_values({**_of_algorithms(preset), **_of_algorithms(given)})
-    own_preset = {name: value for name, value in preset.items() if name in known}
+    own_preset = {name: value for name, value in preset.items() if name in known} | _compressed(preset, values)
     config = replace(Config(algorithms=algorithms), **{**own_preset, **values})
     if config.densify_from > config.densify_until:
         raise BadInput("densify_from must not be larger than densify_until; swap the two shares.")
     if 0 < config.max_photos < 3:
         raise BadInput("max_photos must be at least 3, or 0 to use all photos.")
     return config
+
+
+def _compressed(preset: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    """Scale what a preset counts in iterations to another number of them: the same schedule, shorter or longer."""
+    usual, own = preset.get("iterations"), values.get("iterations")
+    if not usual or not own:
+        return {}
+    return {"densify_every": max(1, round(preset["densify_every"] * own / usual))}
 
 
 def _of_algorithms(given: dict[str, Any]) -> dict[str, Any]:

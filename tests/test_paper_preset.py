@@ -20,6 +20,8 @@ PRINTED = {
     "segmenter": ("auto", "3.1.2: EfficientSAM, where its weights are; a line says so where they are not"),
     "second_level": ("on", "3.1.2: a second-level mask with windows, doors, walls"),
     "voters": ("roots", "eq. 3 and 22: the masks of the root images"),
+    "strict_vote": (False, "eq. 3 and 22: every root mask; a photo that does not show the point has no vote"),
+    "vote_tolerance": (0.0, "eq. 3 and 22: for all j, so none may be against"),
     "vote_dilation": (0, "eq. 3: inside the mask"),
     "iterations": (7000, "4.3: 7,000 training iterations"),
     "start": ("sparse", "3.2: masked points"),
@@ -58,6 +60,7 @@ OURS = {
 }  # fmt: skip
 #: Options of algorithms that run always otherwise, and what they are where the paper has no such step.
 ALGORITHMS_OFF = {
+    "votes.few": 0,  # eq. 3 and 22 tolerate no vote against a point
     "pose_adjustment.adjust": False,  # 3.1.1 takes the cameras of structure from motion as they are
     "propagation.retry_below": 0.0,  # 3.1.2 prompts EfficientSAM once per photo
     "propagation.disagree_above": 1.0,
@@ -65,7 +68,7 @@ ALGORITHMS_OFF = {
 }
 #: Options of the method's stages that decide nothing about it, or that the others leave idle.
 NO_MATTER = {
-    "weights", "strict_vote", "vote_tolerance", "passes", "holdout_every", "max_gaussians", "max_faces", "color_error",
+    "weights", "passes", "holdout_every", "max_gaussians", "max_faces", "color_error",
 }  # fmt: skip
 
 
@@ -90,6 +93,16 @@ def test_what_is_off_can_be_switched_on_again_and_stays_so_in_the_job_file() -> 
     config = make_config({"preset": "paper", "propagation.finish": True})
     assert config.algorithm(PropagationOptions).finish and not config.algorithm(AdjustOptions).adjust
     assert make_config(json.loads(json.dumps(as_dict(config)))) == config
+
+
+@pytest.mark.parametrize(("iterations", "every"), [(7000, 100), (1500, 21), (30_000, 429), (10, 1)])
+def test_another_number_of_iterations_is_the_same_schedule(iterations: int, every: int) -> None:
+    assert make_config({"preset": "paper", "iterations": iterations}).densify_every == every
+
+
+def test_a_given_interval_of_densification_wins_over_the_scaled_one() -> None:
+    assert make_config({"preset": "paper", "iterations": 1500, "densify_every": 70}).densify_every == 70
+    assert make_config({"preset": "draft", "iterations": 1500}).densify_every == 75  # which trains by photos
 
 
 def test_every_option_of_the_method_is_accounted_for() -> None:
