@@ -175,6 +175,8 @@ def measure(
     scores = found.scores(thresholds, read_materials(scene.truth, len(truth.faces)))
     if scene.openwork is not None:
         row["without_openwork"] = found.without(scene.openwork).scores(thresholds).as_dict()
+    row["whole_picture"] = whole_picture
+    row["in_box"] = found.inside(scene.crop).scores(thresholds).as_dict()
     row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)
     if not run.command:
         row.update(job_figures(job))

@@ -117,7 +117,18 @@ class Comparison:
         """
         rounding = 1e-6 * float(np.ptp(self.truth.vertices, axis=0).max())  # the part may come from a file of its own
         found = _distances(part, self.points) > self.errors + rounding
-        true = part.distances(self.true_points) > rounding
+        return self._select(found, part.distances(self.true_points) > rounding)
+
+    def inside(self, crop: Points) -> Comparison:
+        """Return the points of both meshes inside a crop, [2, 3] low and high corner.
+
+        Raises:
+            BadInput: no true point is left.
+        """
+        return self._select(*(_in_crop(points, crop) for points in (self.points, self.true_points)))
+
+    def _select(self, found: NDArray[np.bool_], true: NDArray[np.bool_]) -> Comparison:
+        """Some points of the mesh, bool [N], and some true ones, bool [M]."""
         _check_any(self.true_points[true])
         return replace(
             self, points=self.points[found], errors=self.errors[found], turns=self.turns[found],
@@ -326,8 +337,13 @@ def _inside(points: Points, faces: Faces, crop: Points | None) -> tuple[Points, 
     """Return points [N, 3] and their faces [N], those in the crop alone."""
     if crop is None:
         return points, faces
-    kept = ((points >= crop[0]) & (points <= crop[1])).all(axis=1)
+    kept = _in_crop(points, crop)
     return points[kept], faces[kept]
+
+
+def _in_crop(points: Points, crop: Points) -> NDArray[np.bool_]:
+    """Tell which points [N, 3] lie in a crop, bool [N]."""
+    return np.asarray(((points >= crop[0]) & (points <= crop[1])).all(axis=1))
 
 
 def _nearest(surface: Surface, points: Points) -> tuple[Points, Faces]:

@@ -48,6 +48,21 @@ def test_the_command_names_samples_that_are_not_the_usual_ones(tmp_path: Path) -
     )
 
 
+def test_beside_whole_photos_all_meshes_are_scored_in_the_box_of_the_building_too(tmp_path: Path) -> None:
+    document = tmp_path / "results.md"
+    document.write_text("")
+    boxed = {"in_box": row("", 44.0)["geometry"]}
+    write_table(document, "peers", "others", [row("ours", 40.0, **boxed)])
+    assert "box" not in document.read_text()
+    whole = row("all", 30.0, whole_picture=True, **boxed)
+    write_table(document, "peers", "others", [row("ours", 40.0, **boxed), whole])
+    text = document.read_text()
+    assert "| F1 at 5 / 10 / 20 cm | F1 in the building's box |" in text
+    assert "| ours | 1 | 40.0 / 41.0 / 42.0 | 44.0 / 45.0 / 46.0 |" in text
+    write_table(document, "peers", "others", [row("old", 40.0), whole])
+    assert "box" not in document.read_text()  # where a result is of a version that did not score it
+
+
 def test_without_results_the_document_stays(tmp_path: Path) -> None:
     document = tmp_path / "results.md"
     document.write_text("as it was")

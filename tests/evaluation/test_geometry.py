@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.geometry import ComparisonOptions, mask_iou, score_surface
+from mgf_engine.evaluation.geometry import ComparisonOptions, compare_surfaces, mask_iou, score_surface
 from mgf_engine.evaluation.materials import Materials, read_materials
 from mgf_engine.evaluation.surfaces import SeeingCamera, Surface, read_surface
 
@@ -227,6 +227,18 @@ def test_scores_by_material() -> None:
         poor, both, (0.01,), ComparisonOptions(10000), leave_out=roof, materials=Materials(("a", "b", "c"), names)
     )
     assert list(without.materials) == ["c"]
+
+
+def test_a_comparison_inside_a_box_leaves_out_both_meshes_beside_it() -> None:
+    wall, far = plane(0.0), plane(5.0, size=2.0)
+    mesh = Surface(np.r_[wall.vertices, far.vertices], np.r_[wall.faces, far.faces + len(wall.vertices)])
+    found = compare_surfaces(mesh, wall, samples=5_000)
+    assert found.scores((0.1,)).f1[0] < 95  # a second sheet, which is nowhere in the truth
+    low, high = wall.vertices.min(0) - 0.5, wall.vertices.max(0) + 0.5
+    inside = found.inside(np.stack([low, high]))
+    assert inside.scores((0.1,)).f1 == (100.0,) and 0 < len(inside.points) < len(found.points)
+    with pytest.raises(BadInput):
+        found.inside(np.stack([high, high + 1]))
 
 
 def test_materials_beside_a_truth(tmp_path: Path) -> None:
