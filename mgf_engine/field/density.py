@@ -56,6 +56,7 @@ def refine(
     budget: int,
     grow: bool,
     options: DensificationOptions = DensificationOptions(),
+    prune_unseen: bool = True,
 ) -> RefineResult:
     """Prune Gaussians and, if ``grow``, split others; rows may change places.
 
@@ -66,12 +67,13 @@ def refine(
         budget: maximum number of Gaussians after the round.
         grow: split Gaussians; otherwise only prune.
         options: of growth and pruning.
+        prune_unseen: drop Gaussians that no rendering since the last round showed; not where a view had no turn.
     """
     field = optimiser.field
     seen = stats.count > 0
     with torch.no_grad():
         alive = keep & (field.opacities > options.prune_opacity) & (field.scales.amax(1) < options.largest)
-        if bool(seen.any()):
+        if prune_unseen and bool(seen.any()):
             alive &= seen
         score = stats.error / stats.count.clamp_min(1)
     pruned = int((~alive).sum())

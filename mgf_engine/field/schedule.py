@@ -128,3 +128,9 @@ def view_order(count: int, epoch: int, seed: int) -> list[int]:
     """Return a fixed shuffle of the training views for one pass over them."""
     generator = torch.Generator().manual_seed(seed * 1_000_003 + epoch)
     return torch.randperm(count, generator=generator).tolist()
+
+
+def covers_all_views(first: int, last: int, count: int, seed: int) -> bool:
+    """Tell whether each of ``count`` training views has a turn in iterations ``first`` to ``last`` - 1."""
+    orders = {epoch: view_order(count, epoch, seed) for epoch in range(first // count, (last - 1) // count + 1)}
+    return len({orders[i // count][i % count] for i in range(first, last)}) == count

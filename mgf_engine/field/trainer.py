@@ -26,6 +26,7 @@ from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.field.schedule import (
     LearningRates,
     ScheduleOptions,
+    covers_all_views,
     geometry_at,
     lr_scale_of,
     rates_at,
@@ -182,7 +183,9 @@ class _Trainer:
                 keep = self._mask_vote(field)
             budget = budget_at(share, self.figures["start_gaussians"], options)
             grow = options.densify_from <= share < options.densify_until
-            refine(self.optimiser, self.stats, keep, budget, grow, options)
+            first = self.iteration - options.densify_every
+            complete = covers_all_views(first, self.iteration, len(self.views), self.config.seed)
+            refine(self.optimiser, self.stats, keep, budget, grow, options, prune_unseen=complete)
             if len(self.optimiser.field) == 0:
                 raise BadInput("All Gaussians were pruned: none explains the masks; check the masks and the cameras.")
             self._update_filter(self.optimiser.field)

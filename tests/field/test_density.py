@@ -71,6 +71,14 @@ def test_what_belongs_to_a_gaussian_moves_with_it() -> None:
         torch.testing.assert_close(first[kept].reshape(18, -1)[:, 0], tags[:18])
 
 
+def test_the_unseen_stay_where_a_view_had_no_turn() -> None:
+    optimiser, stats = Optimiser(gaussians()), seen_stats(20)
+    stats.count[1] = 0
+    everything = torch.ones(20, dtype=torch.bool)
+    assert refine(optimiser, stats, everything, 100, grow=False, prune_unseen=False).pruned == 0
+    assert refine(optimiser, stats, everything, 100, grow=False).pruned == 1
+
+
 def test_the_unseen_the_faint_and_the_outvoted_are_dropped() -> None:
     field = gaussians()
     field.opacity_logits[0] = -10

@@ -9,11 +9,13 @@ import pytest
 from mgf_engine.config import make_config
 from mgf_engine.field.schedule import (
     ScheduleOptions,
+    covers_all_views,
     geometry_at,
     lr_scale_of,
     rates_at,
     reduction_at,
     sh_degree_at,
+    view_order,
     work_at,
 )
 
@@ -71,3 +73,13 @@ def test_harmonics_come_one_degree_after_the_other() -> None:
     ]
     slow = make_config({"sh_degree": 3, "schedule.sh_degree_steps": 2}).algorithm(ScheduleOptions)
     assert [sh_degree_at(share, slow) for share in (0.0, 0.5, 1.0)] == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("first", "last", "complete"), [(0, 5, False), (0, 6, True), (2, 8, False), (3, 14, True)])
+def test_all_views_have_had_a_turn(first: int, last: int, complete: bool) -> None:
+    assert covers_all_views(first, last, 6, 4) == complete
+
+
+def test_two_epochs_may_show_the_same_views() -> None:
+    orders = [view_order(6, epoch, 4) for epoch in range(2)]
+    assert set(orders[0][2:] + orders[1][:2]) != set(range(6))  # so 2..8 is not complete, though six had a turn

@@ -9,6 +9,7 @@ import torch
 
 from mgf_engine.config import Config, make_config
 from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.field import trainer
 from mgf_engine.field.checkpoint import read_checkpoint, read_field
 from mgf_engine.field.trainer import train, training_views
 from mgf_engine.messages import Reporter
@@ -52,6 +53,17 @@ def test_the_same_seed_gives_the_same_field_and_another_seed_another(make_wall, 
     ]
     assert same(fields[0], fields[1])
     assert not same(fields[0], fields[2])
+
+
+@pytest.mark.parametrize(("every", "complete"), [(3, False), (12, True)])
+def test_gaussians_are_not_called_unseen_before_every_photo_had_a_turn(
+    make_wall, tmp_path, monkeypatch, every: int, complete: bool
+) -> None:
+    scene, masks = make_wall(CENTRES)
+    asked, refine = [], trainer.refine
+    monkeypatch.setattr(trainer, "refine", lambda *a, prune_unseen: asked.append(prune_unseen) or refine(*a))
+    train(scene, masks, make_config({**OPTIONS, "iterations": 24, "densify_every": every}), tmp_path, Reporter())
+    assert len(asked) == 24 // every and set(asked) == {complete}
 
 
 @pytest.mark.parametrize("backend", ["cpu", "cuda-source-on-cpu"])
