@@ -3,8 +3,9 @@
 
 A point is free when a view looks through to it, that is, when the opacity in front of it is below the level in
 the views that see it (eq. 25 takes the minimum over them). Views see a point that lies in front of them, in their
-frame and inside their mask. A point that falls on certain background in enough views is free whatever stands in
-front of it (the visual hull); one that no view can judge is invalid.
+frame and inside their mask, or anywhere in their frame, as eq. 25 is printed (``every_view``). A point that falls on
+certain background in enough views is free whatever stands in front of it (the visual hull); one that no view can judge
+is invalid.
 """
 
 from __future__ import annotations
@@ -41,6 +42,9 @@ class OpacityOptions:
         low=1,
         high=2,
     )
+    every_view: bool = parameter(
+        False, "Judge a point by every photo in whose frame it lies, also where the mask shows background (eq. 25)"
+    )
     calibration_points: int = parameter(50, "Minimum number of sparse points that calibrate the level", low=1)
     levels: tuple[float, float] = parameter((0.05, 0.95), "Bounds of the calibrated level", high=1)
 
@@ -70,6 +74,7 @@ class OpacityField:
         order = spread_order(np.array([v.centre for v in views]))
         self.views = [views[i] for i in order]
         self.masks = [np.ascontiguousarray(masks[i]) for i in order]
+        self.asked = [_opened(mask) if options.every_view else mask for mask in self.masks]
         self.options, self.level, self.evidence = options, options.level, evidence
         self._kernel = kernel.PointOpacity(gaussians)
 
@@ -85,7 +90,7 @@ class OpacityField:
         points32 = np.ascontiguousarray(points, dtype=np.float32)
         state, seen = self._seen(points32)
         lowest = np.full((len(points), 2), 2.0, np.float32)
-        for number, (view, mask) in enumerate(zip(self.views, self.masks, strict=True)):
+        for number, (view, mask) in enumerate(zip(self.views, self.asked, strict=True)):
             progress(number / len(self.views))
             needed = np.minimum(self.options.agree, seen) - 1
             open_ = np.flatnonzero((state == SOLID) & (lowest[np.arange(len(points)), needed] >= self.level))
@@ -109,7 +114,7 @@ class OpacityField:
         points32 = np.ascontiguousarray(points, dtype=np.float32)
         state, _ = self._seen(points32)
         lowest = np.full((len(points), 2), 2.0, np.float32)
-        for view, mask in zip(self.views, self.masks, strict=True):
+        for view, mask in zip(self.views, self.asked, strict=True):
             self._kernel.lower(lowest, points32, view, mask)
         found = lowest[(state == SOLID) & (lowest[:, 0] <= 1.0), 0]
         if len(found) >= self.options.calibration_points:
@@ -128,18 +133,23 @@ class OpacityField:
         return {**self.evidence.known(points), "confirmed": np.ones(len(points), bool)}
 
     def _seen(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """Return the state of each point from where it falls in the masks alone, and how many views see it on the
-        building."""
+        """Return the state of each point from where it falls in the masks alone, and how many views judge it."""
         background, seen = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
         for view, mask in zip(self.views, self.masks, strict=True):
             verdict = kernel.locate(points, view, mask).verdict
             background += verdict == kernel.BACKGROUND
             seen += verdict == kernel.SEEN
         state = np.full(len(points), SOLID, np.uint8)
-        state[seen == 0] = INVALID
+        judging = seen + background if self.options.every_view else seen
+        state[judging == 0] = INVALID
         if self.options.hull.carve:
             state[outside_hull(background, seen, self.options.hull)] = FREE
-        return state, seen
+        return state, judging
+
+
+def _opened(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A mask of :func:`mgf_engine.mesh.hull.judging_mask` without background."""
+    return np.where(mask == kernel.OUTSIDE, kernel.INSIDE, mask).astype(np.uint8)
 
 
 def _share_of(progress: Progress, part: slice, count: int) -> Progress:

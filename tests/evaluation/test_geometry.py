@@ -232,7 +232,7 @@ def test_scores_by_material() -> None:
 def test_a_comparison_inside_a_box_leaves_out_both_meshes_beside_it() -> None:
     wall, far = plane(0.0), plane(5.0, size=2.0)
     mesh = Surface(np.r_[wall.vertices, far.vertices], np.r_[wall.faces, far.faces + len(wall.vertices)])
-    found = compare_surfaces(mesh, wall, samples=5_000)
+    found = compare_surfaces(mesh, wall, ComparisonOptions(5_000))
     assert found.scores((0.1,)).f1[0] < 95  # a second sheet, which is nowhere in the truth
     low, high = wall.vertices.min(0) - 0.5, wall.vertices.max(0) + 0.5
     inside = found.inside(np.stack([low, high]))

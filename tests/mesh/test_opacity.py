@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.analytic import ball, camera, ring, scene_of, sphere
@@ -116,6 +118,18 @@ def test_without_the_hull_background_frees_nothing(setting):
     assert OpacityField(field, views, blank, OpacityOptions(hull=UNCARVED)).classify(np.zeros((1, 3)))[0] == SOLID
     fused = fuse_gaussians(field, views, blank, options=FusionOptions(TsdfOptions(hull=UNCARVED)))
     assert fused.classify(np.zeros((1, 3)))[0] == SOLID
+
+
+def test_views_that_show_a_point_on_background_judge_it_where_every_view_does(setting):
+    """Behind the ball: the one view that shows the point inside its mask sees the ball first, others see the point."""
+    field, views, masks = setting
+    masks = [masks[0], *(np.full_like(m, OUTSIDE) for m in masks[1:])]
+    behind = -1.4 * views[0].centre / np.linalg.norm(views[0].centre)
+    points, uncarved = np.array([behind, [0.0, 0.0, 0.0]]), OpacityOptions(hull=UNCARVED)
+    assert OpacityField(field, views, masks, uncarved).classify(points).tolist() == [SOLID, SOLID]
+    every = OpacityField(field, views, masks, replace(uncarved, every_view=True))
+    assert every.classify(points).tolist() == [FREE, SOLID]
+    assert every.classify(np.array([[0, 0, 50.0]])).tolist() == [INVALID]
 
 
 def test_no_points(setting):
