@@ -249,6 +249,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "min_component": 0.0,
         "texture": False,
         "votes.few": 0,
+        "opacity.every_view": True,
         "pose_adjustment.adjust": False,
         "propagation.retry_below": 0.0,
         "propagation.disagree_above": 1.0,

@@ -61,6 +61,7 @@ OURS = {
 #: Options of algorithms that run always otherwise, and what they are where the paper has no such step.
 ALGORITHMS_OFF = {
     "votes.few": 0,  # eq. 3 and 22 tolerate no vote against a point
+    "opacity.every_view": True,  # eq. 25: the minimum among all views
     "pose_adjustment.adjust": False,  # 3.1.1 takes the cameras of structure from motion as they are
     "propagation.retry_below": 0.0,  # 3.1.2 prompts EfficientSAM once per photo
     "propagation.disagree_above": 1.0,
