@@ -128,7 +128,7 @@ class Comparison:
         return self._select(*(_in_crop(points, crop) for points in (self.points, self.true_points)))
 
     def _select(self, found: NDArray[np.bool_], true: NDArray[np.bool_]) -> Comparison:
-        """Some points of the mesh, bool [N], and some true ones, bool [M]."""
+        """Return some points of the mesh, bool [N], and some true ones, bool [M]."""
         _check_any(self.true_points[true])
         return replace(
             self, points=self.points[found], errors=self.errors[found], turns=self.turns[found],

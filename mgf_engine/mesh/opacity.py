@@ -148,7 +148,7 @@ class OpacityField:
 
 
 def _opened(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A mask of :func:`mgf_engine.mesh.hull.judging_mask` without background."""
+    """Return a mask of :func:`mgf_engine.mesh.hull.judging_mask` without its background."""
     return np.where(mask == kernel.OUTSIDE, kernel.INSIDE, mask).astype(np.uint8)
 
 
