@@ -164,7 +164,7 @@ def crossing(runs: list[Run], place: Array, pixel: float, options: StraightenOpt
 def join_ends(
     strokes: list[Stroke], places: dict[int, Array], pixel: float, options: StraightenOptions = StraightenOptions()
 ) -> None:
-    """Bring all strokes that end in one place to one point; ``places``: where each place is, [2].
+    """Bring all strokes that end in one place to one point.
 
     Args:
         strokes: changed in place.

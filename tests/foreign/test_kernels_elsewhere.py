@@ -22,8 +22,8 @@ FEW = [
     "tests/raster/test_adam.py::test_agrees_with_torch_optim[cpu:x86-64]",
     "tests/raster/test_point_opacity.py::test_matches_the_twin[cpu-4.0-many]",
     "tests/field/test_losses.py::test_every_kernel_variant_matches_the_twin[x86-64]",
-    "tests/mesh/test_topology.py",
-    "tests/mesh/test_rasterize.py",
+    "tests/model/test_topology.py",
+    "tests/geometry/test_rasterize.py",
     "tests/mesh/test_tsdf.py",
     "tests/mesh/test_photometric.py::test_kernel_equals_its_twin[x86-64]",
     "tests/mesh/test_depth_smoothing.py::test_the_kernel_agrees_with_its_reference",
@@ -34,9 +34,9 @@ FEW = [
     "tests/mesh/test_colors.py",
     "tests/start/test_start_kernels.py",
     "tests/start/test_smoothing.py::test_kernel_and_twin_agree[x86-64]",
-    "tests/masks/test_patch_ncc.py",
-    "tests/masks/test_point_surface.py",
-    "tests/masks/test_superpixels.py",
+    "tests/masks/refinement/test_patch_ncc.py",
+    "tests/masks/geometry/test_point_surface.py",
+    "tests/masks/propagation/test_superpixels.py",
     "tests/scene/test_patch_match.py::test_kernel_equals_its_twin[x86-64-True]",
 ]
 #: They only measure speed, which means nothing in an emulator.

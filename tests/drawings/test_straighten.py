@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Straight runs of chains: what is kept of a polyline, where lines meet, and what is level or upright."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mgf_engine.drawings.straighten import Run, crossing, join_ends, merge, split, straighten
+
+
+def run(at: tuple[float, float], angle: float, length: float = 10.0) -> Run:
+    return Run(np.array(at), np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))]), length)
+
+
+def stairs(start: float, end: float, slope: float) -> np.ndarray:
+    """A line as pixels show it: corners of whole numbers."""
+    x = np.arange(start, end + 1)
+    return np.repeat(np.stack([x, np.floor(slope * x)], 1), 2, axis=0)[1:-1] + [0.0, 0.0]
+
+
+def test_split_keeps_the_corner_alone() -> None:
+    points = np.array([[0, 0], [1, 0.1], [2, -0.1], [3, 0], [3.1, 1], [2.9, 2], [3, 3.0]])
+    assert split(points, 0.5) == [0, 3, 6]
+    assert split(points, 5.0) == [0, 6]
+    assert split(points[:2], 0.1) == [0, 1]
+
+
+def test_lines_meet_where_they_cross_and_near_parallel_ones_between() -> None:
+    place = np.array([5.0, 5.0])
+    np.testing.assert_allclose(crossing([run((0, 5.0), 0), run((5.2, 0), 90)], place, 1.0), [5.2, 5.0], atol=1e-6)
+    np.testing.assert_allclose(crossing([run((0, 5.0), 0), run((0, 5.4), 2)], place, 1.0), [5.0, 5.3], atol=0.05)
+    far = crossing([run((0, 5.0), 0), run((0, 30.0), 40)], place, 1.0)  # they cross 30 away
+    assert np.hypot(*(far - place)) > 4 and np.isfinite(far).all()
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.02])
+def test_a_level_line_of_pixels_becomes_level(slope: float) -> None:
+    stroke = straighten(stairs(0, 60, slope), (0, 1), 1.0)
+    assert len(stroke.runs) == 1 and stroke.runs[0].level and not stroke.runs[0].upright
+
+
+def test_a_sloping_line_keeps_its_slope() -> None:
+    stroke = straighten(stairs(0, 60, 0.5), (0, 1), 1.0)
+    assert len(stroke.runs) == 1 and not stroke.runs[0].level
+    along = stroke.runs[0].along
+    assert along[1] / along[0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_rectangle_has_four_runs_and_exact_corners() -> None:
+    corners = np.array([[0, 0], [40, 0.4], [40, 20], [0.3, 20], [0, 0]])
+    stroke = straighten(corners, (3, 3), 1.0)
+    assert stroke.closed and len(stroke.runs) == 4
+    assert sum(r.level for r in stroke.runs) == 2 and sum(r.upright for r in stroke.runs) == 2
+    assert (stroke.points[0] == stroke.points[-1]).all()
+
+
+def test_strokes_that_end_in_one_place_meet_in_one_point() -> None:
+    level = straighten(np.array([[0, 0.2], [30.0, 0.2]]), (0, 1), 1.0)
+    upright = straighten(np.array([[30.3, 0.0], [30.3, -25.0]]), (1, 2), 1.0)
+    join_ends([level, upright], {1: np.array([30.0, 0.0])}, 1.0)
+    np.testing.assert_allclose(level.points[-1], upright.points[0])
+    np.testing.assert_allclose(level.points[-1], [30.3, 0.2], atol=1e-6)
+
+
+def test_segments_on_one_line_become_one_and_others_stay() -> None:
+    def segment(*numbers: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(numbers[:2]), np.array(numbers[2:])
+
+    found = merge([segment(0, 0, 10, 0), segment(9, 0.1, 20, 0.1), segment(0, 5, 10, 5)], 1.0)
+    spans = sorted(round(float(np.hypot(*(b - a)))) for a, b in found)
+    assert spans == [10, 20]

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A folder of results is made beside the old one and takes its place whole, or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mgf_engine.config import make_config
+from mgf_engine.errors import BadInput
+from mgf_engine.messages import Message, Reporter
+from mgf_engine.output_folder import Cost, Deliverables, check_place, new_folder
+
+
+def test_a_whole_folder_replaces_the_old_one(tmp_path: Path) -> None:
+    out = tmp_path / "drawings"
+    out.mkdir()
+    (out / "old.txt").touch()
+    with new_folder(out) as beside:
+        (beside / "new.txt").touch()
+        assert (out / "old.txt").exists()
+    assert [p.name for p in out.iterdir()] == ["new.txt"] and list(tmp_path.iterdir()) == [out]
+
+
+def test_a_failure_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> None:
+    out = tmp_path / "drawings"
+    out.mkdir()
+    (out / "old.txt").touch()
+    with pytest.raises(ZeroDivisionError), new_folder(out):
+        raise ZeroDivisionError
+    assert [p.name for p in out.iterdir()] == ["old.txt"] and list(tmp_path.iterdir()) == [out]
+
+
+def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").touch()
+    with pytest.raises(BadInput, match="holds no drawings"):
+        check_place(tmp_path, "drawings.json", "drawings")
+    with pytest.raises(BadInput, match="is a file"):
+        check_place(tmp_path / "thesis.txt", "drawings.json", "drawings")
+    (tmp_path / "drawings.json").touch()
+    check_place(tmp_path, "drawings.json", "drawings")
+    check_place(tmp_path / "new", "drawings.json", "drawings")
+
+
+def test_files_are_on_record_and_the_result_names_them(tmp_path: Path) -> None:
+    said: list[Message] = []
+    cost = Cost({"reading": 1.2, "lines": 2.9})
+    work = Deliverables(config=make_config(), folder=tmp_path / ".part", reporter=Reporter(said.append), cost=cost)
+    assert work.add("plan.svg", kind="plan") == tmp_path / ".part" / "plan.svg"
+    work.send(tmp_path, facades=4)
+    (message,) = said
+    assert message["type"] == "result" and message["files"] == {"plan.svg": str(tmp_path / "plan.svg")}
+    assert message["figures"] == {"facades": 4, "CPU seconds": 4} and work.files == {"plan.svg": {"kind": "plan"}}
