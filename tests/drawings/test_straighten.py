@@ -16,7 +16,7 @@ def run(at: tuple[float, float], angle: float, length: float = 10.0) -> Run:
 def stairs(start: float, end: float, slope: float) -> np.ndarray:
     """A line as pixels show it: corners of whole numbers."""
     x = np.arange(start, end + 1)
-    return np.repeat(np.stack([x, np.floor(slope * x)], 1), 2, axis=0)[1:-1] + [0.0, 0.0]
+    return np.repeat(np.stack([x, np.floor(slope * x)], 1), 2, axis=0)[1:-1]
 
 
 def test_split_keeps_the_corner_alone() -> None:

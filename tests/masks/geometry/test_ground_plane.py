@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ground is a level plane below the cameras and below nearly all points, or there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.small_scene import make_scene, view
+
+from mgf_engine.masks.geometry.ground_plane import Ground, GroundPlaneOptions, find_ground
+from mgf_engine.masks.geometry.point_features import measure_point_features
+from mgf_engine.model.scene import Scene
+
+LOOKING_NORTH = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # z up
+
+
+def plane(height: float, count: int = 400, slope: float = 0.0) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(-5, 5, (2, count))
+    return np.stack([x, y, height + slope * x + rng.normal(0, 0.005, count)], 1)
+
+
+def scene(points: np.ndarray, camera_height: float) -> Scene:
+    centres = [np.array([x, -12.0, camera_height]) for x in (-2.0, 0.0, 2.0)]
+    views = [view(f"{k}", 0, rotation=LOOKING_NORTH, translation=-LOOKING_NORTH @ c) for k, c in enumerate(centres)]
+    return make_scene(views, points, [[] for _ in points])
+
+
+def ground_of(points: np.ndarray, camera_height: float, options: GroundPlaneOptions = GroundPlaneOptions()):
+    made = scene(points, camera_height)
+    return find_ground(made, measure_point_features(made), np.ones(len(points)), 0, options)
+
+
+def test_a_lawn_is_the_ground_and_points_on_it_are_rated() -> None:
+    wall = np.stack([np.linspace(-2, 2, 200), np.zeros(200), np.random.default_rng(0).uniform(0.5, 3, 200)], 1)
+    points = np.concatenate([plane(0.0), wall])
+    made = scene(points, 1.6)
+    shape = measure_point_features(made)
+    found = find_ground(made, shape, np.ones(len(points)), 0)
+    assert isinstance(found, Ground) and found.normal @ [0, 0, 1.0] > 0.999
+    assert np.abs(found.height(np.array([[1.0, 2.0, 0.0], [0, 0, 2.0]])) - [0, 2]).max() < 0.05
+
+
+@pytest.mark.parametrize(("camera_height", "there"), [(9.0, True), (1.5, False)])
+def test_a_level_plane_above_the_cameras_is_a_ceiling(camera_height: float, there: bool) -> None:
+    assert (ground_of(plane(6.0), camera_height) is not None) == there
+
+
+def test_a_roof_with_points_below_it_is_no_ground() -> None:
+    below = np.random.default_rng(1).uniform((-4, -4, 0), (4, 4, 4), (300, 3))
+    assert ground_of(np.concatenate([plane(5.0), below]), 9.0) is None
+
+
+def test_steep_planes_and_few_points_are_none() -> None:
+    assert ground_of(plane(0.0, slope=0.8), 9.0) is None
+    assert ground_of(plane(0.0, count=30), 9.0, GroundPlaneOptions(least_support=40)) is None
