@@ -131,6 +131,13 @@ def view_order(count: int, epoch: int, seed: int) -> list[int]:
 
 
 def covers_all_views(first: int, last: int, count: int, seed: int) -> bool:
-    """Tell whether each of ``count`` training views has a turn in iterations ``first`` to ``last`` - 1."""
+    """Tell whether each of ``count`` training views has a turn in iterations ``first`` to ``last`` - 1.
+
+    Args:
+        first: the first iteration.
+        last: one past the last iteration.
+        count: number of training views.
+        seed: of the order of the views.
+    """
     orders = {epoch: view_order(count, epoch, seed) for epoch in range(first // count, (last - 1) // count + 1)}
     return len({orders[i // count][i % count] for i in range(first, last)}) == count
