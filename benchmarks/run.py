@@ -21,8 +21,8 @@ from benchmarks.catalogue import with_present_names
 from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
 from benchmarks.suites import PRINTED, SUITES, half_of, suite_runs
 from mgf_engine import __version__
-from mgf_engine.config import named_values
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
+from mgf_engine.option_input import named_values
 from mgf_engine.system import write_json
 
 

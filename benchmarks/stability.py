@@ -27,8 +27,8 @@ from benchmarks.perturb import PERTURBATIONS, RECORD, Perturbation, perturb
 from benchmarks.scene_series import SERIES, Series
 from benchmarks.scenes import make_scene
 from benchmarks.suites import Options, Run
-from mgf_engine.config import option_pairs
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
+from mgf_engine.option_input import option_pairs
 from mgf_engine.system import write_json
 
 Row = dict[str, Any]

@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 from mgf_engine.algorithms import algorithms_schema
 from mgf_engine.cli_arguments import make_parser
-from mgf_engine.config import option_fields, option_pairs, options_schema, read_config, renamed_values
+from mgf_engine.config import option_fields, options_schema, renamed_values
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Reporter
+from mgf_engine.option_input import option_pairs, read_config
 from mgf_engine.option_list import algorithms_text, options_text
 from mgf_engine.reported import send_failed, watch_for_cancel
 from mgf_engine.stages import STAGE_NAMES

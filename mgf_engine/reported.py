@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.algorithms import algorithm_values, check_used
-from mgf_engine.config import option_pairs, read_config
 from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Reporter
+from mgf_engine.option_input import option_pairs, read_config
 from mgf_engine.terminal import drop_output, make_sink
 
 STYLES = ("auto", "bar", "plain", "json", "none")

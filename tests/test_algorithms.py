@@ -13,10 +13,11 @@ import pytest
 from mgf_engine.algorithm_table import ALGORITHMS, COMMANDS, Algorithm
 from mgf_engine.algorithms import algorithms_schema, parameter
 from mgf_engine.cli import main
-from mgf_engine.config import SECTIONS, Config, as_dict, make_config, option_pairs
+from mgf_engine.config import SECTIONS, Config, as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.targets import TargetOptions
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
+from mgf_engine.option_input import option_pairs
 from mgf_engine.stages import STAGE_NAMES
 
 OPTIONS = algorithms_schema()

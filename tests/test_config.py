@@ -14,12 +14,11 @@ from mgf_engine.config import (
     as_dict,
     make_config,
     option_fields,
-    option_pairs,
     options_schema,
-    read_config,
     renamed_values,
 )
 from mgf_engine.errors import BadInput
+from mgf_engine.option_input import option_pairs, read_config
 
 
 def test_defaults_are_valid() -> None:

@@ -216,7 +216,8 @@ def _prepare_config(folder: Path) -> None:
 
 
 def _read_config(folder: Path) -> Any:
-    from mgf_engine.config import make_config, read_config
+    from mgf_engine.config import make_config
+    from mgf_engine.option_input import read_config
     from mgf_engine.scene.crop import parse_crop_box, read_crop_box
 
     _ignore_bad_input(lambda p: read_crop_box(str(p)), folder / "box.txt")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.algorithms import check_used
-from mgf_engine.config import make_config, option_fields, option_pairs, read_config
+from mgf_engine.config import make_config, option_fields
 from mgf_engine.georef.apply import apply_to_finished
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
@@ -17,6 +17,7 @@ from mgf_engine.georef.model import FILE
 from mgf_engine.georef.report import facts
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
+from mgf_engine.option_input import option_pairs, read_config
 from mgf_engine.reported import add_algorithm_arguments, add_reporting_arguments, run_reported
 from mgf_engine.system import atomic_path
 

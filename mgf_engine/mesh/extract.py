@@ -30,7 +30,7 @@ from mgf_engine.mesh.planar import flatten
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
-from mgf_engine.mesh.tetrahedra import beside_surface, tetra_points
+from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField, fuse_gaussians
 from mgf_engine.messages import Reporter
@@ -80,18 +80,13 @@ def extract_mesh(
     box = crop_of(options.crop_box, scene)
     with times.part("points"):
         kept = screen(gaussians, scene, masks, options.screening)
-        spanned = tetra_points(
-            kept if box is None else select_near_box(kept, box, options.beside_box), options.tetrahedra
-        )
-        prior = None
-        if start is not None and trusted.photos is not None:
-            prior = Prior(start.mesh, start.sure)
-            spanned = beside_surface(spanned, start.mesh, start.pixel, box, options.tetrahedra)
+        start = start if trusted.photos is not None else None
+        spanned = span_points(kept, box, start, options)
+        prior = None if start is None else Prior(start.mesh, start.sure)
     with begun(spanned.points) as made:
         with times.part("depth maps"):
             field = surface_field(kept, trusted, options, reporter, prior)
-            if options.calibrate_level:
-                calibrate_level(field, scene, masks, options)
+            calibrate_level(field, scene, masks, options)
         with times.part("tetrahedra"):
             tetrahedra = made(reporter.check)
     reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
@@ -103,8 +98,7 @@ def extract_mesh(
         del tetrahedra
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
-        voting = trusted.labels if options.use_masks and options.face_votes else None
-        mesh = clean_level_set(mesh, field, trusted.views, options, voting)
+        mesh = clean_level_set(mesh, field, trusted, options)
         if options.drop_unseen:
             mesh = keep_clicked_parts(mesh, scene, masks, reporter, options.components)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
@@ -118,6 +112,22 @@ def extract_mesh(
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(mesh.faces))
     with times.part("reduction"):
         return finish_mesh(simplify_mesh(mesh, trusted.views, options, reporter), field, options)
+
+
+def span_points(
+    gaussians: Gaussians, box: CropBox | None, start: StartSurface | None, options: ExtractionOptions
+) -> TetraPoints:
+    """Span the points of the tetrahedra by Gaussians, in and near the crop box, and beside the starting surface.
+
+    Args:
+        gaussians: the screened field.
+        box: crop box; None for no limit.
+        start: the starting surface where it counts.
+        options: of the tetrahedra, and how far around the box Gaussians count.
+    """
+    near = gaussians if box is None else select_near_box(gaussians, box, options.beside_box)
+    spanned = tetra_points(near, options.tetrahedra)
+    return spanned if start is None else beside_surface(spanned, start.mesh, start.pixel, box, options.tetrahedra)
 
 
 def move_onto_evidence(
@@ -154,7 +164,7 @@ def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOp
 
 
 def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSet, options: ExtractionOptions) -> None:
-    """Set the level of the surface so that it runs through the most reliable sparse points of the building.
+    """Set the level of the surface so that it runs through the most reliable sparse points, where that is wanted.
 
     Args:
         field: whose level is set.
@@ -162,6 +172,8 @@ def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSe
         masks: which tell the points on the building.
         options: which points are reliable.
     """
+    if not options.calibrate_level:
+        return
     long_tracks = np.diff(scene.track_start) >= options.calibration_track
     sure = masks.point_mask & (scene.errors < options.calibration_error) & long_tracks
     level = field.calibrate(scene.points[sure])

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +20,10 @@ from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.tetrahedra import TetraPoints
+from mgf_engine.mesh.trusted_views import TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.mesh.unobserved_volumes import drop_unobserved
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.model.scene import View
 
 _CLASSIFIED = 0.3  # share of the extraction, for the progress bar
 
@@ -73,22 +73,21 @@ def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool
 def clean_level_set(
     mesh: Mesh,
     field: OpacityField | TsdfField,
-    views: Sequence[View],
+    trusted: TrustedViews,
     options: ExtractionOptions,
-    labels: Sequence[NDArray[np.uint8]] | None = None,
 ) -> Mesh:
     """Clean the level set: remove false parts, orient it outward, close small holes, smooth it.
 
     Args:
         mesh: the level set.
         field: that it was extracted from.
-        views: the cameras.
+        trusted: photos and masks.
         options: which steps to take, and how.
-        labels: label map of each view, where the masks are to vote on the faces.
 
     Raises:
         BadInput: nothing is left.
     """
+    views, labels = trusted.views, trusted.labels if options.use_masks and options.face_votes else None
     mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
     if options.merge_flat:
         mesh = merge_flat(mesh, views, options.clustering)
