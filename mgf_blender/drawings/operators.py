@@ -14,7 +14,7 @@ from ..properties import scene_key
 from ..reconstruct.operators import FinishedJobOperator, submit
 from ..reconstruct.start import ended, job_folder
 from ..results.load import job_name
-from ..scene_import.operators import select_only
+from ..scene_import.operators import SceneOperator, select_only
 from ..scene_import.tree import Tree
 from .index import read_index
 from .sections import ROLE_KEY, THEIRS, add_section, find_sections, may_be_section, remove_section, section_texts
@@ -57,7 +57,7 @@ class MGF_OT_make_drawings(FinishedJobOperator):
         return submit(self, drawings_job(context.scene))
 
 
-class MGF_OT_add_section(Operator):
+class MGF_OT_add_section(SceneOperator):
     """Put a plane through the middle; the building is cut where it stands. Move and turn it as any object"""
 
     bl_idname = "mgf.add_section"
@@ -73,10 +73,6 @@ class MGF_OT_add_section(Operator):
             ("SIDE", "Along Y", "Upright along the world's Y axis"),
         ],
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
         context.view_layer.update()

@@ -13,6 +13,7 @@ from ..prompts.properties import active_photo
 from ..reconstruct.operators import FinishedJobOperator, submit
 from ..reconstruct.start import job_folder
 from ..scene_import.cameras import PHOTO_KEY
+from ..scene_import.operators import SceneOperator
 from ..scene_import.tree import Tree
 from . import files
 from .place import place
@@ -59,16 +60,12 @@ class MGF_OT_take_control_points(Operator):
         state.marking = len(state.points) > 0
 
 
-class MGF_OT_place_scene(Operator):
+class MGF_OT_place_scene(SceneOperator):
     """Lay the scene where it truly is: meters, Z up, Y north; properties of the scene say what its origin is"""
 
     bl_idname = "mgf.place_scene"
     bl_label = "Place in True Coordinates"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
         found = files.read_placement(job_folder(context.scene))

@@ -23,7 +23,9 @@ from .locate import find_model, find_photo
 from .tree import Tree
 
 
-class _NeedsScene(Operator):
+class SceneOperator(Operator):
+    """Base of operators that need an imported scene."""
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
@@ -79,7 +81,7 @@ class MGF_OT_reload_scene(Operator):
         bring_in(context.scene, Path(bpy.path.abspath(context.scene.mgf.source)), True, True, self)
 
 
-class MGF_OT_look_through(_NeedsScene):
+class MGF_OT_look_through(SceneOperator):
     """Look through a camera; the render takes the size and pixel aspect of its photo"""
 
     bl_idname = "mgf.look_through"
@@ -92,9 +94,7 @@ class MGF_OT_look_through(_NeedsScene):
 
     def run(self, context: bpy.types.Context) -> None:
         tree = Tree.find(context.scene)
-        cameras = sorted(tree.objects("Cameras"), key=lambda o: o.get(PHOTO_KEY, ""))
-        if not cameras:
-            raise UserError("The imported scene has no cameras left; import it again.")
+        cameras = sorted(tree.cameras(), key=lambda o: o.get(PHOTO_KEY, ""))
         chosen = context.object if self.step == 0 and context.object in cameras else context.scene.camera
         at = cameras.index(chosen) if chosen in cameras else 0
         camera = cameras[(at + self.step) % len(cameras)]
@@ -105,7 +105,7 @@ class MGF_OT_look_through(_NeedsScene):
         enter_camera(context)
 
 
-class MGF_OT_set_scale(_NeedsScene):
+class MGF_OT_set_scale(SceneOperator):
     """Scale the scene so that two chosen points lie at a known distance: select two vertices or two objects"""
 
     bl_idname = "mgf.set_scale"
@@ -146,7 +146,7 @@ class MGF_OT_set_scale(_NeedsScene):
         self.report({"INFO"}, tr("{measured:.6g} measured, scaled by {factor:.6g}", measured=measured, factor=factor))
 
 
-class MGF_OT_set_up_axis(_NeedsScene):
+class MGF_OT_set_up_axis(SceneOperator):
     "Set the direction of the scene that points up"
 
     bl_idname = "mgf.set_up_axis"
@@ -167,9 +167,7 @@ class MGF_OT_set_up_axis(_NeedsScene):
     def run(self, context: bpy.types.Context) -> None:
         tree = Tree.find(context.scene)
         if self.axis == "CAMERAS":
-            cameras = [np.array(o.matrix_basis)[:3, :3] for o in tree.objects("Cameras")]
-            if not cameras:
-                raise UserError("The imported scene has no cameras left; import it again.")
+            cameras = [np.array(o.matrix_basis)[:3, :3] for o in tree.cameras()]
             up = up_direction(
                 np.array([np.diag([1.0, -1.0, -1.0]) @ (m / np.linalg.norm(m, axis=0)).T for m in cameras])
             )
@@ -180,7 +178,7 @@ class MGF_OT_set_up_axis(_NeedsScene):
         root.matrix_basis = Matrix.LocRotScale(location, Matrix(rotation_to_z(up).tolist()), scale)
 
 
-class MGF_OT_add_crop_box(_NeedsScene):
+class MGF_OT_add_crop_box(SceneOperator):
     "Add a box around the points; only its inside is meshed. Move, rotate and scale it like any object"
 
     bl_idname = "mgf.add_crop_box"

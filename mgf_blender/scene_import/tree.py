@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..common.errors import UserError
 from .frame import Frame
 
 KINDS = ("Cameras", "Points", "Mesh", "Renders")
@@ -103,6 +104,17 @@ class Tree:
     def objects(self, kind: str) -> list[bpy.types.Object]:
         """Return the objects of a kind that the add-on made, wherever in the tree they are now."""
         return [o for o in objects_below(self.collection) if o.get(KIND_KEY) == kind]
+
+    def cameras(self) -> list[bpy.types.Object]:
+        """Return the cameras of the photos.
+
+        Raises:
+            UserError: there are none left.
+        """
+        found = self.objects("Cameras")
+        if not found:
+            raise UserError("The imported scene has no cameras left; import it again.")
+        return found
 
     def clear(self, kind: str) -> None:
         """Remove our objects of a kind with the data only they used."""
