@@ -49,14 +49,14 @@ def bench_main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    lines = "\n".join(f"  {name:<11} {text}" for name, text in SUITES.items())
+    lines = "\n".join(f"  {name:<13} {text}" for name, text in SUITES.items())
     parser = argparse.ArgumentParser(
         prog="mgf bench",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Measure the engine on scenes with known truth.",
         epilog=f"suites:\n{lines}\n  scenes      make a scene: 'mgf bench scenes --help'\n"
-        "  masks       score the masks alone: 'mgf bench masks --help'\n"
-        "  stability   where the method breaks: 'mgf bench stability --help'",
+        "  masks         score the masks alone: 'mgf bench masks --help'\n"
+        "  stability     where the method breaks: 'mgf bench stability --help'",
     )
     parser.add_argument("suite", choices=sorted(SUITES), help="what to measure", metavar="SUITE")
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of jobs, results and the page")

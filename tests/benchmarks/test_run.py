@@ -58,8 +58,8 @@ def test_every_option_of_every_suite_exists() -> None:
     for suite in SUITES:
         for run in suite_runs(suite):
             make_config(run.options)
-    for name, start in {"paper": paper_setting(), "ours": OURS}.items():
-        changed = {run.variant.partition(": ")[2]: run for run in suite_runs("ablation") if run.group == name}
+    for suite, start in {"ablation": paper_setting(), "ablation-ours": OURS}.items():
+        changed = {run.variant.partition(": ")[2]: run for run in suite_runs(suite)}
         assert set(ABLATION) <= set(changed)
         for what, options in ABLATION.items():  # one thing at a time, from the setting's own values
             full, one = (as_dict(make_config(o)) for o in (start, changed[what].options))
@@ -69,7 +69,8 @@ def test_every_option_of_every_suite_exists() -> None:
 
 
 def test_shorter_runs_of_the_paper_keep_its_ratio_and_leave_ours_alone() -> None:
-    by_name = {run.variant: run.options for run in suite_runs("ablation", ["a"], paper_iterations=1400)}
+    runs = [run for suite in ("ablation", "ablation-ours") for run in suite_runs(suite, ["a"], paper_iterations=1400)]
+    by_name = {run.variant: run.options for run in runs}
     lengths = {name: make_config(options).iterations for name, options in by_name.items()}
     assert lengths["paper: (e) full"] == 1400 and lengths["paper: (f) 30/7 of the iterations"] == 6000
     assert lengths["ours: (e) full"] == make_config().iterations
