@@ -25,10 +25,10 @@ from foreign.remote import EMULATORS, PACKAGES, emulator_of, exported  # noqa: E
 #: Tests that compare kernels with plain twins, with other libraries, or with what must hold.
 TESTS = (
     "raster/test_render_edges.py", "raster/test_adam.py", "raster/test_point_opacity.py", "field/test_losses.py",
-    "mesh/test_topology.py", "mesh/test_rasterize.py", "mesh/test_tsdf.py", "mesh/test_photometric.py",
+    "model/test_topology.py", "geometry/test_rasterize.py", "mesh/test_tsdf.py", "mesh/test_photometric.py",
     "mesh/test_depth_smoothing.py", "mesh/test_planar_clustering.py", "mesh/test_decimate.py", "mesh/test_colors.py",
-    "masks/test_patch_ncc.py", "masks/test_point_surface.py", "masks/test_superpixels.py", "start/test_smoothing.py",
-    "start/test_start_kernels.py", "scene/test_patch_match.py", "benchmarks/test_roofline.py",
+    "masks/refinement/test_patch_ncc.py", "masks/geometry/test_point_surface.py",
+    "masks/propagation/test_superpixels.py", "start/test_smoothing.py", "start/test_start_kernels.py", "scene/test_patch_match.py", "benchmarks/test_roofline.py",
 )  # fmt: skip
 #: Other backends do not call the kernels, other variants are not those of the target.
 CHOSEN = "not cuda and not reference and not v3 and not v4"
