@@ -86,6 +86,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("parts", "masks", "Elements of the building: windows, doors, wall fields", "masks.parts:PartOptions"),
     # field
     Algorithm("start_views", "field", "Photos and masks that the starting surface is made from", "start.options:ViewOptions"),
+    Algorithm("start_outside", "field", "What the masks call outside of the building", "start.options:OutsideOptions"),
     Algorithm("start_lines", "field", "Edges in photos and lines in space", "start.options:SegmentOptions"),
     Algorithm("start_planes", "field", "Planes through lines", "start.options:PlaneOptions"),
     Algorithm("start_stereo", "field", "Points by stereo", "start.options:DenseOptions"),

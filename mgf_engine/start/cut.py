@@ -96,8 +96,7 @@ def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array
         block = slice(begin, begin + _BLOCK)
         corners = shape.points[shape.corners[block]]
         for row in _SAMPLES:
-            outside = views.outside_views(row @ corners, o.margin, o.outside_views)
-            share[block] += outside >= o.outside_views
+            share[block] += views.is_outside(row @ corners, o.outside)
     return share / len(_SAMPLES)
 
 

@@ -111,8 +111,7 @@ def _steiner_points(
     o, pixel = options.planes, views.pixel
 
     def in_hull(points: Array) -> NDArray[np.bool_]:
-        enough = options.cut.outside_views
-        return views.outside_views(points, options.cut.margin, enough) < enough
+        return ~views.is_outside(points, options.cut.outside)
 
     points, owner = plane_points(planes, lines, dense.points, pixel, o)
     kept = in_hull(points)

@@ -130,10 +130,7 @@ def _unexplained(
     candidates = (good.sum(1) >= o.least_views) & np.take_along_axis(good, segments.view[own][:, None], 1)[:, 0]
     share = np.linspace(0, 1, 9)
     at = lines[:, None, 0] + share[None, :, None] * (lines[:, None, 1] - lines[:, None, 0])
-    outside = (
-        views.outside_views(at.reshape(-1, 3), o.outside_margin, o.outside_views).reshape(len(own), -1)
-        >= o.outside_views
-    )
+    outside = views.is_outside(at.reshape(-1, 3), o.outside).reshape(len(own), -1)
     candidates &= (outside.mean(1) <= o.outside_share) & (np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > 1e-9)
     result = []
     for n in np.flatnonzero(candidates):

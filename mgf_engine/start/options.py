@@ -35,6 +35,17 @@ class ViewOptions:
 
 
 @dataclass(frozen=True)
+class OutsideOptions:
+    """When the masks call a point outside."""
+
+    least_views: int = parameter(2, "Minimum number of masks that must call a point outside", low=1)
+    share: float = parameter(
+        0.12, "Minimum share of the photos that have the point in their frame whose masks call it outside", high=1
+    )
+    margin: float = parameter(1.5, "Distance from the mask from which a point is outside", "px")
+
+
+@dataclass(frozen=True)
 class SegmentOptions:
     """Edges in photos and lines in space."""
 
@@ -56,11 +67,11 @@ class SegmentOptions:
     least_score: float = parameter(0.8, "Minimum sum of the supports of a line, each 0 to 1")
     residual: float = parameter(1.0, "Maximum residual of a segment that supports the fitted line", "px")
     spread: float = parameter(10.0, "Minimum angle between two rays to a line", "degrees")
-    outside_views: int = parameter(2, "Number of masks that must call a point of a line outside", low=1)
-    outside_margin: float = parameter(2.0, "Distance from a mask from which a point of a line is outside", "px")
     outside_share: float = parameter(0.3, "Share of a line that may lie outside", high=1)
     step: float = parameter(4.0, "Distance between the points on a line", "px", low=0.5)
     shortest_line: float = parameter(2.0, "Minimum length of a line that gets points", "px")
+
+    outside: OutsideOptions = OutsideOptions()
 
 
 @dataclass(frozen=True)
@@ -173,14 +184,14 @@ class CutOptions:
     well_inside: float = parameter(4.0, "Distance from the mask's rim from which points count as inside behind", "px")
     cover: float = parameter(0.2, "Weight of the ray of a mask pixel that the surface leaves uncovered")
     short: float = parameter(12.0, "Length of such a ray in the hull beyond which it weighs less", "px", low=0.1)
-    outside_views: int = parameter(2, "Number of masks that must call a point outside", low=1)
-    margin: float = parameter(1.5, "Distance from the mask from which a point is outside", "px")
     outside_share: float = parameter(0.5, "Share of a tetrahedron outside from which all of it is outside", high=1)
     least_points: int = parameter(20, "Minimum number of points that photos show, for a surface to be found", low=4)
     merge: float = parameter(0.5, "Side of the cubes in which points are one", "px", low=0.01)
     padding: float = parameter(
         0.5, "Space around the points up to points that are outside, as a share of the longest side", low=0.01
     )
+
+    outside: OutsideOptions = OutsideOptions()
 
 
 @dataclass(frozen=True)

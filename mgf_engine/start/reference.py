@@ -8,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.start.options import PlaneOptions
+from mgf_engine.start.options import OutsideOptions, PlaneOptions
 from mgf_engine.start.segments import Segments
 from mgf_engine.start.tetrahedra import Tetrahedra
+from mgf_engine.start.views import Silhouettes
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ def _projected(p: Array, x: Array) -> Array | None:
 
 def _image_line(segments: Segments, view: int, line: Array) -> tuple[Array, Array, float] | None:
     """Project a line [2, 3]: start, unit direction and length in pixels; None below 4 px or behind the camera."""
-    a, b = (_projected(segments.views.projections[view], x) for x in line)
+    a, b = (_projected(segments.views.silhouettes.projections[view], x) for x in line)
     if a is None or b is None or np.linalg.norm(b - a) < 4:
         return None
     length = float(np.linalg.norm(b - a))
@@ -138,22 +139,22 @@ def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple
     return spans[-1][2], passed
 
 
-def count_outside(points: Array, projections: Array, outside: NDArray[np.uint8], margin: float) -> NDArray[np.int64]:
-    """Count as :func:`mgf_engine.start.views.count_outside` does, without a bound.
+def find_outside(points: Array, silhouettes: Silhouettes, o: OutsideOptions) -> NDArray[np.bool_]:
+    """Find points outside of the visual hull as :func:`mgf_engine.start.views.find_outside` does, view by view.
 
     Args:
         points: [N, 3], normalised frame.
-        projections: normalised frame -> pixels, per view [V, 3, 4].
-        outside: per view, how far outside of the mask each pixel lies, eighths of a px, uint8 [V, H, W].
-        margin: px from the mask from which on a view calls a point outside.
+        silhouettes: the masks.
+        o: how many of them call a point outside.
     """
-    result = np.zeros(len(points), np.int64)
-    for p, distance in zip(projections, outside, strict=True):
+    framed, outside = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
+    for p, distance, size in zip(silhouettes.projections, silhouettes.outside, silhouettes.sizes, strict=True):
         for n, x in enumerate(points):
             at = _projected(p, x)
-            if at is not None and (at >= 0).all() and at[0] < distance.shape[1] and at[1] < distance.shape[0]:
-                result[n] += distance[int(at[1]), int(at[0])] > 8 * margin
-    return result
+            if at is not None and (at >= 0).all() and (at < size).all():
+                framed[n] += 1
+                outside[n] += distance[int(at[1]), int(at[0])] > 8 * o.margin
+    return (outside >= o.least_views) & (outside >= np.float32(o.share) * framed.astype(np.float32))
 
 
 def smooth_point(

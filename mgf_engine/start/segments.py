@@ -87,8 +87,8 @@ class Segments:
         """The ``struct Segments`` of ``native/csrc/image/segments.c``; it keeps its arrays alive."""
         grid, cell, near = self.grid
         arrays: tuple[NDArray[Any], ...] = (
-            self.ends, self.sides, self.rays, self.normals, self.view, self.views.projections, self.views.centres,
-            self.first, grid, cell, near,
+            self.ends, self.sides, self.rays, self.normals, self.view, self.views.silhouettes.projections,
+            self.views.centres, self.first, grid, cell, near,
         )  # fmt: skip
         arrays = tuple(np.ascontiguousarray(a) for a in arrays)
         o = self.options
@@ -113,7 +113,7 @@ def find_segments(views: StartViews, options: SegmentOptions, threads: int) -> S
 
 def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return unit directions [N, 3] in the normalised frame of pixels [N, 2] of views ``number`` [N]."""
-    inverse = np.stack([np.linalg.inv(p[:, :3]) for p in views.projections])
+    inverse = np.stack([np.linalg.inv(p[:, :3]) for p in views.silhouettes.projections])
     rays = np.einsum("nij,nj->ni", inverse[number], np.c_[uv, np.ones(len(uv))])
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -17,7 +17,7 @@ from mgf_engine.masks.geometry.visual_hull import hull_cells
 from mgf_engine.model.masks import BACKGROUND, MaskSet, building
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.library import parallel
-from mgf_engine.start.options import ViewOptions
+from mgf_engine.start.options import OutsideOptions, ViewOptions
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class StartViews:
         indices: their numbers in the scene.
         views: the cameras at working size.
         labels: uint8 [H, W] each.
-        outside: uint8 [V, H, W] (of the largest photo), distance outside of the mask in eighths of a pixel.
+        silhouettes: their masks, as :func:`find_outside` asks them.
         points, seen: sparse points on the building [N, 3], and of each the positions of the views that saw it.
         pixel: size of a pixel at the building.
         low, high: the box that holds it, [3] each.
@@ -39,7 +39,7 @@ class StartViews:
     indices: list[int]
     views: list[View]
     labels: list[NDArray[np.uint8]]
-    outside: NDArray[np.uint8]
+    silhouettes: Silhouettes
     points: NDArray[np.float64]
     seen: list[NDArray[np.int64]]
     pixel: float
@@ -51,11 +51,6 @@ class StartViews:
     def centres(self) -> NDArray[np.float64]:
         """Camera centres [V, 3]."""
         return np.stack([view.centre for view in self.views])
-
-    @cached_property
-    def projections(self) -> NDArray[np.float64]:
-        """Matrices [V, 3, 4] that take points to pixels."""
-        return np.ascontiguousarray(np.stack([projection(view) for view in self.views]))
 
     @cached_property
     def angles(self) -> NDArray[np.float64]:
@@ -71,9 +66,47 @@ class StartViews:
             return photo
         return np.asarray(cv2.resize(photo, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8)
 
-    def outside_views(self, points: NDArray[np.float64], margin: float, enough: int = 255) -> NDArray[np.uint8]:
-        """Count the views that call points [N, 3] outside by more than ``margin`` px, up to ``enough``; uint8 [N]."""
-        return count_outside(points, self.projections, self.outside, margin, enough)
+    def is_outside(self, points: NDArray[np.float64], o: OutsideOptions) -> NDArray[np.bool_]:
+        """Tell which points [N, 3] the masks call outside, bool [N]."""
+        return find_outside(points, self.silhouettes, o)
+
+
+@dataclass(frozen=True)
+class Silhouettes:
+    """Masks of ``V`` views, by which points are inside or outside of the visual hull.
+
+    Attributes:
+        projections: matrices that take points in the normalised frame to pixels, [V, 3, 4].
+        outside: distances outside of the masks in eighths of a pixel, 255 for more, uint8 [V, H, W]; of smaller photos
+            the rest is 0.
+        sizes: width and height of each photo, int32 [V, 2]; 0 for those whose masks are not asked.
+    """
+
+    projections: NDArray[np.float64]
+    outside: NDArray[np.uint8]
+    sizes: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, views: Sequence[View], labels: Sequence[NDArray[np.uint8]]) -> Silhouettes:
+        """Prepare label maps [H, W] of views; ignored pixels are not outside."""
+        sizes = np.array([(view.width, view.height) for view in views], np.int32)
+        width, height = sizes.max(0)
+        outside = np.zeros((len(labels), height, width), np.uint8)
+        for out, label in zip(outside, labels, strict=True):
+            distance = cv2.distanceTransform((label == BACKGROUND).astype(np.uint8), cv2.DIST_L2, 5)
+            out[: label.shape[0], : label.shape[1]] = np.minimum(8 * distance, 255)
+        return cls(np.ascontiguousarray(np.stack([projection(view) for view in views])), outside, sizes)
+
+    def only(self, number: int) -> Silhouettes:
+        """Return the silhouette of one view."""
+        part = slice(number, number + 1)
+        return Silhouettes(self.projections[part], self.outside[part], self.sizes[part])
+
+    def without(self, numbers: Sequence[int]) -> Silhouettes:
+        """Return them without asking some views."""
+        sizes = self.sizes.copy()
+        sizes[list(numbers)] = 0
+        return replace(self, sizes=sizes)
 
 
 def projection(view: View) -> NDArray[np.float64]:
@@ -81,29 +114,24 @@ def projection(view: View) -> NDArray[np.float64]:
     return np.asarray(view.intrinsics @ np.c_[view.rotation, view.translation])
 
 
-def count_outside(
-    points: NDArray[np.float64], projections: NDArray[np.float64], outside: NDArray[np.uint8], margin: float,
-    enough: int = 255,
-) -> NDArray[np.uint8]:  # fmt: skip
-    """Count views that call each point outside (kernel ``mgf_count_outside``).
+def find_outside(points: NDArray[np.float64], silhouettes: Silhouettes, o: OutsideOptions) -> NDArray[np.bool_]:
+    """Find the points that lie outside of the visual hull (kernel ``mgf_find_outside``).
 
     Args:
         points: [N, 3], normalised frame.
-        projections: [V, 3, 4], points to pixels.
-        outside: distances outside of the masks in eighths of a pixel, uint8 [V, H, W].
-        margin: px from the mask from which a point is outside.
-        enough: count up to which views are asked.
+        silhouettes: the masks.
+        o: how many of them call a point outside.
 
     Returns:
-        uint8 [N].
+        bool [N].
     """
     result = np.zeros(len(points), np.uint8)
-    points, (views, height, width) = np.ascontiguousarray(points, dtype=np.float64), outside.shape
+    points, (views, height, width) = np.ascontiguousarray(points, dtype=np.float64), silhouettes.outside.shape
     parallel(
-        "mgf_count_outside", len(points), points, projections, views, outside, height, width, float(margin), enough,
-        result,
+        "mgf_find_outside", len(points), points, silhouettes.projections, views, silhouettes.outside, height, width,
+        silhouettes.sizes, float(o.margin), o.least_views, float(o.share), result,
     )  # fmt: skip
-    return result
+    return result > 0
 
 
 def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOptions) -> StartViews:
@@ -132,11 +160,11 @@ def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOpt
     pixel = float(np.median([np.linalg.norm(view.centre - middle) / view.fx for view in views]))
     if len(points) >= o.hull.least_points:
         pixel = _pixel(points, seen, views)
-    outside = _outside(labels)
-    result = StartViews(scene, list(indices), views, labels, outside, points, seen, pixel, low - pad, high + pad, cells)
-    for number in _distrusted(result, o):
-        outside[number] = 0
-    return result
+    silhouettes = Silhouettes.of(views, labels)
+    silhouettes = silhouettes.without(_distrusted(silhouettes, low - pad, high + pad, o))
+    return StartViews(
+        scene, list(indices), views, labels, silhouettes, points, seen, pixel, low - pad, high + pad, cells
+    )
 
 
 def _box(
@@ -199,27 +227,19 @@ def _pixel(points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], views
     return float(np.median(size))
 
 
-def _outside(labels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Compute the distance outside of each mask in eighths of a pixel; ignored pixels are not outside."""
-    height, width = (max(label.shape[k] for label in labels) for k in range(2))
-    result = np.zeros((len(labels), height, width), np.uint8)
-    for out, label in zip(result, labels, strict=True):
-        distance = cv2.distanceTransform((label == BACKGROUND).astype(np.uint8), cv2.DIST_L2, 5)
-        out[: label.shape[0], : label.shape[1]] = np.minimum(8 * distance, 255)
-    return result
-
-
-def _distrusted(views: StartViews, o: ViewOptions) -> list[int]:
+def _distrusted(
+    silhouettes: Silhouettes, low: NDArray[np.float64], high: NDArray[np.float64], o: ViewOptions
+) -> list[int]:
     """Find masks that cut off parts of the building.
 
     The coarse hull of what few masks call outside holds the building even where single masks fail. A mask that calls
     far more of it outside than the others do is not trusted; one at a time, and at most half of them.
     """
-    step = float((views.high - views.low).max()) / o.hull_cells
-    axes = [np.arange(a, b, step) for a, b in zip(views.low, views.high, strict=True)]
+    step = float((high - low).max()) / o.hull_cells
+    axes = [np.arange(a, b, step) for a, b in zip(low, high, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    each = zip(views.projections, views.outside, strict=True)
-    says = np.stack([count_outside(cells, p[None].copy(), d[None], o.hull_margin) > 0 for p, d in each])
+    alone = OutsideOptions(least_views=1, share=0, margin=o.hull_margin)
+    says = np.stack([find_outside(cells, silhouettes.only(n), alone) for n in range(len(silhouettes.sizes))])
     trusted = np.ones(len(says), bool)
     while trusted.sum() > len(says) / 2:
         inside = says[trusted].sum(0) < min(o.hull_views, len(says))

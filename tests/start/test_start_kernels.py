@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,10 +14,10 @@ from mgf_engine.native import library
 from mgf_engine.native.library import parallel
 from mgf_engine.start import reference
 from mgf_engine.start.lines import fit_segments, match_segments, neighbours_of
-from mgf_engine.start.options import SegmentOptions, ViewOptions
+from mgf_engine.start.options import OutsideOptions, SegmentOptions, ViewOptions
 from mgf_engine.start.segments import Segments, find_segments, pixel_rays
 from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
-from mgf_engine.start.views import StartViews, count_outside, start_views
+from mgf_engine.start.views import Silhouettes, StartViews, find_outside, start_views
 
 
 @pytest.fixture(scope="module")
@@ -67,13 +69,35 @@ def test_segments_of_a_known_line_are_fitted_to_it(views: StartViews, variant: N
     np.testing.assert_allclose(shown[0, front, 1] - shown[0, front, 0], long, atol=0.05)
 
 
-def test_points_outside_of_masks_are_counted_as_by_the_twin(views: StartViews, variant: None) -> None:
+@pytest.mark.parametrize("options", [OutsideOptions(1, 0.0), OutsideOptions(2, 0.12), OutsideOptions(1, 0.5, 0.5)])
+def test_points_outside_of_masks_are_those_of_the_twin(
+    views: StartViews, options: OutsideOptions, variant: None
+) -> None:
     points = np.random.default_rng(1).uniform(-3, 3, (200, 3))
-    got = count_outside(points, views.projections, views.outside, 1.5)
-    np.testing.assert_array_equal(got, reference.count_outside(points, views.projections, views.outside, 1.5))
-    assert len(np.unique(got)) > 4
-    bounded = count_outside(points, views.projections, views.outside, 1.5, 2)
-    np.testing.assert_array_equal(bounded, np.minimum(got, 2))
+    got = find_outside(points, views.silhouettes, options)
+    np.testing.assert_array_equal(got, reference.find_outside(points, views.silhouettes, options))
+    assert 10 < got.sum() < 190
+
+
+def test_a_few_bad_masks_cut_nothing_off(views: StartViews, variant: None) -> None:
+    points = np.random.default_rng(2).uniform([-1.9, -1.4, 0.1], [1.9, 1.4, 1.4], (100, 3))
+    assert not find_outside(points, views.silhouettes, OutsideOptions()).any()
+    bad = replace(views.silhouettes, outside=views.silhouettes.outside.copy())
+    bad.outside[[3, 11]] = 255
+    assert find_outside(points, bad, OutsideOptions(share=0)).mean() > 0.9
+    assert not find_outside(points, bad, OutsideOptions(share=0.2)).any()
+    assert not find_outside(points, bad.without([3]), OutsideOptions(share=0)).any()
+
+
+def test_beyond_the_frame_of_a_smaller_photo_nothing_is_asked(variant: None) -> None:
+    camera = np.array([[[100.0, 0, 50, 0], [0, 100, 50, 0], [0, 0, 1, 0]]])
+    outside = np.zeros((2, 100, 100), np.uint8)
+    outside[0] = 255
+    sizes = np.array([[100, 100], [40, 40]], np.int32)
+    silhouettes = Silhouettes(np.repeat(camera, 2, 0), outside, sizes)
+    within, beyond = [-0.4, -0.4, 1.0], [0.3, 0.3, 1.0]
+    found = find_outside(np.array([within, beyond]), silhouettes, OutsideOptions(least_views=1, share=0.6))
+    assert found.tolist() == [False, True]
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from mgf_engine.start.cut import cut_surface
 from mgf_engine.start.dense import DensePoints
 from mgf_engine.start.evidence import gather_evidence
 from mgf_engine.start.options import StartOptions
-from mgf_engine.start.views import StartViews
+from mgf_engine.start.views import Silhouettes, StartViews
 
 PIXEL = 0.01
 WIDTH, HEIGHT, FOCAL = 200, 150, 400.0
@@ -58,7 +58,7 @@ def views() -> StartViews:
     cameras = [camera(x) for x in np.linspace(-1.5, 1.5, 9)]
     labels = [np.ones((HEIGHT, WIDTH), np.uint8)] * len(cameras)
     box = np.array([[-1.2, -1.2, -1.2], [1.2, 0.6, 1.2]])
-    return StartViews(None, list(range(9)), cameras, labels, np.zeros((9, HEIGHT, WIDTH), np.uint8),  # type: ignore[arg-type]
+    return StartViews(None, list(range(9)), cameras, labels, Silhouettes.of(cameras, labels),  # type: ignore[arg-type]
                       np.zeros((0, 3)), [], PIXEL, box[0], box[1], np.zeros((0, 3)))  # fmt: skip
 
 

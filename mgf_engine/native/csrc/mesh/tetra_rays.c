@@ -145,24 +145,28 @@ MGF_API void mgf_pull_rays(int32_t *next, int64_t n, const Tetrahedra *t, const 
     }
 }
 
-/* result [n]: how many views call points [n][3] outside, counted to `enough`. distance [views][height][width]: how far
-   pixels lie outside of the mask, in eighths of a pixel, 255 for more; beyond `margin` px is outside. */
-MGF_API void mgf_count_outside(int32_t *next, int64_t n, const double *points, const double *projection, int64_t views,
-                                const uint8_t *distance, int64_t height, int64_t width, float margin, int64_t enough,
-                                uint8_t *result) {
-    const double least = 8 * margin;
+/* result [n]: whether views call points [n][3] outside: at least `least` of them, and at least `share` of those that have
+   the point in their frame. distance [views][height][width]: how far pixels lie outside of the mask, in eighths of a
+   pixel, 255 for more; beyond `margin` px is outside. size [views][2]: width and height of each frame. */
+MGF_API void mgf_find_outside(int32_t *next, int64_t n, const double *points, const double *projection, int64_t views,
+                              const uint8_t *distance, int64_t height, int64_t width, const int32_t *size, float margin,
+                              int64_t least, float share, uint8_t *result) {
+    const double beyond = 8 * margin;
     for (int64_t piece = take_work(next); piece * PIECE < n; piece = take_work(next)) {
         for (int64_t i = piece * PIECE; i < n && i < (piece + 1) * PIECE; i++) {
             const double *x = points + 3 * i;
-            int64_t count = 0;
-            for (int64_t v = 0; v < views && count < enough; v++) {
+            int64_t outside = 0, framed = 0;
+            for (int64_t v = 0; v < views; v++) {
                 const double *p = projection + 12 * v, w = slope(p + 8, x) + p[11];
                 if (w <= 0) continue;
                 const double a = (slope(p, x) + p[3]) / w, b = (slope(p + 4, x) + p[7]) / w;
-                if (!(a >= 0 && b >= 0 && a < width && b < height)) continue;
-                count += distance[(v * height + (int64_t)b) * width + (int64_t)a] > least;
+                if (!(a >= 0 && b >= 0 && a < size[2 * v] && b < size[2 * v + 1])) continue;
+                framed++;
+                outside += distance[(v * height + (int64_t)b) * width + (int64_t)a] > beyond;
+                // Enough even if all other views have the point in their frame and inside.
+                if (outside >= least && outside >= share * (framed + views - v - 1)) break;
             }
-            result[i] = (uint8_t)(count < 255 ? count : 255);
+            result[i] = outside >= least && outside >= share * framed;
         }
     }
 }
