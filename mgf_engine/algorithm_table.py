@@ -63,6 +63,8 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("ground_homography", "masks", "Ground that shows through the building", "masks.refinement.ground_homography:GroundHomographyOptions"),
     Algorithm("far_background", "masks", "Far background behind an open building", "masks.refinement.far_background:FarBackgroundOptions"),
     Algorithm("building_extent", "masks", "Extent of the building in the photos", "masks.geometry.building_extent:ExtentOptions", also=("preview",)),
+    Algorithm("ground_plan", "masks", "Ground plan of the building", "masks.geometry.ground_plan:GroundPlanOptions", also=("preview",)),
+    Algorithm("silhouettes", "masks", "Silhouettes of the other photos as evidence", "masks.geometry.silhouette_consistency:SilhouetteConsistencyOptions", also=("preview",)),
     Algorithm("superpixels", "masks", "Superpixels of each photo", "masks.propagation.superpixels:SuperpixelOptions", also=("preview",)),
     Algorithm("prompt_outliers", "masks", "Cross-validation of clicks", "masks.propagation.prompt_outliers:PromptOutlierOptions"),
     Algorithm("prompt_agreement", "masks", "Clicks in several photos that confirm each other", "masks.propagation.prompt_agreement:PromptAgreementOptions"),

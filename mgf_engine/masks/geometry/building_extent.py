@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.masks.geometry.ground_plan import GroundPlan, GroundPlanOptions
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs, enclosed
 from mgf_engine.masks.geometry.point_features import PointFeatures
@@ -59,6 +60,7 @@ class ExtentOptions:
     hidden_blur: tuple[float, float] = parameter(
         (5.0, 14.0), "Standard deviation of the smallest and the largest window, on the map", "px", low=0.1
     )
+    plan: GroundPlanOptions = GroundPlanOptions()
     overhangs: OverhangOptions = OverhangOptions()
     surface: SurfaceOptions = SurfaceOptions()
     gravity: GravityOptions = GravityOptions()
@@ -103,6 +105,7 @@ class BuildingExtent:
         self.visibility = visibility
         fine = self.options.fine * _map_pixel(scene, keep, self.options)
         columns = None
+        self.plan = GroundPlan.of(scene.points[keep], shape.up, options.plan) if keep.any() else None
         if keep.any():
             spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene, options.gravity) is None
             over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen, options.overhangs)
@@ -122,14 +125,14 @@ class BuildingExtent:
             return ViewRegions(empty, empty, empty.astype(np.float32), empty, empty, empty, empty, nowhere)
         near = self.body.depth(view, h, w)
         places, _, radius = self.columns.project(view, h, w)
-        core = _close(places, self.options.core * radius, h, w)
+        first, through = self._ground_first(view, near, h, w)
+        core = _close(places, self.options.core * radius, h, w) | through
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
         reach = core | np.isfinite(near)
         outside = (~enclosed(reach)).astype(np.uint8)
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
         behind = self.others.depth(view, h, w) + self.body.tolerance < near
-        first, hidden = self._ground_first(view, near, h, w), self._hidden(index, h, w)
-        hull = _convex_hull(core, self.options.hull_piece)
+        hidden, hull = self._hidden(index, h, w), _convex_hull(core, self.options.hull_piece)
         return ViewRegions(core, reach, away, first, hidden, behind, hull, near)
 
     def within(self, index: int, place: ViewRegions) -> NDArray[np.bool_]:
@@ -144,14 +147,24 @@ class BuildingExtent:
         depth = view.project(self.scene.points[self.visibility.owner[here]])[1]
         return (place.core & ~place.ground_first)[y, x] & (depth > place.near[y, x] - self.body.tolerance)
 
-    def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> Map:
+    def _ground_first(self, view: View, near: NDArray[np.float32], h: int, w: int) -> tuple[Map, Map]:
+        """Find the pixels whose rays meet the ground before the building's points, [h, w] each.
+
+        Returns:
+            Those that meet it beside the ground plan, and those within it: they have passed through a wall without
+            points.
+        """
         if self.floor is None:
-            return np.zeros((h, w), bool)
+            return np.zeros((h, w), bool), np.zeros((h, w), bool)
         depth = ground_depth(view, self.floor, h, w)
         # The plane may be off by its thickness: along the ray that is more the flatter the ray.
         above = float(self.floor.height(view.centre[None])[0])
         margin = depth * min(0.5, 1.5 * self.floor.thickness / max(above, 1e-9))
-        return np.isfinite(depth) & (depth + margin < near)
+        first = np.isfinite(depth) & (depth + margin < near)
+        through = np.zeros((h, w), bool)
+        if self.plan is not None and not self.plan.holds(view.centre[None])[0]:
+            through[first] = self.plan.holds(_at_depth(view, first, depth))
+        return first & ~through, through
 
     def _hidden(self, index: int, h: int, w: int) -> Map:
         """Find views with many accepted points that cameras close by observed here, and hardly any observed in this
@@ -232,6 +245,15 @@ def map_size(view: View) -> tuple[int, int]:
     """Return the height and width of the reduced maps of a view."""
     factor = min(1.0, MAP_SIDE / max(view.width, view.height))
     return max(1, round(view.height * factor)), max(1, round(view.width * factor))
+
+
+def _at_depth(view: View, chosen: Map, depth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points [N, 3] at the depth [h, w] of the chosen map pixels."""
+    h, w = chosen.shape
+    y, x = np.nonzero(chosen)
+    xs, ys = ((x + 0.5) * view.width / w - view.cx) / view.fx, ((y + 0.5) * view.height / h - view.cy) / view.fy
+    camera = np.stack([xs, ys, np.ones(len(x))], 1) * depth[chosen][:, None]
+    return np.asarray((camera - view.translation) @ view.rotation)
 
 
 def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float64]:

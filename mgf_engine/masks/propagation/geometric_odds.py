@@ -24,6 +24,7 @@ from mgf_engine.masks.geometry.building_extent import (
 )
 from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
+from mgf_engine.masks.geometry.silhouette_consistency import Silhouette, silhouette_odds
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.superpixels import Regions
@@ -121,6 +122,33 @@ class GeometricOdds:
         share = within / np.maximum(np.bincount(observed, minlength=graph.point_count), 1)
         point_odds += own.within_odds * share * ~point_grounded
         return evidence
+
+    def silhouettes(self, probability: Array, placed: GeometricEvidence, views: Sequence[int]) -> Array:
+        """Compute the odds that the silhouettes of all other photos give to regions; 0 in other views, [regions].
+
+        Args:
+            probability: of "building" so far, of all nodes [N].
+            placed: evidence of :meth:`place`.
+            views: indices of the views to look at.
+        """
+        graph, own = self.graph, self.options.silhouettes
+        points = probability[graph.region_count :] > self.options.building_above
+        points &= ~placed.grounded[graph.region_count :]
+        result = np.zeros(graph.region_count)
+        if points.sum() < 10:
+            return result
+        low, high = own.plants
+        inside = np.clip((probability - 0.5) / own.softness + 0.5, 0, 1).astype(np.float32)
+        weight = (1 - np.clip((graph.plants - low) / max(high - low, 1e-9), 0, 1)).astype(np.float32)
+        parts = [slice(graph.start[i], graph.start[i + 1]) for i in views]
+        said = [
+            Silhouette(graph.scene.views[i], graph.regions[i], inside[part], weight[part])
+            for i, part in zip(views, parts, strict=True)
+        ]
+        odds = silhouette_odds(said, graph.scene.points[points], placed.ground, graph.threads, own)
+        for part, values in zip(parts, odds, strict=True):
+            result[part] = values
+        return result
 
     def _find_ground(self, points: Array, prompts: Prompts, seed: int) -> Ground | None:
         """Find the ground plane, by the probability of "building" of the points [P]; None if the clicks count it in.

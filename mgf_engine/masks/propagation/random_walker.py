@@ -82,6 +82,8 @@ class LabelPropagation:
             if round_ > 0:
                 placed = self.geometry.place(probability, appearance, prompts, seed, looked_at)
                 odds, ground = odds + placed.odds, placed.ground
+                if round_ >= self.options.silhouettes_after:
+                    odds[: self.graph.region_count] += self.geometry.silhouettes(probability, placed, looked_at)
                 tied = np.maximum(self.evidence_weight, self.options.over_weight * self.graph.degree)
                 weight = np.where(placed.over, tied, self.evidence_weight)
                 teach = np.where(placed.grounded, self.options.ground_training_weight, 1.0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import GroundPlaneOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions
+from mgf_engine.masks.geometry.silhouette_consistency import SilhouetteConsistencyOptions
 
 
 @dataclass(frozen=True)
@@ -62,5 +63,9 @@ class RandomWalkerOptions:
         0.02, "Probability per step that the first random walk ends, which limits the reach of a click"
     )
     rounds: int = parameter(4, "Number of rounds of appearance, geometry and propagation", low=1, high=100)
+    silhouettes_after: int = parameter(
+        3, "Number of rounds after which the silhouettes of the other photos are evidence, too"
+    )
+    silhouettes: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions()
     ground: GroundPlaneOptions = GroundPlaneOptions()
     features: PointFeatureOptions = PointFeatureOptions()

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The building's ground plan, from its points seen from above.
+
+A ray that meets the ground within the plan has passed through a wall before: it shows the building, even where no point
+lies on that wall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.masks.geometry.overhangs import enclosed
+
+
+@dataclass(frozen=True)
+class GroundPlanOptions:
+    """Options of the ground plan."""
+
+    side: int = parameter(64, "Number of cells along the longer side of the plan", low=4)
+    gap: float = parameter(0.05, "Half width of gaps between points that are closed, as a share of that side", high=1)
+    percentiles: tuple[float, float] = parameter(
+        (0.5, 99.5), "Percentiles of the points that the longer side lies between", high=100
+    )
+    beyond: float = parameter(0.0625, "Distance beyond them up to which points count, as a share of that side")
+    piece: float = parameter(0.1, "Minimum area of a piece, as a share of the largest one", high=1)
+
+
+@dataclass(frozen=True)
+class GroundPlan:
+    """Cells of the plan that the building stands on.
+
+    Attributes:
+        axes: horizontal unit vectors, [2, 3].
+        low: corner of the first cell along them, [2].
+        cell: side of a cell.
+        area: bool [X, Y].
+    """
+
+    axes: NDArray[np.float64]
+    low: NDArray[np.float64]
+    cell: float
+    area: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, points: NDArray[np.float64], up: NDArray[np.float64], o: GroundPlanOptions = GroundPlanOptions()
+    ) -> GroundPlan:
+        """Draw the plan of points [N, 3] of a building, at least one, with ``up`` [3]."""
+        axes = np.linalg.svd(up[None])[2][1:]
+        plan = points @ axes.T
+        low, high = np.percentile(plan, o.percentiles, axis=0)
+        longest = max(float((high - low).max()), 1e-9)
+        beyond = o.beyond * longest
+        plan = plan[((plan >= low - beyond) & (plan <= high + beyond)).all(1)]
+        cell, reach = longest / o.side, max(1, round(o.gap * o.side))
+        low = plan.min(0) - (reach + 2) * cell
+        at = np.floor((plan - low) / cell).astype(np.int64)
+        spots = np.zeros(at.max(0) + reach + 3, np.uint8)
+        spots[tuple(at.T)] = 1
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        closed = enclosed(cv2.morphologyEx(spots, cv2.MORPH_CLOSE, kernel) > 0)
+        _, piece, stats, _ = cv2.connectedComponentsWithStats(closed.astype(np.uint8))
+        large = stats[:, cv2.CC_STAT_AREA] >= o.piece * stats[1:, cv2.CC_STAT_AREA].max(initial=1)
+        large[0] = False
+        return cls(axes, low, cell, large[piece])
+
+    def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell which points [N, 3] lie within the plan, at any height, bool [N]."""
+        at = np.floor((points @ self.axes.T - self.low) / self.cell)
+        inside = ((at >= 0) & (at < self.area.shape)).all(1)
+        result = np.zeros(len(points), bool)
+        result[inside] = self.area[tuple(at[inside].astype(np.int64).T)]
+        return result

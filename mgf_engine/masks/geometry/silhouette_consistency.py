@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Ask all other photos whether a region can be the building: silhouettes as evidence (after Campbell et al. 2010).
+
+Each cell of a box around the building gets the share of the photos in whose silhouettes it lies. A ray of a photo that
+meets no cell with a high share misses the building, whatever its colour; a ray that meets one that nearly all others
+hold probably shows it. No point has to lie on a wall for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.model.scene import View
+from mgf_engine.native.parallel import parallel_map
+
+Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class SilhouetteConsistencyOptions:
+    """Options of the silhouettes' evidence; odds are natural logarithms of the odds of "building"."""
+
+    cells: int = parameter(96, "Number of cells along the longest side of the box", low=8)
+    padding: float = parameter(0.2, "Space around the points of the building, as a share of the longest side")
+    percentiles: tuple[float, float] = parameter(
+        (0.5, 99.5), "Percentiles of these points that the box lies between", high=100
+    )
+    softness: float = parameter(
+        0.4, "Width of the range of probability, around a half, in which a region is neither in nor out", low=0.01
+    )
+    plants: tuple[float, float] = parameter(
+        (0.25, 0.75), "Likeness to plants between which a region counts less and less: it may hide the building", high=1
+    )
+    least_views: int = parameter(3, "Minimum number of other photos that must have a cell in their frame", low=1)
+    shares: tuple[float, float, float] = parameter(
+        (0.7, 0.9, 0.99), "Shares of the photos that speak against the building, for neither, and for it", high=1
+    )
+    odds_against: float = parameter(-3.0, "Odds at the first of these shares", low=None)
+    odds_for: float = parameter(1.0, "Odds at the last of them", low=None)
+    carved: float = parameter(0.3, "Share of the photos below which a cell is not looked at again", high=1)
+
+
+@dataclass(frozen=True)
+class Silhouette:
+    """What one photo says: its camera, its regions, and of each region how far it is building and how much it counts.
+
+    Attributes:
+        view, regions: the camera, and ``S`` superpixels.
+        inside: 0..1, [S].
+        weight: 0..1, [S]; 0 for what may hide the building.
+    """
+
+    view: View
+    regions: Regions
+    inside: Array
+    weight: Array
+
+
+def silhouette_odds(
+    silhouettes: Sequence[Silhouette],
+    points: NDArray[np.float64],
+    ground: Ground | None,
+    threads: int = 1,
+    o: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions(),
+) -> list[NDArray[np.float64]]:
+    """Compute the log-odds of "building" that the other photos' silhouettes give to the regions of each photo.
+
+    Args:
+        silhouettes: of all photos that are looked at.
+        points: that are probably the building, [N, 3]; the box lies around them.
+        ground: what lies below it is not looked at; None without ground.
+        threads: number of worker threads.
+        o: options.
+
+    Returns:
+        [S] for each photo.
+    """
+    cells, size = _cells(points, ground, o)
+    total, count = np.zeros(len(cells), np.float32), np.zeros(len(cells), np.float32)
+    for said, weight in parallel_map(lambda s: _ask(s, cells), silhouettes, threads):
+        total += said * weight
+        count += weight
+    kept = total >= o.carved * count
+    cells, total, count = cells[kept], total[kept], count[kept]
+
+    def odds(silhouette: Silhouette) -> NDArray[np.float64]:
+        said, weight = _ask(silhouette, cells)
+        others = count - weight
+        share = (total - said * weight) / np.maximum(others, 1e-6)
+        share[others < o.least_views] = o.shares[1]
+        largest = _largest_in_regions(silhouette, cells, share, size)
+        return np.interp(largest, o.shares, (o.odds_against, 0.0, o.odds_for))
+
+    return list(parallel_map(odds, silhouettes, threads))
+
+
+def _cells(
+    points: NDArray[np.float64], ground: Ground | None, o: SilhouetteConsistencyOptions
+) -> tuple[NDArray[np.float64], float]:
+    """Return the centres [N, 3] of the box's cells above the ground, and their size."""
+    low, high = np.percentile(points, o.percentiles, axis=0)
+    padding = o.padding * float((high - low).max())
+    low, high = low - padding, high + padding
+    size = max(float((high - low).max()) / o.cells, 1e-9)
+    axes = [np.arange(a + size / 2, b, size) for a, b in zip(low, high, strict=True)]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    return cells if ground is None else cells[ground.height(cells) > -size / 2], size
+
+
+def _ask(silhouette: Silhouette, cells: NDArray[np.float64]) -> tuple[Array, Array]:
+    """Return how far a photo holds each cell [N, 3] and how much that counts, 0 out of the frame; [N] each."""
+    view = silhouette.view
+    uv, depth = view.project(cells)
+    framed = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+    said, weight = np.zeros(len(cells), np.float32), np.zeros(len(cells), np.float32)
+    region = silhouette.regions.at(uv[framed])
+    said[framed], weight[framed] = silhouette.inside[region], silhouette.weight[region]
+    return said, weight
+
+
+def _largest_in_regions(silhouette: Silhouette, cells: NDArray[np.float64], share: Array, size: float) -> Array:
+    """Return the mean over each region of the largest share that its pixels' rays meet, [S]."""
+    view, regions = silhouette.view, silhouette.regions
+    h, w = regions.labels.shape
+    uv, depth = view.project(cells)
+    x, y = np.floor(uv * regions.scale).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.ceil(0.5 * size * view.fx * regions.scale[0] / depth)
+    shown = (depth > 0) & (x >= -radius) & (y >= -radius) & (x < w + radius) & (y < h + radius)
+    shown &= radius <= max(h, w)  # else the camera stands in the cell
+    x, y, radius, share = (values[shown] for values in (x, y, radius, share))
+    largest = np.zeros((h, w), np.float32)
+    for r in np.unique(radius).astype(int):
+        rows = radius == r
+        spots = np.zeros((h + 2 * r, w + 2 * r), np.float32)
+        at = np.clip(y[rows] + r, 0, h + 2 * r - 1), np.clip(x[rows] + r, 0, w + 2 * r - 1)
+        np.maximum.at(spots, tuple(a.astype(np.int64) for a in at), share[rows])
+        grown = cv2.dilate(spots, np.ones((2 * r + 1, 2 * r + 1), np.uint8))
+        np.maximum(largest, grown[r : r + h, r : r + w], out=largest)
+    label, count = regions.labels.ravel(), len(regions.area)
+    pixels = np.maximum(np.bincount(label, minlength=count), 1)
+    return np.asarray(np.bincount(label, largest.ravel(), minlength=count) / pixels, np.float32)
