@@ -62,7 +62,7 @@ class RandomWalkerOptions:
     termination: float = parameter(
         0.02, "Probability per step that the first random walk ends, which limits the reach of a click"
     )
-    rounds: int = parameter(4, "Number of rounds of appearance, geometry and propagation", low=1, high=100)
+    rounds: int = parameter(5, "Number of rounds of appearance, geometry and propagation", low=1, high=100)
     silhouettes_after: int = parameter(
         3, "Number of rounds after which the silhouettes of the other photos are evidence, too"
     )
