@@ -63,8 +63,9 @@ class GroundPlan:
         spots = np.zeros(at.max(0) + reach + 3, np.uint8)
         spots[tuple(at.T)] = 1
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-        closed = enclosed(cv2.morphologyEx(spots, cv2.MORPH_CLOSE, kernel) > 0)
-        _, piece, stats, _ = cv2.connectedComponentsWithStats(closed.astype(np.uint8))
+        # What the walls enclose is filled while the gaps between their points are bridged.
+        wide = enclosed(cv2.dilate(spots, kernel) > 0).astype(np.uint8)
+        _, piece, stats, _ = cv2.connectedComponentsWithStats(cv2.erode(wide, kernel))
         large = stats[:, cv2.CC_STAT_AREA] >= o.piece * stats[1:, cv2.CC_STAT_AREA].max(initial=1)
         large[0] = False
         return cls(axes, low, cell, large[piece])

@@ -100,6 +100,31 @@ def test_core_reaches_down_to_the_ground_and_not_beyond_the_wall(scene: Scene, e
     assert at(place.away, view, [0, 0, 2]) == 0 and at(place.away, view, [3.2, 0, 2]) > 3
 
 
+def test_a_ray_that_meets_the_ground_within_the_plan_has_passed_a_wall(scene: Scene):
+    """Few points on a front wall, many on side walls and roof: the gap in the front wall is no ground."""
+    rng = np.random.default_rng(3)
+    back = np.stack([rng.uniform(-2, 2, 400), np.full(400, 2.0), rng.uniform(0, 3, 400)], 1)
+    sides = np.stack([rng.choice([-2.0, 2.0], 400), rng.uniform(0, 2, 400), rng.uniform(0, 3, 400)], 1)
+    roof = np.stack([rng.uniform(-2, 2, 400), rng.uniform(0, 2, 400), np.full(400, 3.0)], 1)
+    walls = np.concatenate([back, sides, roof])
+    count = len(walls)
+    with_ground = np.concatenate([walls, scene.points[WALL:]])
+    none = np.zeros(0, np.int32)
+    bare = replace(
+        scene, points=with_ground, colors=np.zeros((len(with_ground), 3), np.uint8),
+        errors=np.zeros(len(with_ground), np.float32), track_start=np.zeros(len(with_ground) + 1, np.int64),
+        track_view=none, track_uv=np.zeros((0, 2), np.float32),
+    )  # fmt: skip
+    shape = measure_point_features(bare)
+    keep = np.arange(len(with_ground)) < count
+    ground = find_ground(bare, shape, (~keep).astype(float), 0)
+    assert ground is not None
+    place = BuildingExtent(bare, shape, keep, ground, Visibility(bare, shape)).place(1)
+    view = bare.views[1]
+    assert at(place.core, view, [0, 0, 0.4]) and not at(place.ground_first, view, [0, 0, 0.4])
+    assert at(place.ground_first, view, [0, -0.6, 0]) and not at(place.core, view, [0, -0.6, 0])
+
+
 def test_a_point_astray_adds_nothing(scene: Scene):
     """One point of the wall's top slid a few spacings along its line, into the air."""
     astray = replace(scene, points=scene.points.copy())
