@@ -40,7 +40,7 @@ class OutsideOptions:
 
     least_views: int = parameter(2, "Minimum number of masks that must call a point outside", low=1)
     share: float = parameter(
-        0.12, "Minimum share of the photos that have the point in their frame whose masks call it outside", high=1
+        0.05, "Minimum share of the photos that have the point in their frame whose masks call it outside", high=1
     )
     margin: float = parameter(1.5, "Distance from the mask from which a point is outside", "px")
 

@@ -135,7 +135,7 @@ class GeometricOdds:
         points = probability[graph.region_count :] > self.options.building_above
         points &= ~placed.grounded[graph.region_count :]
         result = np.zeros(graph.region_count)
-        if points.sum() < 10:
+        if points.sum() < 10 or len(views) <= own.least_views:
             return result
         low, high = own.plants
         inside = np.clip((probability - 0.5) / own.softness + 0.5, 0, 1).astype(np.float32)
