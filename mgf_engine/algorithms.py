@@ -36,6 +36,10 @@ _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}
 #: Option -> its name now; taken for one version, with a warning.
 RENAMED_OPTIONS = {
+    "start_cut.outside_views": "start_outside.least_views",
+    "start_cut.margin": "start_outside.margin",
+    "start_lines.outside_views": "start_outside.least_views",
+    "start_lines.outside_margin": "start_outside.margin",
     "patch_match.most_off": "patch_match.consistency_max_cost",
     "patch_match.held_score": "patch_match.consistency_min_ncc",
 }

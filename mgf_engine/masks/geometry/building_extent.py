@@ -163,7 +163,9 @@ class BuildingExtent:
         first = np.isfinite(depth) & (depth + margin < near)
         through = np.zeros((h, w), bool)
         if self.plan is not None and not self.plan.holds(view.centre[None])[0]:
-            through[first] = self.plan.holds(_at_depth(view, first, depth))
+            # If the plane lay a little higher, a flat ray would meet it well before the wall.
+            hits, earlier = _at_depth(view, first, depth), _at_depth(view, first, depth - margin)
+            through[first] = self.plan.holds(hits) & self.plan.holds(earlier)
         return first & ~through, through
 
     def _hidden(self, index: int, h: int, w: int) -> Map:

@@ -124,7 +124,7 @@ class GeometricOdds:
         return evidence
 
     def silhouettes(self, probability: Array, placed: GeometricEvidence, views: Sequence[int]) -> Array:
-        """Compute the odds that the silhouettes of all other photos give to regions; 0 in other views, [regions].
+        """Compute the odds that the silhouettes of all other photos give to regions, [N]; 0 elsewhere.
 
         Args:
             probability: of "building" so far, of all nodes [N].
@@ -134,7 +134,7 @@ class GeometricOdds:
         graph, own = self.graph, self.options.silhouettes
         points = probability[graph.region_count :] > self.options.building_above
         points &= ~placed.grounded[graph.region_count :]
-        result = np.zeros(graph.region_count)
+        result = np.zeros(len(probability))
         if points.sum() < 10 or len(views) <= own.least_views:
             return result
         low, high = own.plants

@@ -23,7 +23,7 @@ from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, Mixture, fit_mixture, log_ratio
-from mgf_engine.masks.propagation.geometric_odds import GeometricOdds
+from mgf_engine.masks.propagation.geometric_odds import GeometricEvidence, GeometricOdds
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.native.parallel import parallel_map
 
@@ -75,24 +75,32 @@ class LabelPropagation:
         silent = not any(len(c.negative) for c in prompts.values())
         weight = self.evidence_weight
         probability, trust = self._first_guess(pull + self.options.click_weight * (sky & silent), target)
-        appearance, teach, ground = np.zeros(len(probability)), trust, None
+        appearance, odds, teach = np.zeros(len(probability)), np.zeros(len(probability)), trust
+        placed = GeometricEvidence.nothing(len(probability))
         for round_ in range(self.options.rounds if rounds is None else rounds):
             appearance = self._appearance(probability, teach, seed)
             odds = appearance + self.options.plant_odds * self.graph.plants + self.options.sky_odds * sky
             if round_ > 0:
                 placed = self.geometry.place(probability, appearance, prompts, seed, looked_at)
-                odds, ground = odds + placed.odds, placed.ground
-                if round_ >= self.options.silhouettes_after:
-                    odds[: self.graph.region_count] += self.geometry.silhouettes(probability, placed, looked_at)
+                odds += placed.odds
                 tied = np.maximum(self.evidence_weight, self.options.over_weight * self.graph.degree)
                 weight = np.where(placed.over, tied, self.evidence_weight)
                 teach = np.where(placed.grounded, self.options.ground_training_weight, 1.0)
             else:
                 teach = np.ones(len(probability))
-            wanted = 1.0 / (1.0 + np.exp(-odds))
-            strength = weight * np.abs(2 * wanted - 1) + 1e-4
-            probability = self.graph.solve(pull + strength, pull * target + strength * wanted, probability)
-        return self._split(probability, appearance, ground)
+            probability = self._walk(pull, target, odds, weight, probability)
+        for _ in range(self.options.silhouette_rounds if rounds is None else 0):
+            seen = self.geometry.silhouettes(probability, placed, looked_at)
+            if not seen.any():
+                break
+            probability = self._walk(pull, target, odds + seen, weight, probability)
+        return self._split(probability, appearance, placed.ground)
+
+    def _walk(self, pull: Array, target: Array, odds: Array, weight: Array, probability: Array) -> Array:
+        """Solve the random walk by the pull of the clicks and the odds, from the probability so far; [N] each."""
+        wanted = 1.0 / (1.0 + np.exp(-odds))
+        strength = weight * np.abs(2 * wanted - 1) + 1e-4
+        return self.graph.solve(pull + strength, pull * target + strength * wanted, probability)
 
     def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
         """Compare positive and negative clicks by fading random walks; returns which is nearer, and how reliably."""

@@ -62,9 +62,9 @@ class RandomWalkerOptions:
     termination: float = parameter(
         0.02, "Probability per step that the first random walk ends, which limits the reach of a click"
     )
-    rounds: int = parameter(5, "Number of rounds of appearance, geometry and propagation", low=1, high=100)
-    silhouettes_after: int = parameter(
-        3, "Number of rounds after which the silhouettes of the other photos are evidence, too"
+    rounds: int = parameter(4, "Number of rounds of appearance, geometry and propagation", low=1, high=100)
+    silhouette_rounds: int = parameter(
+        1, "Number of times that the silhouettes of the other photos are asked, after these rounds", high=100
     )
     silhouettes: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions()
     ground: GroundPlaneOptions = GroundPlaneOptions()
