@@ -164,7 +164,7 @@ class BuildingExtent:
         through = np.zeros((h, w), bool)
         if self.plan is not None and not self.plan.holds(view.centre[None])[0]:
             # If the plane lay a little higher, a flat ray would meet it well before the wall.
-            hits, earlier = _at_depth(view, first, depth), _at_depth(view, first, depth - margin)
+            hits, earlier = _at_depth(view, first, depth[first]), _at_depth(view, first, depth[first] - margin[first])
             through[first] = self.plan.holds(hits) & self.plan.holds(earlier)
         return first & ~through, through
 
@@ -250,11 +250,11 @@ def map_size(view: View) -> tuple[int, int]:
 
 
 def _at_depth(view: View, chosen: Map, depth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points [N, 3] at the depth [h, w] of the chosen map pixels."""
+    """Return the points at the depths [N] of the chosen map pixels, [N, 3]."""
     h, w = chosen.shape
     y, x = np.nonzero(chosen)
     xs, ys = ((x + 0.5) * view.width / w - view.cx) / view.fx, ((y + 0.5) * view.height / h - view.cy) / view.fy
-    camera = np.stack([xs, ys, np.ones(len(x))], 1) * depth[chosen][:, None]
+    camera = np.stack([xs, ys, np.ones(len(x))], 1) * depth[:, None]
     return np.asarray((camera - view.translation) @ view.rotation)
 
 
