@@ -114,7 +114,7 @@ class PlaneOptions:
         (0.7, 0.1), "Weight of a line that one stronger plane carries, and of one that several carry", high=1
     )
     cross_factor: float = parameter(
-        3.0, "Line length that counts, as a factor of the length of the lines that cross the longest one"
+        6.0, "Line length that counts, as a factor of the length of the lines that cross the longest one"
     )
     regular_share: float = parameter(
         0.5, "Share of the line length that counts in any case on planes along two dominant directions", high=1
