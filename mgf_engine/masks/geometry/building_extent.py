@@ -169,8 +169,7 @@ class BuildingExtent:
         return first & ~through, through
 
     def _hidden(self, index: int, h: int, w: int) -> Map:
-        """Find views with many accepted points that cameras close by observed here, and hardly any observed in this
-        photo."""
+        """Find the map pixels where cameras close by observed many accepted points and this photo hardly any."""
         view, points = self.scene.views[index], self.scene.points
         observed = self.visibility.observed(index)
         expected = self.visibility.expected(index) & self.keep
