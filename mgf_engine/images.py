@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,6 +68,31 @@ def read_info(path: Path) -> PhotoInfo:
     except Exception as error:
         raise _unreadable(path) from error
     return PhotoInfo(width, height, orientation if 1 <= orientation <= 8 else 1)
+
+
+def read_infos(paths: Sequence[Path]) -> list[PhotoInfo]:
+    """Read the headers of many photos.
+
+    Raises:
+        BadInput: some are missing or no pictures; all are counted, the first is named.
+    """
+    found: list[PhotoInfo] = []
+    refused: list[BadInput] = []
+    for path in paths:
+        try:
+            found.append(read_info(path))
+        except BadInput as error:
+            refused.append(error)
+    if refused:
+        raise first_of(refused, len(paths))
+    return found
+
+
+def first_of(refused: Sequence[BadInput], count: int) -> BadInput:
+    """Return the refusal of the first of several photos that cannot be used, with how many of ``count`` they are."""
+    if len(refused) == 1:
+        return refused[0]
+    return BadInput(f"{len(refused)} of {count} photos cannot be used, the first of them: {refused[0]}")
 
 
 def read_rgb(path: Path, *, turn: bool = False) -> NDArray[np.uint8]:

@@ -26,14 +26,14 @@ class Inputs:
 
     Attributes:
         scene: the model's files by content and its photos by size and time, as plain lists.
-        photos: how many there are.
+        names: of the photos.
         clicks: the prompts file; None where there is none.
         masks: the user's masks by size and time; None where there are none.
         tables: control points, marks and scale bars, option -> hash of the file's content.
     """
 
     scene: list[Any]
-    photos: int
+    names: tuple[str, ...]
     clicks: PromptsFile | None
     masks: list[Any] | None
     tables: dict[str, str] = field(default_factory=dict)
@@ -61,7 +61,7 @@ def read_inputs(
     except OSError as error:
         reason = error.strerror or str(error)
         raise BadInput(f"Cannot read '{error.filename or source}' ({reason}); check that it is there.") from error
-    return Inputs(scene, len(names), clicks, own, hashes)
+    return Inputs(scene, tuple(names), clicks, own, hashes)
 
 
 def _scene(source: Path, job: Path) -> tuple[list[Any], list[str]]:

@@ -267,7 +267,7 @@ class Job:
         return options
 
     def _leaves_photos_out(self) -> bool:
-        return 0 < self.config.max_photos < self.inputs.photos
+        return 0 < self.config.max_photos < len(self.inputs.names)
 
     def _inputs_of(self, stage: Stage) -> Any:
         return self._READERS[stage.inputs](self) if stage.inputs else None

@@ -18,6 +18,8 @@ from mgf_engine.errors import BadInput
 from mgf_engine.stages import STAGE_NAMES
 
 FORMAT = 1  # of job.json
+#: What a job leaves that was refused before its first stage was done.
+_OF_A_REFUSED_JOB = {"job.json", "log.txt", ".lock", f".started-{STAGE_NAMES[0]}"}
 
 
 def read_job(folder: Path) -> dict[str, Any]:
@@ -151,7 +153,7 @@ def check_inputs(source: Path, prompts: Path | None, masks: Path | None, kept: P
 
 
 def check_folder(folder: Path, source: Path, resume: bool) -> None:
-    """Check that the folder is empty, or holds the job of this scene.
+    """Check that the folder is empty, or holds the job of this scene; a job that did nothing yet counts as empty.
 
     Raises:
         BadInput: it is the scene itself, or holds something else; or the job is not to be resumed.
@@ -159,6 +161,8 @@ def check_folder(folder: Path, source: Path, resume: bool) -> None:
     if _same(folder, source):
         raise BadInput("The output folder is the scene itself; give another folder.")
     if (folder / "job.json").exists():
+        if _did_nothing(folder):
+            return
         other = Path(read_job(folder)["source"])
         if not _same(other, source):
             raise BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
@@ -166,6 +170,11 @@ def check_folder(folder: Path, source: Path, resume: bool) -> None:
             raise BadInput(f"'{folder}' already holds a job; add --resume to continue it, or give another folder.")
     elif folder.exists() and any(p.name != ".lock" for p in folder.iterdir()):
         raise BadInput(f"The output folder '{folder}' is not empty and holds no job; give an empty or new folder.")
+
+
+def _did_nothing(folder: Path) -> bool:
+    """Tell whether the job in the folder was refused before it had done anything: nothing can be lost there."""
+    return not read_job(folder)["stages"] and all(p.name in _OF_A_REFUSED_JOB for p in folder.iterdir())
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -15,9 +15,10 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.estimate import Photos, Took, estimate, inspect_photos, learn, shortage, with_clicks
 from mgf_engine.job import Job
-from mgf_engine.masks.prompts import no_clicks
+from mgf_engine.masks.prompts import check_prompts, no_clicks
 from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
 from mgf_engine.messages import Reporter
+from mgf_engine.scene.colmap import list_photos
 from mgf_engine.stages import STAGE_NAMES, outputs, stage_named
 from mgf_engine.system import cores, cpu_seconds
 from mgf_engine.terminal import duration
@@ -45,6 +46,8 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     lacks_clicks = job.config.use_masks and not (job.inputs.clicks or job.masks)
     if photos is not None and "masks" in to_run and lacks_clicks:
         raise no_clicks()  # before the cameras are found, which can take long
+    if photos is not None and "scene" in to_run and job.config.use_masks and job.masks is None and job.inputs.clicks:
+        _check_clicks(job, photos)
     for place, name in enumerate(stages):
         reporter.check()
         reporter.stage(name, cached=name not in to_run)
@@ -134,6 +137,16 @@ def _update_estimate(job: Job, photos: Photos, stages: list[str], reporter: Repo
     if not shortage(job.config, before, allowed(), stages):  # else the user was warned before
         _check_memory(job, photos, stages, reporter)
     return photos
+
+
+def _check_clicks(job: Job, photos: Photos) -> None:
+    """Refuse wrong clicks before the cameras are found; those on photos of a model are checked with the masks."""
+    assert job.inputs.clicks is not None
+    files = None
+    if not photos.placed:
+        root, names = list_photos(job.source, job.folder)
+        files = {name: root / name for name in names}
+    check_prompts(job.inputs.clicks, files)
 
 
 def _with_masks(job: Job, photos: Photos) -> Photos:

@@ -203,6 +203,31 @@ def test_another_path_of_the_same_scene_is_the_same_job(tmp_path: Path, model: P
         Job.start(second_name / "job", tmp_path / "other", resume=True)
 
 
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_job_that_was_refused_before_it_did_anything_gives_its_folder_to_another_scene(
+    tmp_path: Path, model: Path, resume: bool
+) -> None:
+    (tmp_path / "mistyped").mkdir()
+    with Job.start(tmp_path / "job", tmp_path / "mistyped") as job:
+        job.begin("scene")
+        job.path("log.txt").write_text("")
+    with Job.start(tmp_path / "job", model, resume=resume) as job:
+        assert job.source == model
+        finish_all(job)
+    (tmp_path / "third").mkdir()
+    with pytest.raises(BadInput, match="another scene"):
+        Job.start(tmp_path / "job", tmp_path / "third", resume=True)
+
+
+def test_what_a_job_had_begun_is_not_given_to_another_scene(tmp_path: Path, model: Path) -> None:
+    (tmp_path / "other").mkdir()
+    with Job.start(tmp_path / "job", tmp_path / "other") as job:
+        job.begin("scene")
+        job.path("scene", "sfm").mkdir(parents=True)
+    with pytest.raises(BadInput, match="another scene"):
+        Job.start(tmp_path / "job", model)
+
+
 def test_a_photo_that_is_gone_is_named_and_nothing_is_lost(tmp_path: Path, model: Path) -> None:
     with Job.start(tmp_path / "job", model) as job:
         finish_all(job)
@@ -330,7 +355,8 @@ def test_wrong_folders_are_refused_and_left_alone(tmp_path: Path, source: Path, 
         out.mkdir()
         (out / "thesis.txt").write_text("mine")
     elif what in ("other scene", "no resume"):
-        Job.start(out, source).close()
+        with Job.start(out, source) as job:
+            finish_all(job)
         if what == "other scene":
             scene = tmp_path
     elif what == "same as scene":

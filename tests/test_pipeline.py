@@ -355,6 +355,16 @@ def test_bad_prompts_are_refused_by_name(house: House, finished, tmp_path: Path,
     assert not (tmp_path / "job" / "masks" / "labels").exists()
 
 
+def test_bad_prompts_of_a_folder_of_photos_are_refused_before_its_cameras_are_found(house, tmp_path: Path) -> None:
+    prompts = tmp_path / "prompts.json"
+    for content, part in BAD_PROMPTS.values():
+        prompts.write_text(content)
+        run = start("reconstruct", house.folder / "images", "--prompts", prompts, "--out", tmp_path / "job")
+        messages = finish(run)
+        assert run.returncode == 2 and part.lower() in messages[-1]["text"].lower()
+        assert not any(m["type"] == "progress" for m in messages)
+
+
 @pytest.mark.parametrize("value", [0, 255])
 def test_masks_that_are_empty_or_cover_everything_are_refused(house: House, tmp_path: Path, value: int) -> None:
     folder = tmp_path / "masks"

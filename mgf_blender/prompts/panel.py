@@ -44,7 +44,7 @@ class MGF_PT_prompts(bpy.types.Panel):
         row = layout.row(align=True)
         row.scale_y = 1.4
         row.operator("mgf.use_point_tool", icon="CURSOR")
-        row.operator("mgf.show_viewport", text="", icon="VIEW3D")
+        row.operator("mgf.show_viewport", text="3D View", icon="VIEW3D")  # the way on when all is clicked
         row = layout.row(align=True)
         row.operator("mgf.next_photo", text="Previous", icon="TRIA_LEFT").step = -1
         row.operator("mgf.next_photo", text="Next", icon="TRIA_RIGHT").step = 1

@@ -39,7 +39,7 @@ class Tree:
         top = bpy.data.collections.new(name)
         top[ROLE_KEY] = "tree"
         scene.collection.children.link(top)
-        root = bpy.data.objects.new(name, None)
+        root = bpy.data.objects.new("", None)  # named where it is placed
         root.empty_display_type = "ARROWS"
         root[ROLE_KEY] = "root"
         top.objects.link(root)
@@ -52,7 +52,8 @@ class Tree:
     def place(self, name: str, frame: Frame) -> None:
         """Give the tree the name and the empty the pose of a scene."""
         root = self.root
-        self.collection.name = root.name = name
+        self.collection.name = name
+        root.name = f"{name} Origin"  # the name itself is the mesh's, which is what people look for
         root.empty_display_size = 0.25 * frame.radius
         root[OFFSET_KEY] = [float(v) for v in frame.offset]
         root[RADIUS_KEY] = frame.radius

@@ -107,7 +107,7 @@ def report_job(
     held_out = mean_scores([v.scores for v in views if v.held_out and v.scores])
     return {
         "psnr": _rounded(held_out.psnr, 2), "ssim": _rounded(held_out.ssim, 4),
-        "lpips": _rounded(held_out.lpips, 4), "held_out": len(scene.held_out),
+        "lpips": _rounded(held_out.lpips, 4), "held_out": len(scene.held_out) or None,
         "gaussians": len(field), "faces": len(mesh.faces),
     }  # fmt: skip
 

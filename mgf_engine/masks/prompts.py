@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -20,12 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.images import read_info
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.names import named_like
 
 Points = NDArray[np.float64]
 _SHAPE = '{"photo": {"positive": [[u, v], ...], "negative": [[u, v], ...], "parts": {"window": [[u, v], ...]}}}'
+_POSITIVE, _NEGATIVE = "'positive'", "'negative'"
 _LARGEST_FILE = 32 << 20  # bytes; a thousand clicks on each of a thousand photos take less
 
 
@@ -90,6 +92,7 @@ def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], 
     """
     data, path = _read_json(given), given.path if isinstance(given, PromptsFile) else given
     prompts: Prompts = {}
+    names = [view.name for view in scene.views]
     left_out = [name for name in data if name.replace("\\", "/") in scene.left_out]
     unplaced = [name for name in data if name not in left_out and _is_unplaced(name, scene)]
     if unplaced:
@@ -100,15 +103,41 @@ def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], 
     for name, entry in data.items():
         if name in left_out or name in unplaced:
             continue
-        index = _find_view(name, scene, path)
+        index = _find_photo(name, names, path)
         if index in prompts:
             raise BadInput(f"'{path}' has two entries for the photo '{scene.views[index].name}'; merge them into one.")
         prompts[index] = _read_clicks(entry, scene.views[index], path)
     if unplaced and not prompts:
         raise BadInput(f"No photo with clicks in '{path}' is in the COLMAP model; click the building in some that are.")
     if not any(len(c.positive) for c in prompts.values()):
-        raise BadInput(f"'{path}' has no click on the building; click at least one point on it in one photo.")
+        raise _none_on_building(path)
     return prompts
+
+
+def check_prompts(given: PromptsFile, photos: Mapping[str, Path] | None = None) -> None:
+    """Check what can be checked of a prompts file before the cameras are found.
+
+    Args:
+        given: the file.
+        photos: name -> file of every photo; None where names and sizes are left to :func:`read_prompts`.
+
+    Raises:
+        BadInput: as :func:`read_prompts` does.
+    """
+    clicks_on_building = 0
+    for name, entry in _read_json(given).items():
+        photo, where = _photo_of(name, given.path, photos), f"'{name}' in '{given.path}'"
+        for kind, values in _lists_of(entry, where):
+            pairs = _read_pairs(values, f"{kind} of {where}")
+            clicks_on_building += len(pairs) * (kind == _POSITIVE)
+            if photo is not None:
+                _check_frame(pairs, read_info(photo).turned_size, f"{kind} of {where}")
+    if not clicks_on_building:
+        raise _none_on_building(given.path)
+
+
+def _photo_of(name: str, path: Path, photos: Mapping[str, Path] | None) -> Path | None:
+    return None if photos is None else photos[list(photos)[_find_photo(name, list(photos), path)]]
 
 
 def clicked_names(given: Path | PromptsFile | None) -> list[str]:
@@ -174,20 +203,24 @@ def _is_unplaced(name: str, scene: Scene) -> bool:
     return any(os.path.isfile(root / relative) for root in roots)  # False also for names that no system allows
 
 
-def _find_view(name: str, scene: Scene, path: Path) -> int:
+def _find_photo(name: str, photos: Sequence[str], path: Path) -> int:
     """Find a photo by its exact name, its file name, or either without regard to case or extension."""
-    found = named_like(name, [view.name for view in scene.views])
+    found = named_like(name, photos)
     if len(found) == 1:
         return found[0]
     if found:
-        names = ", ".join(scene.views[i].name for i in found[:3])
+        names = ", ".join(photos[i] for i in found[:3])
         raise BadInput(f"The photo '{name}' in '{path}' could be any of {names}; give its full name.")
-    some = ", ".join(v.name for v in scene.views[:3])
+    some = ", ".join(photos[:3])
     raise BadInput(f"'{path}' names the photo '{name}', which the scene does not have (it has {some}, ...).")
 
 
-def _read_clicks(entry: Any, view: View, path: Path) -> Clicks:
-    where = f"'{view.name}' in '{path}'"
+def _none_on_building(path: Path) -> BadInput:
+    return BadInput(f"'{path}' has no click on the building; click at least one point on it in one photo.")
+
+
+def _lists_of(entry: Any, where: str) -> list[tuple[str, Any]]:
+    """Return what should be lists of clicks in a photo's entry, each with what messages call it."""
     if not isinstance(entry, dict):
         raise BadInput(f"The entry of {where} should be an object with 'positive' and 'negative', not {_short(entry)}.")
     unknown = sorted(set(entry) - {"positive", "negative", "parts"})
@@ -196,27 +229,42 @@ def _read_clicks(entry: Any, view: View, path: Path) -> Clicks:
     parts = entry.get("parts", {})
     if not isinstance(parts, dict):
         raise BadInput(f"'parts' of {where} should map names to clicks, not be {_short(parts)}.")
-    return Clicks(
-        _read_points(entry.get("positive", []), view, f"'positive' of {where}"),
-        _read_points(entry.get("negative", []), view, f"'negative' of {where}"),
-        {str(k): _read_points(v, view, f"the part '{k}' of {where}") for k, v in parts.items()},
+    own = [(kind, entry.get(kind.strip("'"), [])) for kind in (_POSITIVE, _NEGATIVE)]
+    return [*own, *((f"the part '{name}'", values) for name, values in parts.items())]
+
+
+def _read_clicks(entry: Any, view: View, path: Path) -> Clicks:
+    where = f"'{view.name}' in '{path}'"
+    positive, negative, *parts = (
+        _read_points(values, view, f"{kind} of {where}") for kind, values in _lists_of(entry, where)
     )
+    return Clicks(positive, negative, dict(zip(map(str, entry.get("parts", {})), parts, strict=True)))
 
 
-def _read_points(values: Any, view: View, where: str) -> Points:
+def _read_pairs(values: Any, where: str) -> list[tuple[float, float]]:
     if not isinstance(values, list):
         raise BadInput(f"{_upper(where)} should be a list of [u, v] pairs, not {_short(values)}.")
     for value in values:
         pair = isinstance(value, list) and len(value) == 2
         if not pair or not all(isinstance(c, int | float) and not isinstance(c, bool) for c in value):
             raise BadInput(f"{_upper(where)} holds {_short(value)}, which is not a pair of numbers [u, v].")
-        u, v = (float(c) if abs(c) < 1e9 else math.inf for c in value)
-        if not (0 <= u <= view.original_width and 0 <= v <= view.original_height):
+    return [(u, v) for u, v in values]
+
+
+def _check_frame(pairs: Sequence[tuple[float, float]], size: tuple[int, int], where: str) -> None:
+    for pair in pairs:
+        u, v = (float(c) if abs(c) < 1e9 else math.inf for c in pair)
+        if not (0 <= u <= size[0] and 0 <= v <= size[1]):
             raise BadInput(
-                f"{_upper(where)} holds the click ({_short(value[0])}, {_short(value[1])}) outside the photo, which "
-                f"has {view.original_width} x {view.original_height} pixels; click inside it."
+                f"{_upper(where)} holds the click ({_short(pair[0])}, {_short(pair[1])}) outside the photo, which "
+                f"has {size[0]} x {size[1]} pixels; click inside it."
             )
-    points = from_original(view, np.array(values, np.float64).reshape(-1, 2))
+
+
+def _read_points(values: Any, view: View, where: str) -> Points:
+    pairs = _read_pairs(values, where)
+    _check_frame(pairs, (view.original_width, view.original_height), where)
+    points = from_original(view, np.array(pairs, np.float64).reshape(-1, 2))
     if not np.isfinite(points).all():
         raise BadInput(
             f"{_upper(where)} holds a click outside the field of view of the lens; click nearer the photo's centre."

@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -49,6 +50,20 @@ _current_variant = ""
 
 class NoKernels(BadInput, RuntimeError):
     """The kernels cannot be used here as they are; the sentence says what to do."""
+
+
+class _Kernels(ctypes.CDLL):
+    """A kernel library that says what to do where it lacks a kernel: it was built before this engine."""
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return super().__getattr__(name)
+        except AttributeError as error:
+            if not name.startswith("mgf_"):
+                raise
+            raise NoKernels(
+                f"The kernel library {Path(self._name).name} is older than this engine and lacks '{name}'; {_HINT}."
+            ) from error
 
 
 def runnable_variants() -> list[str]:
@@ -99,7 +114,7 @@ def _open(name: str) -> ctypes.CDLL:
     if not path.is_file():
         raise NoKernels(f"The kernel library {path.name} is missing; {_HINT}.")
     try:
-        loaded = ctypes.CDLL(str(path))
+        loaded = _Kernels(str(path))
         loaded.mgf_cpu_level.restype = ctypes.c_int64
     except (OSError, AttributeError) as error:
         raise NoKernels(f"The kernel library {path} cannot be loaded ({error}); {_HINT}.") from error

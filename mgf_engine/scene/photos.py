@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import PhotoInfo, read_info, read_rgb, turn, write_png
+from mgf_engine.images import PhotoInfo, first_of, read_infos, read_rgb, turn, write_png
 from mgf_engine.memory import share
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import View
@@ -65,10 +65,10 @@ def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter
     cameras: dict[tuple[int, int, int], WorkingCamera] = {}
     photos: list[Photo] = []
     scaled: list[str] = []
-    for index, (image, path) in enumerate(zip(model.images, paths, strict=True)):
+    infos = read_infos(paths)
+    for index, (image, path, info) in enumerate(zip(model.images, paths, infos, strict=True)):
         reporter.check()
         camera = model.cameras[image.camera_id]
-        info = read_info(path)
         orientation = _orientation(info, camera, image, path, colors)
         width, height = info.turned_size if orientation != 1 else (info.width, info.height)
         if (width, height) != (camera.width, camera.height):
@@ -95,16 +95,22 @@ def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Calla
         progress: called with the share that is done, 0..1.
 
     Raises:
-        BadInput: a photo cannot be decoded.
+        BadInput: photos cannot be decoded; all are counted, the first is named.
     """
     largest = max(p.width * p.height for p in photos) * _BYTES_PER_PIXEL
     workers = max(1, min(threads or cores(), _MAX_WORKERS, share(_SHARE, _MEMORY) // largest))
     with ThreadPoolExecutor(workers) as pool:
         jobs = [pool.submit(_make_photo, photo, folder) for photo in photos]
+        refused: list[BadInput] = []
         try:
             for i, job in enumerate(jobs):
-                job.result()
+                try:
+                    job.result()
+                except BadInput as error:
+                    refused.append(error)  # the others are looked at, too: nobody wants to hear of one at a time
                 progress((i + 1) / len(jobs))
+            if refused:
+                raise first_of(refused, len(jobs))
         finally:
             for job in jobs:
                 job.cancel()

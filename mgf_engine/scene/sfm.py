@@ -24,7 +24,7 @@ from urllib.parse import quote
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import job_option
 from mgf_engine.errors import BadInput
-from mgf_engine.images import read_info
+from mgf_engine.images import PhotoInfo, read_infos
 from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.colmap import FEWEST
 from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
@@ -81,7 +81,8 @@ def reconstruct(
         raise BadInput(
             f"'{root}' holds no COLMAP model and {len(names)} photos; give a COLMAP scene or at least {FEWEST} photos."
         )
-    sizes = [_size_of(root / name) for name in names]
+    paths = [root / name for name in names]
+    sizes = [_size_of(path, info) for path, info in zip(paths, read_infos(paths), strict=True)]
     task = {
         "root": str(root), "names": names, "sizes": sizes, "one_camera": len({(w, h) for w, h, *_ in sizes}) == 1,
         "exhaustive": options.exhaustive(len(names)), "seed": options.seed, "threads": options.threads or -1,
@@ -174,7 +175,7 @@ def _take_up(folder: Path, task: dict[str, Any]) -> None:
     write_json(folder / TASK, task)
 
 
-def _size_of(path: Path) -> tuple[int, int, int, int]:
+def _size_of(path: Path, info: PhotoInfo) -> tuple[int, int, int, int]:
     """Return width, height, bytes and time of change."""
-    info, status = read_info(path), path.stat()
+    status = path.stat()
     return info.width, info.height, status.st_size, status.st_mtime_ns

@@ -8,7 +8,8 @@ import pytest
 from support.small_scene import make_scene, view
 
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.prompts import read_prompts
+from mgf_engine.images import write_png
+from mgf_engine.masks.prompts import PromptsFile, check_prompts, read_prompts
 from mgf_engine.model.scene import Lens, Scene
 from mgf_engine.scene.cameras import to_original
 
@@ -104,6 +105,28 @@ def test_bad_files_say_what_is_wrong(tmp_path: Path, scene: Scene, data: object,
     with pytest.raises(BadInput) as error:
         read_prompts(path, scene)
     assert part in str(error.value) and str(path) in str(error.value)
+
+
+#: What only the scene tells: which of two entries names which photo.
+_NEEDS_THE_SCENE = {"two entries"}
+
+
+@pytest.mark.parametrize(("data", "part"), [case for case in BAD if case[1] not in _NEEDS_THE_SCENE])
+def test_bad_files_are_refused_before_there_is_a_scene(tmp_path: Path, scene: Scene, data: object, part: str):
+    photos = {view.name: tmp_path / f"{index}.png" for index, view in enumerate(scene.views)}
+    for view in scene.views:
+        write_png(photos[view.name], np.zeros((view.original_height, view.original_width, 3), np.uint8))
+    path = write(tmp_path, data)
+    with pytest.raises(BadInput) as error:
+        check_prompts(PromptsFile.read(path), photos)
+    assert part in str(error.value) and str(path) in str(error.value)
+
+
+def test_good_clicks_pass_before_there_is_a_scene(tmp_path: Path):
+    path = write(tmp_path, {"unplaced.jpg": {"positive": [[1, 1]], "parts": {"door": [[2, 2]]}}})
+    check_prompts(PromptsFile.read(path))
+    with pytest.raises(BadInput, match="does not have"):
+        check_prompts(PromptsFile.read(path), {"other.jpg": tmp_path / "other.jpg"})
 
 
 def test_missing_and_binary_files(tmp_path: Path, scene: Scene):

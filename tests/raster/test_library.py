@@ -50,6 +50,12 @@ def test_broken_library_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch, tm
     library._open.cache_clear()
 
 
+def test_a_library_built_before_this_engine_says_how_to_build_it() -> None:
+    with pytest.raises(library.NoKernels, match=r"older than this engine.*python -m mgf_engine\.native\.build"):
+        library.parallel("mgf_a_kernel_of_next_year", 1)
+    assert not hasattr(library.library(), "__array_interface__")
+
+
 def test_build_rebuilds_only_what_changed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     kernels = tmp_path / "kernels"
     kernels.mkdir()

@@ -254,6 +254,23 @@ def test_bad_input_leaves_nothing(spoil: Callable[[Path], None], message: str, s
     assert not (tmp_path / "job" / "scene").exists()
 
 
+@pytest.mark.parametrize("photos_alone", [False, True])
+@pytest.mark.parametrize("keep", [0, 3], ids=["no picture", "cut off"])
+def test_photos_that_cannot_be_read_are_counted_and_the_first_is_named(
+    source: Path, tmp_path: Path, keep: int, photos_alone: bool
+) -> None:
+    if photos_alone and keep:
+        pytest.skip("COLMAP itself decodes them")
+    for path in sorted((source / "images").iterdir())[1:4]:
+        content = path.read_bytes()
+        path.write_bytes(content[: len(content) * keep // 4] or b"no picture")
+    if photos_alone:
+        shutil.rmtree(source / "sparse")
+    first = sorted((source / "images").iterdir())[1].name
+    with pytest.raises(BadInput, match=rf"^3 of 5 photos cannot be used, the first of them: The photo '.*{first}'"):
+        load(source, tmp_path / "job")
+
+
 def test_a_failure_takes_an_earlier_scene_away(source: Path, tmp_path: Path) -> None:
     load(source, tmp_path / "job")
     _no_photo(source)

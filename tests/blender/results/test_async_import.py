@@ -76,8 +76,9 @@ def test_comes_selected_and_framed_the_first_time(ready, house):
 
 @pytest.mark.parametrize(
     ("folder", "name"),
-    [("house_jobs/west wing", "west wing"), ("tower/mgf_job", "tower"), ("tower/mgf_job_2", "tower")],
-)
+    [("house_jobs/west wing", "west wing"), ("tower/mgf_job", "tower"), ("tower/mgf_job_2", "tower"),
+     ("house_jobs/house", "house")],
+)  # fmt: skip
 def test_the_mesh_is_called_as_its_job_is(ready, house, tmp_path, folder, name):
     shutil.copytree(house.job, tmp_path / folder)
     bpy.ops.mgf.import_result(directory=str(tmp_path / folder))

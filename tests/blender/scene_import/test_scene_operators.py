@@ -49,7 +49,7 @@ def test_another_scene_in_place_of_an_earlier_one_has_its_own_name_and_pose(addo
     for camera in tree.objects("Cameras"):
         camera[PHOTO_KEY] = f"of another scene {camera[PHOTO_KEY]}"
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    assert tree.collection.name == tree.root.name == house.folder.name
+    assert tree.collection.name == house.folder.name and tree.root.name == f"{house.folder.name} Origin"
     assert np.allclose(tree.root.matrix_world, pose, atol=1e-6)
 
 
