@@ -91,18 +91,19 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         if self.engine_source == "EXISTING":
             layout.prop(self, "engine_path")
         else:
-            self._draw_install(layout)
+            self._draw_install(layout, context)
         self._draw_task(layout)
         layout.separator()
         row = layout.row(align=True)
         row.prop(self, "weights_folder")
         row.operator("mgf.download_weights", text="", icon="IMPORT")
 
-    def _draw_install(self, layout: bpy.types.UILayout) -> None:
+    def _draw_install(self, layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         column = layout.column()
         column.prop(self, "torch_build")
         column.prop(self, "wheel_folder")
         column.prop(self, "default_index")
+        column = layout.column(heading="Also Install")
         column.prop(self, "install_weights")
         column.prop(self, "install_survey")
         column.prop(self, "install_models")
@@ -117,6 +118,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             draw_sentence(layout, text, "INFO")
         if not there and not self.wheel_folder and not bpy.app.online_access:
             layout.label(text="Online access is off: allow it or choose a wheel folder", icon="INFO")
+            if not bpy.app.online_access_override:  # Blender was not told to stay offline
+                layout.prop(context.preferences.system, "use_online_access")
 
     def _draw_task(self, layout: bpy.types.UILayout) -> None:
         row = layout.row(align=True)

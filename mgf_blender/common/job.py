@@ -21,6 +21,8 @@ from .text import N_, tr
 
 EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
 QUEUED, RUNNING, CANCELLING, DONE, FAILED, CANCELLED = "QUEUED", "RUNNING", "CANCELLING", "DONE", "FAILED", "CANCELLED"
+#: What is said where the preferences name a Python that has no engine.
+NO_ENGINE = N_("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
 #: Kinds of jobs that go through the engine's stages and can be resumed.
 STAGES = ("reconstruct", "masks", "scene")
 _LIVE = {QUEUED, RUNNING, CANCELLING}
@@ -174,7 +176,7 @@ class Job:
         """Return one sentence for an engine that ended without saying why."""
         missing = next((e for e in self.last_errors if "No module named" in e and "mgf_engine" in e), None)
         if missing is not None:
-            return tr("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
+            return tr(NO_ENGINE)
         error = next((e for e in reversed(self.last_errors) if e.strip()), "")
         if self.kind not in STAGES:
             text = N_("The engine ended with code {code} ({error}); try again, and report it if it happens twice.")

@@ -17,6 +17,7 @@ import bpy
 
 from ..common.addon import preferences
 from ..common.errors import UserError, sentence
+from ..common.job import NO_ENGINE
 from ..common.process import Process
 from ..common.runner import redraw
 from ..common.text import N_, tr
@@ -73,7 +74,7 @@ class Preview:
 
     def _reason(self, code: int) -> str:
         if "No module named" in self.text and "mgf_engine" in self.text:
-            return tr("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
+            return tr(NO_ENGINE)
         text = N_("The engine ended with code {code} and gave no reason; press Check Engine in the preferences.")
         return self.text or tr(text, code=code)
 

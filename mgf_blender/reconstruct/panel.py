@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from ..common import options, runner
-from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, QUEUED, STAGES, Job
+from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, STAGES, Job
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
@@ -152,6 +152,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         draw_sentence(box, _outcome(job), icon)
     for text in job.warnings[-3:]:
         draw_sentence(box, in_panel_words(text), "INFO")
+    if job.status == FAILED and job.text == tr(NO_ENGINE):
+        layout.operator("mgf.show_preferences", icon="PREFERENCES")
     row = layout.row(align=True)
     if job.live and job.preview:
         text = N_("Show Render") if job.preview_stage == "field" else N_("Show Masks")

@@ -18,10 +18,12 @@ class Recorder:
     Attributes:
         texts: (text, whether Blender translates it) in the order they are drawn.
         operators: (operator, its properties, whether the layout was enabled).
+        props: names of the properties.
     """
 
     texts: list = field(default_factory=list)
     operators: list = field(default_factory=list)
+    props: list = field(default_factory=list)
     enabled: bool = True
     scale_y: float = 1.0
     active: bool = True
@@ -30,7 +32,12 @@ class Recorder:
 
     def __getattr__(self, name):
         if name in _CONTAINERS:
-            return lambda **_: Recorder(self.texts, self.operators, self.enabled)
+
+            def part(heading="", **_):
+                self._say(heading)
+                return Recorder(self.texts, self.operators, self.props, self.enabled)
+
+            return part
         raise AttributeError(name)
 
     def _say(self, text, translate=True):
@@ -44,6 +51,7 @@ class Recorder:
     def prop(self, data, name, text=None, icon="NONE", **_):
         _check_icon(icon)
         assert name in data.bl_rna.properties, name
+        self.props.append(name)
         self._say(text)
 
     def operator(self, name, text=None, icon="NONE", depress=False, translate=True):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+import venv
 
 import bpy
 import pytest
@@ -122,6 +123,20 @@ def test_a_full_disk_points_to_the_button(addon, engine, house):
     assert "free some space and press Resume." in said and "--resume" not in said
 
 
+def test_a_python_without_the_engine_leads_to_the_preferences(addon, engine, house, monkeypatch):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    bare = house.folder.parent / "bare"
+    venv.create(bare, with_pip=False)
+    monkeypatch.setenv("MGF_ENGINE_PYTHON", str(next(bare.glob("[bS][ic][nr]*/python*"))))
+    with pytest.raises(RuntimeError):
+        bpy.ops.mgf.reconstruct()
+    drawn = draw(MGF_PT_reconstruct)
+    assert "has no MGF engine" in " ".join(drawn.said.split())
+    assert "mgf.show_preferences" in [name for name, *_ in drawn.operators]
+
+
 def test_the_button_says_which_picture_there_is(addon, engine, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     addon.job_folder = str(house.folder.parent / "new job")
@@ -177,13 +192,13 @@ def test_preferences(addon, engine, source, monkeypatch):
         bl_rna = MGF_Preferences.bl_rna
         engine_source, wheel_folder = source, ""
 
-    def said() -> str:
+    def said(props: bool = False) -> str:
         from layouts import Recorder
 
         stand = Stand()
         stand.layout = Recorder()
         stand.draw(bpy.context)
-        return stand.layout.said
+        return "\n".join(stand.layout.props) if props else stand.layout.said
 
     monkeypatch.setattr(engine_operators, "_task", None)
     monkeypatch.setattr(preferences, "has_nvidia", lambda: True)
@@ -194,6 +209,12 @@ def test_preferences(addon, engine, source, monkeypatch):
     assert "Check Card" not in said()
     monkeypatch.setattr(engine_operators, "_task", None)
     assert "Check Engine" in said() and ("Install Engine" in said()) == (source == "MANAGED")
+    assert ("Also Install" in said()) == (source == "MANAGED")
+    system = bpy.context.preferences.system
+    for allowed in (False, True):
+        system.use_online_access = allowed
+        offered = "use_online_access" in said(props=True)
+        assert offered == ("Online access is off" in said()) == (source == "MANAGED" and not bpy.app.online_access)
     bpy.ops.mgf.check_engine()
     assert "torch\n2.13.0" in said() and "Everything a job needs is here." in said()
     assert said().index("Everything a job needs") < said().index("2.13.0")  # the verdict comes first
