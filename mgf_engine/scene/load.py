@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.config import Config
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, is_full_disk
 from mgf_engine.messages import Reporter
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene, View
@@ -57,6 +57,7 @@ def load_scene(
 
     Raises:
         BadInput: anything about the model or the photos that cannot be used; nothing half-written stays.
+        OSError: the disk is full.
     """
     source, folder = source.resolve(), folder.resolve()
     if not source.is_dir():
@@ -70,9 +71,11 @@ def load_scene(
         working.mkdir()
         return _load(source, folder, working, config, reporter, clicked, adjust)
     except OSError as error:
+        if is_full_disk(error):
+            raise
         reason = error.strerror or str(error)
         raise BadInput(
-            f"Cannot read the scene or write to '{folder}' ({reason}); check the disk's space and the permissions."
+            f"Cannot read the scene or write to '{folder}' ({reason}); check the disk and the permissions."
         ) from error
     finally:
         shutil.rmtree(working, ignore_errors=True)

@@ -31,6 +31,9 @@ class OutlineOptions:
     ground_cell: float = parameter(1.5, "Side of the cells of the ground", "m", low=0.1)
     widest: float = parameter(40.0, "Width of the widest building", "m")
     cell: float = parameter(0.75, "Side of the cells that join points into a building", "m", low=0.1)
+    widest_gap: float = parameter(
+        4.5, "Width up to which a gap between points along the walls belongs to the building", "m", low=0.0
+    )
     least_area: float = parameter(18.0, "Minimum area of a building", "m²")
     least_points: int = parameter(25, "Minimum number of points of a building", low=1)
     planar: float = parameter(
@@ -134,7 +137,7 @@ def find_outlines(points: Array, metre: float, options: OutlineOptions = Outline
         mine = owner == number
         if mine.sum() < options.least_points:
             continue
-        polygon = outline_of(plan[mine], metre)
+        polygon = outline_of(plan[mine], metre, options)
         flat = float((planar[mine] > options.planar).mean())
         if polygon.area >= options.least_area * metre**2 and flat >= options.planar_share:
             found.append(Outline(polygon, int(mine.sum()), flat))
@@ -151,14 +154,43 @@ def _planar(points: Array, options: OutlineOptions) -> Array:
     return np.asarray(np.median(flat[index], axis=1))
 
 
-def outline_of(plan: Array, metre: float) -> Any:
-    """Return the outline of points [N, 2]: the rectangle around them where they fill it, else their concave hull."""
+def outline_of(plan: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> Any:
+    """Return the outline of points [N, 2], a polygon.
+
+    Plain walls and roofs have points at their edges alone, and walls meet at right angles: gaps are closed along both
+    directions of the building, within the convex hull of its concave hull (which leaves single points beside it out).
+    """
     import shapely
 
     hull = shapely.concave_hull(shapely.MultiPoint(plan), ratio=0.25).buffer(0.1 * metre)
-    hull = hull.simplify(0.4 * metre)
-    box = shapely.oriented_envelope(hull)
-    return box if hull.area > 0.8 * box.area else hull
+    box = np.array(shapely.oriented_envelope(hull).exterior.coords)[:2]
+    along = (box[1] - box[0]) / max(float(np.linalg.norm(box[1] - box[0])), 1e-12)
+    turn = np.array([along, [-along[1], along[0]]])
+    turned, cell = plan @ turn.T, options.cell * metre
+    filled, low = _fill_gaps(turned, cell, round(options.widest_gap / options.cell))
+    squares = shapely.box(*(low + cell * filled).T, *(low + cell * (filled + 1)).T)
+    closed = shapely.transform(shapely.union_all(squares), lambda points: points @ turn)
+    whole = hull.union(closed.intersection(hull.convex_hull))
+    largest = max(getattr(whole, "geoms", [whole]), key=lambda part: float(part.area))  # a corner may touch alone
+    return shapely.Polygon(largest.exterior).simplify(0.4 * metre)
+
+
+def _fill_gaps(points: Array, cell: float, gap: int) -> tuple[NDArray[np.int64], Array]:
+    """Close gaps between the cells of points [N, 2] along x and y, of ``gap`` cells at most, until none is left.
+
+    Returns:
+        The cells, [M, 2]; the corner of cell 0, 0.
+    """
+    low = points.min(0)
+    cells = np.floor((points - low) / cell).astype(np.int64)
+    taken = np.zeros(tuple(cells.max(0) + 1), bool)
+    taken[tuple(cells.T)] = True
+    taken, before = np.pad(taken, gap + 1), 0
+    while taken.sum() > before:
+        before = taken.sum()
+        for line in (np.ones((gap + 1, 1)), np.ones((1, gap + 1))):
+            taken |= ndimage.binary_closing(taken, line)
+    return np.argwhere(taken) - (gap + 1), low
 
 
 def find_buildings(

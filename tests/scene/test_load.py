@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +26,7 @@ from benchmarks.synthetic.colmap_scene import (
     write_photo,
     write_scene,
 )
-from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.errors import BadInput, Cancelled, explain
 from mgf_engine.images import read_rgb
 from mgf_engine.job import Job
 from mgf_engine.model.scene import Scene
@@ -289,6 +291,16 @@ def test_output_that_cannot_be_written(source: Path, tmp_path: Path) -> None:
     (tmp_path / "job").write_text("a file")
     with pytest.raises(BadInput, match="write to"):
         load(source, tmp_path / "job")
+
+
+def test_a_full_disk_is_called_that(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("mgf_engine.scene.load.save_scene", full)
+    with pytest.raises(OSError) as caught:
+        load(source, tmp_path / "job")
+    assert explain(caught.value)[1] == "The disk is full; free some space and run again with --resume."
 
 
 def test_cancelling(source: Path, tmp_path: Path) -> None:

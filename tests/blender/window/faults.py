@@ -40,6 +40,9 @@ def main() -> int:
     scene = out / "house"
     for name in ("images", "sparse"):
         shutil.copytree(args.scene / name, scene / name)
+    disk = out / "disk"
+    disk.mkdir()
+    mount("-t", "tmpfs", "-o", f"size={DISK}k", "tmpfs", disk)  # before Blender, which may run in mounts of its own
     window = open_with_addon(args.blender, out)
     try:
         begin(window, scene, args.scene / "prompts.json")
@@ -49,11 +52,17 @@ def main() -> int:
             f"py p = {PREFERENCES}; p.engine_source, p.engine_path = 'EXISTING', {str(args.engine.absolute())!r}"
         )
         photos(window, scene)
-        full_disk(window, out / "disk")
+        full_disk(window, disk)
         killed(window, out / "job")
     finally:
         window.close()
+        subprocess.run(["umount", "-l", disk], check=True)
     return 0
+
+
+def mount(*arguments: object) -> None:
+    """Call mount."""
+    subprocess.run(["mount", *map(str, arguments)], check=True)
 
 
 def begin(window: Window, scene: Path, prompts: Path) -> None:
@@ -109,15 +118,10 @@ def photos(window: Window, scene: Path) -> None:
 
 def full_disk(window: Window, disk: Path) -> None:
     """A disk that fills while the job works; with room again, Resume brings it to its end."""
-    disk.mkdir()
-    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK}k", "tmpfs", disk], check=True)
-    try:
-        fails(window, "5-full-disk", disk / "job", "space")
-        subprocess.run(["mount", "-o", "remount,size=500m", disk], check=True)
-        window.tell("py bpy.ops.mgf.resume('INVOKE_DEFAULT')")
-        ends(window, "6-room-again", "DONE")
-    finally:
-        subprocess.run(["umount", "-l", disk], check=True)
+    fails(window, "5-full-disk", disk / "job", "space")
+    mount("-o", "remount,size=500m", disk)
+    window.tell("py bpy.ops.mgf.resume('INVOKE_DEFAULT')")
+    ends(window, "6-room-again", "DONE")
 
 
 def killed(window: Window, job: Path) -> None:

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Outlines of buildings in sparse points alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from mgf_engine.town.find import OutlineOptions, find_outlines, outline_of
+
+#: An L of 16 m by 12 m, turned by 20 degrees.
+_L = shapely.affinity.rotate(shapely.Polygon([(0, 0), (16, 0), (16, 7), (8, 7), (8, 12), (0, 12)]), 20)
+
+
+def edges_alone(seed: int) -> np.ndarray:
+    """Points as on a plain house: a few along its walls, hardly any on the roof."""
+    rng = np.random.default_rng(seed)
+    along = shapely.line_interpolate_point(_L.exterior, rng.uniform(0, _L.length, 120))
+    return np.concatenate([shapely.get_coordinates(along), rng.normal(_L.centroid.coords[0], 1.0, (3, 2))])
+
+
+def iou(one: shapely.Polygon, other: shapely.Polygon) -> float:
+    return float(one.intersection(other).area / one.union(other).area)
+
+
+@pytest.mark.parametrize("metre", [1.0, 0.01])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_plain_house_is_outlined_whole(seed: int, metre: float) -> None:
+    outline = outline_of(edges_alone(seed) * metre, metre)
+    assert iou(shapely.transform(outline, lambda points: points / metre), _L) > 0.8
+    assert outline.is_valid and not outline.interiors
+
+
+def test_a_court_wider_than_a_gap_stays_open() -> None:
+    rng = np.random.default_rng(0)
+    court = shapely.box(8, 0, 18, 14)
+    points = rng.uniform((0, 0), (26, 22), (6000, 2))
+    points = points[~shapely.contains_xy(court, points)]
+    outline = outline_of(points, 1.0)
+    assert outline.intersection(court).area < 0.2 * court.area
+    assert outline_of(points, 1.0, OutlineOptions(widest_gap=12.0)).intersection(court).area > 0.9 * court.area
+
+
+def test_too_few_points_are_no_building() -> None:
+    rng = np.random.default_rng(1)
+    ground = np.column_stack([rng.uniform(-20, 20, (900, 2)), np.zeros(900)])
+    roof = np.column_stack([rng.uniform(0, 8, (300, 2)), np.full(300, 6.0)])
+    assert len(find_outlines(np.concatenate([ground, roof]), 1.0)) == 1
+    assert find_outlines(np.concatenate([ground, roof[:20]]), 1.0) == []
