@@ -46,7 +46,8 @@ def draw_map(path: Path, scene: Scene, placed: Placed, outlines: list[tuple[str,
         spot = polygon.representative_point()
         if len(outlines) <= 200:
             box = {"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8}
-            axes.annotate(name, (spot.x, spot.y), ha="center", va="center", fontsize=8, zorder=4, bbox=box)
+            axes.annotate(name, (spot.x, spot.y), ha="center", va="center", fontsize=7, zorder=4, bbox=box,
+                          rotation=90 if _is_tall(polygon) else 0)  # fmt: skip
     centres: NDArray[np.float64] = placed.georeference.local(
         scene.to_normalised.invert(np.array([view.centre for view in scene.views]))
     )
@@ -63,4 +64,10 @@ def draw_map(path: Path, scene: Scene, placed: Placed, outlines: list[tuple[str,
     axes.set_ylabel(f"north, {placed.georeference.unit_name}")
     axes.legend(loc="upper right", fontsize=8)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+        figure.savefig(temporary, dpi=120, bbox_inches="tight")
+
+
+def _is_tall(polygon: Any) -> bool:
+    """Tell whether a name has more room from south to north: houses of a row stand side by side."""
+    west, south, east, north = polygon.bounds
+    return bool(north - south > 1.1 * (east - west))

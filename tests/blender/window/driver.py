@@ -198,7 +198,7 @@ class Window:
         self.type(path)
         time.sleep(1.0)
         self.shot_if("file-browser")
-        self.click(WIDTH - 72, HEIGHT - 44)
+        self.press((WIDTH - 72, HEIGHT - 44), "the file browser to close", lambda s: not s["browser"])
 
     def key(self, *names: str) -> None:
         """Press keys, for example ``ctrl+z``."""

@@ -9,7 +9,9 @@ from pathlib import Path
 from driver import Window
 
 # Places in the preferences at interface scale 1, pixels from the top left of a window of 1400 x 900.
-_EXTENSIONS, _ADDONS, _MENU, _FROM_DISK = (57, 217), (41, 252), (1137, 72), (1207, 195)
+#: Get Extensions and Add-ons, which 5.x has lower, by the major version.
+_SECTIONS = {4: ((57, 217), (41, 252)), 5: ((57, 249), (41, 283))}
+_MENU, _FROM_DISK = (1137, 72), (1207, 195)
 _SEARCH, _UNFOLD = (400, 72), (188, 108)
 _HERE, _EXISTING = (700, 327), (1000, 327)
 _PATH, _CHECK_EXISTING = (820, 356), (650, 386)
@@ -21,14 +23,15 @@ def install_extension(window: Window, zip_file: Path) -> None:
     """Preferences > Get Extensions > Install from Disk; the add-on is enabled on install."""
     window.tell("editor PREFERENCES")
     time.sleep(1.5)
-    window.click(*_EXTENSIONS)
+    extensions, addons = _SECTIONS[window.state()["version"][0]]
+    window.click(*extensions)
     window.click(*_MENU)
     window.settle(4)
     window.shot("01-install-from-disk")
     window.press(_FROM_DISK, "the file browser", lambda s: s["browser"])
     window.choose_file(str(zip_file))
     window.wait("the add-on", lambda s: any(m.endswith(".mgf") for m in s["addons"]), 30)
-    window.click(*_ADDONS)
+    window.click(*addons)
     window.click(*_SEARCH)
     window.type("MGF")
     window.click(*_UNFOLD)

@@ -78,6 +78,7 @@ def state():
     window = bpy.context.window_manager.windows[0]
     found = {
         "size": [window.width, window.height],
+        "version": list(bpy.app.version),
         "area": area.type,
         "windows": len(bpy.context.window_manager.windows),
     }
