@@ -113,9 +113,9 @@ _NEEDS_THE_SCENE = {"two entries"}
 
 @pytest.mark.parametrize(("data", "part"), [case for case in BAD if case[1] not in _NEEDS_THE_SCENE])
 def test_bad_files_are_refused_before_there_is_a_scene(tmp_path: Path, scene: Scene, data: object, part: str):
-    photos = {view.name: tmp_path / f"{index}.png" for index, view in enumerate(scene.views)}
-    for view in scene.views:
-        write_png(photos[view.name], np.zeros((view.original_height, view.original_width, 3), np.uint8))
+    photos = {v.name: tmp_path / f"{index}.png" for index, v in enumerate(scene.views)}
+    for v in scene.views:
+        write_png(photos[v.name], np.zeros((v.original_height, v.original_width, 3), np.uint8))
     path = write(tmp_path, data)
     with pytest.raises(BadInput) as error:
         check_prompts(PromptsFile.read(path), photos)
