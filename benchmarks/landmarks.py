@@ -117,6 +117,46 @@ def _curtain(b: Builder, glass: str, ends: tuple[Corner, Corner], floors: int, s
             b.bar(middle, axes, (frame.length / 2, 0.03, 0.05), "alu", f"{name}.mullions")
 
 
+def glass_showroom(wall: str = "mirror_glass") -> list[Part]:
+    """A glazed hall of two storeys between slabs of concrete, joined to a plastered workshop (24 x 17 x 10 m)."""
+    b = Builder()
+    x, y, storey = 8.0, 5.0, 4.2
+    corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    for i, name in enumerate(("south", "east", "north", "west")):
+        ends = corners[i], corners[(i + 1) % 4]
+        for k in range(2):
+            _panes(b, wall, ends, (k * storey + 0.25, (k + 1) * storey - 0.15), f"{name}.{k}")
+    for k in range(3):
+        b.box(
+            (-x - 0.5, -y - 0.5, max(0.0, k * storey - 0.15)),
+            (x + 0.5, y + 0.5, k * storey + 0.25),
+            "raw_concrete",
+            "slabs",
+        )
+    b.box((-2.0, -1.5, 2 * storey + 0.25), (1.5, 1.8, 2 * storey + 1.8), "sheet", "plant")
+    bx, by, top = 8.0, 7.0, 5.2
+    yard = [(x, -by + 2), (x + bx, -by + 2), (x + bx, by + 2), (x, by + 2)]
+    for i, name in enumerate(("south", "east", "north", "west")):
+        length = float(np.hypot(*np.subtract(yard[(i + 1) % 4], yard[i])))
+        holes = [Opening(length / 2 - 1.8, 0.0, length / 2 + 1.8, 3.4, "gate")] if i % 2 == 0 else (
+            wall_row(length, 4, 1.4, 2.2, 1.3) if name == "east" else [])  # fmt: skip
+        b.wall(yard[i], yard[(i + 1) % 4], 0, top, "clean_white", holes, f"workshop.{name}", surround=False)
+    b.polygon([(px, py, top - 0.3) for px, py in yard], "gravel", "workshop.roof")
+    return b.parts()
+
+
+def _panes(b: Builder, glass: str, ends: tuple[Corner, Corner], heights: tuple[float, float], name: str) -> None:
+    """Panes as high as the storey, 2 m wide, between slim mullions that stand in front of them."""
+    frame, (low, top) = WallFrame.make(*ends, 0.0), heights
+    count = round(frame.length / 2.0)
+    pitch = frame.length / count
+    axes = np.stack([frame.along, np.array([0.0, 0.0, 1.0]), frame.out])
+    b.polygon(frame.rectangle(0.0, low, frame.length, top, 0.0), glass, f"{name}.pane")
+    for i in range(count + 1):
+        middle = frame.point(i * pitch, (low + top) / 2, 0.04)
+        b.bar(middle, axes, (0.04, (top - low) / 2, 0.06), "alu", f"{name}.mullions")
+
+
 def balcony_tower(wall: str = "raw_concrete") -> list[Part]:
     """A tower of eight storeys with two stacks of balconies on its long sides, railed with bars (13 x 11 x 29 m)."""
     b = Builder()

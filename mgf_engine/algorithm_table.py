@@ -61,6 +61,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("sky", "masks", "Sky regions and the skyline", "masks.propagation.sky_regions:SkyOptions", also=("preview",)),
     Algorithm("sky_holes", "masks", "Sky that shows through the building", "masks.refinement.sky_holes:SkyHoleOptions"),
     Algorithm("ground_homography", "masks", "Ground that shows through the building", "masks.refinement.ground_homography:GroundHomographyOptions"),
+    Algorithm("mirrored_ground", "masks", "Ground that panes mirror", "masks.refinement.mirrored_ground:MirroredGroundOptions"),
     Algorithm("far_background", "masks", "Far background behind an open building", "masks.refinement.far_background:FarBackgroundOptions"),
     Algorithm("building_extent", "masks", "Extent of the building in the photos", "masks.geometry.building_extent:ExtentOptions", also=("preview",)),
     Algorithm("ground_plan", "masks", "Ground plan of the building", "masks.geometry.ground_plan:GroundPlanOptions", also=("preview",)),

@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 def cut_surface(
     views: StartViews, evidence: Evidence, o: CutOptions, check: Callable[[], None]
-) -> tuple[Mesh, NDArray[np.uint64]]:
+) -> tuple[Mesh, NDArray[np.float32]]:
     """Cut the closed surface that fits the evidence best.
 
     Args:
@@ -54,7 +54,7 @@ def cut_surface(
         check: called between the steps; may raise to cancel.
 
     Returns:
-        The surface, and the planes each of its faces lies on, as bits, uint64 [F].
+        The surface, and the strength of the strongest plane each of its faces lies on, 0 on none, float32 [F].
 
     Raises:
         BadInput: PyMaxflow is not installed.
@@ -142,12 +142,9 @@ class _Graph:
         blocks = [_faces_between(shape, rays, begin) for begin in range(0, len(shape.corners), _BLOCK)]
         self.cell, self.other, self.faces, area, there, back = map(np.concatenate, zip(*blocks, strict=True))
         faces, area = self.faces, area / pixel**2
-        bits = np.r_[evidence.planes, np.zeros(len(self.points) - len(evidence.planes), np.uint64)]
-        self.bits = bits[faces[:, 0]] & bits[faces[:, 1]] & bits[faces[:, 2]]
-        factor = np.ones(len(faces))
-        for n, strength in enumerate(evidence.strength):
-            on = (self.bits >> np.uint64(n)) & np.uint64(1) == 1
-            factor[on] = np.minimum(factor[on], min(1.0, o.flat / strength**o.slope))
+        self.strength = _strongest_plane(evidence, faces, len(self.points))
+        with np.errstate(divide="ignore"):
+            factor = np.minimum(1.0, o.flat / self.strength**o.slope)
         cost = o.area * area * factor
         self.graph = maxflow.Graph[float](len(shape.corners), len(self.cell))
         self.graph.add_nodes(len(shape.corners))
@@ -163,15 +160,39 @@ class _Graph:
         self.graph.maxflow()
         return np.asarray(self.graph.get_grid_segments(every))
 
-    def surface(self, inside: NDArray[np.bool_]) -> tuple[Mesh, NDArray[np.uint64]]:
-        """Return the faces between inside and outside, outward, and the planes each lies on, bits [F]."""
+    def surface(self, inside: NDArray[np.bool_]) -> tuple[Mesh, NDArray[np.float32]]:
+        """Return the faces between inside and outside, outward, and the strength of the plane each lies on [F]."""
         cut = inside[self.cell] != inside[self.other]
         faces = self.faces[cut]
         turned = inside[self.other[cut]]
         faces[turned] = faces[turned][:, ::-1]
         kept, index = np.unique(faces, return_inverse=True)
         colors = np.zeros((len(kept), 3), np.uint8)
-        return Mesh(self.points[kept], index.reshape(-1, 3).astype(np.int32), colors), self.bits[cut]
+        return Mesh(self.points[kept], index.reshape(-1, 3).astype(np.int32), colors), self.strength[cut].astype(
+            np.float32
+        )
+
+
+def _strongest_plane(evidence: Evidence, faces: NDArray[np.int32], points: int) -> Array:
+    """Find the strength of the strongest plane that all three corners of each face lie on, 0 for none, [F].
+
+    Args:
+        evidence: planes of the first points, and their strength.
+        faces: corners [F, 3].
+        points: number of points, those of the box around the evidence included.
+    """
+    if not len(evidence.strength):
+        return np.zeros(len(faces))
+    order = np.argsort(-evidence.strength, kind="stable")
+    by_rank = np.r_[evidence.strength[order], 0.0]
+    on = np.packbits(evidence.on_planes[:, order], axis=1)
+    on = np.pad(on, ((0, points - len(on)), (0, 0)))
+    common = on[faces[:, 0]] & on[faces[:, 1]] & on[faces[:, 2]]
+    rows = np.flatnonzero(common.any(1))
+    byte = (common[rows] != 0).argmax(1)
+    rank = np.full(len(faces), len(order))
+    rank[rows] = 8 * byte + np.unpackbits(common[rows, byte][:, None], axis=1).argmax(1)
+    return by_rank[rank]
 
 
 def _faces_between(shape: Tetrahedra, rays: Array, begin: int) -> tuple[NDArray[Any], ...]:

@@ -33,14 +33,14 @@ class Evidence:
         points: [N, 3], normalised frame.
         seen: positions of the views that saw each; none for points that only shape the tetrahedra.
         weight: of each point's rays, [N].
-        planes: uint64 [N], bit k is set for points on plane k.
+        on_planes: which points lie on which planes, bool [N, K].
         strength: 0..1 of each plane, [K].
     """
 
     points: Array
     seen: Sequence[NDArray[np.int64]]
     weight: Array
-    planes: NDArray[np.uint64]
+    on_planes: NDArray[np.bool_]
     strength: Array
 
 
@@ -83,10 +83,9 @@ def gather_evidence(views: StartViews, lines: Sequence[Line], dense: DensePoints
              len(planes.planes), [len(group.points) for group in groups])  # fmt: skip
     near = np.concatenate([np.full(len(group.points), group.near * pixel) for group in groups])
     points, on = snap_to_planes(np.concatenate([group.points for group in groups]), planes, near, o)
-    bits = (on.astype(np.uint64) << np.arange(on.shape[1], dtype=np.uint64)).sum(1, dtype=np.uint64)
     weight, seen = np.concatenate([group.weight for group in groups]), [s for group in groups for s in group.seen]
     return _merge(
-        Evidence(points, seen, weight, bits, _relative_strength(planes, o.strongest)), options.cut.merge * pixel
+        Evidence(points, seen, weight, on, _relative_strength(planes, o.strongest)), options.cut.merge * pixel
     )
 
 
@@ -165,4 +164,4 @@ def _merge(evidence: Evidence, size: float) -> Evidence:
     pair = np.unique(np.repeat(group, count) * _VIEWS + np.concatenate([np.zeros(0, np.int64), *seen]))
     owner, number = np.divmod(pair, _VIEWS)
     together = np.split(number, np.searchsorted(owner, np.arange(1, len(first))))
-    return Evidence(points[first], together, largest, evidence.planes[first], evidence.strength)
+    return Evidence(points[first], together, largest, evidence.on_planes[first], evidence.strength)

@@ -91,7 +91,7 @@ class PlaneOptions:
     common_rank: float = parameter(
         0.05, "Singular value, as a share of the largest, up to which a point does not move along a direction", high=1
     )
-    most: int = parameter(62, "Maximum number of planes", low=1, high=62)
+    most: int = parameter(62, "Maximum number of planes", low=1)
     least: float = parameter(40.0, "Minimum length of lines that a plane carries", "px")
     grid: float = parameter(12.0, "Distance between the points on a plane", "px", low=1)
     reach: float = parameter(12.0, "Distance that a plane extends beyond its lines", "px")

@@ -81,16 +81,8 @@ def start_surface(
         evidence = gather_evidence(views, lines, dense, options)
     reporter.check()
     with times.part("cut"):
-        mesh, bits = cut_surface(views, evidence, options.cut, reporter.check)
+        mesh, strength = cut_surface(views, evidence, options.cut, reporter.check)
     if not len(mesh.faces):
         raise BadInput("Masks and photos give no starting surface; check the masks and the cameras.")
     first = np.array([views.indices[s[0]] for s in dense.seen], np.int64)
-    return StartSurface(mesh, _largest_strength(bits, evidence.strength), dense.points, first, views.pixel)
-
-
-def _largest_strength(bits: NDArray[np.uint64], strength: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the strength of the strongest plane each face lies on, by bits [F] and strengths [K]; 0 for none, [F]."""
-    largest = np.zeros(len(bits), np.float32)
-    for n, s in enumerate(strength):
-        largest = np.maximum(largest, np.where((bits >> np.uint64(n)) & np.uint64(1) == 1, np.float32(s), 0))
-    return largest
+    return StartSurface(mesh, strength, dense.points, first, views.pixel)

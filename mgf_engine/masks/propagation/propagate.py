@@ -19,6 +19,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
+from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
@@ -40,6 +41,7 @@ from mgf_engine.masks.propagation.superpixels import Regions, SuperpixelOptions,
 from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, remove_far_background
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHomographyOptions
 from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
+from mgf_engine.masks.refinement.mirrored_ground import MirroredGroundOptions, MirrorTest
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.stray_pieces import find_stray_pieces
 from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
@@ -275,9 +277,7 @@ class _Propagator:
         extent = self.walker.geometry.extent(accepted, plane)
         for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
-        ground = (
-            None if plane is None else GroundFinder(self.scene, plane, self.config.algorithm(GroundHomographyOptions))
-        )
+        ground = None if plane is None else self._ground_finder(plane)
         opened = ground is not None and self._cut_ground(ground, voters)
         thin = self._add_thin_structures(ground, point_mask)
         if opened or thin is not None:
@@ -286,6 +286,10 @@ class _Propagator:
                 self.config.algorithm(FarBackgroundOptions),
             )  # fmt: skip
         return None if thin is None else thin.explained
+
+    def _ground_finder(self, plane: Ground) -> GroundFinder:
+        mirrors = MirrorTest(self.scene, plane, self.labels, self.config.algorithm(MirroredGroundOptions))
+        return GroundFinder(self.scene, plane, self.config.algorithm(GroundHomographyOptions), mirrors.confirmed)
 
     def _prompt_messages(self, doubts: list[OutlierPrompt]) -> list[str]:
         messages = PromptMessages(self.graph, self.original, self.labels)

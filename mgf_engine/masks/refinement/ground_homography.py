@@ -96,13 +96,20 @@ class GroundFinder:
     """Finds the ground in masks by comparing photos through the plane of the ground.
 
     Args:
+        scene: photos and cameras.
         ground: normalised frame.
+        options: which photos are compared, and how alike they must be.
+        confirmed: (view, ground found in it [H, W]) -> what of it is no mirror image; all of it by default.
     """
 
     def __init__(
-        self, scene: Scene, ground: Ground, options: GroundHomographyOptions = GroundHomographyOptions()
+        self,
+        scene: Scene,
+        ground: Ground,
+        options: GroundHomographyOptions = GroundHomographyOptions(),
+        confirmed: Callable[[int, NDArray[np.bool_]], NDArray[np.bool_]] = lambda index, found: found,
     ) -> None:
-        self.options = options
+        self.options, self._confirmed = options, confirmed
         self.scene, self.ground = scene, ground
         self._lab: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * self.options.photos)(self._read)
         self._light: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * self.options.photos)(
@@ -157,7 +164,7 @@ class GroundFinder:
         sure &= raised[-1] <= level - self.options.distinct
         dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), self.options.spread) > self.options.dense
         result[box.part] = mask[box.part] & dense & (colours > -self.options.colour)
-        return _without_specks(result, self.options)
+        return self._confirmed(index, _without_specks(result, self.options))
 
     def _read(self, index: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB), np.uint8)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mgf_engine.masks.geometry.building_extent import ground_depth
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, homography, spans_inside
+from mgf_engine.masks.refinement.mirrored_ground import MirrorTest
 from mgf_engine.model.scene import View
 
 WIDTH, HEIGHT, FOCAL = 300, 240, 500.0
@@ -51,7 +52,9 @@ def texture(number: int, place: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.clip(100 + 60 * number + (np.nan_to_num(grey) - 128), 0, 255).astype(np.uint8)[..., None].repeat(3, 2)
 
 
-def photograph(view: View, lattice: bool, boards: bool = False) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+def photograph(
+    view: View, lattice: bool, boards: bool = False, mirror: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """The photo, and the pixels of the wall or of its bars; of boards, nothing changes along the ground."""
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5 - view.cx, np.arange(HEIGHT) + 0.5 - view.cy)
     rays = np.stack([x / view.fx, y / view.fy, np.ones_like(x)], -1) @ view.rotation
@@ -61,13 +64,17 @@ def photograph(view: View, lattice: bool, boards: bool = False) -> tuple[NDArray
         solid &= (np.mod(wall[..., 1:] + BAR / 2, STEP) < BAR).any(-1)
     ground = view.centre + rays * ground_depth(view, GROUND, HEIGHT, WIDTH)[..., None]
     front = texture(1, wall[..., 1:] * (0 if boards else 1, 1))
+    if mirror:  # the ray that is thrown back meets the ground where the ray that passes would, on this side
+        front = texture(0, ground[..., :2] * (-1, 1))
     return np.where(solid[..., None], front, texture(0, ground[..., :2])), solid
 
 
-def seen_in(folder: Path, lattice: bool, views: list[View] = VIEWS, boards: bool = False) -> GroundFinder:
+def seen_in(
+    folder: Path, lattice: bool, views: list[View] = VIEWS, boards: bool = False, mirror: bool = False
+) -> GroundFinder:
     scene = make_scene(folder, views)
     for view in views:
-        cv2.imwrite(str(folder / view.file), photograph(view, lattice, boards)[0])
+        cv2.imwrite(str(folder / view.file), photograph(view, lattice, boards, mirror)[0])
     return GroundFinder(replace(scene, folder=folder), GROUND)
 
 
@@ -157,6 +164,31 @@ def test_boards_along_the_ground_are_none(tmp_path: Path) -> None:
     assert boards.within(MIDDLE, mask).sum() < 0.015 * mask.sum()
     blind = replace(boards.options, distinct=-2.0)
     assert GroundFinder(boards.scene, GROUND, blind).within(MIDDLE, mask).sum() > 0.1 * mask.sum()
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+def test_ground_that_a_pane_mirrors_is_none(tmp_path: Path, mirror: bool) -> None:
+    """All photos that look into the pane agree on the ground behind it, those from the other side do not."""
+    around = [look_down(angle, 3.0 + 1.5 * (k % 3)) for k, angle in enumerate(np.arange(0.1, 2 * np.pi, 0.15))]
+    plain = seen_in(tmp_path, not mirror, around, mirror=mirror)
+    masks = [photograph(view, False)[1] for view in around]
+    test = MirrorTest(plain.scene, GROUND, [mask.astype(np.uint8) for mask in masks])
+    finder = GroundFinder(plain.scene, GROUND, confirmed=test.confirmed)
+    before, after = plain.within(2, grown(masks[2], 12)), finder.within(2, grown(masks[2], 12))
+    assert not (after & ~before).any() and (before & masks[2]).sum() > 0.4 * masks[2].sum()
+    kept = (after & masks[2]).sum() / (before & masks[2]).sum()
+    assert kept < 0.15 if mirror else kept > 0.95
+    facing = range(4)
+    assert plain.shows_through(facing, lambda i: masks[i])
+    assert mirror or finder.shows_through(facing, lambda i: masks[i])
+
+
+def test_what_no_photo_sees_from_another_side_is_not_confirmed(frame: GroundFinder) -> None:
+    mask = photograph(VIEWS[MIDDLE], False)[1]
+    found = frame.within(MIDDLE, mask)
+    everywhere = MirrorTest(frame.scene, GROUND, [np.ones_like(mask, np.uint8) for _ in VIEWS])
+    assert found.any() and not everywhere.confirmed(MIDDLE, found).any()
+    assert not everywhere.confirmed(MIDDLE, np.zeros_like(mask)).any()
 
 
 def test_too_few_photos_tell_nothing(frame: GroundFinder) -> None:

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tell ground that shows through the building from ground that its panes mirror.
+
+The mirror image of a level ground lies in the plane of that ground, so that all photos which look into a pane agree on
+it. Photos that see the place beside the building, or from its other side, show what is really there: something else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.masks.geometry.building_extent import ground_depth
+from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.refinement.ground_homography import homography
+from mgf_engine.model.masks import BACKGROUND
+from mgf_engine.model.scene import Scene, View
+
+Array = NDArray[np.float64]
+_LEAST_WEIGHT = 1e-4  # of the compared pixels in a window, below which nothing is known
+_MOST_ROWS = 1 << 14  # cv2.remap takes fewer than 1 << 15
+
+
+@dataclass(frozen=True)
+class MirroredGroundOptions:
+    """Options of ground that is mirrored."""
+
+    opposite: float = parameter(
+        100.0, "Horizontal angle between two photos from which they do not look into the same pane", "degrees", high=180
+    )
+    least_angle: float = parameter(
+        5.0, "Minimum of that angle where a photo sees the ground beside the building", "degrees"
+    )
+    photos: int = parameter(40, "Maximum number of photos that a photo is compared with", low=2)
+    best: int = parameter(3, "Number of the best of them that must agree on average", low=1)
+    correlation: float = parameter(0.5, "Minimum normalised cross-correlation of patches, mean of a window", high=1)
+    texture: float = parameter(1.0, "Minimum standard deviation of a patch's lightness")
+    step: int = parameter(3, "Step from one compared pixel to the next", "px", low=1)
+    spread: float = parameter(8.0, "Standard deviation of the window over which they are averaged", "px", low=0.1)
+    radius: int = parameter(3, "Half the side of the patches", "px", low=1)
+    scales: tuple[float, float] = parameter((0.4, 2.5), "Ratio of the distances of two photos from the ground")
+    beside: int = parameter(4, "Distance from a mask from which a photo sees the ground beside the building", "px")
+
+
+class MirrorTest:
+    """Compares ground in the masks with what photos from other sides show of it.
+
+    Args:
+        scene: photos and cameras.
+        ground: normalised frame.
+        labels: label maps of all photos [H, W], as they are before any ground is cut out.
+        options: which photos are compared, and how alike they must be.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        ground: Ground,
+        labels: Sequence[NDArray[np.uint8]],
+        options: MirroredGroundOptions = MirroredGroundOptions(),
+    ) -> None:
+        self.scene, self.ground, self.options = scene, ground, options
+        side = 2 * options.beside + 1
+        # At a quarter of the size: which pixels are near the mask.
+        self._near_mask = [
+            cv2.resize(
+                cv2.dilate((label != BACKGROUND).astype(np.uint8), np.ones((side, side), np.uint8)),
+                (-(-label.shape[1] // 4), -(-label.shape[0] // 4)), interpolation=cv2.INTER_NEAREST,
+            ) for label in labels
+        ]  # fmt: skip
+        self._light: Callable[[int], NDArray[np.float32]] = lru_cache(2 * options.photos)(self._read)
+
+    def confirmed(self, index: int, found: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return what photos from other sides confirm of the ground found in a photo, [H, W].
+
+        Args:
+            index: of the view.
+            found: pixels that show the plane of the ground, bool [H, W].
+        """
+        o, view, result = self.options, self.scene.views[index], np.zeros_like(found)
+        pixels = _grid(found, o)
+        if not len(pixels):
+            return result
+        depth = ground_depth(view, self.ground, view.height, view.width)[pixels[:, 1], pixels[:, 0]]
+        score = self._agreement(index, pixels, _places(view, pixels, depth))
+        known = np.isfinite(score)
+        total, weight = np.zeros((2, *found.shape), np.float32)
+        x, y = pixels[known].T
+        total[y, x], weight[y, x] = score[known], 1.0
+        total, weight = (cv2.GaussianBlur(part, (0, 0), o.spread) for part in (total, weight))
+        return np.asarray(found & (total > o.correlation * weight) & (weight > _LEAST_WEIGHT), bool)
+
+    def _agreement(self, index: int, pixels: NDArray[np.int64], places: Array) -> Array:
+        """Compute the mean correlation with the best of the photos from other sides, NaN where too few see it, [N].
+
+        Args:
+            index: of the view.
+            pixels: x, y of the middles of its patches, [N, 2].
+            places: on the ground, [N, 3].
+        """
+        o, window = self.options, _window(self.options.radius)
+        own = _patches(self._light(index), pixels[:, None] + window)
+        result = np.full((len(pixels), o.photos), np.nan)
+        for column, other in enumerate(self._others(index, places)):
+            rows = np.flatnonzero(self._sees(index, other, places))
+            if not len(rows):
+                continue
+            matrix = homography(self.scene.views[index], self.scene.views[other], self.ground)
+            flat = pixels[rows, None] + window
+            at = np.concatenate([flat, np.ones_like(flat[..., :1])], -1) @ matrix.T
+            theirs = _patches(self._light(other), at[..., :2] / at[..., 2:])
+            result[rows, column] = _correlation(own[rows], theirs, o.texture)
+        best = np.sort(np.where(np.isfinite(result), result, -1.0), axis=1)[:, -o.best :]
+        return np.where(np.isfinite(result).sum(1) >= o.best, best.mean(1), np.nan)
+
+    def _others(self, index: int, places: Array) -> list[int]:
+        """Choose photos from beside and from the other side of the middle of the places, half of each at most."""
+        o, middle = self.options, np.median(places, axis=0)[None]
+        angle = np.array([self._angle(index, other, middle)[0] for other in range(len(self.scene.views))])
+        order = np.argsort(angle, kind="stable")
+        beside = [int(i) for i in order if o.least_angle < angle[i] <= o.opposite]
+        opposite = [int(i) for i in order if angle[i] > o.opposite]
+        return beside[: o.photos // 2] + opposite[: o.photos // 2]
+
+    def _sees(self, index: int, other: int, places: Array) -> NDArray[np.bool_]:
+        """Tell whether another photo shows places [N, 3] beside the building or from its other side, bool [N]."""
+        o, view = self.options, self.scene.views[other]
+        uv, depth = view.project(places)
+        margin = 3 * o.radius
+        framed = (depth > 0) & (uv > margin).all(1) & (uv < np.array([view.width, view.height]) - margin).all(1)
+        scale = np.linalg.norm(places - view.centre, axis=1)
+        scale /= np.linalg.norm(places - self.scene.views[index].centre, axis=1)
+        framed &= (scale > o.scales[0]) & (scale < o.scales[1])
+        near = self._near_mask[other]
+        x, y = np.clip(np.nan_to_num(uv) // 4, 0, np.array(near.shape[::-1]) - 1).astype(np.int64).T
+        return np.asarray(framed & ((near[y, x] == 0) | (self._angle(index, other, places) > o.opposite)), bool)
+
+    def _angle(self, index: int, other: int, places: Array) -> Array:
+        """Compute the horizontal angle between two photos, seen from places [N, 3], degrees [N]."""
+        normal = self.ground.normal / np.linalg.norm(self.ground.normal)
+        towards = [self.scene.views[i].centre - places for i in (index, other)]
+        level = [t - (t @ normal)[:, None] * normal for t in towards]
+        length = np.linalg.norm(level[0], axis=1) * np.linalg.norm(level[1], axis=1)
+        cosine = (level[0] * level[1]).sum(1) / np.maximum(length, 1e-12)
+        return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))), np.float64)
+
+    def _read(self, index: int) -> NDArray[np.float32]:
+        lab = cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB)
+        return np.asarray(lab[..., 0].astype(np.float32) * np.float32(100 / 255))
+
+
+def _grid(found: NDArray[np.bool_], o: MirroredGroundOptions) -> NDArray[np.int64]:
+    """Choose the found pixels (x, y) of a grid whose patches lie within the photo, [N, 2]."""
+    y, x = np.nonzero(found[o.radius : -o.radius : o.step, o.radius : -o.radius : o.step])
+    return np.stack([x, y], 1) * o.step + o.radius
+
+
+def _places(view: View, pixels: NDArray[np.int64], depth: Array) -> Array:
+    """Return the points [N, 3] that pixels (x, y) [N, 2] show at a depth [N]."""
+    ray = (pixels + 0.5 - np.array([view.cx, view.cy])) / np.array([view.fx, view.fy])
+    return np.asarray(view.centre + np.c_[ray * depth[:, None], depth] @ view.rotation, np.float64)
+
+
+def _window(radius: int) -> NDArray[np.int64]:
+    """Return the steps (x, y) from the middle of a patch to its pixels, [P, 2]."""
+    y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+    return np.stack([x.ravel(), y.ravel()], 1)
+
+
+def _patches(light: NDArray[np.float32], at: NDArray[np.generic]) -> NDArray[np.float32]:
+    """Interpolate a picture at places x, y [N, P, 2], [N, P]."""
+    x, y = np.ascontiguousarray(np.moveaxis(at.astype(np.float32), -1, 0))
+    blocks = [slice(begin, begin + _MOST_ROWS) for begin in range(0, len(x), _MOST_ROWS)]
+    return np.concatenate([cv2.remap(light, x[b], y[b], cv2.INTER_LINEAR) for b in blocks])
+
+
+def _correlation(own: NDArray[np.float32], other: NDArray[np.float32], texture: float) -> Array:
+    """Compute the normalised cross-correlation of patches [N, P], 0 where one has no texture, [N]."""
+    a, b = own - own.mean(1, keepdims=True), other - other.mean(1, keepdims=True)
+    spread = np.sqrt((a**2).mean(1)), np.sqrt((b**2).mean(1))
+    result = (a * b).mean(1) / np.maximum(spread[0] * spread[1], 1e-9)
+    return np.asarray(np.where((spread[0] > texture) & (spread[1] > texture / 2), result, 0.0), np.float64)
