@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import logging
 import math
 import signal
 import sys
@@ -72,6 +73,8 @@ def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object]) -
 
     Whatever ends it early is one ``failed`` message, as of a job.
     """
+    if not logging.getLogger("mgf").handlers:  # without a job's log, Python would print warnings a second time
+        logging.getLogger("mgf").addHandler(logging.NullHandler())
     reporter = Reporter(make_sink(args.progress))
     watch_for_cancel(reporter, args.cancel_on_eof)
     try:

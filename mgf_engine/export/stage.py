@@ -19,6 +19,7 @@ from mgf_engine.export.views import render_view, straight_rgba
 from mgf_engine.field.export import offset_of
 from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_texture
 from mgf_engine.georef.apply import georeference_job, write_models
+from mgf_engine.georef.report import rms_figures
 from mgf_engine.job import CLICKS, Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
@@ -78,6 +79,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
             return made
 
         figures = report_job(job, JobResults(scene, masks, field, normalised), texture, fit, reporter)
+    figures = {**figures, **rms_figures(fit)}
     manifest = {**_manifest(job, scene, renders, figures), **_offset(field, scene)}
     keep_run(job.folder, _RESULT, manifest, job.given)
     return figures

@@ -10,7 +10,7 @@ from pathlib import Path
 from mgf_engine.config import Config
 from mgf_engine.georef.bundle import PlacedControl, adjust_to_control
 from mgf_engine.georef.control import read_control
-from mgf_engine.georef.doubts import check_points
+from mgf_engine.georef.doubts import check_marks, check_points
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import place_points
@@ -44,6 +44,7 @@ def fit_to_control(
     names = [view.name for view in scene.views]
     control = read_control(Path(options.control), marks, names, options.point.accuracy)
     check_points(control.points, None, None)
+    check_marks(scene, control)
     bent = replace(options.point, tolerated=options.point.tolerated_bent)
     for limits, robust in ((bent, True), (options.point, False)):
         placed, failed = place_points(scene, control.marks, options.mark)

@@ -14,7 +14,7 @@ from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.model import FILE
-from mgf_engine.georef.report import facts
+from mgf_engine.georef.report import facts, rms_figures
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
 from mgf_engine.option_input import option_pairs, read_config
@@ -66,7 +66,7 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
                 temporary.write_bytes(before)
         raise
     if args.progress == "json":
-        reporter.send("result", path=str(args.job), files={FILE: str(args.job / FILE)}, figures=_figures(fit))
+        reporter.send("result", path=str(args.job), files={FILE: str(args.job / FILE)}, figures=rms_figures(fit))
         return
     _print(fit)
     if kept:
@@ -87,16 +87,6 @@ def read_options(args: argparse.Namespace) -> dict[str, Any]:
     check_used(STAGE, (name for name in given if name not in names))
     make_config(given)
     return {**given, **flags}
-
-
-def _figures(fit: GeoreferenceFit) -> dict[str, str]:
-    """Return RMSE of control and check points, for the line under a progress bar."""
-    found = {}
-    for role in (CONTROL, CHECK):
-        rms = None if fit.control is None else fit.control.rms(role)
-        if rms is not None:
-            found[f"RMSE of {role} points"] = f"{1000 * float((rms**2).sum()) ** 0.5:.1f} mm"
-    return found
 
 
 def _open(folder: Path, given: dict[str, Any]) -> tuple[Job, bool]:

@@ -67,12 +67,21 @@ class Mark:
 
 @dataclass(frozen=True)
 class Control:
-    """What the user's files hold; ``crs`` is what ``gcp_list.txt`` or a comment says, else empty."""
+    """What the user's files hold.
+
+    Attributes:
+        points: control and check points.
+        marks: of these points.
+        crs: what ``gcp_list.txt`` or a comment says, else empty.
+        strangers: photos named in the files that are no views.
+        unlisted: names of marks that are of none of the points.
+    """
 
     points: tuple[Point, ...] = ()
     marks: tuple[Mark, ...] = ()
     crs: str = ""
     strangers: tuple[str, ...] = ()
+    unlisted: tuple[str, ...] = ()
 
     def positions(self) -> Array:
         """Return the positions of all points, [N, 3]."""
@@ -102,7 +111,8 @@ def read_control(
             raise BadInput(
                 f"No mark in '{marks}' is of a point in '{points}'; use the same names for the points in both files."
             )
-        control = replace(control, marks=(*control.marks, *kept), strangers=strangers)
+        unlisted = tuple(dict.fromkeys(mark.point for mark in found if mark.point not in known))
+        control = replace(control, marks=(*control.marks, *kept), strangers=strangers, unlisted=unlisted)
     if not control.marks:
         raise BadInput("Control points need marks in the photos; give them with --marks FILE.")
     return control

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Coordinates that cannot be right, and the guess what happened: degrees, swapped axes, another zone or hemisphere."""
+"""Coordinates and marks that cannot be right, and the guess what happened: degrees, feet, exchanged columns, another
+zone or hemisphere, the wrong photo."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,11 @@ from mgf_engine.model.scene import Scene
 Array = NDArray[np.float64]
 _FAR = 2000.0  # m between control points and photos: only a wrong CRS puts them there
 _DEGREES = 0.05  # extent of the largest site, degrees: what tells degrees from metres
+_NAMED = 4  # wrong marks that get a sentence each
+_EXCHANGED = {
+    "East and north": [1, 0, 2], "North and height": [0, 2, 1], "East and height": [2, 1, 0],
+}  # fmt: skip
+_FEET = 0.3048
 
 
 def check_points(points: Sequence[Point], projection: Projection | None, photos: Array | None) -> None:
@@ -46,20 +52,31 @@ def check_points(points: Sequence[Point], projection: Projection | None, photos:
 
 
 def _outside_text(at: Array, projection: Projection) -> str:
-    if projection.covers(at[:, [1, 0, 2]]):
-        return "East and north of the control points seem swapped; exchange the two columns."
+    mistake = _mistake(at, projection.covers)
+    if mistake is not None:
+        return mistake
     return (
         f"The control points lie outside of what {projection.name} is made for ({projection.area}); check --crs and "
         "the coordinates."
     )
 
 
+def _mistake(at: Array, fits: Callable[[Array], bool]) -> str | None:
+    """Return what was done to coordinates [N, 3] that would fit without it: exchanged columns, or feet."""
+    for names, columns in _EXCHANGED.items():
+        if fits(at[:, columns]):
+            return f"{names} of the control points seem swapped; exchange the two columns."
+    if fits(at * _FEET):
+        return "The coordinates of the control points seem to be feet; convert them to metres."
+    return None
+
+
 def _far_text(at: Array, projection: Projection, photos: Array, away: float) -> str:
-    if _distance(at[:, [1, 0, 2]], projection, photos) <= _FAR:
-        return "East and north of the control points seem swapped; exchange the two columns."
-    for name in _siblings(projection.name):
+    mistake = _mistake(at, lambda places: _distance(places, projection, photos) <= _FAR)
+    if mistake is not None:
+        return mistake
+    for what, name in _siblings(projection.name):
         if _distance(at, Projection(name), photos) <= _FAR:
-            what = "hemisphere" if name[-2:] == projection.name[-2:] else "zone"
             return f"The {what} of {projection.name} seems wrong: in {name} the control points lie by the photos."
     return (
         f"In {projection.name} the control points lie {away / 1000:,.0f} km from where the photos' GPS says; check "
@@ -67,18 +84,20 @@ def _far_text(at: Array, projection: Projection, photos: Array, away: float) -> 
     )
 
 
-def _siblings(name: str) -> list[str]:
-    """Return the same UTM zone of the other hemisphere, and the zones beside it."""
+def _siblings(name: str) -> list[tuple[str, str]]:
+    """Return what is another, and the name: the UTM zone of the other hemisphere, and the zones beside both."""
     code = name.removeprefix("EPSG:")
     if not code.isdecimal():
         return []
-    number, near = int(code), []
+    number, zones = int(code), list[tuple[str, int]]()
+    beside = [("zone", number - 1), ("zone", number + 1)]
     if 32600 < number <= 32660 or 32700 < number <= 32760:
-        near = [number + 100 if number < 32700 else number - 100, number - 1, number + 1]
-        near = [n for n in near if 1 <= n % 100 <= 60]
+        other = number + 100 if number < 32700 else number - 100
+        zones = [("hemisphere", other), *beside, *(("zone (and the hemisphere)", n) for n in (other - 1, other + 1))]
+        zones = [(what, n) for what, n in zones if 1 <= n % 100 <= 60]
     elif 25828 <= number <= 25838:
-        near = [n for n in (number - 1, number + 1) if 25828 <= n <= 25838]
-    return [f"EPSG:{n}" for n in near]
+        zones = [(what, n) for what, n in beside if 25828 <= n <= 25838]
+    return [(what, f"EPSG:{n}") for what, n in zones]
 
 
 def _distance(at: Array, projection: Projection, photos: Array) -> float:
@@ -90,10 +109,26 @@ def _distance(at: Array, projection: Projection, photos: Array) -> float:
     return float(np.linalg.norm(enu((middle * (1, 1, 0))[None], seen)[0]))
 
 
+def check_marks(scene: Scene, control: Control) -> None:
+    """Refuse marks whose x and y are exchanged: most lie beside their photos, and all would lie in them.
+
+    Raises:
+        BadInput: with the guess.
+    """
+    if not control.marks:
+        return
+    size = np.array([(v.original_width, v.original_height) for v in (scene.views[m.view] for m in control.marks)])
+    at = np.array([mark.pixel for mark in control.marks])
+    beside, exchanged = ((pixel > size).any(1) for pixel in (at, at[:, ::-1]))
+    if beside.any() and not exchanged.any():
+        raise BadInput("x and y of the marks seem swapped, for many lie beside their photos; exchange the two columns.")
+
+
 def wrong_marks(
     scene: Scene, control: Control, placed: dict[str, Placed], options: MarkOptions = MarkOptions()
 ) -> list[str]:
-    """Describe each mark that the other marks of its point contradict, with a guess of the mistake.
+    """Describe the marks that the other marks of their points contradict, each with a guess of the mistake; many in
+    one sentence.
 
     Args:
         scene: cameras of the photos.
@@ -101,12 +136,21 @@ def wrong_marks(
         placed: marked points in the normalised frame, by name.
         options: limit of outliers.
     """
-    texts = []
-    for name, found in placed.items():
-        for mark, residual, good in zip(found.marks, found.residuals, found.good, strict=True):
-            if not good:
-                texts.append(_wrong_mark_text(scene, name, mark, float(np.linalg.norm(residual)), placed, options))
-    return texts
+    wrong = [
+        (name, mark, float(np.linalg.norm(residual)))
+        for name, found in placed.items()
+        for mark, residual, good in zip(found.marks, found.residuals, found.good, strict=True)
+        if not good
+    ]
+    if len(wrong) <= _NAMED:
+        return [_wrong_mark_text(scene, name, mark, away, placed, options) for name, mark, away in wrong]
+    points, photos = {name for name, _, _ in wrong}, {mark.view for _, mark, _ in wrong}
+    middle = float(np.median([away for _, _, away in wrong]))
+    return [
+        f"{len(wrong)} of {len(control.marks)} marks, of {len(points)} points in {len(photos)} photos, do not fit the "
+        f"others (half of them by more than {middle:,.0f} pixels) and were left out; check that the file of marks is of "
+        "these photos, names them rightly, and counts y from their upper edge."
+    ]
 
 
 def _wrong_mark_text(

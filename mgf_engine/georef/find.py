@@ -16,7 +16,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.bars import BarRow, measure_bars, read_bars
 from mgf_engine.georef.control import CHECK, CONTROL, Control, read_control, read_marks
 from mgf_engine.georef.crs import AUTO, Projection, enu
-from mgf_engine.georef.doubts import check_points, wrong_marks
+from mgf_engine.georef.doubts import check_marks, check_points, wrong_marks
 from mgf_engine.georef.fit_control import ControlFit, fit_control
 from mgf_engine.georef.fit_gps import FEWEST, GpsFit, fit_gps
 from mgf_engine.georef.gps import Place, read_place
@@ -104,6 +104,12 @@ def _marked(
             f"Marks in {len(control.strangers)} photos that are not among the job's were passed over (such as "
             f"'{control.strangers[0]}'); check their names."
         )
+    if control.unlisted:
+        warn(
+            f"Marks of {len(control.unlisted)} points that '{options.control}' does not list were passed over (such as "
+            f"'{control.unlisted[0]}'); check their names."
+        )
+    check_marks(scene, control)
     placed, failed = place_points(scene, control.marks, options.mark)
     for text in wrong_marks(scene, control, placed, options.mark):
         warn(text)

@@ -85,6 +85,8 @@ def fit_control(
     """
     own = [p for p in points if p.role == CONTROL and p.name in placed]
     if len(own) < 3:
+        if len(points) >= 3 and not any(p.role == CONTROL for p in points):
+            raise BadInput(f"All {len(points)} points are check points; at least three have to be control points.")
         reason = next((f" ('{p.name}': {failed[p.name]})" for p in points if p.name in failed), "")
         raise BadInput(
             f"Only {len(own)} control points can be placed{reason}; at least three are needed, each marked in two "
@@ -134,10 +136,22 @@ def control_rows(
             rows.append(ControlRow(p, (np.nan, np.nan, np.nan), np.nan, 0, False, note))
             continue
         x, y, z = (applied(matrix, found.position) + offset - p.position).tolist()
-        note = "does not fit the others, left out" if p.role == CONTROL and p.name not in used else ""
+        note = ""
+        if p.role == CONTROL and p.name not in used:
+            at = applied(matrix, found.position) + offset
+            note = "does not fit the others, left out" + _place_of_another(p, at, points)
         photos = len({mark.view for mark in found.marks})
         rows.append(ControlRow(p, (x, y, z), found.rms, photos, p.name in used, note))
     return tuple(rows)
+
+
+def _place_of_another(own: Point, at: Array, points: Sequence[Point]) -> str:
+    """Say which point of the file lies where a point that does not fit was marked, as far from its own place as one
+    is from the other; empty where none does."""
+    away = [float(np.linalg.norm(at - p.position)) for p in points]
+    nearest = points[int(np.argmin(away))]
+    between = float(np.linalg.norm(np.subtract(own.position, nearest.position)))
+    return f"; its marks lie on '{nearest.name}'" if min(away) < 0.1 * between else ""
 
 
 def _fit(source: Array, target: Array, sd: Array, options: ControlPointOptions) -> tuple[Array, NDArray[np.bool_]]:

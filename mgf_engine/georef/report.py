@@ -54,6 +54,16 @@ def georeference_figures(fit: GeoreferenceFit) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def rms_figures(fit: GeoreferenceFit) -> dict[str, str]:
+    """Return RMSE in space of control and check points, for the last line of a run."""
+    found = {}
+    for role in (CONTROL, CHECK):
+        rms = None if fit.control is None else fit.control.rms(role)
+        if rms is not None:
+            found[f"RMSE of {role} points"] = f"{1000 * float(np.sqrt((rms**2).sum())):.1f} mm"
+    return found
+
+
 def replace_section(page: Path, html: str, begin: str = BEGIN, end: str = END) -> None:
     """Put a new section into a finished page, in the place of the old one; before its end where it has none.
 

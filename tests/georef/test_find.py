@@ -13,6 +13,7 @@ from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
+from mgf_engine.georef.report import rms_figures
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +54,15 @@ def test_exact_control_points_are_met_to_a_tenth_of_a_millimetre(site):
     assert np.abs(_error(site, fit)).max() < 1e-4
     assert fit.georeference.up @ site.to_scene[:3, 2] / 0.37 == pytest.approx(1, abs=1e-8)
     assert np.abs(fit.georeference.local(site.scene.to_normalised.invert(site.scene.points))).max() < 600
+
+
+def test_the_last_line_of_a_run_says_how_far_check_points_are_off(site):
+    fit, _ = _find(site, control=site.write_control(), marks=site.write_marks(site.marks(noise=0.5)))
+    figures = rms_figures(fit)
+    assert list(figures) == ["RMSE of control points", "RMSE of check points"]
+    assert float(figures["RMSE of check points"].removesuffix(" mm")) == pytest.approx(
+        1000 * np.linalg.norm(fit.control.rms("check")), abs=0.06
+    )
 
 
 def test_gps_places_the_house_within_its_own_noise(site):
@@ -151,7 +161,15 @@ def test_the_wrong_hemisphere_and_zone_are_guessed(site):
     points = site.write_control()
     _refused(site, points, "The hemisphere of EPSG:32732 seems wrong: in EPSG:32632", crs="EPSG:32732")
     _refused(site, points, "The zone of EPSG:25833 seems wrong: in EPSG:25832", crs="EPSG:25833")
+    _refused(site, points, r"The zone \(and the hemisphere\) of EPSG:32733 seems wrong: in EPSG:32632", crs="EPSG:32733")
     _refused(site, points, r"km from where the photos' GPS says", crs="EPSG:32618")
+
+
+def test_other_columns_and_feet_are_guessed(site):
+    heights = {k: (ORIGIN + v)[[0, 2, 1]] for k, v in TARGETS.items()}
+    _refused(site, site.write_control(name="heights.csv", **heights), "North and height .* seem swapped", crs=CRS)
+    feet = {k: (ORIGIN + v) / 0.3048 for k, v in TARGETS.items()}
+    _refused(site, site.write_control(name="feet.csv", **feet), "seem to be feet", crs=CRS)
 
 
 def test_points_on_a_line_are_refused(site):
@@ -178,6 +196,42 @@ def test_a_mark_on_the_wrong_photo_is_named_with_the_point_it_fits(site):
     fit, warnings = _find(site, control=site.write_control(), marks=site.write_marks(swapped, "swapped_marks.csv"))
     assert len(warnings) == 1 and f"The mark of 'P2' in '{photo}'" in warnings[0] and "it fits 'P5'" in warnings[0]
     assert np.abs(_error(site, fit)).max() < 1e-3
+
+
+def test_marks_of_two_points_exchanged_are_named(site):
+    other = {"P1": "P4", "P4": "P1"}
+    marks = [(other.get(k, k), p, x, y) for k, p, x, y in site.marks()]
+    fit, _ = _find(site, control=site.write_control(), marks=site.write_marks(marks, "exchanged.csv"))
+    notes = {row.point.name: row.note for row in fit.control.rows}
+    assert notes["P1"].endswith("its marks lie on 'P4'") and notes["P4"].endswith("its marks lie on 'P1'")
+    assert np.abs(_error(site, fit)).max() < 1e-3
+
+
+def test_many_wrong_marks_are_one_sentence(site):
+    marks = site.marks()
+    photos = sorted({p for _, p, *_ in marks})
+    after = dict(zip(photos, photos[1:] + photos[:1], strict=True))
+    some = [(k, after[p] if n % 3 == 0 else p, x, y) for n, (k, p, x, y) in enumerate(marks)]
+    _, warnings = _find(site, control=site.write_control(), marks=site.write_marks(some, "shifted.csv"))
+    assert len(warnings) == 1 and "do not fit the others" in warnings[0] and f"of {len(marks)} marks" in warnings[0]
+
+
+def test_marks_of_points_that_are_not_listed_are_said(site):
+    marks = [("Q7" if n == 0 else k, p, x, y) for n, (k, p, x, y) in enumerate(site.marks())]
+    _, warnings = _find(site, control=site.write_control(), marks=site.write_marks(marks, "unlisted.csv"))
+    assert len(warnings) == 1 and "such as 'Q7'" in warnings[0]
+
+
+def test_marks_with_x_and_y_exchanged_are_guessed(site):
+    marks = [(k, p, y, x) for k, p, x, y in site.marks()]
+    _refused(site, site.write_control(), "x and y of the marks seem swapped", site.write_marks(marks, "yx.csv"))
+
+
+def test_check_points_alone_are_refused(site):
+    path = site.folder / "checks.csv"
+    rows = (f"{k},{','.join(f'{c:.3f}' for c in ORIGIN + v)},check" for k, v in TARGETS.items())
+    path.write_text("name,east,north,height,role\n" + "\n".join(rows) + "\n")
+    _refused(site, path, "are check points; at least three have to be control points")
 
 
 def test_too_few_points_say_why(site):
