@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation, with_parts
 from mgf_engine.drawings.facades import FacadeOptions, facade_through, find_facades, plan_frame
 from mgf_engine.drawings.geotiff import write_geotiff
+from mgf_engine.drawings.ground import ground_of
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Facade, Frame, LineDrawing, Survey
 from mgf_engine.drawings.orthophoto import Visibility, paint
@@ -29,7 +30,7 @@ from mgf_engine.drawings.quantities import (
 )
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.section import SectionOptions, cut, section_frames
-from mgf_engine.drawings.sheets import choose_scale, write_sheet
+from mgf_engine.drawings.sheets import Sheet, choose_scale, fitting_scale, north_in, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.drawings.work import DrawingOptions, Work
 from mgf_engine.job_folder import locked, with_algorithms_of_job
@@ -71,9 +72,10 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
             config = with_algorithms_of_job(job, wanted.algorithms)
             survey = read_survey(job, options=config.algorithm(UpOptions))
             facades = _facades(survey, wanted, config.algorithm(FacadeOptions))
+            ground = ground_of(survey, facades)
         _tell(survey, reporter)
         work = Work(
-            survey=survey, facades=facades, wanted=wanted,
+            survey=survey, facades=facades, wanted=wanted, ground=ground, title=job.resolve().name,
             config=config, folder=beside, reporter=reporter, cost=cost,
         )  # fmt: skip
         _draw(work)
@@ -123,9 +125,11 @@ def _draw(work: Work) -> None:
     frames = [facade.frame for facade in work.facades] + [plan_frame(survey, work.facades)]
     cuts = []
     if work.wants("sections"):
-        cuts = section_frames(survey, work.facades, work.wanted.sections, work.config.algorithm(SectionOptions))
+        cuts = section_frames(
+            survey, work.facades, work.wanted.sections, work.ground.height, work.config.algorithm(SectionOptions)
+        )
     if work.wants("sheets"):
-        for frame in frames:
+        for frame in (*frames, *cuts):
             choose_scale(frame.size, work.wanted.paper, work.wanted.scale)  # refused before anything is painted
     if work.wants("orthophotos", "elevations", "sheets", "quantities"):
         with work.cost.of("choosing photos"):
@@ -136,13 +140,15 @@ def _draw(work: Work) -> None:
             visibility = Visibility(survey, painting)
         with work.cost.of("lines"):
             planes = survey_planes(survey, work.config.algorithm(PlanarOptions))
+        with work.cost.of("quantities"):
+            work.building = building_rows(survey, planes, work.ground, work.config.algorithm(QuantityOptions))
         for k, frame in enumerate(frames):
             begun, length = _CHOSEN + (_PAINTED - _CHOSEN) * k / len(frames), (_PAINTED - _CHOSEN) / len(frames)
             facade = work.facades[k] if k < len(work.facades) else None
             _draw_frame(work, frame, facade, painting, visibility, planes, lambda s: begun + length * s)  # noqa: B023
         if work.wants("quantities"):
             with work.cost.of("quantities"):
-                work.rows += building_rows(survey, planes, work.config.algorithm(QuantityOptions))
+                work.rows += work.building
                 write_csv(work.add("quantities.csv", kind="quantities"), work.rows)
     _sections(work, cuts)
     _write_page(work)
@@ -191,15 +197,37 @@ def _draw_frame(
 
 
 def _write_sheets(work: Work, drawing: LineDrawing, image: NDArray[np.uint8], grid: Grid) -> None:
+    """Write the sheets of an orthophoto and of its lines."""
     name = drawing.frame.name
+    above = drawing.frame.normal[2] > 0.5
     for kind, photo in (("orthophoto", image), ("lines", None)):
         shown = drawing if photo is None else LineDrawing(drawing.frame, [], [])
-        for ending in ("pdf", "svg"):
-            path = work.add(f"sheet-{kind}-{name}.{ending}", kind="sheet", frame=name, paper=work.wanted.paper)
-            title = f"{name.capitalize()}: {kind}"
-            scale = choose_scale(drawing.frame.size, work.wanted.paper, work.wanted.scale)
-            write_sheet(path, shown, photo, grid if photo is not None else None, title, work.wanted.paper, scale)
-            work.files[path.name]["scale"] = scale
+        what = "orthophoto" if photo is not None else "roof" if above else "elevation"
+        under = None if photo is None else (photo, grid)
+        _write_sheet(work, f"{kind}-{name}", f"{name.capitalize()}: {what}", shown, under)
+
+
+def _write_sheet(
+    work: Work, name: str, title: str, drawing: LineDrawing, photo: tuple[NDArray[np.uint8], Grid] | None = None
+) -> None:
+    """Write one sheet as PDF and SVG."""
+    paper = work.wanted.paper
+    scale = choose_scale(drawing.frame.size, paper, work.wanted.scale)
+    sheet = Sheet(paper, scale, title, work.title, _facts_of(work, photo), work.levels(drawing.frame),
+                  north_in(work.survey, drawing.frame))  # fmt: skip
+    for ending in ("pdf", "svg"):
+        path = work.add(f"sheet-{name}.{ending}", kind="sheet", frame=drawing.frame.name, paper=paper, scale=scale)
+        write_sheet(path, sheet, drawing, photo)
+
+
+def _facts_of(work: Work, photo: tuple[NDArray[np.uint8], Grid] | None) -> str:
+    """Return what a sheet says of its coordinates, lengths and pixels."""
+    survey = work.survey
+    facts = [survey.georeference.crs or "", "" if survey.georeference.metric else "lengths in units of the scene"]
+    if photo is not None:
+        size = photo[1].resolution
+        facts.append(f"{1000 * size:.3g} mm per pixel" if survey.georeference.metric else f"{size:.3g} per pixel")
+    return "   ".join(fact for fact in facts if fact)
 
 
 def _write_deviation(work: Work, deviation: NDArray[np.float32], grid: Grid) -> None:
@@ -234,12 +262,16 @@ def _sections(work: Work, frames: Sequence[Frame]) -> None:
                 continue
             facts = {"area": round(made.area, 6), "closed": made.closed}
             _write_lines(work, f"section-{frame.name}", made.drawing, "section", **facts)
+        if work.wants("sheets"):
+            with work.cost.of("sheets"):
+                _write_sheet(work, f"section-{frame.name}", f"Section {frame.name}", made.drawing)
 
 
 def _write_lines(work: Work, name: str, drawing: LineDrawing, kind: str, **facts: Any) -> None:
     facts = {"kind": kind, "frame": drawing.frame.name, "lines": len(drawing.lines), **facts}
-    write_dxf(work.add(f"{name}.dxf", **facts), drawing, work.survey)
-    write_svg(work.add(f"{name}.svg", **facts), drawing, work.survey)
+    scale = work.wanted.scale or fitting_scale(drawing.frame.size, work.wanted.paper)
+    write_dxf(work.add(f"{name}.dxf", **facts), drawing, work.survey, scale)
+    write_svg(work.add(f"{name}.svg", **facts), drawing, work.survey, scale)
 
 
 def _write_heights(work: Work, seen: GridBuffers) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.drawings.ground import Ground
 from mgf_engine.drawings.model import Facade, Line, Survey
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.section import ring_area
@@ -68,18 +69,24 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
     return rows
 
 
-def building_rows(survey: Survey, planes: Planes, options: QuantityOptions = QuantityOptions()) -> list[Row]:
-    """Return heights over the lowest point, roof planes, and the volume where the mesh is closed."""
+def building_rows(
+    survey: Survey, planes: Planes, ground: Ground, options: QuantityOptions = QuantityOptions()
+) -> list[Row]:
+    """Return heights over the ground, roof planes, and the volume where the mesh is closed."""
     import trimesh
 
     unit, z = survey.unit, survey.mesh.vertices[:, 2]
-    rows: list[Row] = [("building", "height of the highest point", f"{float(np.ptp(z)):.3f}", unit)]
+    rows: list[Row] = [("building", "ground is known from", ground.source, "")]
+    if survey.georeference.metric:
+        level = survey.world(np.array([0.0, 0.0, ground.height]))[2]
+        rows.append(("building", "height of the ground", f"{level:.3f}", unit))
+    rows.append(("building", "highest point over the ground", f"{float(z.max()) - ground.height:.3f}", unit))
     eaves, ridges = [], []
     for k, normal in enumerate(planes.normals):
         tilt = float(np.degrees(np.arccos(np.clip(normal[2], -1, 1))))
         faces = planes.label == k
         if options.roof_tilt[0] < tilt < options.roof_tilt[1] and faces.any():
-            heights = z[survey.mesh.faces[faces]].ravel() - z.min()
+            heights = z[survey.mesh.faces[faces]].ravel() - ground.height
             low, high = float(np.percentile(heights, 2)), float(np.percentile(heights, 98))
             area = float(survey.areas[faces].sum())
             eaves.append((low, area))
@@ -87,8 +94,8 @@ def building_rows(survey: Survey, planes: Planes, options: QuantityOptions = Qua
             name = f"roof {len(ridges)}"
             rows.append((name, "area", f"{area:.2f}", f"{unit}2"))
             rows.append((name, "tilt", f"{tilt:.2f}", "degrees"))
-            rows.append((name, "lower edge", f"{low:.3f}", unit))
-            rows.append((name, "upper edge", f"{high:.3f}", unit))
+            rows.append((name, "lower edge over the ground", f"{low:.3f}", unit))
+            rows.append((name, "upper edge over the ground", f"{high:.3f}", unit))
     if ridges:
         largest = max(eaves, key=lambda pair: pair[1])[0]
         rows.append(("building", "eaves of the largest roof plane over the ground", f"{largest:.3f}", unit))
@@ -126,18 +133,39 @@ def wall_deviation(
 
 
 def deviation_picture(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Colour blue behind the plane, white on it, red before it, RGBA [H, W, 4]; full colour at the 98th percentile."""
+    """Colour blue behind the plane, white on it, red before it, RGBA [H, W, 4]; full colour at the 98th percentile.
+
+    Below it, the scale of colours: the picture is so many rows higher than the map.
+    """
     known = np.isfinite(deviation)
     limit = max(float(np.percentile(np.abs(deviation[known]), 98)) if known.any() else 1.0, 1e-9)
     share = np.clip(np.nan_to_num(deviation) / limit, -1, 1)[..., None]
-    white, red, blue = np.full(3, 245.0), np.array([190.0, 20, 40]), np.array([30.0, 70, 190])
-    color = np.where(share > 0, white + share * (red - white), white - share * (blue - white))
+    color = _share_color(share)
     picture = np.zeros((*deviation.shape, 4), np.uint8)
     picture[..., :3], picture[..., 3] = color.round(), 255 * known
     picture[~known] = 0
-    for k, text in enumerate((f"red: {1000 * limit:.0f} mm before", f"blue: {1000 * limit:.0f} mm behind")):
-        cv2.putText(picture, text, (6, 16 + 16 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0, 255), 1, cv2.LINE_AA)
-    return picture
+    return np.concatenate([picture, _color_bar(limit, picture.shape[1])])
+
+
+def _color_bar(limit: float, width: int) -> NDArray[np.uint8]:
+    """Return the scale of colours below a picture of so many pixels, RGBA: blue behind, red before, in millimetres."""
+    size = max(width, 240) / 1000  # of the letters, so that they can be read where the picture is shown whole
+    high, wide = int(60 * size) + 24, min(width, int(500 * size) + 100)
+    bar = np.full((high, width, 3), 255, np.uint8)
+    share = np.linspace(-1, 1, wide)[:, None]
+    bar[4 : high // 3, :wide] = _share_color(share).round()
+    for text, at in ((f"-{1000 * limit:.0f} mm", 0.0), ("0", 0.5), (f"+{1000 * limit:.0f} mm", 1.0)):
+        scale = 0.35 + 0.5 * size
+        (length, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+        place = (round(at * (wide - length)), high - 6)
+        cv2.putText(bar, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, (0, 0, 0), 1, cv2.LINE_AA)
+    return np.dstack([bar, np.full((high, width), 255, np.uint8)])
+
+
+def _share_color(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return colours of shares -1..1 [..., 1] of the largest deviation, RGB 0..255 [..., 3]."""
+    white, red, blue = np.full(3, 245.0), np.array([190.0, 20, 40]), np.array([30.0, 70, 190])
+    return np.asarray(np.where(share > 0, white + share * (red - white), white - share * (blue - white)))
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:

@@ -44,7 +44,11 @@ class Cut:
 
 
 def section_frames(
-    survey: Survey, facades: Sequence[Facade], wanted: Sequence[str], options: SectionOptions = SectionOptions()
+    survey: Survey,
+    facades: Sequence[Facade],
+    wanted: Sequence[str],
+    ground: float,
+    options: SectionOptions = SectionOptions(),
 ) -> list[Frame]:
     """Return the planes to cut at.
 
@@ -57,24 +61,28 @@ def section_frames(
         survey: mesh of the job, local frame.
         facades: by whose names upright planes are given.
         wanted: texts of ``--section``.
+        ground: height of the ground, local frame.
         options: height of the plan.
 
     Raises:
         BadInput: a text names no facade, no number, or a plane beside the building; or two have one name.
     """
     if wanted:
-        frames = [_frame_of(survey, facades, text, options) for text in wanted]
+        frames = [_frame_of(survey, facades, text, ground, options) for text in wanted]
         names = [frame.name for frame in frames]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise BadInput(f"Two sections are called {twice}; give each --section a name of its own.")
         return frames
-    height = float(np.ptp(survey.mesh.vertices[:, 2]))
+    height = float(survey.mesh.vertices[:, 2].max()) - ground
     level = options.plan_height if survey.georeference.metric and height > options.plan_height else 0.25 * height
     first = facades[0]
     across = max(facades, key=lambda f: abs(float(f.frame.normal @ first.frame.x)))
     through = [first] if across is first else [first, across]
-    return [_level(survey, facades, level), *(_upright(survey, f, 0.5 * float(f.frame.size[0])) for f in through)]
+    return [
+        _level(survey, facades, ground, level),
+        *(_upright(survey, f, 0.5 * float(f.frame.size[0])) for f in through),
+    ]
 
 
 def cut(survey: Survey, frame: Frame, options: SectionOptions = SectionOptions()) -> Cut:
@@ -107,7 +115,7 @@ def cut(survey: Survey, frame: Frame, options: SectionOptions = SectionOptions()
     return Cut(LineDrawing(frame, lines, areas), total, not loose)
 
 
-def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, options: SectionOptions) -> Frame:
+def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, ground: float, options: SectionOptions) -> Frame:
     plane = re.fullmatch(r"\s*([\w-]+)\s*=([-+0-9.eE\s]+(?:,[-+0-9.eE\s]+){5})", text)
     if plane is not None:
         return _along_plane(survey, facades, text, plane.group(1), plane.group(2), options)
@@ -122,10 +130,13 @@ def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, options: Sec
         raise BadInput(
             f"--section takes NAME=DISTANCE with NAME one of {names}, or NAME=x,y,z,nx,ny,nz, not '{text}'."
         ) from error
-    size = float(np.ptp(survey.mesh.vertices[:, 2])) if name == "z" else float(known[name].frame.size[0])
-    if not 0 < value < size:
-        raise BadInput(f"The section {text} misses the building, which reaches from 0 to {size:.3f} there.")
-    return _level(survey, facades, value) if name == "z" else _upright(survey, known[name], value)
+    low, high = 0.0, float(known[name].frame.size[0]) if name != "z" else 0.0
+    if name == "z":
+        z = survey.mesh.vertices[:, 2]
+        low, high = float(z.min()) - ground, float(z.max()) - ground
+    if not low < value < high:
+        raise BadInput(f"The section {text} misses the building, which reaches from {low:.3f} to {high:.3f} there.")
+    return _level(survey, facades, ground, value) if name == "z" else _upright(survey, known[name], value)
 
 
 def _along_plane(
@@ -160,9 +171,9 @@ def _along_plane(
     return Frame(name, origin, x, frame.y, low, high)
 
 
-def _level(survey: Survey, facades: Sequence[Facade], above: float) -> Frame:
+def _level(survey: Survey, facades: Sequence[Facade], ground: float, above: float) -> Frame:
     plan = plan_frame(survey, list(facades))
-    z = float(survey.mesh.vertices[:, 2].min()) + above
+    z = ground + above
     return Frame(f"z-{above:.3g}", plan.origin + z * plan.normal, plan.x, plan.y, plan.low, plan.high)
 
 

@@ -14,7 +14,8 @@ from mgf_engine.system import atomic_path
 
 _COLORS = {CUT: 1, OUTLINE: 7, STEP: 7, CREASE: 8, DETAIL: 9, HATCH: 8}  # AutoCAD's numbers; parts are blue
 _METRES, _NO_UNIT = 6, 0  # $INSUNITS
-SVG_SCALE = 100  # the SVG's own size is that of a print at 1:100
+_HATCH = 3.0  # millimetres on paper between the lines of a hatch
+_ANSI31 = 3.175  # millimetres between those of the pattern ANSI31
 
 
 def file_shift(frame: Frame, survey: Survey) -> Array:
@@ -30,8 +31,15 @@ def layer_name(layer: str) -> str:
     return layer.removeprefix(PART).replace("_", " ").lower()
 
 
-def write_dxf(path: Path, drawing: LineDrawing, survey: Survey) -> None:
-    """Write DXF (R2010): polylines on layers by kind, areas hatched; the unit is the metre where it is known."""
+def write_dxf(path: Path, drawing: LineDrawing, survey: Survey, scale: float) -> None:
+    """Write DXF (R2010): polylines on layers by kind, areas hatched; the unit is the metre where it is known.
+
+    Args:
+        path: of the file.
+        drawing: its lines and areas.
+        survey: what it is a drawing of.
+        scale: N of a print at 1:N, for the distance of the hatch's lines.
+    """
     import ezdxf
 
     document = ezdxf.new("R2010", setup=True)  # type: ignore[attr-defined]
@@ -46,7 +54,7 @@ def write_dxf(path: Path, drawing: LineDrawing, survey: Survey) -> None:
         space.add_lwpolyline(points.tolist(), close=closed, dxfattribs={"layer": line.layer})
     for area in drawing.areas:
         hatch = space.add_hatch(dxfattribs={"layer": HATCH})
-        hatch.set_pattern_fill("ANSI31", scale=float(drawing.frame.size.max()) / 190)
+        hatch.set_pattern_fill("ANSI31", scale=scale / 1000 * _HATCH / _ANSI31)
         hatch.paths.add_polyline_path((area.outer[:-1] + shift).tolist(), is_closed=True, flags=1)
         for hole in area.holes:
             hatch.paths.add_polyline_path((hole[:-1] + shift).tolist(), is_closed=True, flags=0)
@@ -54,28 +62,41 @@ def write_dxf(path: Path, drawing: LineDrawing, survey: Survey) -> None:
         document.saveas(temporary)
 
 
-def write_svg(path: Path, drawing: LineDrawing, survey: Survey) -> None:
-    """Write SVG in the drawing's own unit, y downwards, a group for each layer; its size is that of a print at
-    1:100."""
-    shift, margin = file_shift(drawing.frame, survey), 0.02 * float(drawing.frame.size.max())
+def write_svg(path: Path, drawing: LineDrawing, survey: Survey, scale: float) -> None:
+    """Write SVG in the drawing's own unit, y downwards, a group for each layer.
+
+    Browsers keep four bytes for a coordinate, which is half a metre at a northing of 5,000,000 m: a drawing from above
+    has local coordinates, and its description says what to add.
+
+    Args:
+        path: of the file.
+        drawing: its lines and areas.
+        survey: what it is a drawing of.
+        scale: the file's size and pens are those of a print at 1:scale.
+    """
+    shift = file_shift(drawing.frame, survey)
+    added = shift if drawing.frame.normal[2] > 0.5 else np.zeros(2)
+    shift, margin = shift - added, 0.02 * float(drawing.frame.size.max())
     low, high = drawing.frame.low + shift - margin, drawing.frame.high + shift + margin
     width, height = high - low
     root = Xml.Element("svg", {
         "xmlns": "http://www.w3.org/2000/svg", "version": "1.1",
-        "width": f"{1000 * width / SVG_SCALE:.3f}mm", "height": f"{1000 * height / SVG_SCALE:.3f}mm",
-        "viewBox": f"{low[0]:.4f} {-high[1]:.4f} {width:.4f} {height:.4f}",
+        "width": f"{1000 * width / scale:.3f}mm", "height": f"{1000 * height / scale:.3f}mm",
+        "viewBox": f"{low[0]:.4f} {-high[1]:.4f} {width:.4f} {height:.4f}", "data-scale": f"1:{scale:g}",
     })  # fmt: skip
+    if added.any():
+        text = f"{survey.georeference.crs}: east = x + {added[0]:.3f}, north = {added[1]:.3f} - y"
+        Xml.SubElement(root, "desc").text = text
     if drawing.areas:
-        _hatch_pattern(root)
+        _hatch_pattern(root, scale / 1000)
         group = Xml.SubElement(root, "g", {"id": HATCH, "fill": "url(#hatch)", "fill-rule": "evenodd"})
         for area in drawing.areas:
             rings = [_path(ring + shift) + " Z" for ring in (area.outer, *area.holes)]
             Xml.SubElement(group, "path", {"d": " ".join(rings)})
     for layer in _layers(drawing):
         if layer != HATCH:
-            stroke = f"{pen(layer) * SVG_SCALE / 1000:.4f}"
-            style = {"fill": "none", "stroke": "black", "stroke-width": stroke, "stroke-linecap": "round"}
-            group = Xml.SubElement(root, "g", {"id": layer, **style})
+            style = {"fill": "none", "stroke": "black", "stroke-width": f"{pen(layer) * scale / 1000:.5f}"}
+            group = Xml.SubElement(root, "g", {"id": layer, **style, "stroke-linecap": "round"})
             for line in drawing.lines:
                 if line.layer == layer:
                     Xml.SubElement(group, "path", {"d": _path(line.points + shift)})
@@ -84,12 +105,12 @@ def write_svg(path: Path, drawing: LineDrawing, survey: Survey) -> None:
         temporary.write_bytes(Xml.tostring(root, encoding="utf-8", xml_declaration=True))
 
 
-def _hatch_pattern(root: Xml.Element) -> None:
-    """Write the pattern of lines at 45 degrees, 3 mm apart on paper."""
-    side = 3.0 * SVG_SCALE / 1000
+def _hatch_pattern(root: Xml.Element, millimetre: float) -> None:
+    """Write the pattern of lines at 45 degrees; ``millimetre``: length of one on paper, in the drawing's unit."""
+    side = _HATCH * millimetre
     box = {"id": "hatch", "width": f"{side}", "height": f"{side}", "patternUnits": "userSpaceOnUse"}
     pattern = Xml.SubElement(Xml.SubElement(root, "defs"), "pattern", {**box, "patternTransform": "rotate(45)"})
-    stroke = {"stroke": "black", "stroke-width": f"{pen(HATCH) * SVG_SCALE / 1000:.4f}"}
+    stroke = {"stroke": "black", "stroke-width": f"{pen(HATCH) * millimetre:.5f}"}
     Xml.SubElement(pattern, "line", {"x1": "0", "y1": "0", "x2": "0", "y2": f"{side}", **stroke})
 
 

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from mgf_engine.drawings.ground import TERRAIN, Ground
 from mgf_engine.drawings.kinds import KINDS
-from mgf_engine.drawings.model import Facade, Survey
+from mgf_engine.drawings.model import Facade, Frame, Survey
 from mgf_engine.drawings.quantities import Row
 from mgf_engine.output_folder import Deliverables
 
@@ -42,14 +43,33 @@ class Work(Deliverables):
     """What the parts of a run share.
 
     Attributes:
-        rows: quantities.
+        ground: height that others are counted from.
+        title: of the sheets.
+        building: quantities of the whole building.
+        rows: all quantities.
     """
 
     survey: Survey
     facades: list[Facade]
     wanted: DrawingOptions
+    ground: Ground
+    title: str
+    building: list[Row] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
 
     def wants(self, *kinds: str) -> bool:
         """Tell whether one of these was asked for."""
         return not self.wanted.kinds.isdisjoint(kinds)
+
+    def levels(self, frame: Frame) -> list[tuple[float, str]]:
+        """Return heights of an upright drawing (its y) that a sheet marks, and what stands there: over the ground where
+        terrain tells it."""
+        if abs(frame.normal[2]) > 1e-6:
+            return []
+        known = self.ground.source == TERRAIN
+        z = self.survey.mesh.vertices[:, 2]
+        bottom = self.ground.height if known else float(z.min())
+        names = {"eaves of the largest roof plane over the ground", "ridge over the ground"}
+        heights = [self.ground.height + float(v) for _, quantity, v, _ in self.building if quantity in names]
+        heights = [*heights, float(z.max())]
+        return [(bottom, "\u00b10.00"), *((height, f"+{height - bottom:.2f}") for height in heights)]

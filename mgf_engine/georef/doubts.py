@@ -148,8 +148,8 @@ def wrong_marks(
     middle = float(np.median([away for _, _, away in wrong]))
     return [
         f"{len(wrong)} of {len(control.marks)} marks, of {len(points)} points in {len(photos)} photos, do not fit the "
-        f"others (half of them by more than {middle:,.0f} pixels) and were left out; check that the file of marks is of "
-        "these photos, names them rightly, and counts y from their upper edge."
+        f"others (half of them by more than {middle:,.0f} pixels) and were left out; check that the file of marks is "
+        "of these photos, names them rightly, and counts y from their upper edge."
     ]
 
 

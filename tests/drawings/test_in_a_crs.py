@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree as Xml
 
 import ezdxf
 import numpy as np
@@ -82,6 +84,18 @@ def test_the_plan_lies_in_the_crs_with_north_up(placed: Path) -> None:
         slack = 1.5 * pixel / SCALE
         assert (np.abs(own[:, 0]) < 2 + slack).all() and (np.abs(own[:, 1]) < 1.5 + slack).all()
         assert len(rows) * pixel**2 == pytest.approx(4 * 3 * SCALE**2, rel=0.03)
+
+
+def test_browsers_can_show_the_roof(placed: Path) -> None:
+    """They keep float32, and the description of the file leads to the CRS."""
+    root = Xml.parse(placed / "roof.svg").getroot()
+    numbers = [t for p in root.iterfind(".//{*}path") for t in p.get("d").split() if t not in "MLZ"]
+    at = np.array(numbers, np.float64).reshape(-1, 2)
+    assert np.abs(at.astype(np.float32) - at).max() < 1e-5
+    east, north = re.search(r"east = x \+ ([\d.]+), north = ([\d.]+) - y", root.find("{*}desc").text).groups()
+    points = np.array([float(east), float(north)]) + at * (1, -1)
+    for end in world(np.array([[-2, 0, 3.2], [2, 0, 3.2]]))[:, :2]:
+        assert np.linalg.norm(points - end, axis=1).min() < 0.1
 
 
 def test_heights_are_those_of_the_crs(placed: Path) -> None:

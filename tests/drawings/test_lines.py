@@ -87,7 +87,7 @@ def test_sections_have_their_area_and_are_hatched(drawings: Path, index: dict[st
 
 @pytest.mark.parametrize("height", [2.2, 2.5, 3.0])
 def test_a_level_section_through_the_roof(survey: Survey, height: float) -> None:
-    (frame,) = section_frames(survey, find_facades(survey), [f"z={height}"])
+    (frame,) = section_frames(survey, find_facades(survey), [f"z={height}"], GROUND)
     made = cut(survey, frame)
     assert made.closed and made.area == pytest.approx(4 * 3 * (3.2 - height) / 1.2, rel=0.005)
 
@@ -106,7 +106,7 @@ def plane_text(name: str, point: tuple[float, float, float], normal: tuple[float
     ],
 )
 def test_a_section_along_any_plane(survey: Survey, text: str, area: float) -> None:
-    (frame,) = section_frames(survey, find_facades(survey), [text])
+    (frame,) = section_frames(survey, find_facades(survey), [text], GROUND)
     made = cut(survey, frame)
     assert made.closed and made.area == pytest.approx(area, rel=0.005)
     assert frame.name == text.split("=")[0]
@@ -114,7 +114,7 @@ def test_a_section_along_any_plane(survey: Survey, text: str, area: float) -> No
 
 def test_the_frame_of_an_upright_plane_has_heights_and_begins_at_its_left_end(survey: Survey) -> None:
     text = plane_text("cut", (0.3, 5, 5), (-1, 0, 0))
-    (frame,) = section_frames(survey, find_facades(survey), [text])
+    (frame,) = section_frames(survey, find_facades(survey), [text], GROUND)
     at = frame.to_drawing(survey.mesh.vertices)
     assert at[:, 0].min() == pytest.approx(0, abs=1e-9) and frame.size == pytest.approx([3, 3.2], abs=1e-6)
     assert at[:, 1] == pytest.approx(survey.mesh.vertices[:, 2], abs=1e-9)
@@ -125,16 +125,19 @@ def test_the_frame_of_an_upright_plane_has_heights_and_begins_at_its_left_end(su
 )
 def test_a_section_that_cannot_be_is_refused(survey: Survey, text: str) -> None:
     with pytest.raises(BadInput):
-        section_frames(survey, find_facades(survey), [text])
+        section_frames(survey, find_facades(survey), [text], GROUND)
 
 
 def test_two_sections_of_one_name_are_refused(survey: Survey) -> None:
     with pytest.raises(BadInput, match="Two sections are called z-1"):
-        section_frames(survey, find_facades(survey), ["z=1", "z=1.0"])
+        section_frames(survey, find_facades(survey), ["z=1", "z=1.0"], GROUND)
 
 
 def test_svg_has_a_group_for_each_layer_and_the_size_of_a_print(drawings: Path) -> None:
     root = Xml.parse(drawings / "elevation-A.svg").getroot()
     groups = [node.get("id") for node in root if node.get("id")]
     assert groups == ["OUTLINE", "CREASE", "PART-WINDOW"]
-    assert float(root.get("width").removesuffix("mm")) == pytest.approx(1000 * 4 * 1.04 / 100, rel=1e-3)
+    assert float(root.get("width").removesuffix("mm")) == pytest.approx(1000 * 4 * 1.04 / 20, rel=1e-3)
+    assert root.get("data-scale") == "1:20"
+    outline = next(node for node in root if node.get("id") == "OUTLINE")
+    assert float(outline.get("stroke-width")) == pytest.approx(0.5 * 20 / 1000)

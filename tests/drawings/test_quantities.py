@@ -12,7 +12,12 @@ import pytest
 import rasterio
 from support.job_of_house import FinishedJob
 
+from benchmarks.synthetic.house import OFFSET
+from mgf_engine.drawings.ground import TERRAIN, Ground
+from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.make import make_drawings
+from mgf_engine.drawings.quantities import building_rows
+from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.sheets import choose_scale
 from mgf_engine.drawings.work import DrawingOptions
 from mgf_engine.errors import BadInput
@@ -36,6 +41,15 @@ def test_sizes_areas_and_heights_are_those_of_the_house(rows: dict[tuple[str, st
     assert rows["building", "volume"] == ""  # the house has no floor
 
 
+def test_heights_are_counted_from_the_ground_not_from_the_lowest_shred_of_the_mesh(finished: FinishedJob) -> None:
+    survey = read_survey(finished.folder)
+    rows = building_rows(survey, survey_planes(survey), Ground(float(OFFSET[2]) + 0.5, TERRAIN))
+    found = {(of, quantity): value for of, quantity, value, _ in rows}
+    assert float(found["building", "ridge over the ground"]) == pytest.approx(2.7, abs=0.01)
+    assert float(found["building", "highest point over the ground"]) == pytest.approx(2.7, abs=0.01)
+    assert found["building", "ground is known from"] == TERRAIN
+
+
 def test_the_windows_share_is_right(rows: dict[tuple[str, str], str]) -> None:
     assert float(rows["A", "share of window"]) == pytest.approx(100 * (0.7 * 0.8 + 0.9 * 0.8) / 8.0, abs=1.0)
 
@@ -50,6 +64,9 @@ def test_an_even_wall_deviates_nowhere(drawings: Path, rows: dict[tuple[str, str
 def test_sheets_and_page_are_there(drawings: Path, index: dict[str, Any]) -> None:
     assert (drawings / "sheet-lines-A.pdf").read_bytes().startswith(b"%PDF")
     assert index["files"]["sheet-lines-A.pdf"]["scale"] == choose_scale(np.array([4.0, 3.2]), "A3") == 20
+    section = next(name for name in index["files"] if name.startswith("sheet-section-A") and name.endswith(".svg"))
+    text = (drawings / section).read_text(encoding="utf-8")
+    assert "hatch" in text.lower() or "<pattern" in text
     page = (drawings / "drawings.html").read_text(encoding="utf-8")
     assert all(name in page for name in index["files"] if name != "drawings.html")
 

@@ -161,7 +161,9 @@ def test_the_wrong_hemisphere_and_zone_are_guessed(site):
     points = site.write_control()
     _refused(site, points, "The hemisphere of EPSG:32732 seems wrong: in EPSG:32632", crs="EPSG:32732")
     _refused(site, points, "The zone of EPSG:25833 seems wrong: in EPSG:25832", crs="EPSG:25833")
-    _refused(site, points, r"The zone \(and the hemisphere\) of EPSG:32733 seems wrong: in EPSG:32632", crs="EPSG:32733")
+    _refused(
+        site, points, r"The zone \(and the hemisphere\) of EPSG:32733 seems wrong: in EPSG:32632", crs="EPSG:32733"
+    )
     _refused(site, points, r"km from where the photos' GPS says", crs="EPSG:32618")
 
 

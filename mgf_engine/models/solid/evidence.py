@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_opening, median_filter
 
 from mgf_engine.drawings.facades import plan_frame
+from mgf_engine.drawings.ground import find_ground
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.drawings.project import Grid, plan_grid, render_grid
 from mgf_engine.drawings.regions import LOOSE, Regions, find_regions, survey_planes
@@ -161,26 +162,3 @@ def _take_loose(
         better = off < best
         best[better] = off[better]
         label[row[better], column[better]] = k + 1
-
-
-def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> tuple[float, str]:
-    """Find the height of the ground: of the terrain's points around the building, else of the mesh's lower end."""
-    z = survey.mesh.vertices[:, 2]
-    bottom, height = float(np.percentile(z, 0.5)), float(np.ptp(z))
-    scene = survey.scene
-    points = survey.local(scene.to_normalised.invert(scene.points[~survey.masks.point_mask]))
-    row, column = np.nonzero(inside)
-    if not len(row) or not len(points):
-        return bottom, "mesh"
-    plan = grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5)
-    reach = 0.3 * float(np.linalg.norm(np.ptp(plan, axis=0)))
-    near = ((points[:, :2] > plan.min(0) - reach) & (points[:, :2] < plan.max(0) + reach)).all(1)
-    near &= np.abs(points[:, 2] - bottom) < 0.2 * height
-    column, row = np.floor(grid.pixels(points[:, :2])).astype(np.int64).T
-    within = (column >= 0) & (column < grid.width) & (row >= 0) & (row < grid.height)
-    near[within] &= ~inside[row[within], column[within]]
-    if near.sum() < 30:
-        return bottom, "mesh"
-    low, found, high = np.percentile(points[near, 2], (25, 50, 75)).tolist()
-    level = high - low < 0.1 * height and abs(found - bottom) < 0.15 * height
-    return (found, "terrain") if level else (bottom, "mesh")
