@@ -72,7 +72,14 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
 def building_rows(
     survey: Survey, planes: Planes, ground: Ground, options: QuantityOptions = QuantityOptions()
 ) -> list[Row]:
-    """Return heights over the ground, roof planes, and the volume where the mesh is closed."""
+    """Return heights over the ground, roof planes, and the volume where the mesh is closed.
+
+    Args:
+        survey: mesh in the local frame.
+        planes: of its faces.
+        ground: what heights are counted from.
+        options: which planes are roofs.
+    """
     import trimesh
 
     unit, z = survey.unit, survey.mesh.vertices[:, 2]
