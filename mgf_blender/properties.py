@@ -14,10 +14,20 @@ from .prompts.properties import BUILDING, MGF_PG_click, MGF_PG_photo, show_photo
 
 PARTS = [BUILDING, "window", "door", "roof", "wall", "balcony"]
 OptionsGroup = options.make_group()
+#: What is offered first to who limits the memory of jobs, GB.
+MEMORY_LIMIT = 8.0
 
 
 def _take_key(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
     scene_key(self.id_data)  # drawing, which asks for previews, may not make one
+
+
+def _limits_memory(self: bpy.types.PropertyGroup) -> bool:
+    return self.options.memory > 0
+
+
+def _limit_memory(self: bpy.types.PropertyGroup, limited: bool) -> None:
+    self.options.memory = MEMORY_LIMIT if limited else 0.0
 
 
 class MGF_PG_scene(bpy.types.PropertyGroup):
@@ -47,6 +57,11 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
         options=PATH,
     )
     options: bpy.props.PointerProperty(type=OptionsGroup)
+    limit_memory: bpy.props.BoolProperty(
+        name="Limit Memory",
+        description="Let a job use no more memory than this; three quarters of what is free where it is off",
+        get=_limits_memory, set=_limit_memory,
+    )  # fmt: skip
     drawings: bpy.props.PointerProperty(name="Drawings", type=MGF_PG_drawings)
     models: bpy.props.PointerProperty(name="Models", type=MGF_PG_models)
     georef: bpy.props.PointerProperty(name="Georeference", type=MGF_PG_georef)

@@ -22,7 +22,7 @@ sys.path.insert(0, str(REPO))
 #: Calls that take a text first, and keywords of interface calls that take one.
 _FIRST = {"tr", "N_", "UserError"}
 _KEYWORDS = {"text", "title", "message", "confirm_text", "heading"}
-_SHOWING = {"label", "column", "operator", "prop", "progress", "invoke_confirm", "operator_menu_enum", "report"}
+_SHOWING = {"label", "column", "row", "operator", "prop", "progress", "invoke_confirm", "operator_menu_enum", "report"}
 
 
 def source_texts() -> dict[str, str]:

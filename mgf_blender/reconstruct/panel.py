@@ -77,7 +77,9 @@ class MGF_PT_reconstruct(bpy.types.Panel):
         layout.use_property_decorate = False
         column = layout.column()
         for name, option in options.OPTIONS.items():
-            if not option["advanced"]:
+            if name == "memory":
+                _draw_memory(column, state)
+            elif not option["advanced"]:
                 column.prop(state.options, name)
         column.prop(state, "job_folder")
         column.prop(state, "import_when_done")
@@ -137,6 +139,15 @@ class MGF_PT_options(bpy.types.Panel):
                 if section == "masks":
                     column.prop(state, "masks_folder")
         layout.operator("mgf.reset_options", icon="LOOP_BACK")
+
+
+def _draw_memory(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup) -> None:
+    """Draw the limit of the memory: a number alone would say 0 where there is none."""
+    row = layout.row(align=True, heading="Memory (GB)")
+    row.prop(state, "limit_memory", text="")
+    value = row.row(align=True)
+    value.active = state.limit_memory
+    value.prop(state.options, "memory", text="")
 
 
 def draw_job(layout: bpy.types.UILayout, job: Job) -> None:

@@ -18,7 +18,7 @@ from mgf_blender.preferences import MGF_Preferences
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct, in_panel_words
-from mgf_blender.reconstruct.start import make_job
+from mgf_blender.reconstruct.start import job_options, make_job
 from mgf_blender.results import async_import
 from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_PT_source
@@ -63,6 +63,18 @@ def test_from_import_to_mesh(addon, engine, house):
     said = all_panels()
     assert "Mesh finished in " in said and "Open Report" in said and "new job: 16 faces" in said and "PSNR" in said
     assert "Open Log" in said and "mgf.open_job_file" in [name for name, *_ in draw(MGF_PT_results).operators]
+
+
+def test_memory_is_limited_by_a_tick(addon, engine, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.options.property_unset("memory")
+    assert "Memory (GB)" in draw(MGF_PT_reconstruct).said and not addon.limit_memory
+    addon.limit_memory = True
+    assert addon.options.memory == 8.0
+    addon.options.memory = 3.0
+    assert addon.limit_memory and "memory=3.0" in " ".join(job_options(bpy.context.scene, house.folder / "job"))
+    addon.limit_memory = False
+    assert addon.options.memory == 0 and "memory" not in " ".join(job_options(bpy.context.scene, house.folder / "job"))
 
 
 def test_running_waiting_and_cancelled(addon, engine, house):

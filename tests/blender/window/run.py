@@ -31,7 +31,8 @@ RECONSTRUCT, RESUME, RESULTS = 500, 558, 630  # with a photo marked; the last wi
 SHOW_RENDER = 569  # while training
 PAINT, SHOW, ROW = 203, 272, 23  # in the Results panel, the other panels closed
 POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 346
-FIRST_FILE, FILE_ROW = (1177, 364), 20  # icons in a File Browser in place of the Properties editor
+#: First icon in a File Browser in place of the Properties editor, and the distance of the rows, by the major version.
+FILES = {4: ((1177, 364), 20), 5: ((1170, 251), 22)}
 SIDE = 0.915  # of the small button at the end of a row, as a share of the sidebar's width
 
 #: Screenshot -> part of it (width, height, x, y) and picture of the documentation.
@@ -128,8 +129,8 @@ def drop_model(window: Window, scene: Path) -> None:
     window.tell(f"browse {model}/")
     time.sleep(1)
     rows = [p.name for p in sorted(model.iterdir(), key=lambda p: (p.is_file(), p.name.lower()))]
-    x, y = FIRST_FILE
-    window.drag_file(x, y + FILE_ROW * rows.index("images.bin"), 400, 420, "13-drop")
+    (x, y), row = FILES[window.state()["version"][0]]
+    window.drag_file(x, y + row * rows.index("images.bin"), 400, 420, "13-drop")
     window.wait("the cameras of the dropped model", lambda s: s["objects"]["Cameras"] > 0, 60)
     window.tell("py next(a for a in window.screen.areas if a.type == 'FILE_BROWSER').type = 'PROPERTIES'")
     time.sleep(1)
@@ -272,7 +273,7 @@ def quit_and_resume(window: Window, blend: Path) -> None:
     time.sleep(2)
     window.shot("34-interrupted")
     window.press(window.button(RESUME), "the resumed job", lambda s: s.get("jobs"))
-    window.wait("training to go on", lambda s: s["jobs"][-1][2] == "field", 600)
+    window.wait("training to go on", lambda s: s["jobs"][-1][2] in ("field", "mesh", "deliver"), 600)
     (log,) = blend.parent.glob(f"{blend.stem}_jobs/*/log.txt")
     assert log.read_text().count("stage masks begins") == 1, "the resumed job began again"
 
