@@ -52,6 +52,8 @@ extension: $(VENV)/.ready $(BPY)/.ready
 test-window: extension
 	PYTHONPATH=tests:tests/blender $(RUN) tests/blender/window/undo.py --blender "$(or $(BLENDER),blender)" --out build/window-undo
 	PYTHONPATH=tests:tests/blender $(RUN) tests/blender/window/marks.py --blender "$(or $(BLENDER),blender)" --out build/window-marks
+	PYTHONPATH=tests:tests/blender $(RUN) tests/blender/window/faults.py --blender "$(or $(BLENDER),blender)" --engine "$(or $(ENGINE),$(RUN))" \
+		--scene "$(SCENE)" --out build/window-faults
 	$(RUN) tests/blender/window/run.py --blender "$(or $(BLENDER),blender)" --zip dist/mgf-*.zip --scene "$(SCENE)" \
 		--out build/window $(if $(WHEELS),--wheels "$(WHEELS)",--engine "$(or $(ENGINE),$(RUN))") $(ARGS)
 

@@ -79,11 +79,25 @@ def choose_held_out(count: int, roots: tuple[int, ...], every: int) -> tuple[int
     if every <= 0:
         return ()
     wanted = max(0, min(math.ceil(count / every), count - _FEWEST_TRAINED))
-    free = [i for i in range(count) if i not in roots] + [i for i in range(count) if i in roots]
-    others = count - len(roots)
+    free = set(range(count)) - set(roots)
     chosen: list[int] = []
     for k in range(wanted):
-        ideal = (k + 0.5) * count / wanted - 0.5
-        pool = [i for i in (free[:others] if k < others else free) if i not in chosen]
-        chosen.append(min(pool, key=lambda i: (abs(i - ideal), i)))
+        if not free:
+            free = set(roots)
+        chosen.append(_nearest((k + 0.5) * count / wanted - 0.5, free, count))
+        free.remove(chosen[-1])
     return tuple(sorted(chosen))
+
+
+def _nearest(place: float, free: set[int], count: int) -> int:
+    """Return the member of ``free``, in 0..count - 1, that is nearest to a place; the smaller one of two."""
+    low = math.floor(place)
+    high = low + 1
+    while low >= 0 or high < count:
+        if place - low <= high - place:
+            low, found = low - 1, low
+        else:
+            high, found = high + 1, high
+        if found in free:
+            return found
+    raise ValueError("nothing is free")

@@ -66,6 +66,11 @@ def test_held_out(views: int, every: int) -> None:
         assert gaps.max() <= 2.5 * views / len(held_out)
 
 
+def test_held_out_of_very_many_views() -> None:
+    """Minutes where each choice looks at all of them."""
+    assert choose_held_out(200_000, (), 8) == tuple(range(3, 200_000, 8))
+
+
 def test_nothing_is_held_out_when_asked_or_when_too_few() -> None:
     assert choose_held_out(30, (0, 1), 0) == ()
     assert choose_held_out(3, (0, 1, 2), 8) == ()
