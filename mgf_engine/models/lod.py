@@ -33,6 +33,18 @@ class LodOptions:
     nearer: float = parameter(
         0.67, "Share of the error of the decimation that keeps topology, from which the other one is taken", high=1
     )
+    clearer: float = parameter(
+        0.01, "Gain in overlap of the silhouettes over the decimation that keeps topology, from which too", high=1
+    )
+    least_silhouette: float = parameter(
+        0.92, "Overlap of the silhouettes below which a level gets more faces than wanted", high=1
+    )
+    more_faces: tuple[float, float, float] = parameter(
+        (1.5, 2.0, 3.0), "Number of faces that such a level gets at most, in wanted numbers, tried in turn", low=1
+    )
+    aggressiveness: float = parameter(
+        5.0, "Growth of the error that fast-simplification tolerates from round to round (its agg)", low=1
+    )
 
 
 @dataclass(frozen=True)
@@ -78,30 +90,51 @@ def reduce_chain(
 
 
 def _reduced_to(mesh: Mesh, most: int, options: LodOptions) -> Mesh:
-    """Reduce the mesh to about ``most`` faces.
+    """Reduce the mesh to about ``most`` faces, or to more where its outline needs them.
 
-    Our own reduction keeps rims and outlines best, and keeps every hole and tunnel. A coarse mesh has no faces for all
-    of those: where it misses the number or pays with far larger errors, edges collapse whatever they close
-    (fast-simplification, Garland and Heckbert's quadrics).
+    Our own reduction keeps rims and holes, and keeps every tunnel. A coarse mesh has no faces for all of those: where
+    it misses the number, lies much farther off or shows another outline, edges collapse whatever they close
+    (fast-simplification, Garland and Heckbert's quadrics). A ragged mesh has so many tunnels that neither can leave
+    enough of it.
     """
-    kept = reduce_faces(mesh, most)
-    free = _simplified(mesh, most)
-    if len(free.faces) == 0:
-        return kept
-    if len(kept.faces) > options.face_excess * most:
-        return free
+    kept, free = reduce_faces(mesh, most), _simplified(mesh, most, options)
+    allowed = options.face_excess * most
+    best = free if len(kept.faces) > allowed or _better(mesh, free, kept, options) else kept
+    overlap = silhouette_overlap(mesh, best) if len(best.faces) else 0.0
+    for more in options.more_faces:
+        if overlap >= options.least_silhouette:
+            break
+        finer = _simplified(mesh, round(more * most), options)
+        better = silhouette_overlap(mesh, finer) if len(finer.faces) else 0.0
+        if better > overlap:
+            best, overlap = finer, better
+    return best if len(best.faces) else kept
+
+
+def _better(mesh: Mesh, free: Mesh, kept: Mesh, options: LodOptions) -> bool:
+    """Tell whether the free reduction is much nearer to the mesh than that which keeps topology, or has a clearly
+    better outline."""
+    if not len(free.faces):
+        return False
     few = SAMPLES // 4
-    nearer = measure_deviation(mesh, free, few).rms < options.nearer * measure_deviation(mesh, kept, few).rms
-    return free if nearer and len(free.faces) <= options.face_excess * most else kept
+    if measure_deviation(mesh, free, few).rms < options.nearer * measure_deviation(mesh, kept, few).rms:
+        return True
+    return silhouette_overlap(mesh, free) > silhouette_overlap(mesh, kept) + options.clearer
 
 
-def _simplified(mesh: Mesh, most: int) -> Mesh:
+def _simplified(mesh: Mesh, most: int, options: LodOptions) -> Mesh:
+    """Reduce the mesh to ``most`` faces, topology or not; where it keeps more, errors may grow faster."""
     import fast_simplification
 
+    if most >= len(mesh.faces):
+        return mesh
     middle = mesh.vertices.mean(0)
-    local = (mesh.vertices - middle).astype(np.float32)
-    points, faces = fast_simplification.simplify(local, np.ascontiguousarray(mesh.faces), target_count=most)
-    used, index = np.unique(faces, return_inverse=True)
+    local, faces = (mesh.vertices - middle).astype(np.float32), np.ascontiguousarray(mesh.faces)
+    for pace in (options.aggressiveness, options.aggressiveness + 2):
+        points, left = fast_simplification.simplify(local, faces, target_count=most, agg=pace)
+        if len(left) <= options.face_excess * most:
+            break
+    used, index = np.unique(left, return_inverse=True)
     vertices = np.asarray(points, np.float64)[used] + middle
     colors = mesh.colors[cKDTree(mesh.vertices).query(vertices)[1]]
     return Mesh(vertices, index.reshape(-1, 3).astype(np.int32), colors)

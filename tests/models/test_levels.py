@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from benchmarks.synthetic.house import OFFSET
 from mgf_engine.cli import main
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
-from mgf_engine.models.lod import measure_deviation, reduce_chain, silhouette_overlap
+from mgf_engine.models.lod import LodOptions, measure_deviation, reduce_chain, silhouette_overlap
 from mgf_engine.models.make import make_models
 from mgf_engine.models.work import ModelOptions
 from mgf_engine.scene.store import read_scene
@@ -91,6 +92,36 @@ def test_levels_by_error_stay_within_it() -> None:
     for coarse, error in zip(chain[1:], (0.01, 0.05), strict=True):
         assert _off(mesh.vertices, coarse).max() <= 1.01 * error
     assert len(chain[2].faces) < len(chain[1].faces) < 0.5 * len(mesh.faces)
+
+
+def rings(count: int) -> Mesh:
+    """A wall of upright square rings, as a ragged mesh has tunnels: each of them 0.4 wide with a hole of 0.2."""
+    side = np.array([(-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2)])
+    corners = [(x, y, z) for k in (0.05, -0.05) for y in (k,) for ring in (side, 0.5 * side) for x, z in ring]
+    quads = []
+    for k in range(4):
+        n = (k + 1) % 4
+        quads += [
+            (k, n, 4 + n, 4 + k),
+            (12 + k, 12 + n, 8 + n, 8 + k),
+            (8 + k, 8 + n, n, k),
+            (4 + k, 4 + n, 12 + n, 12 + k),
+        ]
+    faces = np.array([f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))])
+    ring = trimesh.Trimesh(corners, faces, process=False).subdivide().subdivide().subdivide()
+    many = trimesh.util.concatenate(
+        [ring.copy().apply_translation((0.5 * (k % 10), 0, 0.5 * (k // 10))) for k in range(count)]
+    )
+    rng = np.random.default_rng(0)
+    vertices = many.vertices + rng.normal(0, 0.001, many.vertices.shape)
+    return Mesh(vertices, np.asarray(many.faces, np.int32), np.full(vertices.shape, 128, np.uint8))
+
+
+def test_a_level_keeps_the_outline_even_if_that_takes_more_faces() -> None:
+    mesh = rings(40)
+    most = round(0.006 * len(mesh.faces))
+    coarse = reduce_chain(mesh, options=replace(LodOptions(), shares=(0.1, 0.05, 0.006)))[3]
+    assert silhouette_overlap(mesh, coarse) > 0.9 and len(coarse.faces) <= 3.2 * most
 
 
 def _samples(mesh: Mesh) -> np.ndarray:
