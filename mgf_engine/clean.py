@@ -35,7 +35,7 @@ def _list(runs: list[Run]) -> None:
     if not runs:
         print("The job has no finished run.")
         return
-    print(f"{'run':>4}  {'finished':<16}  {'faces':>9}  {'PSNR':>5}  {'MB':>8}  options given")
+    print(f"{'run':>4}  {'finished':<16}  {'faces':>9}  {'PSNR':>5}  {'frees MB':>8}  options given")
     for run in runs:
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(run.time))
         faces, psnr = run.figures.get("faces"), run.figures.get("psnr")

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mgf_engine.algorithms import algorithms_schema
-from mgf_engine.cli_arguments import make_parser
+from mgf_engine.cli_arguments import parse_arguments
 from mgf_engine.config import option_fields, options_schema, renamed_values
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.messages import Reporter
@@ -60,7 +60,7 @@ def _run(args: list[str]) -> int:
     """Run the command that the arguments name; returns the exit code."""
     if args[:1] == ["bench"]:
         return _bench_command(args[1:])
-    parsed = make_parser().parse_args(args)
+    parsed = parse_arguments(args)
     if parsed.command in ("reconstruct", *STAGE_NAMES):
         return _job_command(parsed)
     if parsed.command in _JOB_COMMANDS:

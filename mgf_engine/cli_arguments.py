@@ -4,20 +4,54 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from mgf_engine import __version__
 from mgf_engine.config import option_fields
+from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
 from mgf_engine.option_list import default_text
 from mgf_engine.reported import add_algorithm_arguments
 from mgf_engine.stages import SECTIONS, STAGES
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that answers a mistake with one sentence, where argparse prints its sixty lines of usage first."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(EXIT_BAD_INPUT, f"Error: {message[:1].upper()}{message[1:]}; '{self.prog} --help' lists all.\n")
+
+
+def parse_arguments(args: Sequence[str]) -> argparse.Namespace:
+    """Parse the arguments of the ``mgf`` command.
+
+    Raises:
+        BadInput: one is unknown; the message names the one that was probably meant.
+    """
+    parser = make_parser()
+    parsed, unknown = parser.parse_known_args(args)
+    if not unknown:
+        return parsed
+    wrong = next((text for text in unknown if text.startswith("-")), unknown[0]).split("=")[0]
+    flags = [flag for flag in _flags_of(parser, parsed.command) if flag.startswith("--")]
+    parts = [flag for flag in flags if wrong.startswith("--") and wrong[2:] in flag]
+    likely = parts or difflib.get_close_matches(wrong, flags, n=1)
+    meant = f"; did you mean {likely[0]}?" if likely else ";"
+    raise BadInput(f"'mgf {parsed.command}' does not know '{wrong}'{meant} 'mgf {parsed.command} --help' lists all.")
+
+
+def _flags_of(parser: argparse.ArgumentParser, command: str) -> list[str]:
+    """Return the options that a command has."""
+    commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    return [*commands.choices[command]._option_string_actions]
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Make the parser of all commands."""
-    parser = argparse.ArgumentParser(prog="mgf", description="Reconstruct a clean mesh of a building from photos.")
+    parser = _Parser(prog="mgf", description="Reconstruct a clean mesh of a building from photos.")
     parser.add_argument("--version", action="version", version=f"mgf {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_job_command(commands, "reconstruct", "run all stages: from photos to mesh and report")

@@ -275,3 +275,34 @@ def test_help_lists_every_option() -> None:
     text = mgf("reconstruct", "--help").stdout
     for name in ("--max-gaussians", "--no-screening", "--cancel-on-eof", "--resume"):
         assert name in text
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["reconstruct", "scene", "--out", "job", "--gaussians", "5"], "'--gaussians'; did you mean --max-gaussians?"),
+        (["town", "scene", "--out", "town", "--footprints=a.gpkg", "--exekutor", "x"], "did you mean --executor?"),
+        (["doctor", "--nothing-like-it"], "'mgf doctor' does not know '--nothing-like-it'; 'mgf doctor --help'"),
+        (["georef", "job", "one", "two"], "'mgf georef' does not know 'one';"),
+    ],
+)
+def test_an_unknown_argument_is_named_with_the_one_that_was_meant(args, said, capsys) -> None:
+    assert main(args) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.startswith("Error: ") and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        ([], "Error: The following arguments are required: COMMAND; 'mgf --help' lists all."),
+        (["reconstruct", "scene"], "are required: --out; 'mgf reconstruct --help' lists all."),
+        (["town", "scene", "--out", "town", "--cores", "all"], "invalid int value: 'all'"),
+        (["rekonstruct"], "invalid choice: 'rekonstruct'"),
+    ],
+)
+def test_a_mistake_in_the_arguments_is_one_sentence(args, said, capsys) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(args)
+    error = capsys.readouterr().err
+    assert said in error and error.startswith("Error: ") and error.count("\n") == 1
