@@ -26,16 +26,24 @@ class MGF_PT_drawings(bpy.types.Panel):
         column = layout.column()
         column.prop(wanted, "kinds")
         if wanted.kinds & {"orthophotos", "sheets", "quantities"}:
-            column.prop(wanted, "resolution")
+            column.prop(wanted, "resolution", text="Pixel (mm)")
         if "sheets" in wanted.kinds:
             column.prop(wanted, "paper")
             column.prop(wanted, "scale")
+        if _chosen_by_itself(wanted):
+            draw_sentence(column, tr("0: chosen automatically"), "INFO")
         if "sections" in wanted.kinds:
             _draw_sections(layout, scene)
         if draw_engine_missing(layout):
             return
         if draw_run(layout, scene, ("drawings",), "mgf.make_drawings", "GREASEPENCIL"):
             _draw_pictures(layout, scene)
+
+
+def _chosen_by_itself(wanted: bpy.types.PropertyGroup) -> bool:
+    """Tell whether a number that the panel shows is 0, which stands for the job's own choice."""
+    pixel = wanted.resolution == 0 and wanted.kinds & {"orthophotos", "sheets", "quantities"}
+    return bool(pixel or (wanted.scale == 0 and "sheets" in wanted.kinds))
 
 
 def _draw_sections(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:

@@ -41,6 +41,9 @@ class MGF_PT_georef(bpy.types.Panel):
         column.prop(state, "scale_bars")
         if draw_engine_missing(layout):
             return
+        if not (state.crs or state.control_file or state.scale_bars):
+            text = tr("Photos with GPS need nothing; else choose a CSV of control points: name, east, north, height")
+            draw_sentence(layout, text, "INFO")
         if state.control_file:
             row = layout.row(align=True)
             row.operator("mgf.predict_places", icon="FILE_REFRESH")

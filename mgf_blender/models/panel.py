@@ -3,7 +3,7 @@
 
 import bpy
 
-from ..common.text import N_, tr
+from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
 from ..reconstruct.finished_job import draw_run, finished_job_panel
 from ..reconstruct.start import has_job_file
@@ -30,6 +30,8 @@ class MGF_PT_models(bpy.types.Panel):
             column.prop(wanted, "draco")
         if wanted.kinds & {"solid", "ifc"}:
             column.prop(wanted, "detail", text="Detail (cm)")
+            if wanted.detail == 0:
+                draw_sentence(column, tr("0: chosen automatically"), "INFO")
         if draw_engine_missing(layout):
             return
         idle = draw_run(layout, scene, ("models",), "mgf.make_models", "MOD_DECIM")

@@ -50,6 +50,13 @@ def test_no_job_no_panel(addon, engine, house):
 def test_button_to_pictures(finished, engine, house):
     said = draw(MGF_PT_drawings).said
     assert "Make Drawings" in said and "Three cuts through the middle" in said and "Orthophoto" not in said
+    assert "0: chosen automatically" in said
+    finished.drawings.resolution = 5.0
+    assert "0: chosen automatically" in draw(MGF_PT_drawings).said  # the scale is 0
+    finished.drawings.kinds = {"orthophotos"}
+    assert "0: chosen automatically" not in draw(MGF_PT_drawings).said
+    for name in ("resolution", "kinds"):
+        finished.drawings.property_unset(name)
     assert bpy.ops.mgf.make_drawings() == {"FINISHED"}
     line = arguments(house)
     assert line[:2] == ["drawings", str(house.job)] and line.count("--draw") == 5 and "--cancel-on-eof" in line

@@ -64,7 +64,13 @@ def option(house, name: str) -> str:
 
 def test_points_are_read_by_the_engine_and_listed(finished, house):
     said = draw(MGF_PT_georef).said
-    assert "Read Points" in said and "Georeference Job" in said
+    assert "Read Points" in said and "Georeference Job" in said and "GPS" not in said
+    given = {name: getattr(finished.georef, name) for name in ("crs", "control_file", "scale_bars")}
+    for name in given:
+        setattr(finished.georef, name, "")
+    assert "Photos with GPS need nothing" in " ".join(draw(MGF_PT_georef).said.split())
+    for name, value in given.items():
+        setattr(finished.georef, name, value)
     assert draw(MGF_PT_control_points).said == ""
     with pytest.raises(RuntimeError, match="Read the control points first"):
         bpy.ops.mgf.mark_control_points()

@@ -81,7 +81,7 @@ def test_no_job_no_panel(addon, engine):
 
 def test_button_to_levels(finished, house):
     drawn = draw(MGF_PT_models).said
-    assert "Make Models" in drawn and "Import LODs" not in drawn
+    assert "Make Models" in drawn and "Import LODs" not in drawn and "0: chosen automatically" in drawn
     assert bpy.ops.mgf.make_models() == {"FINISHED"}
     line = json.loads((house.job / "arguments.json").read_text())
     assert line[:2] == ["models", str(house.job)] and "--cancel-on-eof" in line and "--detail" not in line
