@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -60,6 +61,8 @@ def choose_device(wanted: str) -> Choice:
     except BadInput as error:
         if wanted == "cuda":
             raise BadInput(f"{error} Or train without a card: --device cpu.") from error
+        if not torch.cuda.is_available() and shutil.which("nvidia-smi") is None:  # nothing that one could mend
+            return Choice(torch.device("cpu"), "Device: CPU; no NVIDIA driver was found.")
         return Choice(torch.device("cpu"), f"Device: CPU. {error}", torch.cuda.is_available())
     if wanted == "auto" and not is_approved(found):
         text = (

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -33,6 +34,7 @@ def refuse() -> card.Found:
 
 def test_auto_says_why_it_takes_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(card, "find_card", refuse)
+    monkeypatch.setattr(shutil, "which", lambda name: f"/usr/bin/{name}")
     choice = device.choose_device("auto")
     assert choice.device.type == "cpu" and choice.text == "Device: CPU. There is no card."
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
@@ -53,6 +55,16 @@ def card_9000(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> card.Found:
     monkeypatch.setattr(checked_cards, "driver_version", lambda: "999.1")
     monkeypatch.setenv("MGF_CACHE", str(tmp_path))
     return found
+
+
+def test_who_has_no_card_is_not_told_to_install_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(card, "find_card", refuse)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    choice = device.choose_device("auto")
+    assert choice.text == "Device: CPU; no NVIDIA driver was found." and not choice.surprising
+    with pytest.raises(BadInput, match="There is no card"):
+        device.choose_device("cuda")
 
 
 def test_auto_takes_a_card_only_once_it_has_passed(card_9000: card.Found) -> None:
