@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from mgf_engine.masks.propagation.prompt_messages import asks_for_other_clicks
 from mgf_engine.system import atomic_path
 from mgf_engine.terminal import duration
+from mgf_engine.town.hulls import BY_HAND
 from mgf_engine.town.map import COLORS
 from mgf_engine.town.plan import BUILDINGS
 from mgf_engine.town.worker import FAILED, FINISHED, PICTURE, RUNNING, STOPPED, WAITING
@@ -97,6 +99,9 @@ def _shown(row: dict[str, Any], town: Path) -> dict[str, Any]:
     report = folder / "job" / "report.html"
     notes = [row["reason"], status.get("text", "") if row["job"] in (FAILED, STOPPED) else ""]
     second = done.get("attempt", status.get("attempt", 1)) > 1
+    warnings = done.get("warnings", status.get("warnings", []))
+    if row["state"] != BY_HAND:
+        warnings = [text for text in warnings if not asks_for_other_clicks(text)]
     return {
         "id": row["id"], "state": row["state"], "job": row["job"], "color": color_of(row),
         "stage": status.get("stage", "") if row["job"] == RUNNING else "",
@@ -105,7 +110,7 @@ def _shown(row: dict[str, Any], town: Path) -> dict[str, Any]:
         "photos": len(row["photos"]), "pixel": round(100 * row["pixel"], 1),
         "seconds": duration(done["job_seconds"]) if done.get("job_seconds") else "",
         "confidence": done.get("confidence"), "notes": [note for note in notes if note],
-        "second": second, "warnings": done.get("warnings", status.get("warnings", [])),
+        "second": second, "warnings": warnings,
         "picture": _data(folder / PICTURE, "jpeg") if done else "",
         "report": report.relative_to(town).as_posix() if report.is_file() else "",
     }  # fmt: skip

@@ -6,16 +6,22 @@ from __future__ import annotations
 import gzip
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
 import pytest
 import shapely
+from support.small_scene import view
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference
-from mgf_engine.town.page import _letters
+from mgf_engine.masks.prompts import Clicks
+from mgf_engine.masks.propagation.prompt_messages import PromptMessages
+from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt
+from mgf_engine.town.hulls import BY_HAND, READY
+from mgf_engine.town.page import _letters, _shown
 from mgf_engine.town.solid import ground_of_neighbours, merge_cityjson
 from mgf_engine.town.terrain import TerrainOptions, ground_surface
 
@@ -123,3 +129,18 @@ def test_names_on_the_page_stay_over_their_buildings() -> None:
     narrow = _letters("terrace_middle", 76.0)
     assert 7.0 < narrow < 12.0 and narrow * 0.6 * len("terrace_middle") <= 77
     assert _letters("a name that nothing makes fit", 20.0) == 7.0
+
+
+@pytest.mark.parametrize(("state", "told"), [(READY, 1), (BY_HAND, 3)])
+def test_who_made_no_clicks_is_not_told_to_look_at_them_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, state: str, told: int
+) -> None:
+    outlier = OutlierPrompt(0, False, 0, 0.9)
+    graph = SimpleNamespace(scene=SimpleNamespace(views=[view("a.jpg", 0)]))
+    monkeypatch.setattr("mgf_engine.masks.propagation.prompt_messages.on_points", lambda *_: False)
+    clicks = {0: Clicks(np.array([[3.0, 4.0]]), np.array([[3.0, 4.0]]))}
+    said = PromptMessages(graph, clicks, [])  # type: ignore[arg-type]
+    warnings = [said._used_text(0, [outlier]), said._ignored_text(0, [outlier]), "The photos are noisy."]
+    row = {"id": "a", "state": state, "job": "done", "reason": "", "height": 1.0, "area": 1.0, "photos": [],
+           "pixel": 0.1, "status": {}, "done": {"warnings": warnings}}  # fmt: skip
+    assert len(_shown(row, tmp_path)["warnings"]) == told

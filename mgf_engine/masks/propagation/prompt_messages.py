@@ -21,6 +21,14 @@ from mgf_engine.masks.propagation.prompt_outliers import (
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.scene.cameras import to_original
 
+#: How sentences end that ask whoever clicked to look at single clicks again.
+_ASKING = "delete them if they are mistakes.", "click the same spot in a second photo."
+
+
+def asks_for_other_clicks(text: str) -> bool:
+    """Tell whether a sentence is about single clicks, which nobody made where clicks are automatic."""
+    return text.endswith(_ASKING)
+
 
 @dataclass(frozen=True)
 class PromptMessages:
