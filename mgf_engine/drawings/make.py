@@ -260,7 +260,7 @@ def _sections(work: Work, frames: Sequence[Frame]) -> None:
             if not made.drawing.lines:
                 work.reporter.warning(f"The section {frame.name} cuts nothing of the mesh; give another place.")
                 continue
-            facts = {"area": round(made.area, 6), "closed": made.closed}
+            facts = {"area": round(made.area, 6), "closed": made.closed, "bridged": round(made.bridged, 6)}
             _write_lines(work, f"section-{frame.name}", made.drawing, "section", **facts)
         if work.wants("sheets"):
             with work.cost.of("sheets"):

@@ -28,6 +28,7 @@ class SectionOptions:
     in_ground: float = parameter(
         0.2, "Share of the building's height below which open ends of walls are joined", high=1
     )
+    bridge: float = parameter(8.0, "Largest gap between two ends of a cut that is bridged", "ground px")
     least_area: float = parameter(9.0, "Minimum area inside a cut, and square of its minimum length", "ground px²")
     level_angle: float = parameter(2.0, "Angle below which a plane is made level or upright", "degrees", high=45)
     plan_height: float = parameter(1.2, "Height above the ground at which a plan is cut", "m")
@@ -36,11 +37,19 @@ class SectionOptions:
 
 @dataclass(frozen=True)
 class Cut:
-    """A section: its drawing, the area it cuts, and whether all of it could be closed."""
+    """A section.
+
+    Attributes:
+        drawing: its lines and areas.
+        area: that it cuts.
+        closed: all of it could be closed.
+        bridged: length of the gaps in the mesh that straight lines bridge.
+    """
 
     drawing: LineDrawing
     area: float
     closed: bool
+    bridged: float = 0.0
 
 
 def section_frames(
@@ -92,6 +101,7 @@ def cut(survey: Survey, frame: Frame, options: SectionOptions = SectionOptions()
     paths = [path for path in paths if _length(path) ** 2 > options.least_area * pixel**2]
     upright = abs(float(frame.normal[2])) < 0.5
     rings, loose = [p for p in paths if (p[0] == p[-1]).all()], [p for p in paths if not (p[0] == p[-1]).all()]
+    loose, bridged = _bridged(loose, options.bridge * pixel)
     low = float(frame.low[1] + options.in_ground * frame.size[1])
     for path in list(loose):
         in_ground = upright and max(path[0, 1], path[-1, 1]) < low
@@ -112,7 +122,26 @@ def cut(survey: Survey, frame: Frame, options: SectionOptions = SectionOptions()
         for path in loose
     ]
     total = sum(ring_area(a.outer) - sum(map(ring_area, a.holes)) for a in areas)
-    return Cut(LineDrawing(frame, lines, areas), total, not loose)
+    return Cut(LineDrawing(frame, lines, areas), total, not loose, bridged)
+
+
+def _bridged(paths: list[Array], most: float) -> tuple[list[Array], float]:
+    """Join open polylines [n, 2] where ends of two of them are near, the nearest first; returns them, and the length of
+    all gaps."""
+    paths, length = list(paths), 0.0
+    while len(paths) > 1:
+        ends = np.array([path[[0, -1]] for path in paths])  # [P, 2, 2]
+        away = np.linalg.norm(ends[:, None, :, None] - ends[None, :, None, :], axis=-1)  # [P, P, 2, 2]
+        away[np.arange(len(paths)), np.arange(len(paths))] = np.inf
+        one, other, at_one, at_other = np.unravel_index(int(away.argmin()), away.shape)
+        if away[one, other, at_one, at_other] > most:
+            break
+        length += float(away[one, other, at_one, at_other])
+        first = paths[one] if at_one == 1 else paths[one][::-1]
+        second = paths[other] if at_other == 0 else paths[other][::-1]
+        paths = [path for k, path in enumerate(paths) if k not in (one, other)]
+        paths.append(np.concatenate([first, second]))
+    return paths, length
 
 
 def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, ground: float, options: SectionOptions) -> Frame:

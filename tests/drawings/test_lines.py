@@ -128,6 +128,26 @@ def test_a_section_that_cannot_be_is_refused(survey: Survey, text: str) -> None:
         section_frames(survey, find_facades(survey), [text], GROUND)
 
 
+def test_a_small_gap_of_the_mesh_is_bridged_and_a_large_one_is_not(
+    survey: Survey, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gable of 3 m with a gap at its eaves."""
+    (frame,) = section_frames(survey, find_facades(survey), ["A=2"], GROUND)
+    foot, top = frame.low, frame.high
+    middle, eaves = 0.5 * (foot[0] + top[0]), foot[1] + 2.0
+    for pixels, closed in ((5, True), (30, False)):
+        gap = pixels * survey.working_pixel
+        left = np.array([[foot[0], foot[1]], [foot[0], eaves], [middle, top[1]], [top[0], eaves]])
+        right = np.array([[top[0], foot[1]], [top[0], eaves - gap]])
+        paths = [frame.to_local(np.column_stack([p, np.zeros(len(p))])) for p in (left, right)]
+        monkeypatch.setattr("mgf_engine.drawings.section._paths", lambda *_, paths=paths: paths)
+        made = cut(survey, frame)
+        assert made.closed is closed and bool(made.drawing.areas) is closed
+        assert made.bridged == pytest.approx(gap if closed else 0.0)
+    width = top[0] - foot[0]
+    assert made.area == 0.0 and width > 0
+
+
 def test_two_sections_of_one_name_are_refused(survey: Survey) -> None:
     with pytest.raises(BadInput, match="Two sections are called z-1"):
         section_frames(survey, find_facades(survey), ["z=1", "z=1.0"], GROUND)
