@@ -73,7 +73,7 @@ def facade_through(survey: Survey, points: Array, name: str, options: FacadeOpti
         options: how level or steep it may be.
 
     Raises:
-        BadInput: the points lie on a line, or on a level plane.
+        BadInput: the points lie on a line, on a level plane, or on one beside the building.
     """
     at = survey.local(points)
     normal = np.cross(at[1] - at[0], at[2] - at[0])
@@ -89,6 +89,12 @@ def facade_through(survey: Survey, points: Array, name: str, options: FacadeOpti
     direction = float(np.degrees(np.arctan2(normal[0], normal[1])) % 360)
     facing = np.flatnonzero(survey.normals @ normal > np.cos(np.radians(options.same_direction)))
     away = (survey.centres[facing] - at.mean(0)) @ normal
+    before = (survey.mesh.vertices - at.mean(0)) @ normal
+    if before.min() > 0 or before.max() < 0:
+        raise BadInput(
+            f"The plane through the three points of --facade misses the building by {np.abs(before).min():.2f}; give "
+            "corners of a wall in the coordinates of mesh.ply."
+        )
     wall = facing[np.abs(away) < options.plane_distance * survey.pixel]
     frame = _frame(survey, direction, float(_level(direction) @ at.mean(0)), name)
     return Facade(frame, direction, wall, float(np.degrees(np.arcsin(-normal[2]))))

@@ -17,7 +17,7 @@ from mgf_engine.drawings.geotiff import write_geotiff
 from mgf_engine.drawings.ground import ground_of
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Facade, Frame, LineDrawing, Survey
-from mgf_engine.drawings.orthophoto import Visibility, paint
+from mgf_engine.drawings.orthophoto import Visibility, paint, unseen_text
 from mgf_engine.drawings.parts import PartOutlineOptions, part_lines, part_shares
 from mgf_engine.drawings.project import Grid, GridBuffers, plan_grid, render_grid, round_resolution
 from mgf_engine.drawings.quantities import (
@@ -174,6 +174,9 @@ def _draw_frame(
         seen = render_grid(survey, _grid(work, frame))
         if work.wants("orthophotos", "sheets"):
             image = paint(survey, painting, visibility, seen, lambda s: work.reporter.progress(share(s)))
+            text = unseen_text(frame.name, image, seen) if facade is not None else None
+            if text is not None:
+                work.reporter.warning(text)
         if image is not None and work.wants("orthophotos"):
             _write_orthophoto(work, image, seen.grid)
     if facade is None and work.wants("orthophotos"):

@@ -161,3 +161,21 @@ def _weights(corners: Array, points: Array) -> Array:
     axes = np.array([[1, 2], [2, 0], [0, 1]])[normal.argmax(1)]
     flat = np.take_along_axis(corners, axes[:, None, :].repeat(3, 1), 2)
     return np.clip(barycentric(flat, np.take_along_axis(points, axes, 1)), 0.0, 1.0)
+
+
+def unseen_text(name: str, image: NDArray[np.uint8], seen: GridBuffers, least: float = 0.5) -> str | None:
+    """Return what is to be said of an orthophoto that photos hardly show; None where they show enough.
+
+    Args:
+        name: of the facade.
+        image: RGBA [H, W, 4], transparent where no photo shows anything.
+        seen: the mesh at the pixels.
+        least: share of the mesh's pixels that is enough.
+    """
+    surface = seen.face >= 0
+    share = float((image[..., 3] > 0)[surface].mean()) if surface.any() else 0.0
+    if share >= least:
+        return None
+    if share == 0:
+        return f"No photo shows the facade {name}; its orthophoto is empty."
+    return f"Photos show only {share:.0%} of the facade {name}; the rest of its orthophoto is transparent."

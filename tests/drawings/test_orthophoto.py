@@ -9,9 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from support.job_of_house import WINDOWS
+from support.job_of_house import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
+from mgf_engine.drawings.facades import facade_through, find_facades
+from mgf_engine.drawings.load import read_survey
+from mgf_engine.drawings.orthophoto import unseen_text
+from mgf_engine.drawings.project import plan_grid, render_grid
+from mgf_engine.errors import BadInput
 
 
 def edges_of_dark(dark: np.ndarray) -> list[tuple[float, float]]:
@@ -79,3 +84,22 @@ def test_heights_from_above_are_those_of_the_roof(drawings: Path) -> None:
         origin = np.array(file.tags()["ORIGIN"].split(), float)
     true = OFFSET[2] + 2.0 + 1.2 * (1 - np.abs(y + origin[1] - OFFSET[1]) / 1.5)
     assert np.abs(heights[rows, columns] - true).max() < 1e-3
+
+
+def test_a_facade_without_photos_is_said(finished: FinishedJob) -> None:
+    survey = read_survey(finished.folder)
+    frame = find_facades(survey)[0].frame
+    seen = render_grid(survey, plan_grid(frame, 0.02, survey.unit))
+    image = np.full((*seen.face.shape, 4), 255, np.uint8)
+    assert unseen_text("A", image, seen) is None
+    image[:, : image.shape[1] * 7 // 10, 3] = 0
+    assert "only 30% of the facade A" in str(unseen_text("A", image, seen))
+    image[..., 3] = 0
+    assert unseen_text("A", image, seen) == "No photo shows the facade A; its orthophoto is empty."
+
+
+def test_a_facade_beside_the_building_is_refused(finished: FinishedJob) -> None:
+    survey = read_survey(finished.folder)
+    points = np.array([(50.0, 50, 0), (58, 50, 0), (58, 50, 3)])
+    with pytest.raises(BadInput, match="misses the building by"):
+        facade_through(survey, points, "facade-1")
