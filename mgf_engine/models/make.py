@@ -98,8 +98,8 @@ def _solid(work: Work) -> None:
             solid = build_solid(work.survey, work.wanted.detail, work.config.algorithm(SolidOptions))
         except NoSolid as reason:
             work.reporter.warning(
-                f"There is no solid of this building ({reason}); take photos from all sides, or give a larger --detail. "
-                "A house in a row gets one from 'mgf town', whose map tells which walls stand against neighbours."
+                f"There is no solid of this building ({reason}); take photos from all sides, or give a larger --detail."
+                " A house in a row gets one from 'mgf town', whose map tells which walls stand against neighbours."
             )
             return
         if solid.level == 1:
