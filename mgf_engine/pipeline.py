@@ -16,6 +16,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.estimate import Photos, Took, estimate, inspect_photos, learn, shortage, with_clicks
 from mgf_engine.job import Job
 from mgf_engine.masks.prompts import check_prompts, no_clicks
+from mgf_engine.masks.user_masks import no_mask_fits
 from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.colmap import list_photos
@@ -46,8 +47,8 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     lacks_clicks = job.config.use_masks and not (job.inputs.clicks or job.masks)
     if photos is not None and "masks" in to_run and lacks_clicks:
         raise no_clicks()  # before the cameras are found, which can take long
-    if photos is not None and "scene" in to_run and job.config.use_masks and job.masks is None and job.inputs.clicks:
-        _check_clicks(job, photos)
+    if photos is not None and {"scene", "masks"} <= set(to_run) and job.config.use_masks:
+        _check_guidance(job, photos)
     for place, name in enumerate(stages):
         reporter.check()
         reporter.stage(name, cached=name not in to_run)
@@ -139,9 +140,15 @@ def _update_estimate(job: Job, photos: Photos, stages: list[str], reporter: Repo
     return photos
 
 
-def _check_clicks(job: Job, photos: Photos) -> None:
-    """Refuse wrong clicks before the cameras are found; those on photos of a model are checked with the masks."""
-    assert job.inputs.clicks is not None
+def _check_guidance(job: Job, photos: Photos) -> None:
+    """Refuse masks of no photo, and wrong clicks, before the cameras are found.
+
+    Clicks on photos of a model are checked with the masks.
+    """
+    if job.masks is not None and not job.inputs.masks and job.inputs.names:
+        raise no_mask_fits(job.masks, job.inputs.names[0])
+    if job.masks is not None or job.inputs.clicks is None:
+        return
     files = None
     if not photos.placed:
         root, names = list_photos(job.source, job.folder)

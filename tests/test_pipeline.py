@@ -365,6 +365,15 @@ def test_bad_prompts_of_a_folder_of_photos_are_refused_before_its_cameras_are_fo
         assert not any(m["type"] == "progress" for m in messages)
 
 
+def test_masks_of_other_photos_are_refused_before_the_cameras_are_found(house: House, tmp_path: Path) -> None:
+    (tmp_path / "masks").mkdir()
+    (tmp_path / "masks" / "elsewhere.png").write_bytes(b"")
+    run = start("reconstruct", house.folder / "images", "--masks", tmp_path / "masks", "--out", tmp_path / "job")
+    messages = finish(run)
+    assert run.returncode == 2 and "fits a photo" in messages[-1]["text"]
+    assert not any(m["type"] == "progress" for m in messages)
+
+
 @pytest.mark.parametrize("value", [0, 255])
 def test_masks_that_are_empty_or_cover_everything_are_refused(house: House, tmp_path: Path, value: int) -> None:
     folder = tmp_path / "masks"

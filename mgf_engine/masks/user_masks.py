@@ -28,6 +28,12 @@ from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.cameras import warp_labels
 
 
+def no_mask_fits(folder: Path, photo: str) -> BadInput:
+    """Return what to raise where no mask in the folder is named like a photo, for example ``photo``."""
+    example = PurePosixPath(photo.replace("\\", "/")).with_suffix(".png")
+    return BadInput(f"No mask in '{folder}' fits a photo; name each like its photo, for example '{example}'.")
+
+
 def read_supplied(folder: Path, scene: Scene) -> list[NDArray[np.uint8] | None]:
     """Read label maps of the photos that have a mask in the folder, None for the others.
 
@@ -39,8 +45,7 @@ def read_supplied(folder: Path, scene: Scene) -> list[NDArray[np.uint8] | None]:
     result = [_read_one(folder, view) for view in scene.views]
     given = [labels for labels in result if labels is not None]
     if not given:
-        example = PurePosixPath(scene.views[0].name).with_suffix(".png")
-        raise BadInput(f"No mask in '{folder}' fits a photo; name each like its photo, for example '{example}'.")
+        raise no_mask_fits(folder, scene.views[0].name)
     if not any(building(labels).any() for labels in given):
         raise BadInput(f"Every mask in '{folder}' is empty; the building should be white, the rest black.")
     if all(building(labels).all() for labels in given):
