@@ -24,6 +24,7 @@ from mgf_engine.drawings.quantities import (
     QuantityOptions,
     building_rows,
     deviation_picture,
+    small_unit,
     wall_deviation,
     wall_rows,
     write_csv,
@@ -237,7 +238,7 @@ def _write_deviation(work: Work, deviation: NDArray[np.float32], grid: Grid) -> 
     facts = {"kind": "deviation", "frame": grid.frame.name, "resolution": grid.resolution}
     name = f"deviation-{grid.frame.name}"
     write_geotiff(work.add(f"{name}.tif", **facts), deviation, grid, work.survey, {"KIND": "deviation"})
-    picture = cv2.cvtColor(deviation_picture(deviation), cv2.COLOR_RGBA2BGRA)
+    picture = cv2.cvtColor(deviation_picture(deviation, small_unit(work.survey)), cv2.COLOR_RGBA2BGRA)
     write_png(work.add(f"{name}.png", **facts), np.asarray(picture, np.uint8))
 
 

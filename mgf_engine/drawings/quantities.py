@@ -34,6 +34,11 @@ class QuantityOptions:
     roof_tilt: tuple[float, float] = parameter((10.0, 75.0), "Range of the tilt of roof planes", "degrees", high=90)
 
 
+def small_unit(survey: Survey) -> str:
+    """Return the name of a thousandth of the local unit."""
+    return "mm" if survey.georeference.metric else "1/1000 units"
+
+
 def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], parts: Sequence[Line]) -> list[Row]:
     """Measure a facade.
 
@@ -43,7 +48,7 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
         deviation: of the wall from its plane in the local unit, NaN beside it, [H, W].
         parts: outlines of windows, doors and other named parts on it.
     """
-    small = "mm" if survey.georeference.metric else "1/1000 units"
+    small = small_unit(survey)
     unit, wall = survey.unit, survey.areas[facade.wall].sum()
     facing = (survey.normals @ facade.frame.normal > 0.7) & (np.abs(survey.normals[:, 2]) < 0.5)
     all_walls = float(survey.areas[facing].sum())
@@ -139,10 +144,11 @@ def wall_deviation(
     )
 
 
-def deviation_picture(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
+def deviation_picture(deviation: NDArray[np.float32], small: str = "mm") -> NDArray[np.uint8]:
     """Colour blue behind the plane, white on it, red before it, RGBA [H, W, 4]; full colour at the 98th percentile.
 
-    Below it, the scale of colours: the picture is so many rows higher than the map.
+    Below it, the scale of colours, its ends in thousandths of the unit, which ``small`` names: the picture is so many
+    rows higher than the map.
     """
     known = np.isfinite(deviation)
     limit = max(float(np.percentile(np.abs(deviation[known]), 98)) if known.any() else 1.0, 1e-9)
@@ -151,17 +157,17 @@ def deviation_picture(deviation: NDArray[np.float32]) -> NDArray[np.uint8]:
     picture = np.zeros((*deviation.shape, 4), np.uint8)
     picture[..., :3], picture[..., 3] = color.round(), 255 * known
     picture[~known] = 0
-    return np.concatenate([picture, _color_bar(limit, picture.shape[1])])
+    return np.concatenate([picture, _color_bar(limit, picture.shape[1], small)])
 
 
-def _color_bar(limit: float, width: int) -> NDArray[np.uint8]:
-    """Return the scale of colours below a picture of so many pixels, RGBA: blue behind, red before, in millimetres."""
+def _color_bar(limit: float, width: int, small: str) -> NDArray[np.uint8]:
+    """Return the scale of colours below a picture of so many pixels, RGBA: blue behind, red before."""
     size = max(width, 240) / 1000  # of the letters, so that they can be read where the picture is shown whole
     high, wide = int(60 * size) + 24, min(width, int(500 * size) + 100)
     bar = np.full((high, width, 3), 255, np.uint8)
     share = np.linspace(-1, 1, wide)[:, None]
     bar[4 : high // 3, :wide] = _share_color(share).round()
-    for text, at in ((f"-{1000 * limit:.0f} mm", 0.0), ("0", 0.5), (f"+{1000 * limit:.0f} mm", 1.0)):
+    for text, at in ((f"-{1000 * limit:.3g} {small}", 0.0), ("0", 0.5), (f"+{1000 * limit:.3g} {small}", 1.0)):
         scale = 0.35 + 0.5 * size
         (length, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
         place = (round(at * (wide - length)), high - 6)

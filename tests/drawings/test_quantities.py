@@ -16,7 +16,7 @@ from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.ground import TERRAIN, Ground
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.make import make_drawings
-from mgf_engine.drawings.quantities import building_rows
+from mgf_engine.drawings.quantities import building_rows, deviation_picture
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.sheets import choose_scale
 from mgf_engine.drawings.work import DrawingOptions
@@ -59,6 +59,13 @@ def test_an_even_wall_deviates_nowhere(drawings: Path, rows: dict[tuple[str, str
         deviation = file.read(1)
     assert np.isfinite(deviation).mean() > 0.5 and np.nanmax(np.abs(deviation)) < 1e-4
     assert float(rows["A", "deviation from the plane, RMS"]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_scale_of_colours_names_its_unit() -> None:
+    deviation = np.full((100, 300), 0.012, np.float32)
+    metric, units = deviation_picture(deviation), deviation_picture(deviation, "1/1000 units")
+    assert metric.shape == units.shape and len(metric) > 100 and (metric[:100] == units[:100]).all()
+    assert (metric[100:, :, 3] == 255).all() and (metric[100:] != units[100:]).any()
 
 
 def test_sheets_and_page_are_there(drawings: Path, index: dict[str, Any]) -> None:
