@@ -107,6 +107,12 @@ def test_georef_gives_a_finished_job_true_coordinates(house: House, finished, tm
     failed = finish(run)[-1]
     assert run.returncode == 2 and failed["type"] == "failed" and "seem swapped" in failed["text"]
     assert {p: p.read_bytes() for p in kept} == kept
+    (tmp_path / "points.csv").write_text("\n".join(text))
+    record = json.loads((job / "job.json").read_text())
+    record["stages"]["scene"]["key"] = "that of a scene whose cameras other points moved"
+    (job / "job.json").write_text(json.dumps(record))
+    run = start("georef", job, *given)
+    assert "was made with other control points" in finish(run)[-1]["text"] and run.returncode == 2
 
 
 def test_quick_gives_the_mesh_without_training(house: House, tmp_path: Path) -> None:

@@ -51,6 +51,11 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     """
     last = stage_of_section("georef").name  # its options are what may have changed
     unfinished = next((s for s in STAGE_NAMES if s not in job.stages or (s != last and not job.done(s))), None)
+    if unfinished == STAGE_NAMES[0] and job.config.control and all(name in job.stages for name in STAGE_NAMES):
+        raise BadInput(
+            f"The scene of the job in '{job.folder}' was made with other control points, marks or photos; 'mgf "
+            "reconstruct --resume' with these moves its cameras anew."
+        )
     if unfinished is not None or not (job.folder / MANIFEST).exists():
         raise BadInput(
             f"The job in '{job.folder}' is not finished with these options; run 'mgf reconstruct --resume' with them."
