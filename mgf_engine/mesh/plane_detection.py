@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Detect the planes of a mesh: region growing from places with even normals, with a robust fit.
 
-The noise of each plane is measured from the mesh itself. Bent surfaces are refused: where the means over larger cells
-leave the plane by more than noise.
+The noise of each plane is measured from the mesh itself. Bent surfaces are refused: where a paraboloid, or the means
+over larger cells, leave the plane by more than the slow waves of depths by stereo.
 """
 
 from __future__ import annotations
@@ -46,11 +46,9 @@ class PlanarOptions:
         12.0, "Side of the cells whose means tell whether a plane is bent", "ground px", low=0.1
     )
     bend_area: float = parameter(30.0, "Minimum area of such a cell", "ground px²")
-    waves: tuple[float, float] = parameter(
-        (0.1, 0.3), "Bounds of the noise that those means (root mean square) must not exceed", "ground px"
-    )
+    waves: float = parameter(0.6, "Maximum root mean square of those means", "ground px")
     bows: tuple[float, float] = parameter(
-        (0.06, 0.2), "Bounds of half the noise that a paraboloid through the faces must not exceed", "ground px"
+        (0.06, 0.3), "Bounds of the noise that a paraboloid through the faces must not exceed", "ground px"
     )
     crease: float = parameter(20.0, "Minimum angle between two planes that meet in an edge", "degrees")
     crease_move: float = parameter(1.5, "Maximum distance that a vertex moves onto an edge or a corner", "ground px")
@@ -295,7 +293,7 @@ def _bent(
 ) -> bool:
     """Tell whether the faces are too narrow for a plane, or leave it together.
 
-    Two tests: the means over cells against the noise around them, and what a paraboloid explains.
+    Two tests: the means over cells, and what a paraboloid explains against the noise around those means.
     """
     across = np.linalg.svd(normal[None])[2][1:]
     flat = (faces.centre[rows] - faces.centre[rows].mean(0)) @ across.T / np.median(faces.pixel[rows])
@@ -308,7 +306,6 @@ def _bent(
     cell = places[:, 0] * (places[:, 1].max() + 1) + places[:, 1]
     sums = np.bincount(cell, area)
     means = np.bincount(cell, area * off) / np.maximum(sums, 1e-12)
-    noise = _noise(off - means[cell], area)
     full = sums >= o.bend_area
     waves = np.sqrt((sums * means**2)[full].sum() / max(sums[full].sum(), 1e-12))
     u, v = (flat / np.abs(flat).max()).T
@@ -316,4 +313,5 @@ def _bent(
     weighted = terms * area[:, None]
     bow = terms @ np.linalg.lstsq(weighted.T @ terms, weighted.T @ off, rcond=1e-9)[0]
     bows = np.sqrt(area @ bow**2 / area.sum())
-    return bool(waves > np.clip(noise, *o.waves) or bows > np.clip(0.5 * noise, *o.bows))
+    noise = _noise(off - means[cell], area)
+    return bool(waves > o.waves or bows > np.clip(noise, *o.bows))
