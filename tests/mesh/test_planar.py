@@ -131,6 +131,15 @@ def test_gently_curved_wall_stays_curved(sag):
     assert np.abs(result.vertices[:, 2] - truth(result.vertices[:, 0])).max() < 0.6
 
 
+def test_slow_waves_of_stereo_do_not_keep_a_wall_from_being_flat():
+    """Depths by stereo are wrong together over ten pixels and more; a wall is as flat there as anywhere."""
+    line = np.arange(0, 121.0, 1.5)
+    waves = lambda u, v: 0.9 * np.sin(u / 7) * np.cos(v / 6)  # noqa: E731
+    result = flat(noisy(joined(sheet(line, line[:60], lambda u, v: (u, v, waves(u, v)))), 0.1))
+    inside = (result.vertices[:, :2] > 3).all(1) & (result.vertices[:, :2] < (115, 83)).all(1)
+    assert rms(result.vertices[inside, 2]) < 0.1 < 0.4 < rms(waves(*result.vertices[inside, :2].T))
+
+
 def test_thin_bar_keeps_its_thickness():
     exact = box(3, 3, 200, 1.0)
     rough = noisy(exact, 0.15)
