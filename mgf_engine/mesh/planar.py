@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Project nearly planar regions of a mesh onto their planes.
 
-A vertex within three times the noise of its plane, and never further than a ground pixel, goes into the plane, one
-between two planes onto the line where they meet, one between three into the corner. What stands out by more stays.
+A vertex within three times the noise of its plane, and never further than a ground pixel, goes into the plane, one up
+to twice as far by a share; one between two planes goes onto the line where they meet, one between three into the
+corner. What stands out by more stays.
 """
 
 from __future__ import annotations
@@ -105,13 +106,15 @@ def _moves(
     vertex, plane = np.divmod(key, count)
     off = planes.distances(mesh.vertices[vertex], plane)
     reach = np.where(several[vertex], o.band, np.minimum(o.sigmas * planes.noise[plane], o.band)) * pixel[vertex]
-    far = np.zeros(total, bool)
-    far[vertex[np.abs(off) > reach]] = True
     times = np.bincount(vertex, minlength=total)
+    one = times[vertex] == 1
+    # A vertex that stays beside one that moves would leave a step: those a little farther out move by a share.
+    share = np.clip(2 - np.abs(off) / np.maximum(reach, 1e-300), 0, 1)
+    far = np.zeros(total, bool)
+    far[vertex[~one & (np.abs(off) > reach)]] = True
     place = np.arange(len(vertex)) - (np.cumsum(times) - times)[vertex]
     moves = np.zeros((total, 3))
-    one = times[vertex] == 1
-    moves[vertex[one]] = -off[one, None] * planes.normals[plane[one]]
+    moves[vertex[one]] = -(share * off)[one, None] * planes.normals[plane[one]]
     far |= times > 3
     more = ~one & ~far[vertex]
     rows, at = np.unique(vertex[more], return_inverse=True)
