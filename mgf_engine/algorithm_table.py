@@ -71,7 +71,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("prompt_agreement", "masks", "Clicks in several photos that confirm each other", "masks.propagation.prompt_agreement:PromptAgreementOptions"),
     Algorithm("thin_structures", "masks", "Thin structures against the sky", "masks.refinement.thin_structures:ThinStructureOptions"),
     Algorithm("votes", "masks", "Vote of the masks on points and Gaussians", "masks.points:VoteOptions", also=("preview",)),
-    Algorithm("propagation", "masks", "Drawing and checking of the masks", "masks.propagation.propagate:PropagationOptions", also=("preview",)),
+    Algorithm("propagation", "masks", "Drawing and checking of the masks", "masks.propagation.propagation_options:PropagationOptions", also=("preview",)),
     Algorithm("mask_drawing", "masks", "Masks from the probability of building", "masks.segmenters.random_walker:MaskDrawingOptions", also=("preview",)),
     Algorithm("homogeneous_regions", "masks", "Completion of homogeneous regions", "masks.refinement.homogeneous_regions:HomogeneousRegionOptions"),
     Algorithm("mask_flags", "masks", "Masks that are left out", "masks.validation.mask_flags:FlagOptions"),

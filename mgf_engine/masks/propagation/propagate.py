@@ -15,15 +15,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config
-from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions
+from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
-from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
-from mgf_engine.masks.propagation.appearance import lab_of, vegetation_probability
+from mgf_engine.masks.propagation.appearance import vegetation_probability
+from mgf_engine.masks.propagation.correct_masks import MaskCorrection, map_photos
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.prompt_agreement import PromptAgreementOptions, drop_confirmed
 from mgf_engine.masks.propagation.prompt_messages import PromptMessages
@@ -34,45 +33,21 @@ from mgf_engine.masks.propagation.prompt_outliers import (
     ignored_outliers,
     without_outliers,
 )
+from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.random_walker import BuildingProbability, LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
-from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
+from mgf_engine.masks.propagation.sky_regions import SkyOptions
 from mgf_engine.masks.propagation.superpixels import Regions, SuperpixelOptions, cut_regions
-from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, remove_far_background
-from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHomographyOptions
-from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
-from mgf_engine.masks.refinement.mirrored_ground import MirroredGroundOptions, MirrorTest
-from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
-from mgf_engine.masks.refinement.stray_pieces import find_stray_pieces
-from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
-from mgf_engine.masks.refinement.vegetation import LeafOptions, find_foreground_leaves
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions
 from mgf_engine.masks.validation.mask_flags import FlagOptions, consistency, flag_by_masks, flag_reason
 from mgf_engine.messages import Reporter
-from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, MaskSet, building
-from mgf_engine.model.scene import Scene, most_pixels
-from mgf_engine.native.parallel import parallel_map
+from mgf_engine.model.masks import IGNORE, MaskSet, building
+from mgf_engine.model.scene import Scene
 from mgf_engine.scene.gravity import GravityOptions, find_up
 from mgf_engine.system import cores
 
 T = TypeVar("T")
-BYTES_PER_PIXEL = 90  # of a photo that is segmented (measured)
-
-
-@dataclass(frozen=True)
-class PropagationOptions:
-    """Options of drawing and checking the masks."""
-
-    retry_below: float = parameter(0.9, "Agreement of mask and points below which a mask is drawn again", high=1)
-    disagree_above: float = parameter(
-        0.05, "Share of a photo's points that other photos contradict, above which its mask is drawn again", high=1
-    )
-    leafy: float = parameter(0.3, "Vegetation probability from which no surface is sought", high=1)
-    stray_cover: float = parameter(0.3, "Share of a piece without points that the building's extent must cover", high=1)
-    finish: bool = parameter(
-        True, "Correct the drawn masks by sky, ground, plants, plain regions, thin structures and far background"
-    )
 
 
 @dataclass(frozen=True)
@@ -251,7 +226,7 @@ class _Propagator:
         accepted = self._accepted(self.full, voters)
         point_mask = accepted[: len(self.scene.points)]
         if self.options.finish:
-            explained = self._finish_masks(accepted, voters)
+            explained = self._correct(accepted, voters)
             if explained is not None:
                 point_mask = self._accepted(self.scene, voters)
                 doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in explained)]
@@ -263,33 +238,13 @@ class _Propagator:
             masks, reasons, self._prompt_messages(doubts), consistency(self.scene, masks, self.vote_options.dilation)
         )
 
-    def _finish_masks(self, accepted: NDArray[np.bool_], voters: list[int]) -> set[tuple[int, int]] | None:
-        """Correct the masks by what the paper does not use: sky, ground, plants, thin structures; in place.
-
-        Args:
-            accepted: points of the full scene on the building.
-            voters: views whose masks are good enough to vote.
-
-        Returns:
-            clicks (view, row) on thin structures that were drawn; None where there are no such structures.
-        """
-        plane, point_mask = self.probability.ground, accepted[: len(self.scene.points)]
-        extent = self.walker.geometry.extent(accepted, plane)
-        for index, _ in self._parallel(lambda i: self._finish_view(i, extent, point_mask), self.views):
-            self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.views))
-        ground = None if plane is None else self._ground_finder(plane)
-        opened = ground is not None and self._cut_ground(ground, voters)
-        thin = self._add_thin_structures(ground, point_mask)
-        if opened or thin is not None:
-            remove_far_background(
-                self.scene, self.labels, self.shape.up, lambda i: self._seen_points(i, point_mask), self.threads,
-                self.config.algorithm(FarBackgroundOptions),
-            )  # fmt: skip
-        return None if thin is None else thin.explained
-
-    def _ground_finder(self, plane: Ground) -> GroundFinder:
-        mirrors = MirrorTest(self.scene, plane, self.labels, self.config.algorithm(MirroredGroundOptions))
-        return GroundFinder(self.scene, plane, self.config.algorithm(GroundHomographyOptions), mirrors.confirmed)
+    def _correct(self, accepted: NDArray[np.bool_], voters: list[int]) -> set[tuple[int, int]] | None:
+        """Correct the masks in place, see :class:`MaskCorrection`; ``accepted``: points of the full scene."""
+        correction = MaskCorrection(
+            self.graph, self.labels, self.prompts, self.original, self.probability.ground, self.config, self.reporter
+        )
+        extent = self.walker.geometry.extent(accepted, self.probability.ground)
+        return correction.run(extent, accepted[: len(self.scene.points)], voters)
 
     def _prompt_messages(self, doubts: list[OutlierPrompt]) -> list[str]:
         messages = PromptMessages(self.graph, self.original, self.labels)
@@ -303,84 +258,21 @@ class _Propagator:
         masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
         return flag_by_masks(self.scene, masks, reasons, np.array(judged), self.config.algorithm(FlagOptions))
 
-    def _finish_view(self, index: int, extent: BuildingExtent, accepted: NDArray[np.bool_]) -> None:
-        """Correct one mask in place: skyline, sky that shows through, stray pieces, plain regions, leaves."""
-        view, place = self.scene.views[index], extent.place(index)
-        size = (view.width, view.height)
-        core = cv2.resize(place.core.astype(np.uint8), size) > 0
-        seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
-        labels, sky = self.labels[index], self._sky(index)
-        lab = lab_of(self.scene.photo(index))
-        drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
-        options = self.config.algorithm(SkyHoleOptions)
-        through = find_sky_holes(lab, drawn | seen, sky, view, self.shape.up, self._observed(index), options)
-        labels[:], sky = drawn & ~through, sky | through
-        known = np.concatenate([self._seen_points(index, accepted), self._positive(index)])
-        labels[find_stray_pieces(building(labels), core, known, self.options.stray_cover)] = BACKGROUND
-        negative = self.prompts.get(index, Clicks()).negative
-        regions = self.config.algorithm(HomogeneousRegionOptions)
-        labels[find_missing_pixels(lab, labels, sky, negative, regions)] = BUILDING
-        labels[seen & (labels == BACKGROUND) & ~sky] = IGNORE
-        ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
-        plants = self._of_regions(index, self.graph.plants)
-        leaves = find_foreground_leaves(labels, plants, self.config.algorithm(LeafOptions))
-        labels[leaves & ~sky & ~ground] = IGNORE
-
-    def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
-        """Draw clicked steelwork that the masks lack; doubted clicks count, since regions are too coarse for it."""
-        leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.shape.up
-        found = find_thin_structures(
-            self.scene, self.original, self.labels, self._sky, leafy, accepted, up, self.probability.ground,
-            self.config.algorithm(ThinStructureOptions),
-        )  # fmt: skip
-        if found is not None:
-            for _ in self._parallel(lambda i: found.draw(i, self.scene.views[i], self.labels[i], ground), self.views):
-                self.reporter.check()
-        return found
-
-    def _cut_ground(self, ground: GroundFinder, voters: list[int]) -> bool:
-        """Cut out the ground that shows through an open building; what may be ground becomes ignored.
-
-        Returns:
-            whether the building is an open one.
-        """
-        if not ground.shows_through(voters, lambda i: building(self.labels[i]), self.threads):
-            return False
-        for index, through in self._parallel(lambda i: ground.through(i, self.labels[i] != BACKGROUND), self.views):
-            self.labels[index][through.certain] = BACKGROUND
-            self.labels[index][through.possible] = IGNORE
-        return True
-
-    def _observed(self, index: int) -> NDArray[np.float32]:
-        """Return the pixels at which a photo observed sparse points, [N, 2]."""
-        return self.scene.track_uv[self.scene.observations(index)]
-
     def _seen_points(self, index: int, accepted: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Return the pixels at which a photo observed accepted points, [N, 2]."""
-        return self._observed(index)[accepted[self.owner[self.scene.observations(index)]]]
+        here = self.scene.observations(index)
+        return self.scene.track_uv[here][accepted[self.owner[here]]]
 
     def _positive(self, index: int) -> NDArray[np.float64]:
         return self.prompts.get(index, Clicks()).positive
-
-    def _sky(self, index: int) -> NDArray[np.bool_]:
-        """Return the sky of a photo, bool [H, W]."""
-        return self._of_regions(index, self.graph.sky > 0) > 0
 
     def _leafy(self, index: int) -> NDArray[np.bool_]:
         """Find the regions of a photo that look like leaves, on the reduced photo."""
         regions = self.regions[index]
         return np.asarray(vegetation_probability(regions.features)[regions.labels] > self.options.leafy, bool)
 
-    def _of_regions(self, index: int, values: NDArray[np.generic]) -> NDArray[np.float32]:
-        """Spread values of the graph's nodes over a photo's pixels by their regions, float32 [H, W]."""
-        view, graph = self.scene.views[index], self.graph
-        small = values[graph.start[index] : graph.start[index + 1]].astype(np.float32)[self.regions[index].labels]
-        wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
-        return np.asarray(wide, np.float32)
-
     def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
-        indices, each = list(indices), BYTES_PER_PIXEL * most_pixels(self.scene.views)
-        return zip(indices, parallel_map(task, indices, self.threads, each), strict=True)
+        return map_photos(self.scene, task, indices, self.threads)
 
 
 def make_hints(

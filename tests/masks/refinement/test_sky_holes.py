@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.masks.propagation.appearance import lab_of
-from mgf_engine.masks.propagation.propagate import PropagationOptions, _Propagator
+from mgf_engine.masks.propagation.correct_masks import MaskCorrection
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.sky_silhouette import over_horizon
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
@@ -120,17 +120,16 @@ class _Everywhere:
 def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
     """Unknown pixels do not vote: nothing would say that the air between the bars is empty."""
     _, hut, mast = photograph(VIEW)
-    work = object.__new__(_Propagator)
-    work.scene, work.prompts = make_scene(tmp_path, [VIEW]), {}
-    work.config, work.options = Config(), PropagationOptions()
-    work.owner, work.shape = work.scene.track_point, SimpleNamespace(up=UP)
-    mask = around(mast) | hut
-    work.labels = [mask.astype(np.uint8)]
-    sky = large_sky(mask)
-    work.regions = [SimpleNamespace(labels=sky.astype(np.int64))]
-    work.graph = SimpleNamespace(start=[0, 2], sky=np.array([0, 1]), plants=np.zeros(2))
-    work._finish_view(0, _Everywhere(), np.ones(len(work.scene.points), bool))
+    scene, mask = make_scene(tmp_path, [VIEW]), around(mast) | hut
+    labels, regions = [mask.astype(np.uint8)], [SimpleNamespace(labels=large_sky(mask).astype(np.int64))]
+    graph = SimpleNamespace(
+        scene=scene, regions=regions, start=[0, 2], sky=np.array([0, 1]), plants=np.zeros(2), threads=1,
+        shape=SimpleNamespace(up=UP),
+    )  # fmt: skip
+    reporter = SimpleNamespace(progress=lambda share: None, check=lambda: None)
+    correction = MaskCorrection(graph, labels, {}, {}, None, Config(), reporter)
+    correction.run(_Everywhere(), np.ones(len(scene.points), bool), [0])
     air = mask & OVER & ~mast & ~hut
-    assert (work.labels[0][air] == BACKGROUND).mean() > 0.9
-    assert (work.labels[0][mast & OVER] == BUILDING).mean() > 0.9
-    assert (work.labels[0][~mask & ~OVER] == IGNORE).any()  # where the building is expected and something else is seen
+    assert (labels[0][air] == BACKGROUND).mean() > 0.9
+    assert (labels[0][mast & OVER] == BUILDING).mean() > 0.9
+    assert (labels[0][~mask & ~OVER] == IGNORE).any()  # where the building is expected and something else is seen

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Correct the drawn masks by what the paper does not use: sky, ground, plants, plain regions, thin structures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.config import Config
+from mgf_engine.masks.geometry.building_extent import BuildingExtent
+from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.prompts import Clicks, Prompts
+from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.masks.propagation.label_graph import LabelGraph
+from mgf_engine.masks.propagation.propagation_options import PropagationOptions
+from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
+from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, remove_far_background
+from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHomographyOptions
+from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
+from mgf_engine.masks.refinement.mirrored_ground import MirroredGroundOptions, MirrorTest
+from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
+from mgf_engine.masks.refinement.stray_pieces import find_stray_pieces
+from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
+from mgf_engine.masks.refinement.vegetation import LeafOptions, find_foreground_leaves
+from mgf_engine.messages import Reporter
+from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
+from mgf_engine.model.scene import Scene, most_pixels
+from mgf_engine.native.parallel import parallel_map
+
+T = TypeVar("T")
+_BYTES_PER_PIXEL = 90  # of a photo that is worked on (measured)
+
+
+def map_photos(scene: Scene, task: Callable[[int], T], indices: Iterable[int], threads: int) -> Iterator[tuple[int, T]]:
+    """Do a task for photos in parallel, as many at a time as memory allows.
+
+    Args:
+        scene: photos.
+        task: view index -> its result.
+        indices: of the views.
+        threads: maximum number of photos at a time.
+
+    Yields:
+        each index and its result, in order.
+    """
+    indices, each = list(indices), _BYTES_PER_PIXEL * most_pixels(scene.views)
+    return zip(indices, parallel_map(task, indices, threads, each), strict=True)
+
+
+class MaskCorrection:
+    """Corrects the masks of one scene in place.
+
+    Args:
+        graph: regions and points of the scene, their sky and plants.
+        labels: label maps of all photos, uint8 [H, W] each.
+        prompts: clicks that count, by view index.
+        all_prompts: all clicks; those on thin structures are doubted, since regions are too coarse for them.
+        plane: the ground; None where there is none.
+        config: of the job.
+        reporter: for progress and the request to cancel.
+    """
+
+    def __init__(
+        self,
+        graph: LabelGraph,
+        labels: Sequence[NDArray[np.uint8]],
+        prompts: Prompts,
+        all_prompts: Prompts,
+        plane: Ground | None,
+        config: Config,
+        reporter: Reporter,
+    ) -> None:
+        self.graph, self.scene, self.labels = graph, graph.scene, labels
+        self.prompts, self.all_prompts, self.plane = prompts, all_prompts, plane
+        self.config, self.reporter = config, reporter
+
+    def run(
+        self, extent: BuildingExtent, accepted: NDArray[np.bool_], voters: Sequence[int]
+    ) -> set[tuple[int, int]] | None:
+        """Correct the masks by what the paper does not use: sky, ground, plants, thin structures; in place.
+
+        Args:
+            extent: of the building in the photos.
+            accepted: sparse points on the building, bool [P].
+            voters: views whose masks are good enough to vote.
+
+        Returns:
+            clicks (view, row) on thin structures that were drawn; None where there are no such structures.
+        """
+        for index, _ in self._map(lambda i: self._correct_view(i, extent, accepted)):
+            self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.scene.views))
+        ground = None if self.plane is None else self._ground_finder(self.plane)
+        opened = ground is not None and self._cut_ground(ground, voters)
+        thin = self._add_thin_structures(ground, accepted)
+        if opened or thin is not None:
+            remove_far_background(
+                self.scene, self.labels, self.graph.shape.up, lambda i: self._seen_points(i, accepted),
+                self.graph.threads, self.config.algorithm(FarBackgroundOptions),
+            )  # fmt: skip
+        return None if thin is None else thin.explained
+
+    def _ground_finder(self, plane: Ground) -> GroundFinder:
+        mirrors = MirrorTest(self.scene, plane, self.labels, self.config.algorithm(MirroredGroundOptions))
+        return GroundFinder(self.scene, plane, self.config.algorithm(GroundHomographyOptions), mirrors.confirmed)
+
+    def _correct_view(self, index: int, extent: BuildingExtent, accepted: NDArray[np.bool_]) -> None:
+        """Correct one mask in place: skyline, sky that shows through, stray pieces, plain regions, leaves."""
+        view, place = self.scene.views[index], extent.place(index)
+        size = (view.width, view.height)
+        core = cv2.resize(place.core.astype(np.uint8), size) > 0
+        seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
+        labels, sky = self.labels[index], self._sky(index)
+        lab = lab_of(self.scene.photo(index))
+        drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
+        options = self.config.algorithm(SkyHoleOptions)
+        through = find_sky_holes(lab, drawn | seen, sky, view, self.graph.shape.up, self._observed(index), options)
+        labels[:], sky = drawn & ~through, sky | through
+        clicks = self.prompts.get(index, Clicks())
+        known = np.concatenate([self._seen_points(index, accepted), clicks.positive])
+        cover = self.config.algorithm(PropagationOptions).stray_cover
+        labels[find_stray_pieces(building(labels), core, known, cover)] = BACKGROUND
+        regions = self.config.algorithm(HomogeneousRegionOptions)
+        labels[find_missing_pixels(lab, labels, sky, clicks.negative, regions)] = BUILDING
+        labels[seen & (labels == BACKGROUND) & ~sky] = IGNORE
+        ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
+        plants = self._of_regions(index, self.graph.plants)
+        leaves = find_foreground_leaves(labels, plants, self.config.algorithm(LeafOptions))
+        labels[leaves & ~sky & ~ground] = IGNORE
+
+    def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
+        """Draw clicked steelwork that the masks lack; doubted clicks count, since regions are too coarse for it."""
+        leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.graph.shape.up
+        found = find_thin_structures(
+            self.scene, self.all_prompts, self.labels, self._sky, leafy, accepted, up, self.plane,
+            self.config.algorithm(ThinStructureOptions),
+        )  # fmt: skip
+        if found is not None:
+            for _ in self._map(lambda i: found.draw(i, self.scene.views[i], self.labels[i], ground)):
+                self.reporter.check()
+        return found
+
+    def _cut_ground(self, ground: GroundFinder, voters: Sequence[int]) -> bool:
+        """Cut out the ground that shows through an open building; what may be ground becomes ignored.
+
+        Returns:
+            whether the building is an open one.
+        """
+        if not ground.shows_through(voters, lambda i: building(self.labels[i]), self.graph.threads):
+            return False
+        for index, through in self._map(lambda i: ground.through(i, self.labels[i] != BACKGROUND)):
+            self.labels[index][through.certain] = BACKGROUND
+            self.labels[index][through.possible] = IGNORE
+        return True
+
+    def _observed(self, index: int) -> NDArray[np.float32]:
+        """Return the pixels at which a photo observed sparse points, [N, 2]."""
+        return self.scene.track_uv[self.scene.observations(index)]
+
+    def _seen_points(self, index: int, accepted: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Return the pixels at which a photo observed accepted points, [N, 2]."""
+        return self._observed(index)[accepted[self.scene.track_point[self.scene.observations(index)]]]
+
+    def _sky(self, index: int) -> NDArray[np.bool_]:
+        """Return the sky of a photo, bool [H, W]."""
+        return self._of_regions(index, self.graph.sky > 0) > 0
+
+    def _of_regions(self, index: int, values: NDArray[np.generic]) -> NDArray[np.float32]:
+        """Spread values of the graph's nodes over a photo's pixels by their regions, float32 [H, W]."""
+        view, graph = self.scene.views[index], self.graph
+        small = values[graph.start[index] : graph.start[index + 1]].astype(np.float32)[graph.regions[index].labels]
+        wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
+        return np.asarray(wide, np.float32)
+
+    def _map(self, task: Callable[[int], T]) -> Iterator[tuple[int, T]]:
+        """Do a task for all photos."""
+        return map_photos(self.scene, task, range(len(self.scene.views)), self.graph.threads)

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Options of drawing and checking the masks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mgf_engine.algorithms import parameter
+
+
+@dataclass(frozen=True)
+class PropagationOptions:
+    """Options of drawing and checking the masks."""
+
+    retry_below: float = parameter(0.9, "Agreement of mask and points below which a mask is drawn again", high=1)
+    disagree_above: float = parameter(
+        0.05, "Share of a photo's points that other photos contradict, above which its mask is drawn again", high=1
+    )
+    leafy: float = parameter(0.3, "Vegetation probability from which no surface is sought", high=1)
+    stray_cover: float = parameter(0.3, "Share of a piece without points that the building's extent must cover", high=1)
+    finish: bool = parameter(
+        True, "Correct the drawn masks by sky, ground, plants, plain regions, thin structures and far background"
+    )
