@@ -31,10 +31,10 @@ def ground_of(survey: Survey, facades: list[Facade]) -> Ground:
     frame = plan_frame(survey, facades)
     grid = plan_grid(frame, float(frame.size.max()) / _PIXELS, survey.unit)
     seen = render_grid(survey, grid)
-    return Ground(*find_ground(survey, seen.face >= 0, seen.grid))
+    return find_ground(survey, seen.face >= 0, seen.grid)
 
 
-def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> tuple[float, str]:
+def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> Ground:
     """Find the height of the ground: of the terrain's points around the building, else of the mesh's lower end."""
     z = survey.mesh.vertices[:, 2]
     bottom, height = float(np.percentile(z, 0.5)), float(np.ptp(z))
@@ -42,7 +42,7 @@ def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> tuple[
     points = survey.local(scene.to_normalised.invert(scene.points[~survey.masks.point_mask]))
     row, column = np.nonzero(inside)
     if not len(row) or not len(points):
-        return bottom, "mesh"
+        return Ground(bottom, MESH)
     plan = grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5)
     reach = 0.3 * float(np.linalg.norm(np.ptp(plan, axis=0)))
     near = ((points[:, :2] > plan.min(0) - reach) & (points[:, :2] < plan.max(0) + reach)).all(1)
@@ -51,7 +51,7 @@ def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> tuple[
     within = (column >= 0) & (column < grid.width) & (row >= 0) & (row < grid.height)
     near[within] &= ~inside[row[within], column[within]]
     if near.sum() < 30:
-        return bottom, "mesh"
+        return Ground(bottom, MESH)
     low, found, high = np.percentile(points[near, 2], (25, 50, 75)).tolist()
     level = high - low < 0.1 * height and abs(found - bottom) < 0.15 * height
-    return (found, "terrain") if level else (bottom, "mesh")
+    return Ground(found, TERRAIN) if level else Ground(bottom, MESH)

@@ -147,6 +147,12 @@ def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation:
     return Votes(inside, outside)
 
 
+def observed_pixels(scene: Scene, index: int, points: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the pixels at which a photo observed those of the scene's points [P] that are chosen, [N, 2]."""
+    here = scene.observations(index)
+    return scene.track_uv[here][points[scene.track_point[here]]]
+
+
 def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return rows and columns of the pixels under uv [N, 2], clamped to the frame."""
     x = np.clip(np.floor(uv[:, 0]).astype(np.int64), 0, shape[1] - 1)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import BuildingExtent
 from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.points import observed_pixels
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.propagation.label_graph import LabelGraph
@@ -44,7 +45,7 @@ def map_photos(scene: Scene, task: Callable[[int], T], indices: Iterable[int], t
         indices: of the views.
         threads: maximum number of photos at a time.
 
-    Yields:
+    Returns:
         each index and its result, in order.
     """
     indices, each = list(indices), _BYTES_PER_PIXEL * most_pixels(scene.views)
@@ -98,7 +99,7 @@ class MaskCorrection:
         thin = self._add_thin_structures(ground, accepted)
         if opened or thin is not None:
             remove_far_background(
-                self.scene, self.labels, self.graph.shape.up, lambda i: self._seen_points(i, accepted),
+                self.scene, self.labels, self.graph.shape.up, lambda i: observed_pixels(self.scene, i, accepted),
                 self.graph.threads, self.config.algorithm(FarBackgroundOptions),
             )  # fmt: skip
         return None if thin is None else thin.explained
@@ -116,11 +117,11 @@ class MaskCorrection:
         labels, sky = self.labels[index], self._sky(index)
         lab = lab_of(self.scene.photo(index))
         drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
-        options = self.config.algorithm(SkyHoleOptions)
-        through = find_sky_holes(lab, drawn | seen, sky, view, self.graph.shape.up, self._observed(index), options)
+        observed, options = self.scene.track_uv[self.scene.observations(index)], self.config.algorithm(SkyHoleOptions)
+        through = find_sky_holes(lab, drawn | seen, sky, view, self.graph.shape.up, observed, options)
         labels[:], sky = drawn & ~through, sky | through
         clicks = self.prompts.get(index, Clicks())
-        known = np.concatenate([self._seen_points(index, accepted), clicks.positive])
+        known = np.concatenate([observed_pixels(self.scene, index, accepted), clicks.positive])
         cover = self.config.algorithm(PropagationOptions).stray_cover
         labels[find_stray_pieces(building(labels), core, known, cover)] = BACKGROUND
         regions = self.config.algorithm(HomogeneousRegionOptions)
@@ -155,14 +156,6 @@ class MaskCorrection:
             self.labels[index][through.certain] = BACKGROUND
             self.labels[index][through.possible] = IGNORE
         return True
-
-    def _observed(self, index: int) -> NDArray[np.float32]:
-        """Return the pixels at which a photo observed sparse points, [N, 2]."""
-        return self.scene.track_uv[self.scene.observations(index)]
-
-    def _seen_points(self, index: int, accepted: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return the pixels at which a photo observed accepted points, [N, 2]."""
-        return self._observed(index)[accepted[self.scene.track_point[self.scene.observations(index)]]]
 
     def _sky(self, index: int) -> NDArray[np.bool_]:
         """Return the sky of a photo, bool [H, W]."""

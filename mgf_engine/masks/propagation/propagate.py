@@ -19,7 +19,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
-from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, pixel_at, track_votes, vote
+from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, observed_pixels, pixel_at, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import vegetation_probability
 from mgf_engine.masks.propagation.correct_masks import MaskCorrection, map_photos
@@ -254,14 +254,9 @@ class _Propagator:
         """Drop the reasons that rest on too few points, and judge those masks by clicks and other masks."""
         kept = self._accepted(self.scene, list(self.views))
         least = self.config.algorithm(CrossViewOptions).least_points
-        judged = [len(self._seen_points(i, kept)) >= least or i in self.prompts for i in self.views]
+        judged = [len(observed_pixels(self.scene, i, kept)) >= least or i in self.prompts for i in self.views]
         masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
         return flag_by_masks(self.scene, masks, reasons, np.array(judged), self.config.algorithm(FlagOptions))
-
-    def _seen_points(self, index: int, accepted: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return the pixels at which a photo observed accepted points, [N, 2]."""
-        here = self.scene.observations(index)
-        return self.scene.track_uv[here][accepted[self.owner[here]]]
 
     def _positive(self, index: int) -> NDArray[np.float64]:
         return self.prompts.get(index, Clicks()).positive

@@ -121,8 +121,9 @@ class MirrorTest:
 
     def _others(self, index: int, places: Array) -> list[int]:
         """Choose photos from beside and from the other side of the middle of the places, half of each at most."""
-        o, middle = self.options, np.median(places, axis=0)[None]
-        angle = np.array([self._angle(index, other, middle)[0] for other in range(len(self.scene.views))])
+        o, middle = self.options, np.median(places, axis=0)
+        centres = np.stack([view.centre for view in self.scene.views])
+        angle = self._angle(centres[index] - middle, centres - middle)
         order = np.argsort(angle, kind="stable")
         beside = [int(i) for i in order if o.least_angle < angle[i] <= o.opposite]
         opposite = [int(i) for i in order if angle[i] > o.opposite]
@@ -134,20 +135,19 @@ class MirrorTest:
         uv, depth = view.project(places)
         margin = 3 * o.radius
         framed = (depth > 0) & (uv > margin).all(1) & (uv < np.array([view.width, view.height]) - margin).all(1)
-        scale = np.linalg.norm(places - view.centre, axis=1)
-        scale /= np.linalg.norm(places - self.scene.views[index].centre, axis=1)
+        own, theirs = self.scene.views[index].centre - places, view.centre - places
+        scale = np.linalg.norm(theirs, axis=1) / np.linalg.norm(own, axis=1)
         framed &= (scale > o.scales[0]) & (scale < o.scales[1])
         near = self._near_mask[other]
         x, y = np.clip(np.nan_to_num(uv) // 4, 0, np.array(near.shape[::-1]) - 1).astype(np.int64).T
-        return np.asarray(framed & ((near[y, x] == 0) | (self._angle(index, other, places) > o.opposite)), bool)
+        return np.asarray(framed & ((near[y, x] == 0) | (self._angle(own, theirs) > o.opposite)), bool)
 
-    def _angle(self, index: int, other: int, places: Array) -> Array:
-        """Compute the horizontal angle between two photos, seen from places [N, 3], degrees [N]."""
+    def _angle(self, first: Array, second: Array) -> Array:
+        """Compute the horizontal angle between directions [3] or [N, 3] each, degrees [N]."""
         normal = self.ground.normal / np.linalg.norm(self.ground.normal)
-        towards = [self.scene.views[i].centre - places for i in (index, other)]
-        level = [t - (t @ normal)[:, None] * normal for t in towards]
-        length = np.linalg.norm(level[0], axis=1) * np.linalg.norm(level[1], axis=1)
-        cosine = (level[0] * level[1]).sum(1) / np.maximum(length, 1e-12)
+        first, second = (d - (d @ normal)[..., None] * normal for d in (first, second))
+        length = np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1)
+        cosine = (first * second).sum(-1) / np.maximum(length, 1e-12)
         return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))), np.float64)
 
     def _read(self, index: int) -> NDArray[np.float32]:

@@ -88,7 +88,8 @@ def gather_evidence(
     reach = max(options.overhang * detail, options.overhang_share * (top - bottom))
     lines = walls + roof_lines(label, slopes, regions, walls, detail, reach, options)
     lines += outline_lines(inside, grid, walls, detail, reach, options)
-    ground, ground_from = find_ground(survey, inside, grid)
+    found = find_ground(survey, inside, grid)
+    ground, ground_from = found.height, found.source
     return Evidence(
         grid, height, inside, label, slopes, lines[:options.most_lines], ground, ground_from, top, block, detail
     )  # fmt: skip
